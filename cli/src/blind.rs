@@ -1,4 +1,4 @@
-//! `rotortwin blind`: the blind bench, and its generator by hand.
+//! `rotortwin blind`: the blind bench, and manual use of its generator.
 
 use crate::output;
 use crate::progress::{Lines, resumed_bar};
@@ -92,7 +92,7 @@ pub struct BenchArgs {
 }
 
 impl BenchArgs {
-    /// An option that a server cannot be asked for.
+    /// An option not available with a server.
     pub fn only_here(&self) -> Option<&'static str> {
         let options = [
             (self.jobs.is_some(), "--jobs"),
@@ -118,7 +118,7 @@ impl BenchArgs {
         }
     }
 
-    /// What is asked for.
+    /// The request.
     ///
     /// # Errors
     /// It cannot be run.
@@ -128,7 +128,7 @@ impl BenchArgs {
 }
 
 impl Args {
-    /// The bench that is asked for; `None`: something by hand.
+    /// The requested bench; `None` for the generator.
     pub fn bench(&self) -> Option<&BenchArgs> {
         self.command.is_none().then_some(&self.bench)
     }
@@ -149,7 +149,7 @@ pub fn run(args: &Args) -> ExitCode {
     }
 }
 
-/// The generator knows files only.
+/// The generator only accepts files.
 fn generate(args: &command::GenerateArgs) -> ExitCode {
     let mut args = args.clone();
     let vehicle = args.vehicle.unwrap_or_else(|| PathBuf::from("f550"));
@@ -160,7 +160,7 @@ fn generate(args: &command::GenerateArgs) -> ExitCode {
     command::run(&command::Command::Generate(args))
 }
 
-/// Faults are judged by the detectors, one flight after the other, and have a sheet of their own.
+/// Faults are evaluated by the detectors, one flight after another, with a separate score sheet.
 fn faults(args: &BenchArgs) -> anyhow::Result<()> {
     let refused = [
         (args.diagnosis.is_some(), "--diagnosis"),
@@ -240,12 +240,12 @@ fn bench(args: &BenchArgs) -> anyhow::Result<()> {
     Ok(())
 }
 
-/// A bar over cases; the first `present` are there already.
+/// A progress bar over cases, the first `present` of which already exist.
 pub fn progress_bar(hidden: bool, cases: u64, present: u64) -> ProgressBar {
     resumed_bar("{bar:30} {pos}/{len}  {elapsed}, {left}  {msg}", hidden, cases, present)
 }
 
-/// The score sheet, and where the report is.
+/// The score sheet, and the path of the report.
 pub fn print_text(sheet: &Sheet, folder: &Path) {
     print!("{}", sheet::text(sheet));
     println!("Report: {}", folder.join("report.html").display());

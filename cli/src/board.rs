@@ -167,7 +167,7 @@ fn serial_ports() -> Vec<PathBuf> {
     ports
 }
 
-/// What the USB device behind a port says of itself.
+/// USB description of the device behind a port.
 fn usb_word(port: &Path, file: &str) -> String {
     ["device/..", "device/../.."]
         .iter()
@@ -193,7 +193,7 @@ fn boot_loader(address: &BoardAddress) -> Result<ExitCode, Trouble> {
     Ok(ExitCode::SUCCESS)
 }
 
-/// The scenario; cut to a duration it may end before its faults, which are then left out.
+/// The scenario; if cut to a duration, faults after its end are omitted.
 fn load(path: &Path, duration: Option<f64>) -> Result<Scenario, Trouble> {
     let input = |error: rotortwin_scenario::ConfigError| Trouble::Input(error.to_string());
     let Some(duration) = duration else {
@@ -274,7 +274,7 @@ fn late_steps(report: &SessionReport) -> usize {
         .count()
 }
 
-/// What a session says at its end.
+/// Summary at the end of a session.
 pub(crate) fn session_text(session: &SessionReport, address: Option<&BoardAddress>) -> String {
     let mut text = String::new();
     let mut line = |content: String| {
@@ -367,7 +367,7 @@ fn unit_name(unit: CostUnit) -> &'static str {
     }
 }
 
-/// Time and share of a 2.5 ms period, where a clock makes that meaningful.
+/// Time and fraction of a 2.5 ms period, if the clock makes that meaningful.
 fn milliseconds(report: &Report, cost: u32) -> String {
     if report.unit != CostUnit::Cycles || report.clock_hz == 0 {
         return String::new();
@@ -396,7 +396,7 @@ fn histogram(times: &[f32]) -> String {
     text
 }
 
-/// Bytes of a cycle, and what they take of lines.
+/// Bytes of a cycle, and their share of line capacity.
 fn budget_text(rotors: usize) -> String {
     let mut text = String::new();
     for (name, residuals) in [
@@ -425,7 +425,7 @@ fn budget_text(rotors: usize) -> String {
     text
 }
 
-/// Solution, and the detectors that it takes.
+/// Solution, and its detectors.
 const SOLUTIONS: [(&str, Detectors); 5] = [
     ("residuals only", Detectors::NONE),
     (

@@ -1,5 +1,5 @@
-//! `rotortwin campaign`: many flights of a campaign document, crash-safe, with statistics; one of them again; or shards that were flown
-//! elsewhere, put together.
+//! `rotortwin campaign`: many flights of a campaign document, crash-safe, with statistics; replay of one of them; or merging of shards
+//! flown elsewhere.
 
 use crate::named::typed;
 use crate::progress::{Lines, resumed_bar};
@@ -108,7 +108,7 @@ pub struct FlightArgs {
 }
 
 impl Args {
-    /// True if a place of it is in an object store, which another program reaches.
+    /// True if one of its places is in an object store, which another program accesses.
     pub fn is_in_a_store(&self) -> bool {
         match (&self.command, &self.flights) {
             (Some(Sub::Merge(args)), _) => {
@@ -120,14 +120,14 @@ impl Args {
         }
     }
 
-    /// The campaign that is to be flown; `None`: something else is to be done.
+    /// The campaign to fly; `None` for other actions.
     pub fn flights(&self) -> Option<&FlightArgs> {
         self.flights.as_ref()
     }
 }
 
 impl FlightArgs {
-    /// The job that it asks for.
+    /// The corresponding job.
     pub fn job(&self, campaign: &Campaign) -> rotortwin_jobs::Campaign {
         rotortwin_jobs::Campaign {
             campaign: self.campaign.clone(),
@@ -138,7 +138,7 @@ impl FlightArgs {
         }
     }
 
-    /// An option that a server cannot be asked for.
+    /// An option not available with a server.
     pub fn only_here(&self) -> Option<&'static str> {
         let options = [
             (self.threads.is_some(), "--jobs"),
@@ -153,7 +153,7 @@ impl FlightArgs {
     }
 }
 
-/// Prints what a folder of another machine says, as if it had been flown here.
+/// Prints the results of a folder from another machine, as if flown here.
 pub fn print_fetched(args: &FlightArgs, campaign: &Campaign, path: &Path) -> Result<(), String> {
     let folder = CampaignFolder::open(path, campaign)?;
     let totals = results::collect(campaign, &folder)?;
@@ -167,24 +167,24 @@ fn address(place: &Path) -> Option<&str> {
     place.to_str().filter(|text| text.starts_with("s3://"))
 }
 
-/// What only a program that reaches object stores can do.
+/// Operations that only a program with object store access supports.
 pub trait Store {
     /// Flies shards of a campaign into an object store.
     ///
     /// # Errors
-    /// What is there is not of this campaign, or the store does not answer.
+    /// The existing shards belong to another campaign, or the store does not respond.
     fn fly(&self, args: &FlightArgs, address: &str, campaign: &Campaign) -> Result<ExitCode, Failure>;
 
-    /// Takes in the shards that are at an address.
+    /// Merges the shards at an address.
     ///
     /// # Errors
-    /// What is there is not of this campaign, or the store does not answer.
+    /// The existing shards belong to another campaign, or the store does not respond.
     fn take_in(&self, into: &CampaignFolder, address: &str, campaign: &Campaign) -> Result<(), Failure>;
 }
 
 /// Exit code 0 if every flight has been flown, 1 if something failed or was stopped, 2 for bad input.
 ///
-/// * `store`: what reaches object stores; none in a program that does not
+/// * `store`: object store access; `None` in a program without it
 pub fn run(args: &Args, store: Option<&dyn Store>) -> ExitCode {
     rotortwin_process::start_logging();
     match (&args.command, &args.flights) {
@@ -234,7 +234,7 @@ fn fly(args: &FlightArgs, store: Option<&dyn Store>) -> ExitCode {
     }
 }
 
-/// For programs that share the shards out.
+/// For programs that distribute the shards.
 fn described_as_json(campaign: &Campaign) -> Result<serde_json::Value, String> {
     let document = campaign.document();
     let files: Vec<PathBuf> = campaign
@@ -269,7 +269,7 @@ fn described(campaign: &Campaign) -> String {
     text
 }
 
-/// Takes the shards of other folders in, and makes the results of what is there.
+/// Merges shards of other folders, and creates the results.
 fn merge(args: &MergeArgs, store: Option<&dyn Store>) -> ExitCode {
     if let Some(address) = args.out.as_deref().and_then(address) {
         return output::bad_input(format!(
@@ -311,7 +311,7 @@ fn merge(args: &MergeArgs, store: Option<&dyn Store>) -> ExitCode {
     ))
 }
 
-/// Ascending numbers as ranges that `--shards` takes.
+/// Ascending numbers as ranges for `--shards`.
 fn ranges(numbers: &[u64]) -> String {
     let apart: Vec<String> = numbers
         .chunk_by(|a, b| a + 1 == *b)
@@ -339,10 +339,10 @@ fn flown_and_printed(args: &FlightArgs, campaign: &Campaign) -> Result<ExitCode,
     Ok(exit_code(&flown))
 }
 
-/// Flies shards, has each kept where it belongs, and says so.
+/// Flies shards, passes each to its place, and reports progress.
 ///
 /// # Errors
-/// A shard cannot be written or kept.
+/// A shard cannot be written or stored.
 pub fn fly_shards(
     args: &FlightArgs,
     prepared: &runner::Prepared<'_>,
@@ -369,7 +369,7 @@ fn exit_code(flown: &Flown) -> ExitCode {
     }
 }
 
-/// Flies what is missing, with a bar or lines of progress.
+/// Flies the missing shards, with a progress bar or progress lines.
 fn flown(args: &FlightArgs, prepared: &runner::Prepared<'_>, keep: &Keep<'_>) -> Result<Flown, Failure> {
     if args.events {
         crate::fly::end_with_standard_input();
@@ -401,13 +401,13 @@ fn flown(args: &FlightArgs, prepared: &runner::Prepared<'_>, keep: &Keep<'_>) ->
     flown
 }
 
-/// A bar over flights; the first `present` are there already.
+/// A progress bar over flights, the first `present` of which already exist.
 pub fn progress_bar(hidden: bool, wanted: u64, present: u64) -> ProgressBar {
     let template = "{bar:28.cyan/blue} {pos}/{len} flights, {rate}, {left}  {msg}";
     resumed_bar(template, hidden, wanted, present)
 }
 
-/// Makes the results of the shards that are there, and prints them.
+/// Creates and prints the results of the existing shards.
 fn summed_up(
     campaign: &Campaign,
     folder: &CampaignFolder,
@@ -479,7 +479,7 @@ fn print_text(campaign: &Campaign, folder: &CampaignFolder, totals: &Totals, flo
     }
 }
 
-/// The command that goes on, as it would be typed.
+/// The command that resumes, as typed.
 fn command_line(campaign: &Path, out: Option<&Path>) -> String {
     let mut line = format!("rotortwin campaign {}", typed(Kind::Campaign, campaign));
     if let Some(out) = out {

@@ -1,4 +1,4 @@
-//! `rotortwin compare`: models against flight logs.
+//! `rotortwin compare`: compares models with flight logs.
 
 use crate::output;
 use clap::Parser;

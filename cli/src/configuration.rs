@@ -1,4 +1,4 @@
-//! `rotortwin list`, `new` and `config`: documents by name, and one's own beside them.
+//! `rotortwin list`, `new` and `config`: documents by name, including the user's own.
 
 use crate::output;
 use clap::{Parser, ValueEnum};
@@ -82,7 +82,7 @@ pub struct NewArgs {
     from: String,
 }
 
-/// Prints what can be named.
+/// Lists the available documents.
 pub(crate) fn list(args: &ListArgs) -> ExitCode {
     let kinds = args
         .folder
@@ -122,7 +122,7 @@ pub(crate) fn list(args: &ListArgs) -> ExitCode {
     ExitCode::SUCCESS
 }
 
-/// What a document says of itself: its description, else the first comment.
+/// Description of a document: its `description` key, otherwise its first comment.
 fn description(path: &Path) -> String {
     let text = std::fs::read_to_string(path).unwrap_or_default();
     let described = toml::from_str::<toml::Table>(&text)
@@ -137,7 +137,7 @@ fn description(path: &Path) -> String {
     described.or_else(comment).unwrap_or_default()
 }
 
-/// Copies a document under a new name; what it names by a path beside it is named by its name from then on.
+/// Copies a document under a new name; relative paths in it are replaced by names.
 pub(crate) fn new(args: &NewArgs) -> ExitCode {
     let kind = args.kind.kind();
     if !names::is_name(&args.name) {
@@ -176,7 +176,7 @@ pub(crate) fn new(args: &NewArgs) -> ExitCode {
     ExitCode::SUCCESS
 }
 
-/// The text with another name, and with names for paths to neighbouring folders.
+/// The text with a new name, and with names instead of paths to sibling folders.
 fn renamed(text: &str, name: &str) -> String {
     let mut named = false;
     let mut lines = Vec::new();
@@ -194,7 +194,7 @@ fn renamed(text: &str, name: &str) -> String {
     lines.join("\n") + "\n"
 }
 
-/// `"../vehicles/f550.toml"` as `"f550"`, where there is one of this name.
+/// `"../vehicles/f550.toml"` becomes `"f550"`, if such a name exists.
 fn by_name(line: &str, kind: Kind) -> String {
     let begin = format!("\"../{}/", kind.folder());
     let end = format!(".{}\"", kind.extension());
@@ -211,7 +211,7 @@ fn by_name(line: &str, kind: Kind) -> String {
     format!("{before}\"{name}\"{}", by_name(&after, kind))
 }
 
-/// Prints where documents are looked for.
+/// Prints the search path of documents.
 pub(crate) fn config() -> ExitCode {
     for folder in names::search_path() {
         let there = if folder.is_dir() { "" } else { "  (not there)" };

@@ -1,4 +1,4 @@
-//! `rotortwin conform`: the plant is played to a third-party controller, and what is wrong with it is named.
+//! `rotortwin conform`: simulates the plant for a third-party controller, and identifies its errors.
 
 use crate::output;
 use crate::trial::Trial;
@@ -21,16 +21,16 @@ use std::path::PathBuf;
 use std::process::ExitCode;
 use std::time::Duration;
 
-/// What makes any scenario one in which a controller can be probed: a hover, long enough, and nothing that happens.
+/// Settings that make any scenario suitable for probing a controller: a hover, long enough, without events.
 const HOVER: [&str; 4] = [
     "duration_s=60",
     "trajectory={kind=\"hover\", position_ned_m=[0.0, 0.0, -5.0], yaw_rad=0.0}",
     "initial.start=\"trimmed\"",
     "fault=[]",
 ];
-/// How a controller that joins by itself is reached.
+/// Links for a controller that joins by itself.
 const LINKS: &str = "iceoryx2[:DOMAIN], zenoh[:listen=ENDPOINT|:connect=ENDPOINT]";
-/// A board is there or is not; nobody has to start it first.
+/// A board is either connected or not; it does not have to be started first.
 const LONGEST_BOARD_JOIN: Duration = Duration::from_secs(10);
 /// A step of the wall clock.
 const STEP_MS: f64 = 2.5;
@@ -62,7 +62,7 @@ fn milliseconds(text: &str) -> Result<f64, String> {
 }
 
 impl Args {
-    /// True if the controller is met over zenoh.
+    /// True if the controller is connected over zenoh.
     pub(crate) fn is_over_zenoh(&self) -> bool {
         match &self.endpoint {
             Endpoint::Link(Some(address)) => address.transport() == "zenoh",
@@ -72,7 +72,7 @@ impl Args {
     }
 }
 
-/// Where the controller is.
+/// Location of the controller.
 #[derive(Clone, Debug)]
 enum Endpoint {
     /// It joins by itself; `None`: over zenoh, at a free port.
@@ -201,7 +201,7 @@ fn over_link(args: &Args, scenario: &Scenario, address: &LinkAddress) -> Result<
         priority: None,
         supervisor_pid: None,
     };
-    // It ends with the run, which tells it so.
+    // It ends when the run is finished.
     std::thread::spawn(move || fdi.serve_fdi("rotortwin-conform", &mut FdiEnginePeer::default()));
     eprintln!("Waiting for the controller to join:");
     let link = address.for_peers(&host_name()).to_string();
@@ -228,7 +228,7 @@ fn over_link(args: &Args, scenario: &Scenario, address: &LinkAddress) -> Result<
     }
 }
 
-/// The outputs of ArduPilot's frame that fits the vehicle of the scenario are played to a plant.
+/// Sends the outputs of ArduPilot's matching frame to a plant.
 fn examine_plant(args: &Args, address: &AutopilotAddress) -> ExitCode {
     let scenario = match Scenario::load(&args.scenario) {
         Ok(scenario) => scenario,
@@ -270,7 +270,7 @@ fn examine_plant(args: &Args, address: &AutopilotAddress) -> ExitCode {
     }
 }
 
-/// What people read.
+/// Human-readable report.
 fn text(report: &Report) -> String {
     let mut text = String::new();
     for check in &report.checks {

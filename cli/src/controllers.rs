@@ -1,7 +1,7 @@
 //! `rotortwin controllers`: one scenario, several controllers, one table.
 //!
-//! Each flight is a `rotortwin fly` of its own, so that what flies, waits and is recorded here is what flies there. The numbers are those of
-//! [`rotortwin_store::controllers`], which a server gives of its runs, too.
+//! Each flight is a separate `rotortwin fly`, so that flying, waiting and recording are identical. The table is computed by
+//! [`rotortwin_store::controllers`], which servers use for their runs, too.
 
 use crate::fly::Foreign;
 use crate::output;
@@ -15,7 +15,7 @@ use rotortwin_store::summary::{Status, load_summary};
 use std::path::{Path, PathBuf};
 use std::process::{Command, ExitCode, Stdio};
 
-/// All start there when an autopilot is among them: it is handed over at rest at the first point.
+/// Common start if an autopilot is included: it is handed over at rest at the first point.
 const AT_THE_FIRST_POINT: &str = "initial.start=\"trimmed\"";
 
 /// Arguments of `rotortwin controllers`.
@@ -100,7 +100,7 @@ impl Who {
         matches!(self, Self::Foreign(Foreign::Autopilot(_), _))
     }
 
-    /// What `rotortwin fly` is told of it.
+    /// Corresponding arguments of `rotortwin fly`.
     fn words(&self) -> Vec<&str> {
         match self {
             Self::Own => vec!["--link", "in-process"],
@@ -157,7 +157,7 @@ fn folder_name(folder: &Path) -> String {
     name.to_string_lossy().into_owned()
 }
 
-/// Flies the scenario with each controller; the folders of the runs.
+/// Flies the scenario with each controller; returns the folders of the runs.
 fn fly_all(args: &Args, path: &Path) -> Result<Vec<PathBuf>, ExitCode> {
     let set: Vec<&str> = args.set.iter().map(String::as_str).collect();
     let scenario = Scenario::load_with(path, &set).map_err(output::bad_input)?;
@@ -199,7 +199,7 @@ fn fly_all(args: &Args, path: &Path) -> Result<Vec<PathBuf>, ExitCode> {
         }
         let ended = command.stdout(Stdio::null()).status();
         let ended = ended.map_err(|error| output::failed(format!("the flight cannot be started: {error}")))?;
-        // Failed flights stand in the table; one that never began has said why.
+        // Failed flights are in the table; one that never started has already printed the reason.
         if load_summary(&out).is_err() {
             let code = ended.code().and_then(|code| u8::try_from(code).ok());
             return Err(ExitCode::from(code.unwrap_or(rotortwin_process::EXIT_FAILED)));
@@ -228,7 +228,7 @@ fn free_folder() -> Result<PathBuf, String> {
         })
 }
 
-/// One column a flight.
+/// One column per flight.
 fn table(rows: &[ControllerRow], names: Vec<String>, within_m: f64) -> Grid {
     let mut grid = Grid::new(std::iter::once(String::new()).chain(names)).numbers_from(1);
     let mut add = |what: &str, of: &dyn Fn(&ControllerRow) -> Option<String>| {
@@ -280,7 +280,7 @@ fn table(rows: &[ControllerRow], names: Vec<String>, within_m: f64) -> Grid {
     grid
 }
 
-/// Numbers are never folded by the table; these are words.
+/// The table never wraps numbers; these are words.
 fn words_on_lines(text: &str) -> String {
     fold(text, 20)
 }

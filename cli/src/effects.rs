@@ -1,4 +1,4 @@
-//! `rotortwin effects`: the catalogue of effects, built-in and of users.
+//! `rotortwin effects`: the catalogue of effects, built-in and user-defined.
 
 use crate::output;
 use clap::{Parser, Subcommand};
@@ -114,7 +114,7 @@ fn print_json(text: serde_json::Result<String>) -> ExitCode {
     }
 }
 
-/// The effect at its typical values, with those that were set, on a flight of the vehicle.
+/// The effect at its typical values, with overrides, on a flight of the vehicle.
 fn picture(args: &PlotArgs, files: &[PathBuf]) -> Result<EffectPicture, String> {
     let found = ModelStore::new(&args.models).find(&args.model);
     let version = found.map_err(|error| error.to_string())?.version;
@@ -134,7 +134,7 @@ fn picture(args: &PlotArgs, files: &[PathBuf]) -> Result<EffectPicture, String> 
     sandbox::picture(&version, &catalogue, &effect, args.flight.as_deref())
 }
 
-/// Each channel over the condition that explains most of it.
+/// Each channel versus the condition that explains most of it.
 fn picture_text(picture: &EffectPicture) -> String {
     let values: Vec<String> = picture
         .parameters
@@ -184,7 +184,7 @@ fn channels(entry: &EffectDeclaration) -> String {
     entry.channels.iter().map(|c| c.symbol()).collect::<Vec<_>>().join(" ")
 }
 
-/// Names that stand for all: sizes and units are told by `effects show`.
+/// Names that stand for all variants: sizes and units are shown by `effects show`.
 fn table(catalogue: &Catalogue) -> Grid {
     let mut table = Grid::new(["row", "id", "name", "class", "shows in"]);
     for entry in catalogue.entries() {

@@ -210,7 +210,7 @@ mod tests {
         examples(&Cli::command(), &mut found);
         assert!(found.len() > 30, "{found:?}");
         for line in found {
-            // What the shell does with the output is its own matter.
+            // The shell's use of the output is not checked.
             let words = line.split(['|', '>']).next().unwrap_or_default().split_whitespace();
             if let Err(error) = Cli::try_parse_from(words) {
                 panic!("{line}: {error}");
@@ -223,7 +223,7 @@ mod tests {
         Cli::command().debug_assert();
     }
 
-    /// The same thing has the same name in every command; what it was called before still works.
+    /// The same option has the same name in every command; former names still work.
     #[test]
     fn val_one_name_for_one_thing() {
         for old in [

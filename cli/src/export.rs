@@ -1,4 +1,4 @@
-//! `rotortwin export`: a whole run in one file of a format that other programs read.
+//! `rotortwin export`: exports a whole run to one file in a format that other programs read.
 
 use crate::output;
 use clap::{Parser, ValueEnum};

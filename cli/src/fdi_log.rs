@@ -1,4 +1,4 @@
-//! `rotortwin fdi-log`: the detectors on flight logs, and how right they were where the truth is known.
+//! `rotortwin fdi-log`: runs the detectors on flight logs, and scores them where the truth is known.
 
 mod judged;
 mod score;
@@ -61,7 +61,7 @@ pub struct LogArgs {
     most_cells: Option<usize>,
 }
 
-/// Judges logs; exit code 2 if one is none or lacks what every detector needs.
+/// Evaluates logs; exit code 2 if one is invalid or lacks required channels.
 pub fn judge_logs(args: &LogArgs) -> ExitCode {
     // Looked at before the work: nothing computed is lost.
     let files = [&args.series, &args.report].into_iter().flatten();
@@ -78,14 +78,14 @@ pub fn judge_logs(args: &LogArgs) -> ExitCode {
         return failed(sentence);
     }
     if !args.windows {
-        // Only the score and the series needed them.
+        // Only needed for the score and the series.
         logs.iter_mut().for_each(|log| log.report.windows = Vec::new());
     }
     if let Some(path) = &args.report {
         if let Err(error) = std::fs::write(path, page_of(&logs)) {
             return failed(format!("{}: cannot be written: {error}", path.display()));
         }
-        // For the page only.
+        // Only needed for the page.
         logs.iter_mut().for_each(|log| log.over_time = None);
     }
     if args.json {
@@ -107,7 +107,7 @@ pub fn judge_logs(args: &LogArgs) -> ExitCode {
     }
 }
 
-/// Every log before the detectors.
+/// Evaluates every log.
 fn judge_all(args: &LogArgs) -> Result<Vec<JudgedLog>, String> {
     let (detectors, note) = args.detectors.detectors()?;
     let rotor_count = detectors.vehicle().rotor_count();
@@ -159,7 +159,7 @@ fn whole(path: &Path) -> &Path {
     part.map_or(path, |(log, _)| Path::new(log))
 }
 
-/// One log without a score as its report alone, others as objects.
+/// A single log without a score as its report alone, otherwise objects.
 fn json_of(logs: &[JudgedLog]) -> serde_json::Result<String> {
     match logs {
         [log] if log.score.is_none() => serde_json::to_string_pretty(&log.report),
@@ -191,7 +191,7 @@ fn print(logs: &[JudgedLog]) {
     }
 }
 
-/// How right the detectors were; nothing where the truth is not known.
+/// Accuracy of the detectors; `None` if the truth is unknown.
 fn score_text(logs: &[JudgedLog]) -> Option<String> {
     let scores: Vec<&LogScore> = logs.iter().filter_map(|log| log.score.as_ref()).collect();
     let names: Vec<String> = logs.iter().map(|log| words::file_name(Path::new(&log.file))).collect();
@@ -222,7 +222,7 @@ fn page_of(logs: &[JudgedLog]) -> String {
     page.render().expect("text and numbers are JSON")
 }
 
-/// Why no detector can say anything of a log.
+/// Why no detector can evaluate a log.
 fn refusal_of(file: &str, report: &LogReport) -> Option<String> {
     if let Some(lack) = report.lacks.iter().find(|lack| lack.prevents_verdicts) {
         return Some(format!(

@@ -1,5 +1,5 @@
-//! `rotortwin model detectors`: the same flights twice, once with detectors that assume the plain vehicle and once with detectors
-//! that assume the model, while the plant flies the model's effects in both.
+//! `rotortwin model detectors`: the same flights twice, with detectors that assume the plain vehicle and with detectors
+//! that assume the model, while the plant has the model's effects in both.
 
 use crate::output;
 use clap::Parser;

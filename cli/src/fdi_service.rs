@@ -1,4 +1,4 @@
-//! Which detectors, as commands name them, and the arguments of `rotortwin fdi-service`: the detectors on a flight that somebody else flies.
+//! Detector selection on the command line, and the arguments of `rotortwin fdi-service`: the detectors on flights flown elsewhere.
 
 use rotortwin_process::LinkAddress;
 use rotortwin_scenario::Detectors;
@@ -25,7 +25,7 @@ pub struct DetectorArgs {
 }
 
 impl DetectorArgs {
-    /// The model, as it was named.
+    /// The model, as named.
     pub fn model(&self) -> &str {
         &self.model
     }
@@ -35,7 +35,7 @@ impl DetectorArgs {
         &self.models
     }
 
-    /// The detectors, and what they cannot hold of the model.
+    /// The detectors, and the parts of the model that they ignore.
     pub fn detectors(&self) -> Result<(Detectors, Option<String>), String> {
         let choice = DetectorChoice {
             store: &ModelStore::new(&self.models),

@@ -1,4 +1,4 @@
-//! `rotortwin fleet`: the flights of one vehicle, one after the other, and which propeller to look at.
+//! `rotortwin fleet`: the flights of one vehicle over time, and which propeller to inspect.
 
 use crate::fdi_service::DetectorArgs;
 use crate::output::{bad_input, failed, fitted, line};
@@ -225,7 +225,7 @@ fn page_of(views: &[FleetView]) -> String {
     page.render().expect("text and numbers are JSON")
 }
 
-/// One line a vehicle.
+/// One line per vehicle.
 fn overview(views: &[FleetView]) -> Grid {
     let mut table = Grid::new(["vehicle", "flights", "last", "inspect", "acknowledged"]).numbers([1]);
     for one in views {

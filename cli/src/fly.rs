@@ -132,24 +132,24 @@ pub struct Args {
 }
 
 impl Args {
-    /// Samples a second that the plant is to tell.
+    /// Samples per second that the plant reports.
     fn live_hz(&self) -> Option<f64> {
         let shown = self.mavlink.map(|_| crate::ground_station::RATE_HZ);
         self.live.or(self.foxglove.map(|_| foxglove::RATE_HZ)).or(shown)
     }
 
-    /// The plant's process cannot read the scenario's file: it says less than what is flown.
+    /// The plant's process cannot read the scenario's file, which differs from what is flown.
     fn whole_documents(&self) -> bool {
         self.documents || !self.set.is_empty() || self.model.is_some() || self.fdi_model.is_some()
     }
 }
 
-/// What is not of ours and stands in the place of the controller.
+/// Third-party controller.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Foreign {
     /// A flight board.
     Board(BoardAddress),
-    /// An autopilot of its own clock.
+    /// An autopilot with its own clock.
     Autopilot(AutopilotAddress),
 }
 
@@ -175,7 +175,7 @@ pub enum FdiPlace {
     Host,
 }
 
-/// Takes a whole number of a range, and says which one it expected otherwise.
+/// Parses an integer in a range, with an error message that states the range.
 fn whole_number(range: RangeInclusive<u64>) -> impl Fn(&str) -> Result<u64, String> + Clone {
     move |text| match text.parse() {
         Ok(number) if range.contains(&number) => Ok(number),
@@ -333,7 +333,7 @@ pub fn run(args: &Args) -> ExitCode {
     output::exit_code(summary)
 }
 
-/// The scenario that the arguments mean, with what they set.
+/// The scenario specified by the arguments, with their overrides.
 pub fn load(args: &Args) -> Result<Scenario, ConfigError> {
     if !args.documents {
         let set: Vec<&str> = args.set.iter().map(String::as_str).collect();
@@ -345,7 +345,7 @@ pub fn load(args: &Args) -> Result<Scenario, ConfigError> {
     Scenario::from_documents(&Documents::from_toml(&name, &text)?)
 }
 
-/// Who started this holds our standard input open as long as it lives: its end is a wish to stop.
+/// The parent process holds our standard input open as long as it lives: its end is a stop request.
 pub fn end_with_standard_input() {
     std::thread::spawn(|| {
         let ended = std::io::copy(&mut std::io::stdin().lock(), &mut std::io::sink());
@@ -356,7 +356,7 @@ pub fn end_with_standard_input() {
     });
 }
 
-/// The scenario with the models that were asked for: their vehicle and effects in the plant, their constants in the detectors.
+/// The scenario with the requested models: their vehicle and effects in the plant, their parameters in the detectors.
 pub fn with_models(scenario: Scenario, args: &Args) -> Result<Scenario, ExitCode> {
     let store = ModelStore::new(&args.models);
     let find = |text: &str| store.find(text).map_err(|error| output::told(&error.into()));
@@ -386,10 +386,10 @@ pub fn with_models(scenario: Scenario, args: &Args) -> Result<Scenario, ExitCode
     Ok(scenario)
 }
 
-/// Tries everything that can be tried before something is written: the CPU, and where the processes are to meet.
+/// Checks everything possible before anything is written: the CPU, and the meeting point of the processes.
 fn settle(args: &Args, foreign: Option<Peers>) -> Result<Peers, Failure> {
     if let Some(cpu) = args.cpu {
-        // The processes that this one starts inherit it.
+        // Inherited by the processes that this one starts.
         rotortwin_process::pin_to_cpu(cpu).map_err(Failure::Input)?;
     }
     if let Some(priority) = args.priority {
@@ -421,7 +421,7 @@ fn settle(args: &Args, foreign: Option<Peers>) -> Result<Peers, Failure> {
     }))
 }
 
-/// Makes the folder of the run, and makes sure that files can be written there.
+/// Creates the folder of the run, and makes sure that it is writable.
 pub fn run_folder(args: &Args, name: &str, seed: u64) -> Result<RunFolder, String> {
     let path = args.out.clone().map_or_else(|| next_free_folder(name, seed), Ok)?;
     ResultFolder::create(&path).map(ResultFolder::keep)
@@ -435,7 +435,7 @@ fn link_name(link: LinkKind) -> &'static str {
     }
 }
 
-/// Where the processes meet; `None`: there is only this one.
+/// Meeting point of the processes; `None`: there is only this one.
 fn address(args: &Args) -> Result<Option<LinkAddress>, String> {
     let endpoint_given = args.listen.is_some() || args.connect.is_some() || args.zenoh_config.is_some();
     if args.link != LinkKind::Zenoh && endpoint_given {
@@ -504,7 +504,7 @@ fn next_free_folder(name: &str, seed: u64) -> Result<PathBuf, String> {
         })
 }
 
-/// Opens the line to a board, or the port where an autopilot is waited for.
+/// Opens the line to a board, or the port for an autopilot.
 fn open(args: &Args, foreign: &Foreign, scenario: &Scenario, seed: u64) -> Result<Peers, Failure> {
     let autopilot = match foreign {
         Foreign::Board(address) => {
@@ -536,8 +536,8 @@ fn open(args: &Args, foreign: &Foreign, scenario: &Scenario, seed: u64) -> Resul
         .map_err(|refused| refused.told(&args.scenario))
 }
 
-/// On which processors the processes of a flight run. In lockstep they wait for each other, and the rest of the machine is left to other
-/// flights; at the pace of the wall clock they do not hold each other up where each finds a processor of its own.
+/// Processors for the processes of a flight. In lockstep they wait for each other, and the rest of the machine is left to other
+/// flights; at real-time pace they do not delay each other if each finds its own processor.
 fn placement(args: &Args) -> Placement {
     match args.cpu {
         Some(cpu) => Placement::given(cpu),
@@ -551,9 +551,9 @@ fn placement(args: &Args) -> Placement {
 pub struct Screen {
     bar: ProgressBar,
     quiet: bool,
-    /// Events as JSON lines instead.
+    /// Print events as JSON lines instead.
     events: bool,
-    /// Among these the samples.
+    /// Including samples.
     samples: bool,
     station: RefCell<Option<GroundStation>>,
     viewers: RefCell<Option<Box<dyn Viewers>>>,
@@ -583,7 +583,7 @@ impl Screen {
         }
     }
 
-    /// Samples are asked for by somebody who reads the events, not for a ground station alone.
+    /// Samples are requested by a reader of the events, not only for a ground station.
     pub(crate) fn with_samples(self, samples: bool) -> Self {
         Self { samples, ..self }
     }
@@ -595,7 +595,7 @@ impl Screen {
         }
     }
 
-    /// Says where viewers find the flight, whoever reads the rest.
+    /// Prints where viewers connect, whoever reads the rest.
     fn with_viewers(self, viewers: Option<Box<dyn Viewers>>) -> Self {
         if let Some(viewers) = &viewers {
             eprintln!("Foxglove     {}", viewers.url());
@@ -606,7 +606,7 @@ impl Screen {
         }
     }
 
-    /// Passes an event on to viewers and to the ground station.
+    /// Forwards an event to viewers and the ground station.
     fn show_afar(&self, event: &RunEvent) {
         if let (Some(viewers), RunEvent::Sample(sample)) = (self.viewers.borrow_mut().as_mut(), event) {
             viewers.sample(sample);
@@ -667,7 +667,7 @@ impl Screen {
         }
     }
 
-    /// Shows what goes on in a flight that is flown here.
+    /// Shows an event of a local flight.
     pub fn tell(&self, event: &FlightEvent<'_>) {
         match event {
             FlightEvent::Run(event) => self.show(event),
@@ -676,7 +676,7 @@ impl Screen {
         }
     }
 
-    /// Says with which commands the parts join that are not started here.
+    /// Prints the commands with which external parts join.
     fn invite(&self, invited: &[Invited]) {
         if self.events {
             output::line(&serde_json::json!({ "event": "join", "peers": invited }).to_string());
@@ -689,7 +689,7 @@ impl Screen {
         }
     }
 
-    /// Takes the bar away.
+    /// Removes the bar.
     pub fn close(&self) {
         self.bar.finish_and_clear();
     }

@@ -1,18 +1,19 @@
-//! `rotortwin fly --foxglove [ADDR]`: the flight live in Foxglove and Lichtblick.
+//! `rotortwin fly --foxglove [ADDR]`: live display in Foxglove and Lichtblick.
 //!
-//! Their protocol is spoken by `rotortwin-network`, which has a WebSocket library anyway; it says so with [`provide`].
+//! The protocol is implemented by `rotortwin-network`, which needs a WebSocket library anyway and registers it with
+//! [`provide`].
 
 use rotortwin_scenario::Scenario;
 use rotortwin_wire::events::LiveSample;
 use std::net::SocketAddr;
 use std::sync::OnceLock;
 
-/// Where viewers look first.
+/// Default address for viewers.
 pub(crate) const DEFAULT_ADDRESS: &str = "127.0.0.1:8765";
-/// Samples a second of simulated time, where nobody asks for another number.
+/// Default samples per second of simulated time.
 pub(crate) const RATE_HZ: f64 = 50.0;
 
-/// Shows a flight to whoever looks on; never waits for anybody.
+/// Shows a flight to viewers; never waits for them.
 pub trait Viewers {
     /// Where they connect.
     fn url(&self) -> String;
@@ -20,17 +21,17 @@ pub trait Viewers {
     fn sample(&mut self, sample: &LiveSample);
 }
 
-/// Begins to serve viewers; an error is one sentence. The number tells runs apart.
+/// Starts serving viewers; the error is a message. The number distinguishes runs.
 pub type Open = fn(SocketAddr, &Scenario, u64) -> Result<Box<dyn Viewers>, String>;
 
 static OPEN: OnceLock<Open> = OnceLock::new();
 
-/// Says how viewers are served; the first word counts.
+/// Registers the implementation; the first registration wins.
 pub fn provide(open: Open) {
     OPEN.get_or_init(|| open);
 }
 
-/// Opens what was provided.
+/// Opens the registered implementation.
 pub(crate) fn open(at: SocketAddr, scenario: &Scenario, run_id: u64) -> Result<Box<dyn Viewers>, String> {
     let open = OPEN
         .get()
@@ -38,7 +39,7 @@ pub(crate) fn open(at: SocketAddr, scenario: &Scenario, run_id: u64) -> Result<B
     open(at, scenario, run_id)
 }
 
-/// Reads an address, and says what it expected otherwise.
+/// Parses an address, with an error message that states what was expected.
 pub(crate) fn parse_address(text: &str) -> Result<SocketAddr, String> {
     text.parse().map_err(|_error| {
         format!(

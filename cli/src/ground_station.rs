@@ -1,6 +1,6 @@
-//! `fly --mavlink udp:ADDR`: a ground station that speaks MAVLink shows the flight; verdicts come as texts.
+//! `fly --mavlink udp:ADDR`: a MAVLink ground station displays the flight; verdicts are sent as texts.
 //!
-//! Made of what the plant tells of itself while it flies: samples of the telemetry and changes, whatever link the processes have.
+//! Based on the plant's events during the flight: telemetry samples and changes, over any link.
 
 use rotortwin_bridge::mavlink::broadcast::{Broadcast, Shown};
 use rotortwin_plant::sensing::home::Home;
@@ -10,14 +10,14 @@ use rotortwin_wire::events::{Change, LiveSample};
 use std::collections::HashMap;
 use std::net::SocketAddr;
 
-/// Samples a second of simulated time, where nobody asks for another number.
+/// Default samples per second of simulated time.
 pub(crate) const RATE_HZ: f64 = 25.0;
 /// MAV_SEVERITY.
 const CRITICAL: u8 = 2;
 const WARNING: u8 = 4;
 const NOTICE: u8 = 5;
 
-/// Where a ground station listens, as it is written.
+/// Address of a ground station.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Address(SocketAddr);
 
@@ -42,7 +42,7 @@ pub(crate) struct GroundStation {
 
 impl GroundStation {
     /// # Errors
-    /// One sentence: no port can be opened.
+    /// No port can be opened.
     pub(crate) fn new(at: Address, scenario: &Scenario) -> Result<Self, String> {
         let rotors = scenario.vehicle().rotor_count();
         let columns = telemetry_columns(rotors);
@@ -61,12 +61,12 @@ impl GroundStation {
         })
     }
 
-    /// Keeps the charge, which is no sensor's.
+    /// Stores the charge, which no sensor measures.
     pub(crate) fn charge(&mut self, charge: f64) {
         self.charge = Some(charge);
     }
 
-    /// A row of the telemetry: what was sensed.
+    /// A row of the telemetry: the sensed values.
     pub(crate) fn sample(&mut self, sample: &LiveSample) {
         let value = |name: &str| {
             let place = self.place.get(name)?;

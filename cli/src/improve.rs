@@ -1,4 +1,5 @@
-//! `rotortwin improve`: compare, diagnose, propose, add, compare again, until the model agrees or the reason why it does not is known.
+//! `rotortwin improve`: compare, diagnose, propose, add and compare again, until the model agrees or the reason for the disagreement
+//! is known.
 
 use crate::output;
 use crate::progress::Progress;
@@ -94,7 +95,7 @@ pub fn run(args: &Args) -> ExitCode {
     ExitCode::SUCCESS
 }
 
-/// Asks at the terminal.
+/// Asks for confirmation at the terminal.
 struct Terminal<'a> {
     ask: bool,
     quiet: bool,
@@ -119,7 +120,7 @@ impl Terminal<'_> {
             .flush()
             .and_then(|()| std::io::stdin().lock().read_line(&mut answer))
             .map_err(|error| format!("cannot ask at the terminal: {error}"))?;
-        // The end of the input is no consent.
+        // End of input is not consent.
         Ok(!answer.is_empty() && matches!(answer.trim().to_lowercase().as_str(), "" | "y" | "yes"))
     }
 }

@@ -20,14 +20,14 @@ pub struct Args {
 }
 
 impl Args {
-    /// It is a flight over zenoh. A file that cannot be read is refused later.
+    /// True for a flight over zenoh. An unreadable file is rejected later.
     pub(crate) fn is_over_zenoh(&self) -> bool {
         matches!(read(&self.file), Ok(JobFile { job: Job::Run(flight), .. }) if flight.link == Link::Zenoh)
     }
 }
 
-/// Does the job: events as JSON lines, then its result as JSON. Exit code 0 if all was done, 1 if something failed or was stopped, 2 for bad
-/// input.
+/// Executes the job: prints events as JSON lines, then its result as JSON. Exit code 0 if completed, 1 if it failed or was stopped, 2 for
+/// bad input.
 pub(crate) fn run(args: &Args) -> ExitCode {
     rotortwin_process::start_logging();
     let JobFile { job, here } = match read(&args.file) {

@@ -5,23 +5,23 @@
 #![warn(clippy::print_stdout, clippy::print_stderr)]
 
 // In this crate these four write through `terminal`: those of the standard library panic when the reader has closed the pipe.
-/// Prints to standard output; a reader who has gone is no error.
+/// Prints to standard output; a closed pipe is not an error.
 #[macro_export]
 macro_rules! print {
     ($($text:tt)*) => { $crate::terminal::print(format_args!($($text)*)) };
 }
-/// Prints a line to standard output; a reader who has gone is no error.
+/// Prints a line to standard output; a closed pipe is not an error.
 #[macro_export]
 macro_rules! println {
     () => { $crate::terminal::print(format_args!("\n")) };
     ($($text:tt)*) => { $crate::terminal::print(format_args!("{}\n", format_args!($($text)*))) };
 }
-/// Prints to standard error; a reader who has gone is no error.
+/// Prints to standard error; a closed pipe is not an error.
 #[macro_export]
 macro_rules! eprint {
     ($($text:tt)*) => { $crate::terminal::print_error(format_args!($($text)*)) };
 }
-/// Prints a line to standard error; a reader who has gone is no error.
+/// Prints a line to standard error; a closed pipe is not an error.
 #[macro_export]
 macro_rules! eprintln {
     () => { $crate::terminal::print_error(format_args!("\n")) };
@@ -216,9 +216,9 @@ pub enum Command {
     Fdi(rotortwin_fdi::Args),
 }
 
-/// Does what the command line of this process asks for.
+/// Executes the command line of this process.
 ///
-/// * `perform`: does commands that need other hosts; none in a program that leaves them to `rotortwin-network`
+/// * `perform`: executes commands that need other hosts; `None` in a program that delegates them to `rotortwin-network`
 pub fn run(perform: Option<network::Perform>) -> ExitCode {
     let code = run_command(perform);
     match terminal::failure() {
@@ -293,7 +293,7 @@ fn run_command(perform: Option<network::Perform>) -> ExitCode {
     }
 }
 
-/// Help and version go to standard output; a wrong argument is bad input and gets one sentence like any other, with the help that explains it.
+/// Help and version go to standard output; a wrong argument is bad input with a one-sentence message like any other, and the relevant help.
 fn refuse(error: &clap::Error) -> ExitCode {
     let text = error.render().to_string();
     if !error.use_stderr() {
@@ -330,7 +330,7 @@ fn refuse(error: &clap::Error) -> ExitCode {
     output::bad_input(format!("{sentence}{tip}; see '{command} --help'"))
 }
 
-/// The command that an error is about, as it is typed: `rotortwin model add`.
+/// The command that an error concerns, as typed: `rotortwin model add`.
 fn command_of(error: &clap::Error) -> String {
     let usage = match error.get(ContextKind::Usage) {
         Some(ContextValue::StyledStr(usage)) => usage.to_string(),

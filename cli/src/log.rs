@@ -82,7 +82,7 @@ pub struct ImportArgs {
 }
 
 impl ImportArgs {
-    /// An option that a server does not know.
+    /// An option that a server does not support.
     pub fn only_here(&self) -> Option<&'static str> {
         let options = [
             (self.reading.mapping.is_some(), "--mapping"),
@@ -92,7 +92,7 @@ impl ImportArgs {
         options.into_iter().find_map(|(given, name)| given.then_some(name))
     }
 
-    /// The others, as parameters of an upload.
+    /// The other options, as query parameters of an upload.
     pub fn query(&self) -> String {
         let mut query = self.rate.map_or_else(String::new, |rate| format!("&rate_hz={rate}"));
         for (given, name) in [(self.align, "align"), (self.reading.damaged, "damaged")] {
@@ -165,7 +165,7 @@ pub(crate) fn run(args: &Args) -> ExitCode {
     }
 }
 
-/// The mapping goes to the file or to the output, the questions to people.
+/// The mapping goes to the file or to standard output, the questions to standard error.
 fn map(args: &MapArgs) -> ExitCode {
     let drafted = std::fs::read(&args.file)
         .map_err(|error| format!("{}: cannot read the log: {error}", args.file.display()))
@@ -177,7 +177,7 @@ fn map(args: &MapArgs) -> ExitCode {
     match &args.out {
         None => print!("{}", drafted.toml),
         Some(out) => {
-            // Answers that somebody has typed are not overwritten.
+            // Answers that a user has typed are not overwritten.
             let file = std::fs::File::create_new(out);
             let written = file.and_then(|mut file| std::io::Write::write_all(&mut file, drafted.toml.as_bytes()));
             if let Err(error) = written {

@@ -1,4 +1,4 @@
-//! `rotortwin log example`: a log with something hidden in it, by the independent simulator, imported like any other.
+//! `rotortwin log example`: a log with a hidden effect, from the independent simulator, imported like any other.
 
 use crate::output;
 use rotortwin_blind::example::Example;

@@ -1,4 +1,4 @@
-//! `rotortwin completions` and `rotortwin man`: what a shell and `man` know of this command, made of the same declarations as its help.
+//! `rotortwin completions` and `rotortwin man`: generated from the same declarations as the help.
 
 use crate::{Cli, output};
 use clap::{CommandFactory as _, Parser};

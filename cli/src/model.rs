@@ -212,7 +212,7 @@ fn show(found: &Found, json: bool) {
     println!("{table}");
 }
 
-/// Where an effect comes from, in a clause.
+/// Provenance of an effect, as a clause.
 fn source(effect: &ModelEffect) -> String {
     let provenance = &effect.provenance;
     match provenance.source {
@@ -285,7 +285,7 @@ impl Add {
             .version
             .with_effects(effects, self.note.clone())
             .with_documents(&documents);
-        // Before anything is begun, so that a refusal leaves nothing.
+        // Before anything is created, so that a rejection leaves nothing behind.
         ModelStore::check(&next)?;
         head.begin(store)?;
         let place = store.append(&head.branch, &next)?;
@@ -293,8 +293,8 @@ impl Add {
         Ok(())
     }
 
-    /// The effects given by hand, or those of a diagnosis, and the documents of those that are in no catalogue. `line` are the versions
-    /// up to that which they are added to.
+    /// The effects given on the command line, or those of a diagnosis, and the documents of those outside the catalogue. `line`
+    /// contains the versions up to the one that they are added to.
     fn effects(&self, line: &[ModelVersion]) -> Result<(Vec<EffectDocument>, Vec<ModelEffect>), StoreError> {
         let Some(path) = &self.from else {
             let documents = self
@@ -333,7 +333,7 @@ impl Add {
     }
 }
 
-/// Says what a new version has that the one before had not.
+/// Prints the differences of a new version from the previous one.
 pub(crate) fn announce(before: &ModelVersion, after: &ModelVersion, place: &Place) {
     println!("{}@v{} · hash {}", place.model, place.number, after.hash());
     print_changes(&Difference::between(before, after));

@@ -1,4 +1,4 @@
-//! Arguments that take the path of a document or its name: `config/scenarios/hover.toml` or `hover`.
+//! Arguments that accept the path of a document or its name: `config/scenarios/hover.toml` or `hover`.
 
 use clap::builder::{OsStringValueParser, TypedValueParser};
 use rotortwin_runner::named::resolved;
@@ -21,27 +21,27 @@ pub(crate) fn scenario() -> impl TypedValueParser<Value = PathBuf> {
     parser(Kind::Scenario)
 }
 
-/// Of a vehicle.
+/// A vehicle.
 pub(crate) fn vehicle() -> impl TypedValueParser<Value = PathBuf> {
     parser(Kind::Vehicle)
 }
 
-/// Of a campaign.
+/// A campaign.
 pub(crate) fn campaign() -> impl TypedValueParser<Value = PathBuf> {
     parser(Kind::Campaign)
 }
 
-/// Of a file with effects.
+/// A file with effects.
 pub(crate) fn effect() -> impl TypedValueParser<Value = PathBuf> {
     parser(Kind::Effect)
 }
 
-/// Of a table of columns.
+/// A column mapping.
 pub(crate) fn log_mapping() -> impl TypedValueParser<Value = PathBuf> {
     parser(Kind::LogMapping)
 }
 
-/// Of a classifier.
+/// A classifier.
 pub(crate) fn classifier() -> impl TypedValueParser<Value = PathBuf> {
     parser(Kind::Classifier)
 }

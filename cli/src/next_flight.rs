@@ -1,4 +1,4 @@
-//! `rotortwin next-flight`: the manoeuvre that would tell two effects apart, and the proof that it does.
+//! `rotortwin next-flight`: the manoeuvre that would distinguish two effects, and its validation.
 
 use crate::output;
 use clap::Parser;
@@ -91,7 +91,7 @@ pub(crate) fn run(args: &Args) -> ExitCode {
     ExitCode::SUCCESS
 }
 
-/// Pairs that flights mix up, which the validation flies: one of each group of effects that are declared to be confused with each other.
+/// Pairs that flights confuse, for validation: one of each group of effects declared to be confused with each other.
 const VALIDATED: &[(&str, &str)] = &[
     ("rotor-drag", "quadratic-drag"),
     ("rotor-drag", "linear-friction"),
@@ -210,7 +210,7 @@ fn validate(args: &Args, model: &ModelVersion) -> Result<(), String> {
     Ok(())
 }
 
-/// Names of a diagnosis of a manoeuvre with a hidden effect, and its verdict.
+/// Names in the diagnosis of a manoeuvre with a hidden effect, and its verdict.
 fn prove(
     manoeuvre: &Manoeuvre,
     model: &ModelVersion,

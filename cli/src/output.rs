@@ -1,4 +1,4 @@
-//! What people read: the verdict table, the facts of a run, one-sentence errors.
+//! Human-readable output: the verdict table, the facts of a run, error messages.
 
 pub use crate::terminal::line;
 use rotortwin_campaign::result_table::ResultTable;
@@ -10,19 +10,19 @@ use std::ops::Range;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
-/// Prints a sentence to standard error and gives exit code 2: bad input, nothing was written.
+/// Prints an error message and returns exit code 2: bad input, nothing was written.
 pub fn bad_input(sentence: impl std::fmt::Display) -> ExitCode {
     eprintln!("rotortwin: {sentence}");
     ExitCode::from(rotortwin_process::EXIT_BAD_INPUT)
 }
 
-/// Prints a sentence to standard error and gives exit code 1: the run failed.
+/// Prints an error message and returns exit code 1: the run failed.
 pub fn failed(sentence: impl std::fmt::Display) -> ExitCode {
     eprintln!("rotortwin: {sentence}");
     ExitCode::from(rotortwin_process::EXIT_FAILED)
 }
 
-/// Says why a job was not done, with the exit code for that.
+/// Prints why a job failed, and returns the exit code.
 pub fn told(failure: &Failure) -> ExitCode {
     match failure {
         Failure::Input(sentence) => bad_input(sentence),
@@ -39,7 +39,7 @@ pub fn range(text: &str) -> Result<Range<u64>, String> {
     if range.is_empty() { Err(refuse()) } else { Ok(range) }
 }
 
-/// Exit code of a run that ended like this.
+/// Exit code for the end of a run.
 pub fn exit_code(summary: &Summary) -> ExitCode {
     match summary.status {
         Status::Done => ExitCode::SUCCESS,
@@ -123,7 +123,7 @@ fn verdict_table(summary: &Summary) -> Grid {
     table
 }
 
-/// What is wrong with the rotors, and with the sensors if anything is.
+/// Faults of the rotors, and of the sensors if any.
 fn truth_text(interval: &Interval) -> String {
     match interval.sensor_faults.as_slice() {
         [] => interval.description.clone(),
@@ -131,7 +131,7 @@ fn truth_text(interval: &Interval) -> String {
     }
 }
 
-/// Verdict at the end, share of right windows, delay of the first right one, false alarms.
+/// Verdict at the end, fraction of correct windows, delay of the first correct one, false alarms.
 fn score_cells(interval: &Interval, evaluator: Evaluator) -> [String; 4] {
     let score = interval.scores.of(evaluator);
     let none = || "–".to_owned();
@@ -221,7 +221,7 @@ fn facts(summary: &Summary) -> Vec<String> {
     facts
 }
 
-/// Who made a paced flight late, and why: a line each.
+/// Which process made a paced flight late, and why: one line each.
 fn late_text(real_time: &RealTime) -> String {
     let mut text = match real_time.priority {
         Some(priority) => {
@@ -271,13 +271,13 @@ pub fn result_table(result: &ResultTable) -> Grid {
     table
 }
 
-/// A note in lines that fit the terminal, the later ones indented.
+/// A note wrapped to the terminal width, with later lines indented.
 pub fn wrapped(text: &str) -> String {
     let width = text::width().unwrap_or(100).min(100);
     format!("· {}", fold(text, width - 2).replace('\n', "\n  "))
 }
 
-/// A text for the terminal: lines that are too long are broken between words and go on below their beginning, or beside their label.
+/// A text for the terminal: long lines are wrapped between words, with a hanging indent or next to their label.
 pub fn fitted(text: &str) -> String {
     match text::width() {
         Some(width) => text
@@ -303,7 +303,7 @@ fn fitted_line(line: &str, width: usize) -> String {
     )
 }
 
-/// Where the words of a line begin: behind its label, which ends in two blanks, or behind leading blanks.
+/// Start of the words of a line: after its label, which ends in two spaces, or after leading spaces.
 fn indent(line: &str) -> usize {
     const WIDEST_LABEL: usize = 20;
     let letters: Vec<char> = line.chars().take(WIDEST_LABEL).collect();

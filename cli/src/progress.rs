@@ -1,4 +1,4 @@
-//! How far a long calculation is: a line on a terminal that is written over, or events for the server that started the process.
+//! Progress of a long calculation: an updated line on a terminal, or events for the server that started the process.
 
 use crate::output;
 use indicatif::{HumanDuration, ProgressBar, ProgressDrawTarget, ProgressState, ProgressStyle};
@@ -8,12 +8,12 @@ use std::io::{IsTerminal as _, Write as _};
 use std::sync::{Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
-/// Between two events.
+/// Minimum interval between events.
 const PAUSE: Duration = Duration::from_millis(250);
-/// Between two events that count flights.
+/// Minimum interval between events that count flights.
 const PAUSE_OF_FLIGHTS: Duration = Duration::from_millis(500);
 
-/// Where progress is told.
+/// Progress output.
 pub(crate) struct Progress {
     shown: bool,
     lines: Option<Lines>,
@@ -28,10 +28,10 @@ impl Progress {
         }
     }
 
-    /// What is done now, and the share that is done of all.
+    /// Current activity, and the completed fraction.
     pub(crate) fn tell(&self, event: &JobEvent) {
         if let (true, JobEvent::Progress(Told::Share { share, text })) = (self.shown, event) {
-            // A terminal that went away ends the command elsewhere.
+            // A terminal that has gone ends the command elsewhere.
             write!(std::io::stderr(), "\r\x1b[K{:3.0} % {text}", 100.0 * share).ok();
         }
         if let Some(lines) = &self.lines {
@@ -39,7 +39,7 @@ impl Progress {
         }
     }
 
-    /// Room for other words.
+    /// Clears the line for other output.
     pub(crate) fn clear(&self) {
         if self.shown {
             eprint!("\r\x1b[K");
@@ -47,7 +47,7 @@ impl Progress {
     }
 }
 
-/// Events as JSON lines on standard output: of progress one now and then, of the others all.
+/// Events as JSON lines on standard output: progress at intervals, all others at once.
 pub(crate) struct Lines {
     begun: Instant,
     last: Mutex<Option<Instant>>,
@@ -82,8 +82,8 @@ impl Lines {
     }
 }
 
-/// A bar for work of which `present` parts of `wanted` were done before. Beside the keys of `indicatif`, `template` may hold `{rate}`, parts per
-/// second, and `{left}`, the time that the rest will take; both are of what is done now.
+/// A progress bar for work of which `present` of `wanted` parts were done before. In addition to the keys of `indicatif`, `template` may
+/// contain `{rate}`, parts per second, and `{left}`, the remaining time; both refer to the work done now.
 pub(crate) fn resumed_bar(template: &str, hidden: bool, wanted: u64, present: u64) -> ProgressBar {
     let target = if hidden {
         ProgressDrawTarget::hidden()
@@ -111,7 +111,7 @@ pub(crate) fn resumed_bar(template: &str, hidden: bool, wanted: u64, present: u6
     bar
 }
 
-/// Time for what is missing at the pace of what was done in `elapsed`; none before anything was.
+/// Remaining time at the pace of the work done in `elapsed`; `None` before any.
 fn time_left(done: u64, missing: u64, elapsed: Duration) -> Option<Duration> {
     (done > 0).then(|| elapsed.mul_f64(missing as f64 / done as f64))
 }
@@ -120,7 +120,7 @@ fn time_left(done: u64, missing: u64, elapsed: Duration) -> Option<Duration> {
 mod tests {
     use super::*;
 
-    /// 900 of 1000 parts were there, 10 were done in 5 s: the bar of the library took the 900 for work of these 5 s.
+    /// 900 of 1000 parts existed, 10 were done in 5 s: the library's bar counted the 900 as work of these 5 s.
     #[test]
     fn regress_the_estimate_counts_what_is_done_now() {
         let second = Duration::from_secs(1);

@@ -1,10 +1,10 @@
-//! `rotortwin query`: SQL over results, by the DuckDB of a Python on this machine.
+//! `rotortwin query`: SQL over results, using DuckDB in a local Python.
 //!
 //! ```text
-//!  query ── request, one line of JSON ──▶ python3 -c clients/python/src/rotortwin/_query.py ── a line of JSON for each row ──▶ table, JSON, CSV
+//!  query ── request, one line of JSON ──▶ python3 -c clients/python/src/rotortwin/_query.py ── one line of JSON per row ──▶ table, JSON, CSV
 //! ```
-//! The engine runs in a process of its own, with limits of memory and time; it answers one SELECT, and reads the Parquet files below the
-//! folders that were named and nothing else. Why not an engine in this program: docs/decisions/0065.
+//! The engine runs in a separate process with memory and time limits; it answers one SELECT, and can only read the Parquet files below the
+//! named folders. Why there is no engine in this program: docs/decisions/0065.
 
 use crate::{output, terminal};
 use clap::Parser;
@@ -19,27 +19,27 @@ use std::process::{Child, Command, ExitCode, Stdio};
 use std::sync::mpsc::{Receiver, RecvTimeoutError, sync_channel};
 use std::time::{Duration, Instant};
 
-/// The engine: the module of the Python package, which uses nothing of the rest of it.
+/// The engine: the module of the Python package, which is independent of the rest of it.
 const ENGINE: &str = include_str!("../../clients/python/src/rotortwin/_query.py");
 
-/// Runs the text that follows it, with nothing to be imported from the folder that this is started in.
+/// Runs the text that follows it, without importing anything from the current folder.
 const START: &str = "import sys; sys.path = [p for p in sys.path if p]; space = {'__name__': 'rotortwin_query'}; \
                      exec(compile(sys.argv.pop(), 'query', 'exec'), space); sys.exit(space['main']())";
 
 /// Exit code of the engine: `NO_DUCKDB` in its source.
 const NO_DUCKDB: i32 = 4;
 
-/// Said where there is no engine; the server knows it by its beginning.
+/// Error message if there is no engine; the server recognises its beginning.
 const MISSING: &str = "SQL over results needs Python 3.10 or later with DuckDB 1.2 or later, which is not here; expected `pip install duckdb pyarrow` \
                        for the python3 on the search path, or --python PROGRAM (or ROTORTWIN_PYTHON) that names another one";
 
-/// Rows of a table that is read by a person.
+/// Default number of rows of a human-readable table.
 const ROWS_OF_A_TABLE: u64 = 100;
 
-/// What Python, DuckDB and PyArrow take beside the memory of a query, bytes. Measured: 0.3 GB with two threads; stacks are counted whole.
+/// Memory of Python, DuckDB and PyArrow in addition to that of a query, bytes. Measured: 0.3 GB with two threads; stacks are counted in full.
 const OVERHEAD: u64 = 1_000_000_000;
 
-/// Lines that are read before they are printed.
+/// Lines read ahead of printing.
 const LINES_AHEAD: usize = 1024;
 
 /// Arguments of `rotortwin query`.
@@ -89,7 +89,7 @@ fn named(text: &str) -> Result<(String, String), String> {
     }
 }
 
-/// Exit code 2 for SQL that cannot be answered, 1 where there is no engine or it reached a limit.
+/// Exit code 2 for invalid SQL, 1 if there is no engine or it reached a limit.
 pub(crate) fn run(args: &Args) -> ExitCode {
     match ask(args) {
         Ok(()) => ExitCode::SUCCESS,
@@ -165,12 +165,12 @@ fn request(args: &Args, spill: &Path) -> String {
     .to_string()
 }
 
-/// The one that was asked for, or all that may have a DuckDB.
+/// The requested Python, or all that may have DuckDB.
 fn pythons(asked: Option<&Path>) -> Vec<PathBuf> {
     if let Some(asked) = asked {
         return vec![asked.to_owned()];
     }
-    // The wheel puts this program into the folder of its environment's Python.
+    // The wheel installs this program next to its environment's Python.
     let beside = std::env::current_exe().ok().map(|own| own.with_file_name("python3"));
     let beside = beside.filter(|path| path.is_file());
     beside.into_iter().chain([PathBuf::from("python3")]).collect()
@@ -179,7 +179,7 @@ fn pythons(asked: Option<&Path>) -> Vec<PathBuf> {
 /// A process that answers one query.
 struct Engine {
     child: Child,
-    /// Open until this ends: the process takes its closing for our death.
+    /// Kept open until this ends: the process treats its closing as our death.
     _stdin: std::process::ChildStdin,
     lines: Receiver<std::io::Result<String>>,
     words: Option<std::thread::JoinHandle<String>>,
@@ -211,7 +211,7 @@ impl Engine {
         let mut stderr = child.stderr.take().ok_or_else(missing)?;
         let words = std::thread::spawn(move || {
             let mut bytes = Vec::new();
-            // What cannot be read is not said.
+            // Unreadable output is not reported.
             stderr.read_to_end(&mut bytes).ok();
             String::from_utf8_lossy(&bytes).into_owned()
         });
@@ -225,7 +225,7 @@ impl Engine {
         });
         let sent = writeln!(stdin, "{request}").and_then(|()| stdin.flush());
         match sent {
-            // A Python that cannot even read this has said why.
+            // A Python that cannot even read this has printed the reason.
             Err(error) if error.kind() != std::io::ErrorKind::BrokenPipe => return Err(error),
             _ => {}
         }
@@ -240,7 +240,7 @@ impl Engine {
         })
     }
 
-    /// `None` after the last one.
+    /// The next line; `None` after the last one.
     fn next_line(&mut self) -> Result<Option<String>, Refusal> {
         let left = self.until.saturating_duration_since(Instant::now());
         match self.lines.recv_timeout(left) {
@@ -248,14 +248,14 @@ impl Engine {
             Ok(Err(error)) => Err(Refusal::Failed(format!("the answer cannot be read: {error}"))),
             Err(RecvTimeoutError::Disconnected) => Ok(None),
             Err(RecvTimeoutError::Timeout) => Err(Refusal::Failed(format!(
-                // The server knows it by its beginning.
+                // The server recognises its beginning.
                 "the query took longer than {} s and was stopped; expected a smaller one, or more with --time",
                 self.limit_s
             ))),
         }
     }
 
-    /// Its exit code; −1: a signal ended it.
+    /// Waits for its exit code; −1: ended by a signal.
     fn end(&mut self) -> Result<i32, Refusal> {
         let status = self
             .child
@@ -264,7 +264,7 @@ impl Engine {
         Ok(status.code().unwrap_or(-1))
     }
 
-    /// What it said before it ended with this code.
+    /// Its error message before it ended with this code.
     fn refusal(&mut self, code: i32) -> Refusal {
         let words = self.words.take().map(std::thread::JoinHandle::join);
         let words = words.and_then(Result::ok).unwrap_or_default();
@@ -273,7 +273,7 @@ impl Engine {
         match code {
             2 => Refusal::BadInput(sentence.to_owned()),
             1 if !words.contains("Traceback") => Refusal::Failed(sentence.to_owned()),
-            // The server knows this one by its beginning, too.
+            // The server recognises the beginning of this one, too.
             _ => Refusal::Failed(format!(
                 "the process of the query ended without an answer: {sentence} (it may take {} MB; --memory allows more)",
                 self.memory
@@ -284,7 +284,7 @@ impl Engine {
 
 fn limit_memory(child: &Child, most: u64) -> std::io::Result<()> {
     let pid = Pid::from_raw(child.id().cast_signed());
-    // Not the address space, of which shared memory takes much without using it.
+    // Not the address space, of which shared memory reserves much without using it.
     let limits = [(Resource::Data, most), (Resource::Core, 0)];
     for (resource, most) in limits {
         let was = rustix::process::getrlimit(resource);
@@ -294,7 +294,7 @@ fn limit_memory(child: &Child, most: u64) -> std::io::Result<()> {
             maximum: Some(most),
         };
         match prlimit(pid, resource, limit) {
-            // Its death is seen elsewhere.
+            // Its death is noticed elsewhere.
             Err(error) if error != rustix::io::Errno::SRCH => return Err(error.into()),
             _ => {}
         }
@@ -326,7 +326,7 @@ impl Column {
     }
 }
 
-/// Prints an answer as it comes; a table, when all of it is there.
+/// Prints rows as they arrive; a table, once it is complete.
 struct Printer<'a> {
     args: &'a Args,
     columns: Vec<Column>,
@@ -347,7 +347,7 @@ impl<'a> Printer<'a> {
     }
 
     fn take(&mut self, text: &str) -> Result<(), String> {
-        // Rows of JSON pass as they are.
+        // Rows of JSON are passed through.
         if self.args.json && text.starts_with('[') {
             print!("{}{text}", if self.rows == 0 { "\n" } else { ",\n" });
             self.rows += 1;
@@ -414,7 +414,7 @@ impl<'a> Printer<'a> {
     }
 }
 
-/// A value as a person reads it; nothing where there is none.
+/// A human-readable value; empty for null.
 fn plain(value: &Value) -> String {
     match value {
         Value::Null => String::new(),

@@ -1,4 +1,4 @@
-//! `rotortwin replay`: fly a recorded run again and compare.
+//! `rotortwin replay`: repeats a recorded run and compares.
 
 use crate::output;
 use clap::Parser;
@@ -17,7 +17,7 @@ pub struct Args {
     pub json: bool,
 }
 
-/// Executes the recorded scenario again, in this process; exit code 0 if the run hash is the same, 1 if it differs.
+/// Repeats the recorded scenario in this process; exit code 0 if the run hash is the same, 1 if it differs.
 pub fn run(args: &Args) -> ExitCode {
     rotortwin_process::start_logging();
     let run = args.run.clone();

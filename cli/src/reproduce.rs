@@ -82,13 +82,13 @@ pub struct TrainArgs {
     common: Common,
 }
 
-/// What a server is asked to train.
+/// A training request to a server.
 pub struct TrainRequest<'a> {
     /// Classifier file to write here.
     pub out: &'a Path,
     /// `paper` or `improved`.
     pub method: &'static str,
-    /// Of which the server must have the same.
+    /// The server must have the same scenario.
     pub scenario: &'a Path,
     /// Data sets.
     pub seeds: u16,
@@ -110,10 +110,10 @@ impl TrainArgs {
         }
     }
 
-    /// For a server.
+    /// The corresponding request to a server.
     ///
     /// # Errors
-    /// One sentence: what a server cannot do.
+    /// An option that a server does not support.
     pub fn request(&self) -> Result<TrainRequest<'_>, String> {
         if self.common.threads.is_some() {
             return Err("--jobs belongs to training on this machine; expected it without --server".to_owned());
@@ -195,7 +195,7 @@ impl TableArg {
         }
     }
 
-    /// As it is typed.
+    /// Name on the command line.
     fn key(self) -> String {
         match (self.settings(), self.item()) {
             (Some(number), _) => number.to_string(),
@@ -233,13 +233,13 @@ impl Common {
         }
     }
 
-    /// As a classifier's file says how it was made.
+    /// The command recorded in a classifier's file.
     fn train_command(&self) -> String {
         let method = rotortwin_jobs::training::Method::Paper;
         training::command_line(method, u32::from(self.seeds), self.first_seed, &self.scenario)
     }
 
-    /// The arguments that decide the numbers, as they would be typed.
+    /// The arguments that determine the results, as typed.
     fn command_line(&self) -> String {
         training::data_set(u32::from(self.seeds), self.first_seed, &self.scenario)
     }
@@ -259,7 +259,7 @@ impl Common {
     }
 }
 
-/// Reproduces what was asked for; exit code 0 if everything was written, 1 if it failed, 2 for bad input.
+/// Reproduces the requested results; exit code 0 if everything was written, 1 if it failed, 2 for bad input.
 pub fn run(args: &Args) -> ExitCode {
     rotortwin_process::start_logging();
     let base = match Scenario::load_without_classifier(&args.common.scenario) {
@@ -356,7 +356,7 @@ fn reproduce(args: &Args, base: &Scenario, folder: &Path) -> Result<(), String> 
     Ok(())
 }
 
-/// As it would be typed.
+/// As typed.
 fn command_line(args: &Args) -> String {
     let mut line = "rotortwin reproduce".to_owned();
     for table in &args.table {
@@ -397,19 +397,19 @@ fn write_numbers(result: &Reproduction, folder: &Path) -> Result<Vec<PathBuf>, S
     Ok(files)
 }
 
-/// A picture and where it stands.
+/// A figure and its location.
 struct Drawn {
     figure: Figure,
     file: PathBuf,
 }
 
-/// The two flights that the figures are of.
+/// The two flights of the figures.
 const FLIGHTS: [(&str, Method); 2] = [
     ("reference-flight", Method::Paper),
     ("reference-flight-without-battery-model", Method::UncompensatedPooled),
 ];
 
-/// Numbers, place in [`FLIGHTS`], file in its folder, title, what to see.
+/// Numbers, index in [`FLIGHTS`], file in its folder, title, explanation.
 const FIGURES: [(&[u8], usize, &str, &str, &str); 9] = [
     (
         &[9],
@@ -476,7 +476,7 @@ const FIGURES: [(&[u8], usize, &str, &str, &str); 9] = [
     ),
 ];
 
-/// Figures of the blades, which no flight gives, are 7 and 8.
+/// The blade figures, which need no flight, are 7 and 8.
 const LAST_BLADE_FIGURE: u8 = 8;
 /// Colours of the blades, in the order of their names.
 const BLADE_COLOURS: [&str; 4] = ["#1f6fd1", "#18794e", "#c0262d", "#b87400"];
@@ -537,7 +537,7 @@ fn line_of(base: &Scenario, curve: &LiftCurve) -> Line {
     }
 }
 
-/// Flies the reference flight, as often as the wanted figures need, and collects its pictures.
+/// Flies the reference flight, as often as the requested figures need, and collects its figures.
 fn draw_figures(
     args: &Args,
     base: &Scenario,
@@ -639,7 +639,7 @@ pub fn train(args: &TrainArgs) -> ExitCode {
     }
 }
 
-/// Says what was trained.
+/// Prints a summary of the trained classifier.
 pub fn print_trained(classifier: &Classifier, out: &Path, json: bool) {
     let provenance = &classifier.provenance;
     let cross_validation = &provenance.cross_validation;

@@ -1,4 +1,4 @@
-//! `rotortwin show` and `rotortwin check`: what a run folder, or a scenario, says.
+//! `rotortwin show` and `rotortwin check`: content of a run folder, or of a scenario.
 
 use crate::output;
 use clap::Parser;
@@ -17,7 +17,7 @@ pub struct Args {
     pub json: bool,
 }
 
-/// Prints the result of a recorded run; exit code 0 whether it failed or not: showing it worked.
+/// Prints the result of a recorded run; exit code 0 even if the run failed: showing it worked.
 pub fn run(args: &Args) -> ExitCode {
     match load_summary(&args.run) {
         Ok(summary) if args.json => print!("{}", summary.to_json()),

@@ -37,7 +37,7 @@ pub(crate) fn run(args: &Args) -> ExitCode {
         Ok(scenario) => scenario,
         Err(error) => return output::bad_input(error),
     };
-    // The same doors as a flight with this autopilot.
+    // The same limits as a flight with this autopilot.
     let waits = Waits {
         join: args.trial.join(),
         step: args.trial.step(),
@@ -90,7 +90,7 @@ fn test(autopilot: &mut impl Autopilot, args: &Args, scenario: &Scenario) -> Res
     spin_test(autopilot, scenario, args.trial.seed, &rotor_of_channel, &mut say)
 }
 
-/// What people read.
+/// Human-readable report.
 fn text(report: &SpinReport) -> String {
     let place = |rotor: usize| report.motors.iter().find(|motor| motor.rotor == rotor);
     let mut text = format!("{}\n", report.peer);

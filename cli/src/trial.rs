@@ -1,4 +1,4 @@
-//! What the commands share that try a third-party controller: seed and time-outs.
+//! Common arguments of the commands that test a third-party controller: seed and time-outs.
 
 use clap::Args;
 use std::time::Duration;

@@ -1,4 +1,4 @@
-//! `rotortwin vehicle from-log`: a vehicle of one's own from flight logs, mass and arm.
+//! `rotortwin vehicle from-log`: a user's own vehicle from flight logs, mass and arm.
 
 use crate::output;
 use clap::{Parser, Subcommand};
@@ -74,7 +74,7 @@ impl FromLog {
     }
 }
 
-/// Identifies, writes and prints; exit code 2 for bad input, 1 where the result cannot be written.
+/// Identifies, writes and prints; exit code 2 for bad input, 1 if the result cannot be written.
 pub(crate) fn run(args: &Args) -> ExitCode {
     let What::FromLog(args) = &args.what;
     let found = match identify(&args.job()) {

@@ -1,4 +1,4 @@
-//! `rotortwin vibration`: how strongly a flight shakes at the speed of each rotor, and which rotor shakes more than it did.
+//! `rotortwin vibration`: vibration of a flight at the speed of each rotor, and which rotor vibrates more than before.
 
 use crate::output::{bad_input, fitted};
 use clap::Parser;
@@ -32,7 +32,7 @@ pub struct Args {
     json: bool,
 }
 
-/// What the command finds.
+/// Result of the command.
 #[derive(Debug, Serialize)]
 struct Found {
     flights: Vec<Vibration>,
@@ -91,7 +91,7 @@ fn find(args: &Args) -> Result<Found, String> {
     })
 }
 
-/// With the rotors in the order of the vehicle, where there is one.
+/// With the rotors in the order of the vehicle, if given.
 fn log(path: &Path, model: Option<&ModelVersion>) -> Result<FlightLog, String> {
     match model {
         Some(model) => read_for(path, &ReadOptions::default(), &model.vehicle).map_err(|e| e.to_string()),

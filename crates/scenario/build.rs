@@ -1,4 +1,4 @@
-//! A file that joins `config/` is part of the program, too: `include_dir!` by itself sees changes of known files only.
+//! Rebuild when a file is added to `config/`: `include_dir!` by itself only sees changes of known files.
 
 fn main() {
     println!("cargo::rerun-if-changed=../../config");

@@ -1,4 +1,4 @@
-//! Hands the memory map to the linker.
+//! Passes the memory map to the linker.
 
 fn main() {
     let out = std::env::var("OUT_DIR").expect("cargo sets OUT_DIR");

@@ -1,6 +1,6 @@
 //! Embeds the page: every file of `web/dist` becomes a line of a table in `$OUT_DIR/page.rs`.
 //!
-//! The bundle is committed, so that nothing but Rust is needed to build the server.
+//! The bundle is committed, so that building the server only needs Rust.
 
 use std::error::Error;
 use std::fmt::Write as _;

@@ -1,4 +1,4 @@
-//! What a server has accepted, and that nothing of it is lost, doubled or stuck.
+//! Checks that everything accepted by a server is neither lost, duplicated nor stuck.
 
 use crate::server::Server;
 use serde_json::{Value, json};
@@ -7,16 +7,16 @@ use std::io::{Read as _, Write as _};
 use std::net::TcpStream;
 use std::time::{Duration, Instant};
 
-/// Runs that were accepted: by their key, the id and the seed.
+/// Accepted runs: id and seed by key.
 pub type Accepted = BTreeMap<String, (String, u64)>;
 
-/// Reasons for which a run may fail that was disturbed three times: said, not lost.
+/// Valid reasons for a run to fail after three disturbances: reported, not lost.
 const REASONS: [&str; 5] = ["attempts", "died", "killed by signal", "space", "full"];
 
-/// Somebody who submits a run under a key and does not take no for an answer. The id.
+/// Submits a run under a key until it is accepted; returns the id.
 ///
 /// # Panics
-/// Nobody takes it within two minutes, or it is answered with 500.
+/// It is not accepted within two minutes, or the answer is 500.
 pub fn submit_for_sure(address: &str, key: &str, run: &Value) -> String {
     let body = run.to_string();
     let request = format!(
@@ -42,7 +42,7 @@ pub fn submit_for_sure(address: &str, key: &str, run: &Value) -> String {
                 {
                     return run["id"].as_str().expect("an id").to_owned();
                 }
-                // Whatever dies, a server says that this is no time for it. 500 would mean that it does not know what happened.
+                // Whatever dies, a server must answer that it is temporarily unavailable. 500 would mean an unexpected error.
                 assert!(
                     !answer.starts_with("HTTP/1.0 500"),
                     "{key}: a fault of the server: {answer}"
@@ -55,15 +55,15 @@ pub fn submit_for_sure(address: &str, key: &str, run: &Value) -> String {
     }
 }
 
-/// A short flight in processes of its own.
+/// A short flight in separate processes.
 pub fn short_run(seed: u64) -> Value {
     json!({ "scenario": "short-hover", "seed": seed })
 }
 
-/// What must hold whatever was killed: as many runs as keys, every one ended once, equal seeds with equal bits.
+/// Invariants whatever was killed: as many runs as keys, each ended once, equal seeds with identical results.
 ///
 /// # Panics
-/// It does not.
+/// They do not hold.
 pub fn nothing_lost_and_nothing_doubled(server: &Server, accepted: &Accepted) {
     let mut hashes: BTreeMap<u64, Value> = BTreeMap::new();
     let (mut failed, mut reasons) = (0, BTreeMap::<String, usize>::new());

@@ -7,7 +7,7 @@ use std::net::{TcpListener, TcpStream};
 use std::process::{Child, Command, Stdio};
 use std::time::Duration;
 
-/// An S3-compatible store in a process of its own; killed when it is dropped.
+/// An S3-compatible store in a separate process; killed on drop.
 pub struct Bucket {
     child: Child,
     port: u16,
@@ -16,7 +16,7 @@ pub struct Bucket {
 impl Bucket {
     const NAME: &str = "rotortwin-files";
 
-    /// `None`: there is none to be had here.
+    /// `None` if none is available here.
     ///
     /// # Panics
     /// It cannot be started.
@@ -41,7 +41,7 @@ impl Bucket {
         Some(bucket)
     }
 
-    /// Writes an object, whatever is there.
+    /// Writes an object, replacing any existing one.
     ///
     /// # Panics
     /// It does not answer.
@@ -63,7 +63,7 @@ impl Bucket {
         stream.write_all(request.as_bytes()).expect("sent");
         let mut answer = Vec::new();
         match stream.read_to_end(&mut answer) {
-            // The store may close before it has read all of a request that it has answered.
+            // The store may close before it has read all of a request that it has already answered.
             Err(error) if error.kind() == ErrorKind::ConnectionReset && !answer.is_empty() => {}
             read => assert!(read.is_ok(), "an answer: {read:?}"),
         }
@@ -85,7 +85,7 @@ impl Bucket {
             .collect()
     }
 
-    /// What a program needs to reach it.
+    /// Environment for a program to access it.
     pub fn environment(&self) -> [(&'static str, String); 5] {
         [
             ("AWS_ACCESS_KEY_ID", "test".to_owned()),

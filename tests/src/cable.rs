@@ -1,4 +1,4 @@
-//! A cable to a TCP server that can be cut without a word: nobody is told that what he sends arrives no more.
+//! A TCP proxy that can be cut silently: senders are not notified that their data is lost.
 
 use std::io::{Read as _, Write as _};
 use std::net::{TcpListener, TcpStream};
@@ -6,11 +6,11 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::Duration;
 
-/// The cable. Connections that were cut stay so; those made after it was mended go through.
+/// The proxy. Connections that were cut stay so; those made after it was restored work.
 #[derive(Debug)]
 pub struct Cable {
     port: u16,
-    /// Even: whole. Connections that were made at another count pass nothing on.
+    /// Even: connected. Connections made at a different count pass nothing on.
     state: Arc<AtomicU64>,
 }
 
@@ -41,17 +41,17 @@ impl Cable {
         Self { port: own, state }
     }
 
-    /// Where to connect instead.
+    /// Port to connect to instead.
     pub fn port(&self) -> u16 {
         self.port
     }
 
-    /// Cuts it: what is sent from now on is lost, on new connections, too.
+    /// Cuts it: data sent from now on is lost, on new connections, too.
     pub fn cut(&self) {
         self.state.fetch_or(1, Ordering::SeqCst);
     }
 
-    /// Mends it for new connections.
+    /// Restores it for new connections.
     pub fn mend(&self) {
         self.state.fetch_add(1, Ordering::SeqCst);
     }
@@ -62,11 +62,11 @@ fn pass_on(mut from: TcpStream, mut to: TcpStream, made_at: u64, now: &AtomicU64
     loop {
         let Ok(count) = from.read(&mut buffer) else { return };
         while made_at % 2 == 1 || now.load(Ordering::SeqCst) != made_at {
-            // Neither end hears anything again, not even that the other one is gone.
+            // Neither end receives anything more, not even that the other one is gone.
             std::thread::sleep(Duration::from_secs(1));
         }
         if count == 0 || to.write_all(&buffer[..count]).is_err() {
-            // An error: it is closed already.
+            // On error it is already closed.
             drop(to.shutdown(std::net::Shutdown::Both));
             return;
         }

@@ -1,10 +1,10 @@
-//! Certificates of a test, made as people make theirs: by `deploy/certificates.sh`.
+//! Certificates for a test, created as users do: with `deploy/certificates.sh`.
 
 use crate::scratch::{Scratch, repository};
 use std::path::PathBuf;
 use std::process::Command;
 
-/// Makes certificates in a folder `name` of the test, each `NAME[,HOST,…]`; none if there is no openssl.
+/// Creates certificates in a folder `name` of the test, each `NAME[,HOST,…]`; `None` if there is no openssl.
 pub fn certificates(scratch: &Scratch, name: &str, entries: &[&str]) -> Option<PathBuf> {
     if Command::new("openssl").arg("version").output().is_err() {
         crate::skip("openssl is missing: no certificates for the tests of zenoh over TLS");

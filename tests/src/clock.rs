@@ -1,11 +1,11 @@
-//! A wall clock that can be stepped, for the processes that are started with it; that of the machine stays as it is.
+//! A wall clock that can be stepped, for processes started with it; the machine's clock is unchanged.
 
 use crate::skip::skip;
 use std::io::{Seek as _, Write as _};
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
-/// The clock: a small library that is loaded into a process before any other (`clock.c`), and a file with what it adds.
+/// The clock: a small library preloaded into a process (`clock.c`), and a file with the offset that it adds.
 #[derive(Debug)]
 pub struct Clock {
     library: PathBuf,
@@ -13,7 +13,7 @@ pub struct Clock {
 }
 
 impl Clock {
-    /// In a folder that every process of the test may read. `None`: there is no C compiler here, and a line says so.
+    /// In a folder readable by every process of the test. `None`: there is no C compiler here, and a line says so.
     ///
     /// # Panics
     /// The folder cannot be written.
@@ -42,7 +42,7 @@ impl Clock {
         Some(clock)
     }
 
-    /// What a process is started with that is to have this clock.
+    /// Environment of a process that is to use this clock.
     pub fn environment(&self) -> [(&'static str, String); 2] {
         [
             ("LD_PRELOAD", self.library.display().to_string()),
@@ -50,7 +50,7 @@ impl Clock {
         ]
     }
 
-    /// From now on it is so many seconds ahead of the machine's.
+    /// Sets it ahead of the machine's clock by this many seconds.
     ///
     /// # Panics
     /// The file cannot be written.

@@ -1,4 +1,4 @@
-//! A disk that is soon full.
+//! A small disk for out-of-space tests.
 
 use crate::skip::skip;
 use std::path::{Path, PathBuf};
@@ -9,7 +9,8 @@ use std::process::Command;
 pub struct Disk(PathBuf);
 
 impl Disk {
-    /// One of this size, such as `8m`, at a folder. `None`: nothing can be mounted here, and a line says so.
+    /// A disk of this size, such as `8m`, mounted at a folder. `None`: mounting is not possible here, and a line says
+    /// so.
     ///
     /// # Panics
     /// The folder cannot be made.
@@ -35,18 +36,18 @@ impl Disk {
         }
     }
 
-    /// Leaves nothing of it, whatever is there now; `false`: somebody wrote meanwhile, and there is room.
+    /// Fills it completely; `false` if another process wrote meanwhile and there is space left.
     ///
     /// # Panics
-    /// The kernel does not say what is there.
+    /// The kernel does not report the free space.
     pub fn fill(&self) -> bool {
         let space = rustix::fs::statvfs(&self.0).expect("it is mounted");
-        // A size of 0 would be no limit at all.
+        // A size of 0 would mean no limit.
         let used = (space.f_blocks - space.f_bfree).max(1);
         self.resize(&(used * space.f_frsize).to_string())
     }
 
-    /// Makes it another size, such as `64m`, not smaller than what is there.
+    /// Resizes it, e.g. to `64m`, not below its used space.
     pub fn resize(&self, size: &str) -> bool {
         Command::new("mount")
             .args(["-o", &format!("remount,size={size}")])
@@ -55,7 +56,7 @@ impl Disk {
             .is_ok_and(|output| output.status.success())
     }
 
-    /// Where it is.
+    /// Mount point.
     pub fn path(&self) -> &Path {
         &self.0
     }

@@ -1,4 +1,4 @@
-//! A viewer that speaks Foxglove's WebSocket protocol, written after its specification and not after our server.
+//! A viewer that speaks Foxglove's WebSocket protocol, written from its specification, not from our server.
 
 use crate::websocket::WebSocket;
 use serde_json::{Value, json};
@@ -6,13 +6,13 @@ use std::collections::BTreeMap;
 use std::net::TcpStream;
 use std::time::Duration;
 
-/// No message takes longer.
+/// Timeout of a message.
 const PATIENCE: Duration = Duration::from_secs(30);
 
-/// What a channel carries.
+/// A channel.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Channel {
-    /// Of the server.
+    /// Id assigned by the server.
     pub id: u64,
     /// Full name of the message.
     pub schema_name: String,
@@ -20,7 +20,7 @@ pub struct Channel {
     pub schema: Vec<u8>,
 }
 
-/// What comes after the hand-shake.
+/// Content after the handshake.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Heard {
     /// A message: topic, time (ns), bytes.
@@ -45,10 +45,10 @@ pub struct Viewer {
 }
 
 impl Viewer {
-    /// Connects and hears what there is.
+    /// Connects and receives the channel list.
     ///
     /// # Panics
-    /// The server does not speak the protocol.
+    /// The server violates the protocol.
     pub fn connect(address: &str, path: &str, protocol: &str) -> Self {
         let stream = TcpStream::connect(address).unwrap_or_else(|error| panic!("{address}: {error}"));
         stream.set_read_timeout(Some(PATIENCE)).expect("an option");
@@ -77,10 +77,10 @@ impl Viewer {
         }
     }
 
-    /// Asks for topics, with numbers from `first` on.
+    /// Subscribes to topics, with ids from `first` on.
     ///
     /// # Panics
-    /// There is no such topic.
+    /// Unknown topic.
     pub fn subscribe(&mut self, first: u32, topics: &[&str]) {
         let wishes: Vec<Value> = (first..)
             .zip(topics)
@@ -92,15 +92,15 @@ impl Viewer {
         self.socket.say(&json!({ "op": "subscribe", "subscriptions": wishes }));
     }
 
-    /// Says anything.
+    /// Sends any message.
     pub fn say(&mut self, message: &Value) {
         self.socket.say(message);
     }
 
-    /// What comes next.
+    /// The next message.
     ///
     /// # Panics
-    /// Nothing does, or it is not of the protocol.
+    /// There is none, or it violates the protocol.
     pub fn hear(&mut self) -> Heard {
         let number = |bytes: &[u8]| u64::from_le_bytes(bytes.try_into().expect("8 bytes"));
         match self.socket.frame() {

@@ -1,8 +1,8 @@
-//! Several hosts on one machine: network name spaces, joined by virtual cables and a switch.
+//! Several hosts on one machine: network namespaces, joined by virtual cables and a switch.
 //!
 //! ```text
 //!  host 1 (10.77.0.1) ──cable──┐
-//!  host 2 (10.77.0.2) ──cable──┤ switch (a name space of its own)
+//!  host 2 (10.77.0.2) ──cable──┤ switch (a separate namespace)
 //!  host 3 (10.77.0.3) ──cable──┘   with delay and loss: netem, or a program where the kernel has none
 //! ```
 //! Needs root and iproute2.
@@ -15,12 +15,12 @@ use std::path::Path;
 use std::process::{Child, Command, Stdio};
 use std::sync::atomic::{AtomicU32, Ordering};
 
-/// Hosts and their switch; taken down when dropped.
+/// Hosts and their switch; removed on drop.
 #[derive(Debug)]
 pub struct Hosts {
     prefix: String,
     count: usize,
-    /// Program in the middle of the first host's cable.
+    /// Proxy in the middle of the first host's cable.
     wire: Option<Child>,
 }
 
@@ -41,7 +41,7 @@ fn ip(args: &str) {
 }
 
 impl Hosts {
-    /// So many hosts; none where they cannot be made.
+    /// Creates this many hosts; `None` if that is not possible.
     pub fn new(count: usize) -> Option<Self> {
         static NEXT: AtomicU32 = AtomicU32::new(0);
         let number = NEXT.fetch_add(1, Ordering::Relaxed);
@@ -50,7 +50,7 @@ impl Hosts {
             count,
             wire: None,
         };
-        // The first thing that needs the rights; what fails later is a failure.
+        // The first command that needs the privileges; any later failure is an error.
         let switch = hosts.switch();
         let possible =
             try_ip(&format!("netns add {switch}")).and_then(|()| try_ip(&format!("-n {switch} link set lo up")));
@@ -89,12 +89,12 @@ impl Hosts {
         format!("10.77.0.{host}")
     }
 
-    /// Words to put before a command that is to run on a host.
+    /// Command prefix for running on a host.
     pub fn on(&self, host: usize) -> [OsString; 4] {
         ["ip", "netns", "exec", &self.name(host)].map(OsString::from)
     }
 
-    /// Does something on a host: what `act` connects to and starts is there.
+    /// Runs `act` on a host: it connects and starts processes there.
     pub fn visit<T: Send>(&self, host: usize, act: impl FnOnce() -> T + Send) -> T {
         let place = std::fs::File::open(Path::new("/var/run/netns").join(self.name(host))).expect("ip keeps it there");
         std::thread::scope(|scope| {
@@ -107,7 +107,7 @@ impl Hosts {
         })
     }
 
-    /// Pulls the cable of a host.
+    /// Unplugs the cable of a host.
     pub fn cut(&self, host: usize) {
         ip(&format!("-n {} link set port{host} down", self.switch()));
     }

@@ -1,26 +1,26 @@
-//! Harness of the system tests: they start `rotortwin` as people do, disturb its processes, and look at what is left.
+//! Harness of the system tests: starts `rotortwin` as users do, disturbs its processes, and checks the results.
 //!
 //! ```text
 //!  test ── Scratch (folder, iceoryx2 domain) ── Fly ──▶ Run ── Members (supervisor, sim, controller, fdi) ── signals
 //!                                                        └──▶ Ended (exit code, output, summary)
 //! ```
-//! * [`scratch`]: a place of its own for each test, scenarios in it, and what a run leaves in shared memory;
-//! * [`program`]: the program under test, runs of it, what they print and leave;
+//! * [`scratch`]: an isolated folder for each test, scenarios in it, and a run's remains in shared memory;
+//! * [`program`]: the program under test, its runs and their output;
 //! * [`process`]: the processes of a run, found and disturbed through the kernel;
-//! * [`random`]: seeded choices of moments and victims.
+//! * [`random`]: seeded choices of times and victims.
 //! * [`server`]: a server under test, its workers, and requests to it;
-//! * [`websocket`]: what a server tells by WebSocket;
-//! * [`postgres`]: a Postgres of one's own;
+//! * [`websocket`]: a server's WebSocket messages;
+//! * [`postgres`]: a private Postgres;
 //! * [`slurm`]: a Slurm cluster of two nodes;
 //! * [`ray`]: a Ray cluster of two nodes;
-//! * [`python`]: Python with the client and what its tests need.
-//! * [`disk`]: a disk that is soon full;
-//! * [`cable`]: a connection that is cut without a word;
-//! * [`certificates`]: certificates of a test;
+//! * [`python`]: Python with the client and its test dependencies.
+//! * [`disk`]: a small disk;
+//! * [`cable`]: a connection that can be cut silently;
+//! * [`certificates`]: certificates for a test;
 //! * [`hosts`]: several hosts on one machine.
 //!
-//! Every wait has a deadline; a test that misses one fails with what the run has printed so far. A run that a failing test leaves
-//! behind is killed.
+//! Every wait has a deadline; a test that misses one fails with the run's output so far. A run left behind by a failing test is
+//! killed.
 //!
 //! Linux only: processes are looked up in `/proc`, shared memory in `/dev/shm`.
 

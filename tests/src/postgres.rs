@@ -1,4 +1,4 @@
-//! A Postgres of one's own, in a scratch folder; stopped when it is dropped.
+//! A private Postgres in a scratch folder; stopped on drop.
 
 use std::io::{BufRead as _, BufReader, Write as _};
 use std::net::TcpListener;
@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
 use std::time::{Duration, Instant};
 
-/// It starts and stops within this.
+/// Time limit for starting and stopping.
 const LIMIT: Duration = Duration::from_secs(30);
 
 /// A Postgres.
@@ -21,10 +21,10 @@ pub struct Postgres {
 }
 
 impl Postgres {
-    /// Makes and starts one in `folder`; `None`: there is no Postgres on this machine, and the test is counted as skipped.
+    /// Creates and starts one in `folder`; `None`: Postgres is not installed, and the test is counted as skipped.
     ///
     /// # Panics
-    /// It is there and does not start.
+    /// It is installed but does not start.
     pub fn start(folder: &Path) -> Option<Self> {
         Self::start_in(&[], folder)
     }
@@ -32,7 +32,7 @@ impl Postgres {
     /// [`start`](Self::start) with more environment variables.
     ///
     /// # Panics
-    /// It is there and does not start.
+    /// It is installed but does not start.
     pub fn start_in(environment: &[(&'static str, String)], folder: &Path) -> Option<Self> {
         let Some(programs) = programs() else {
             crate::skip::skip("Postgres is not installed");
@@ -53,7 +53,7 @@ impl Postgres {
             child: None,
         };
         if rustix::process::geteuid().is_root() {
-            // Postgres refuses to run as root, and its user must reach the folder.
+            // Postgres refuses to run as root, and its user needs access to the folder.
             let mut path = postgres.folder.clone();
             let owned = Command::new("chown").arg("-R").arg("postgres").arg(&path).status();
             assert!(
@@ -95,7 +95,7 @@ impl Postgres {
         command
     }
 
-    /// Starts it (again) and waits until it answers.
+    /// Starts it (again) and waits until it responds.
     ///
     /// # Panics
     /// It does not.
@@ -142,13 +142,13 @@ impl Postgres {
         }
     }
 
-    /// Kills every process of it with SIGKILL.
+    /// Kills all its processes with SIGKILL.
     ///
     /// # Panics
     /// The kernel refuses.
     pub fn kill(&mut self) {
         let Some(mut child) = self.child.take() else { return };
-        // Its helpers hold the shared memory; nobody knows whose they are once it is gone.
+        // Its helpers hold the shared memory; they cannot be identified once it is gone.
         let helpers = crate::process::Process::children(child.id());
         child.kill().expect("it can be killed");
         child.wait().expect("it can be waited for");
@@ -159,7 +159,7 @@ impl Postgres {
             .expect("its helpers end");
     }
 
-    /// From now on it answers at all addresses of its host, and trusts the hosts of a test.
+    /// Makes it listen on all addresses of its host, and trust the hosts of a test.
     ///
     /// # Panics
     /// It does not start again.
@@ -175,7 +175,7 @@ impl Postgres {
         self.up();
     }
 
-    /// The same for programs of another host.
+    /// The same for programs on another host.
     pub fn url_at(&self, address: &str) -> String {
         self.url().replace("127.0.0.1", address)
     }
@@ -197,7 +197,7 @@ impl Postgres {
         command
     }
 
-    /// What a statement gives, as text.
+    /// Result of a statement, as text.
     ///
     /// # Panics
     /// It fails.
@@ -205,10 +205,10 @@ impl Postgres {
         self.try_ask(statement).unwrap_or_else(|said| panic!("{said}"))
     }
 
-    /// [`ask`](Self::ask) of one that may be down.
+    /// [`ask`](Self::ask) for one that may be down.
     ///
     /// # Errors
-    /// What was said instead.
+    /// The error message.
     ///
     /// # Panics
     /// There is no psql.
@@ -220,7 +220,7 @@ impl Postgres {
         Ok(String::from_utf8_lossy(&output.stdout).trim().to_owned())
     }
 
-    /// Begins a transaction with a statement and says nothing more, as a host does that vanishes; its rows are held.
+    /// Starts a transaction with a statement and goes silent, like a host that vanishes; its rows stay locked.
     ///
     /// # Panics
     /// It fails.
@@ -243,7 +243,7 @@ impl Postgres {
         Held(child)
     }
 
-    /// Where it listens.
+    /// Port it listens on.
     pub fn port(&self) -> u16 {
         self.port
     }
@@ -254,7 +254,7 @@ impl Postgres {
     }
 }
 
-/// A transaction that somebody has begun and says nothing more in; undone when it is dropped.
+/// An open, silent transaction; rolled back on drop.
 #[derive(Debug)]
 pub struct Held(Child);
 
@@ -272,7 +272,7 @@ impl Drop for Postgres {
     }
 }
 
-/// The folder with `initdb`, where Debian puts it or on the path.
+/// The folder with `initdb`, in Debian's location or on the path.
 fn programs() -> Option<PathBuf> {
     let debian = std::fs::read_dir("/usr/lib/postgresql")
         .into_iter()

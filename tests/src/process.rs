@@ -3,7 +3,7 @@
 use rustix::process::{Pid, Signal, kill_process};
 use std::time::{Duration, Instant};
 
-/// One process, told apart from a later one with the same id by its start time.
+/// One process, distinguished from a later one with the same id by its start time.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Process {
     /// Process id.
@@ -11,7 +11,7 @@ pub struct Process {
     start_ticks: u64,
 }
 
-/// What `/proc/PID/stat` says.
+/// Content of `/proc/PID/stat`.
 struct Stat {
     state: char,
     parent: u32,
@@ -20,7 +20,7 @@ struct Stat {
 }
 
 impl Stat {
-    /// A process whose first thread has ended holds its files and locks until the last one has.
+    /// A process whose main thread has ended holds its files and locks until the last thread has.
     fn has_ended(&self) -> bool {
         matches!(self.state, 'Z' | 'X') && self.threads <= 1
     }
@@ -28,7 +28,7 @@ impl Stat {
 
 fn stat(pid: u32) -> Option<Stat> {
     let text = std::fs::read_to_string(format!("/proc/{pid}/stat")).ok()?;
-    // The name in brackets may hold anything, also brackets; fields are counted from behind it.
+    // The name in brackets may contain anything, including brackets; fields are counted after it.
     let fields: Vec<&str> = text.rsplit_once(')')?.1.split_ascii_whitespace().collect();
     Some(Stat {
         state: fields.first()?.chars().next()?,
@@ -47,7 +47,7 @@ fn command_line(pid: u32) -> Vec<String> {
 }
 
 impl Process {
-    /// The process with this id, if it lives.
+    /// The process with this id, if alive.
     pub fn find(pid: u32) -> Option<Self> {
         let stat = stat(pid).filter(|stat| !stat.has_ended())?;
         Some(Self {
@@ -56,7 +56,7 @@ impl Process {
         })
     }
 
-    /// A child that nobody has waited for yet; it may have ended.
+    /// A child that has not been reaped; it may have ended.
     pub fn of_child(child: &std::process::Child) -> Self {
         let stat = stat(child.id()).expect("the kernel keeps a child until somebody waits for it");
         Self {
@@ -65,7 +65,7 @@ impl Process {
         }
     }
 
-    /// All living children of a process, each with its command line.
+    /// All live children of a process, each with its command line.
     pub fn children(parent: u32) -> Vec<(Self, Vec<String>)> {
         all_pids()
             .into_iter()
@@ -74,18 +74,18 @@ impl Process {
             .collect()
     }
 
-    /// All living processes that have `word` within their command line.
+    /// All live processes with `word` in their command line.
     pub fn with_word(word: &str) -> Vec<Self> {
         let holds = |pid: &u32| command_line(*pid).iter().any(|argument| argument.contains(word));
         all_pids().into_iter().filter(holds).filter_map(Self::find).collect()
     }
 
-    /// False once it has ended, also if nobody has waited for it yet.
+    /// False once it has ended, even if not reaped.
     pub fn is_alive(&self) -> bool {
         Self::find(self.pid) == Some(*self)
     }
 
-    /// Sends a signal; nothing happens if the process has ended.
+    /// Sends a signal; no effect if the process has ended.
     pub fn signal(&self, signal: Signal) {
         if !self.is_alive() {
             return;
@@ -108,7 +108,7 @@ fn all_pids() -> Vec<u32> {
         .collect()
 }
 
-/// Looks every millisecond whether something has come true; how long that took, or `None` after `limit`.
+/// Polls a condition every millisecond; returns the time taken, or `None` after `limit`.
 pub fn wait_until(limit: Duration, mut is_true: impl FnMut() -> bool) -> Option<Duration> {
     let begin = Instant::now();
     loop {

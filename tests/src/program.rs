@@ -1,4 +1,4 @@
-//! The program under test: how it is started, what it prints, what it leaves.
+//! The program under test: how it is started, its output, and its files.
 
 use crate::process::{Process, wait_until};
 use crate::scratch::Scratch;
@@ -12,10 +12,10 @@ use std::sync::mpsc::{Receiver, RecvTimeoutError, channel};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
-/// Longest wait for anything that should happen at once, on a machine that is busy with something else.
+/// Longest wait for anything that should happen at once, on a busy machine.
 pub const PATIENCE: Duration = Duration::from_secs(60);
 
-/// The program file. Cargo puts it beside the folder of the test programs.
+/// The program file. Cargo puts it next to the folder of the test programs.
 pub fn program() -> PathBuf {
     let test = std::env::current_exe().expect("a process has a program file");
     let folder = test
@@ -56,7 +56,7 @@ impl Link {
     }
 }
 
-/// A call of the program.
+/// An invocation of the program.
 #[derive(Debug)]
 pub struct Call {
     command: Command,
@@ -92,7 +92,7 @@ impl Call {
         self
     }
 
-    /// As the user with this id, which needs the right to become it.
+    /// Runs as the user with this id, which requires the privilege to switch.
     #[must_use]
     pub fn as_user(mut self, id: u32) -> Self {
         use std::os::unix::process::CommandExt as _;
@@ -100,7 +100,7 @@ impl Call {
         self
     }
 
-    /// Behind these words, e.g. to run it on another of several [`hosts`](crate::hosts).
+    /// Runs with this command prefix, e.g. on another of several [`hosts`](crate::hosts).
     #[must_use]
     pub fn behind(mut self, words: impl IntoIterator<Item = OsString>) -> Self {
         let mut words = words.into_iter();
@@ -151,16 +151,16 @@ impl Call {
         }
     }
 
-    /// Starts it and waits for its end.
+    /// Starts it and waits for it to end.
     pub fn run(self) -> Ended {
         self.start().end(PATIENCE)
     }
 }
 
-/// A process of a run, as its subcommand is called.
+/// A process of a run, named by its subcommand.
 pub type MemberName = &'static str;
 
-/// The program while it runs.
+/// The running program.
 #[derive(Debug)]
 pub struct Run {
     child: Child,
@@ -169,11 +169,11 @@ pub struct Run {
     seen: Vec<String>,
     stdout: Option<JoinHandle<String>>,
     out: Option<PathBuf>,
-    /// Those that were found, to be killed if the test fails.
+    /// Processes found, to be killed if the test fails.
     members: Vec<(MemberName, Process, Vec<String>)>,
 }
 
-/// What the program has left when it ended.
+/// Result of the ended program.
 #[derive(Debug)]
 pub struct Ended {
     /// Exit code; none if a signal ended it.
@@ -182,17 +182,17 @@ pub struct Ended {
     pub stdout: String,
     /// Lines of standard error.
     pub stderr: Vec<String>,
-    /// The run folder, if there was to be one.
+    /// The run folder, if any.
     pub out: Option<PathBuf>,
 }
 
 impl Run {
-    /// The process that was started.
+    /// The process started.
     pub fn supervisor(&self) -> Process {
         self.supervisor
     }
 
-    /// The process of the run that has this subcommand, once it is there: `sim`, `controller`, `fdi`, or `supervisor`.
+    /// The process of the run with this subcommand, once it exists: `sim`, `controller`, `fdi`, or `supervisor`.
     pub fn member(&mut self, name: MemberName) -> Process {
         if name == "supervisor" {
             return self.supervisor;
@@ -220,7 +220,7 @@ impl Run {
             .unwrap_or_default()
     }
 
-    /// All processes of the run that are there now, the supervisor first.
+    /// All current processes of the run, the supervisor first.
     pub fn members(&mut self) -> Vec<Process> {
         self.find_members();
         std::iter::once(self.supervisor)
@@ -242,7 +242,7 @@ impl Run {
         }
     }
 
-    /// The first line of standard error, from the last one that was returned on, that fits.
+    /// The first matching line of standard error after the last one returned.
     pub fn line(&mut self, fits: impl Fn(&str) -> bool) -> String {
         let deadline = Instant::now() + PATIENCE;
         loop {
@@ -268,13 +268,13 @@ impl Run {
         self.child.try_wait().expect("it is our child").is_some()
     }
 
-    /// Waits for the end of the supervisor and takes what it printed.
+    /// Waits for the supervisor to end and collects its output.
     pub fn end(mut self, limit: Duration) -> Ended {
         if wait_until(limit, || self.has_ended()).is_none() {
             self.give_up(&format!("no end within {limit:?}"));
         }
         let code = self.child.wait().expect("it is our child").code();
-        // Other processes of the run may hold the pipes a little longer.
+        // Other processes of the run may hold the pipes slightly longer.
         while let Ok(line) = self.lines.recv_timeout(PATIENCE) {
             self.seen.push(line);
         }
@@ -291,7 +291,7 @@ impl Run {
         }
     }
 
-    /// Fails the test with what is known.
+    /// Fails the test with all available information.
     fn give_up(&mut self, what: &str) -> ! {
         self.seen.extend(self.lines.try_iter());
         let logs = self.out.as_deref().map(logs).unwrap_or_default();
@@ -345,7 +345,7 @@ impl Ended {
         read_json(&self.out().join("summary.json"))
     }
 
-    /// The run hash that the summary names.
+    /// The run hash in the summary.
     #[track_caller]
     pub fn run_hash(&self) -> String {
         text(&self.summary(), "/run_hash").to_owned()
@@ -366,7 +366,7 @@ pub fn text<'a>(value: &'a Value, pointer: &str) -> &'a str {
     found.unwrap_or_else(|| panic!("no text at {pointer}: {value:.300}"))
 }
 
-/// Whole number at a JSON pointer.
+/// Integer at a JSON pointer.
 #[track_caller]
 pub fn whole(value: &Value, pointer: &str) -> i64 {
     let found = value.pointer(pointer).and_then(Value::as_i64);

@@ -1,4 +1,4 @@
-//! Python with what the client's tests need, in a virtual environment under `target/`.
+//! Python with the dependencies of the client's tests, in a virtual environment under `target/`.
 
 use crate::skip::skip;
 use std::fs::File;
@@ -10,7 +10,7 @@ pub fn client_folder() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("../clients/python")
 }
 
-/// The folder of programs of a virtual environment under `target/` with these packages. `None`: it cannot be made here, and a line
+/// The program folder of a virtual environment under `target/` with these packages. `None`: it cannot be created here, and a line
 /// says why.
 ///
 /// # Panics
@@ -19,7 +19,7 @@ pub fn environment(name: &str, packages: &[&str]) -> Option<PathBuf> {
     environment_of("python3", name, packages)
 }
 
-/// [`environment`] of the client with what its tests need; DuckDB and PyArrow are among it.
+/// [`environment`] of the client with its test dependencies, including DuckDB and PyArrow.
 ///
 /// # Panics
 /// The folder `target` cannot be written.
@@ -30,7 +30,7 @@ pub fn client_environment() -> Option<PathBuf> {
     )
 }
 
-/// [`environment`] of a certain Python.
+/// [`environment`] of a specific Python.
 ///
 /// # Panics
 /// The folder `target` cannot be written.
@@ -38,7 +38,7 @@ pub fn environment_of(python: &str, name: &str, packages: &[&str]) -> Option<Pat
     let target = Path::new(env!("CARGO_MANIFEST_DIR")).join("../target");
     let folder = target.join(name);
     std::fs::create_dir_all(&target).expect("target/ can be made");
-    // Several tests may want it at the same time.
+    // Several tests may need it at the same time.
     let lock = File::create(target.join(format!("{name}.lock"))).expect("target/ can be written");
     lock.lock().expect("it can be locked");
     let project = std::fs::read_to_string(client_folder().join("pyproject.toml")).expect("it is there");

@@ -1,4 +1,4 @@
-//! Seeded choices: a failing test can be repeated with the same ones.
+//! Seeded choices, so that a failing test can be repeated.
 
 use std::time::Duration;
 

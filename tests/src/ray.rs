@@ -1,4 +1,4 @@
-//! A Ray cluster of this machine: a head that does nothing, and two nodes of one CPU each.
+//! A Ray cluster on this machine: an idle head, and two nodes with one CPU each.
 
 use crate::python::{client_folder, environment};
 use serde_json::Value;
@@ -7,7 +7,7 @@ use std::path::PathBuf;
 use std::process::{Child, ChildStdin, ChildStdout, Command, Stdio};
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
-/// Python with Ray, Dask and what the client's tests of executors need. `None`: it cannot be made here, and a line says why.
+/// Python with Ray, Dask and the dependencies of the client's executor tests. `None`: it cannot be created here, and a line says why.
 pub fn executors_environment() -> Option<PathBuf> {
     let client = client_folder().display().to_string();
     let packages = [
@@ -21,13 +21,13 @@ pub fn executors_environment() -> Option<PathBuf> {
     environment("executors-environment", &packages)
 }
 
-/// For a test that has a cluster, as long as it has one: with two clusters on one host, neither began parts any more (seen with Ray 2.60; why was not found).
+/// Held by a test as long as it has a cluster: with two clusters on one host, neither started any more parts (observed with Ray 2.60; cause unknown).
 pub fn alone() -> MutexGuard<'static, ()> {
     static ALONE: Mutex<()> = Mutex::new(());
     ALONE.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
-/// The cluster; it ends when this is dropped.
+/// The cluster; stopped on drop.
 #[derive(Debug)]
 pub struct RayCluster {
     child: Child,
@@ -37,7 +37,7 @@ pub struct RayCluster {
 }
 
 impl RayCluster {
-    /// Starts it, which takes about ten seconds. `None`: Ray cannot be had here.
+    /// Starts it, which takes about ten seconds. `None`: Ray is not available here.
     ///
     /// # Panics
     /// It does not start.
@@ -76,7 +76,7 @@ impl RayCluster {
         Some(cluster)
     }
 
-    /// What it says next. (Ray itself may print as well.)
+    /// Its next output line. (Ray itself may print as well.)
     fn line(&mut self) -> Value {
         loop {
             let mut line = String::new();
@@ -91,13 +91,13 @@ impl RayCluster {
     /// Port of the dashboard on this host.
     ///
     /// # Panics
-    /// Its address has none.
+    /// Its address contains none.
     pub fn port(&self) -> u16 {
         let port = self.dashboard.rsplit(':').next().and_then(|port| port.parse().ok());
         port.expect("a port")
     }
 
-    /// Where its dashboard is.
+    /// URL of its dashboard.
     pub fn url(&self) -> &str {
         &self.dashboard
     }

@@ -15,14 +15,14 @@ import time
 import urllib.error
 import urllib.request
 
-# Ray finds "its" cluster by a file in this folder, which two clusters of one host would share. (Paths of sockets have to be short.)
+# Ray finds "its" cluster by a file in this folder, which two clusters on one host would share. (Socket paths must be short.)
 TEMPORARY = tempfile.TemporaryDirectory(prefix="ray-")
 os.environ["RAY_TMPDIR"] = TEMPORARY.name
 
 from ray._private.ray_constants import PROCESS_TYPE_RAYLET  # noqa: E402
 from ray.cluster_utils import Cluster  # noqa: E402
 
-# A node that says nothing is dead after 5 to 10 s instead of 15 to 20: the tests wait for that, on a machine that may be busy.
+# A silent node is considered dead after 5 to 10 s instead of 15 to 20: the tests wait for that, on a possibly busy machine.
 QUICK = {"health_check_period_ms": 1000, "health_check_timeout_ms": 5000, "health_check_failure_threshold": 5}
 
 

@@ -38,17 +38,17 @@ def looks(browser: Browser, name: str, expected: dict) -> None:
     for width in (390, 1600):
         for scheme in ("light", "dark"):
             page, complaints = opened(browser, name, width, scheme)
-            # As on paper: what is folded is unfolded.
+            # As in print: collapsed sections are expanded.
             page.locator("details.whole").evaluate_all("all => all.forEach(one => { one.open = true; })")
             text = page.locator("body").inner_text()
             for words in expected["says"]:
                 assert words in text, f"{name}: {words!r} is not in\n{text[:3000]}"
             plots = page.locator("figure.plot canvas").count()
             assert plots >= expected["plots"], f"{name}: {plots} plots"
-            # Each plot says in words what it shows.
+            # Each plot has a textual description.
             summaries = page.locator("figure.plot .canvas").evaluate_all("all => all.map(one => document.getElementById(one.getAttribute('aria-describedby')).textContent)")
             assert len(summaries) == plots and all(re.search(r"\d", one) or "no value" in one for one in summaries), summaries
-            # And in numbers: a table below it.
+            # And a table of numbers below it.
             bare = page.locator("figure.plot").evaluate_all("all => all.filter(one => one.querySelector('canvas') && !one.querySelector('table') && !one.querySelector('summary')).length")
             assert bare == 0, f"{name}: {bare} plots without a table"
             wide = page.evaluate("document.documentElement.scrollWidth - innerWidth")

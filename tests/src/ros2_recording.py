@@ -82,7 +82,7 @@ def record(folder: Path, compressed: bool) -> None:
         nothing = np.zeros(36)
         for k in range(COUNT):
             ns = START_NS + round(COLUMNS["time_s"][k] * 1e9)
-            # The autopilot's clock runs since its start, and the message comes later.
+            # The autopilot's clock starts at its boot, and the message arrives later.
             micros = round(COLUMNS["time_s"][k] * 1e6) + 12_000_000
             turn = matrix(*angles[k])
             w, x, y, z = quaternion(ENU @ turn @ FLU)
@@ -124,11 +124,11 @@ for way in ("plain", "zstd"):
         error = np.abs(read[name] - values)
         if name.endswith("_rad"):
             error = np.minimum(error, 2 * math.pi - error)
-        # Single precision of px4_msgs; the battery comes with every fourth row and is joined by lines.
+        # px4_msgs is single precision; the battery comes with every fourth row and is interpolated linearly.
         limit = {"battery_voltage_v": 0.05, "battery_current_a": 2.0}.get(name, 1e-6 if name.startswith("duty_") else 1e-9)
         worst = np.nanmax(error)
         assert worst < limit, f"{way} {name}: {worst}"
-        # Only what stands after the last battery message has no value.
+        # Only rows after the last battery message have no value.
         assert np.isnan(read[name]).sum() <= 4, name
         checked += 1
     assert checked >= 20, checked

@@ -1,4 +1,4 @@
-//! A place of its own for each test: a folder, and a domain of shared memory in which nobody else runs.
+//! An isolated place for each test: a folder, and an exclusive shared-memory domain.
 
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicU32, Ordering};
@@ -7,10 +7,10 @@ use tempfile::TempDir;
 /// Where iceoryx2 keeps its segments on Linux.
 const SHARED_MEMORY: &str = "/dev/shm";
 
-/// iceoryx2 keeps one file of 16 bytes per domain for good; every later run uses it again.
+/// iceoryx2 permanently keeps one file of 16 bytes per domain; every later run reuses it.
 const KEPT: &str = ".global_mgmt";
 
-/// Empty folders and files that stay in the folder of a domain.
+/// Empty folders and files that remain in the folder of a domain.
 const KEPT_IN_ROOT: [&str; 5] = ["lock", "prefixes", "iceoryx2", "iceoryx2/nodes", "iceoryx2/services"];
 
 /// The root of the repository.
@@ -21,13 +21,13 @@ pub fn repository() -> PathBuf {
         .expect("the repository is where it was built")
 }
 
-/// A scenario that is shipped, by its file name without the ending.
+/// A shipped scenario, by its file name without extension.
 pub fn shipped_scenario(name: &str) -> PathBuf {
     repository().join("config/scenarios").join(format!("{name}.toml"))
 }
 
-/// A hover of 6 s in which the detectors calibrate until 4.75 s and rotor 3 loses a fifth of its thrust at 5 s: short, and every
-/// part of the program has something to say.
+/// A hover of 6 s in which the detectors calibrate until 4.75 s and rotor 3 loses a fifth of its thrust at 5 s: short, but every
+/// part of the program produces output.
 pub fn short_flight() -> String {
     hover(
         "short",
@@ -39,7 +39,7 @@ pub fn short_flight() -> String {
 /// Steps of [`short_flight`].
 pub const SHORT_FLIGHT_STEPS: u64 = 2400;
 
-/// A hover whose rotor 2 changes its blade again and again: each change is announced, which tells how far the flight is.
+/// A hover whose rotor 2 changes its blade repeatedly: each change is announced, which shows the progress of the flight.
 pub fn announced_flight(duration_s: u32) -> String {
     let changes = (0..duration_s).step_by(5).zip(["b", "a"].into_iter().cycle());
     let faults: String = changes
@@ -51,7 +51,7 @@ pub fn announced_flight(duration_s: u32) -> String {
     hover("announced", f64::from(duration_s), &faults)
 }
 
-/// A hover with more sections of a scenario.
+/// A hover with additional scenario sections.
 pub fn hover(name: &str, duration_s: f64, sections: &str) -> String {
     let vehicle = repository().join("config/vehicles/f550.toml");
     format!(
@@ -61,7 +61,7 @@ pub fn hover(name: &str, duration_s: f64, sections: &str) -> String {
     )
 }
 
-/// The place of one test; removed when dropped.
+/// The place of one test; removed on drop.
 #[derive(Debug)]
 pub struct Scratch {
     folder: TempDir,
@@ -93,7 +93,7 @@ impl Scratch {
         self.folder.path()
     }
 
-    /// Something in the folder.
+    /// A path in the folder.
     pub fn path(&self, name: &str) -> PathBuf {
         self.folder.path().join(name)
     }
@@ -118,7 +118,7 @@ impl Scratch {
         &self.domain
     }
 
-    /// What runs of this domain hold in shared memory now.
+    /// Current shared-memory objects of runs in this domain.
     pub fn shared_memory(&self) -> Vec<PathBuf> {
         let is_kept = |path: &PathBuf| {
             let below_root = path
@@ -135,7 +135,7 @@ impl Scratch {
         entries
     }
 
-    /// Beginning of the names of everything that runs of this domain have in shared memory.
+    /// Name prefix of all shared-memory objects of this domain.
     fn prefix(&self) -> String {
         format!("rt{}_{}", rustix::process::getuid().as_raw(), self.domain)
     }
@@ -178,7 +178,7 @@ fn short_name(mut number: u64) -> String {
     name
 }
 
-/// Everything below a folder; what disappears meanwhile is left out.
+/// Everything below a folder; files that disappear meanwhile are skipped.
 fn files_below(folder: &Path) -> Vec<PathBuf> {
     let mut found = Vec::new();
     for entry in std::fs::read_dir(folder).into_iter().flatten().flatten() {

@@ -1,4 +1,4 @@
-//! A server under test, and just enough HTTP to talk to it.
+//! A server under test, and a minimal HTTP client for it.
 
 use crate::process::{Process, wait_until};
 use crate::program::program;
@@ -9,7 +9,7 @@ use std::path::Path;
 use std::process::{Child, Command, Stdio};
 use std::time::Duration;
 
-/// No answer takes longer.
+/// Timeout of an answer.
 const LIMIT: Duration = Duration::from_secs(30);
 
 /// An answer.
@@ -17,7 +17,7 @@ const LIMIT: Duration = Duration::from_secs(30);
 pub struct Answer {
     /// HTTP status.
     pub status: u16,
-    /// All headers, as they came.
+    /// All headers, verbatim.
     pub headers: String,
     /// What followed them.
     pub body: Vec<u8>,
@@ -27,19 +27,19 @@ impl Answer {
     /// The body as JSON.
     ///
     /// # Panics
-    /// It is none.
+    /// It is not JSON.
     pub fn json(&self) -> Value {
         serde_json::from_slice(&self.body)
             .unwrap_or_else(|error| panic!("{error}: {}", String::from_utf8_lossy(&self.body)))
     }
 }
 
-/// `rotortwin serve`, killed when it is dropped.
+/// `rotortwin serve`, killed on drop.
 #[derive(Debug)]
 pub struct Server {
     child: Child,
     address: String,
-    /// `https` where it was started with a certificate: then it can be asked by programs only.
+    /// `https` if started with a certificate; then it can only be queried by programs.
     scheme: &'static str,
 }
 
@@ -47,7 +47,7 @@ fn library() -> std::path::PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("../config")
 }
 
-/// Starts a part of the server; the first line that it prints, or what it complains of.
+/// Starts a part of the server; returns the first line that it prints, or its error messages.
 fn start(command: &mut Command) -> (Child, String) {
     let mut complaints = tempfile::tempfile().expect("a file can be made");
     let mut child = command
@@ -76,7 +76,7 @@ fn command(what: &str, data: &Path, more: &[&str]) -> Command {
     command
 }
 
-/// `rotortwin worker`, killed when it is dropped.
+/// `rotortwin worker`, killed on drop.
 #[derive(Debug)]
 pub struct Worker(Child);
 
@@ -84,7 +84,7 @@ impl Worker {
     /// Starts it with more arguments.
     ///
     /// # Panics
-    /// It does not say that it works.
+    /// It does not report that it is working.
     pub fn start(data: &Path, more: &[&str]) -> Self {
         Self::start_in(&[], data, more)
     }
@@ -92,7 +92,7 @@ impl Worker {
     /// [`start`](Self::start) with more environment variables.
     ///
     /// # Panics
-    /// It does not say that it works.
+    /// It does not report that it is working.
     pub fn start_in(environment: &[(&str, &str)], data: &Path, more: &[&str]) -> Self {
         let (child, line) = start(command("worker", data, more).envs(environment.iter().copied()));
         assert!(line.starts_with("Working"), "{line}");
@@ -126,15 +126,15 @@ impl Server {
     /// Starts it on a free port with `data` as its folder and the project's library.
     ///
     /// # Panics
-    /// It does not say where it serves.
+    /// It does not report its address.
     pub fn start(data: &Path) -> Self {
         Self::start_at("127.0.0.1:0", data, &["--workers", "2"])
     }
 
-    /// Starts it again where it was, after [`kill`](Self::kill).
+    /// Restarts it at the same address, after [`kill`](Self::kill).
     ///
     /// # Panics
-    /// It does not say where it serves.
+    /// It does not report its address.
     pub fn start_again(&mut self, data: &Path) {
         *self = Self::start_at(&self.address, data, &["--workers", "2"]);
     }
@@ -142,7 +142,7 @@ impl Server {
     /// Starts it at an address with more arguments.
     ///
     /// # Panics
-    /// It does not say where it serves.
+    /// It does not report its address.
     pub fn start_at(address: &str, data: &Path, more: &[&str]) -> Self {
         Self::start_in(&[], address, data, more)
     }
@@ -150,7 +150,7 @@ impl Server {
     /// [`start_at`](Self::start_at) with more environment variables.
     ///
     /// # Panics
-    /// It does not say where it serves.
+    /// It does not report its address.
     pub fn start_in(environment: &[(&str, &str)], address: &str, data: &Path, more: &[&str]) -> Self {
         let (child, line) = start(
             command("serve", data, more)
@@ -168,7 +168,7 @@ impl Server {
         }
     }
 
-    /// Where it listens.
+    /// Listening address.
     pub fn address(&self) -> &str {
         &self.address
     }
@@ -192,7 +192,7 @@ impl Server {
         self.child.wait().expect("it can be waited for");
     }
 
-    /// SIGTERM; the exit code.
+    /// Sends SIGTERM; returns the exit code.
     ///
     /// # Panics
     /// It does not end.
@@ -210,15 +210,15 @@ impl Server {
     /// One request.
     ///
     /// # Panics
-    /// No HTTP answer comes.
+    /// There is no HTTP answer.
     pub fn ask(&self, method: &str, path: &str, headers: &[(&str, &str)], body: &str) -> Answer {
         self.ask_bytes(method, path, headers, body.as_bytes())
     }
 
-    /// [`ask`](Self::ask) with a body that is no text.
+    /// [`ask`](Self::ask) with a binary body.
     ///
     /// # Panics
-    /// No HTTP answer comes.
+    /// There is no HTTP answer.
     pub fn ask_bytes(&self, method: &str, path: &str, headers: &[(&str, &str)], body: &[u8]) -> Answer {
         let mut stream = self.send_bytes(method, path, headers, body);
         let mut all = Vec::new();
@@ -237,7 +237,7 @@ impl Server {
         }
     }
 
-    /// A connection on which nothing was said yet.
+    /// A fresh connection.
     ///
     /// # Panics
     /// The server does not listen.
@@ -247,10 +247,10 @@ impl Server {
         stream
     }
 
-    /// Sends a request and gives the open connection (HTTP/1.0: what comes is not cut into chunks).
+    /// Sends a request and returns the open connection (HTTP/1.0: no chunked encoding).
     ///
     /// # Panics
-    /// The server does not take it.
+    /// The server does not accept it.
     pub fn send(&self, method: &str, path: &str, headers: &[(&str, &str)], body: &str) -> TcpStream {
         self.send_bytes(method, path, headers, body.as_bytes())
     }
@@ -270,17 +270,17 @@ impl Server {
         stream
     }
 
-    /// GET, as JSON; it must be there.
+    /// GET as JSON; it must exist.
     ///
     /// # Panics
-    /// It is not.
+    /// It does not.
     pub fn get(&self, path: &str) -> Value {
         let answer = self.ask("GET", path, &[], "");
         assert_eq!(answer.status, 200, "{path}: {}", String::from_utf8_lossy(&answer.body));
         answer.json()
     }
 
-    /// Submits a run that must be accepted; its id.
+    /// Submits a run, which must be accepted; returns its id.
     ///
     /// # Panics
     /// It is not accepted.
@@ -288,7 +288,7 @@ impl Server {
         self.submit_to("runs", body)
     }
 
-    /// Submits a job that must be accepted; its id.
+    /// Submits a job, which must be accepted; returns its id.
     ///
     /// # Panics
     /// It is not accepted.
@@ -298,10 +298,10 @@ impl Server {
         answer.json()["id"].as_str().expect("an id").to_owned()
     }
 
-    /// Asks for a log of the independent simulator (`POST /api/v1/logs/generate`), and waits until it is there: its id.
+    /// Requests a log of the independent simulator (`POST /api/v1/logs/generate`), and waits for it; returns its id.
     ///
     /// # Panics
-    /// It is refused, or fails.
+    /// It is rejected, or fails.
     #[track_caller]
     pub fn generated(&self, body: &Value) -> String {
         let id = self.submit_to("logs/generate", body);
@@ -310,7 +310,7 @@ impl Server {
         id
     }
 
-    /// Waits until a run has ended; the run.
+    /// Waits until a run has ended; returns the run.
     ///
     /// # Panics
     /// It does not end.
@@ -318,7 +318,7 @@ impl Server {
         self.ended_in("runs", id)
     }
 
-    /// Waits until a job has ended; the job.
+    /// Waits until a job has ended; returns the job.
     ///
     /// # Panics
     /// It does not end.

@@ -1,8 +1,8 @@
-//! Tests that cannot do all of their work here. Tests of other crates take this file in by its path.
+//! Tests that cannot be fully executed here. Tests of other crates include this file by its path.
 
 use std::io::Write as _;
 
-/// Notes that a test could not do all of its work here, and why; `./test` counts these lines.
+/// Reports that a test could not be fully executed here, and why; `./test` counts these lines.
 pub fn skip(reason: &str) {
     eprintln!("skipped: {reason}");
     let Some(log) = std::env::var_os("ROTORTWIN_SKIP_LOG") else {

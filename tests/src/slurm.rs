@@ -1,4 +1,4 @@
-//! A Slurm cluster of two nodes on this machine, in a scratch folder; gone when it is dropped.
+//! A Slurm cluster of two nodes on this machine, in a scratch folder; stopped on drop.
 
 use crate::process::wait_until;
 use std::net::TcpListener;
@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Output, Stdio};
 use std::time::Duration;
 
-/// It starts within this.
+/// Time limit for starting.
 const LIMIT: Duration = Duration::from_secs(60);
 /// Names of the nodes.
 pub const NODES: [&str; 2] = ["n1", "n2"];
@@ -20,10 +20,10 @@ pub struct Slurm {
 }
 
 impl Slurm {
-    /// Makes and starts one; `None`: there is no Slurm on this machine, or no right to run one, and the test is counted as skipped.
+    /// Creates and starts one; `None`: Slurm is not installed or not permitted, and the test is counted as skipped.
     ///
     /// # Panics
-    /// It is there and does not start.
+    /// It is installed but does not start.
     pub fn start() -> Option<Self> {
         if !rustix::process::geteuid().is_root() {
             crate::skip::skip("a Slurm cluster needs root");
@@ -34,7 +34,7 @@ impl Slurm {
             crate::skip::skip(&format!("Slurm is not installed ({missing})"));
             return None;
         }
-        // The path of a socket is short.
+        // Socket paths must be short.
         let folder = tempfile::Builder::new()
             .prefix("slurm-")
             .tempdir()
@@ -59,7 +59,7 @@ impl Slurm {
         let controller = slurm.spawn("slurmctld", &["-D", "-c"], &[]);
         slurm.daemons.push(controller);
         for node in NODES {
-            // With all that it starts in a world of its own, which ends with it.
+            // In separate namespaces with everything that it starts, which end with it.
             let words = [
                 "--pid",
                 "--mount-proc",
@@ -138,7 +138,7 @@ impl Slurm {
         command.spawn().unwrap_or_else(|error| panic!("{program}: {error}"))
     }
 
-    /// A command that knows this cluster.
+    /// A command configured for this cluster.
     pub fn command(&self, program: impl AsRef<std::ffi::OsStr>) -> Command {
         let mut command = Command::new(program);
         let path = std::env::var("PATH").unwrap_or_default();
@@ -148,7 +148,7 @@ impl Slurm {
         command
     }
 
-    /// What a command of Slurm prints.
+    /// Output of a Slurm command.
     pub fn say(&self, program: &str, words: &[&str]) -> String {
         let output = self.command(program).args(words).output();
         output.map_or_else(
@@ -157,7 +157,7 @@ impl Slurm {
         )
     }
 
-    /// The node dies, with all that runs on it.
+    /// Kills the node, with everything that runs on it.
     ///
     /// # Panics
     /// It is dead already.
@@ -171,7 +171,7 @@ impl Slurm {
         daemon.wait().expect("it is ours");
     }
 
-    /// Where its daemons say what went wrong.
+    /// Logs of its daemons.
     pub fn logs(&self) -> String {
         let read = |name: &str| std::fs::read_to_string(self.path(name)).unwrap_or_default();
         ["controller.log", "n1.log", "n2.log", "daemons.log"].map(read).concat()

@@ -4,7 +4,7 @@ use parquet::file::reader::{FileReader as _, SerializedFileReader};
 use parquet::record::Field;
 use std::path::Path;
 
-/// The named columns of `telemetry.parquet` in a run folder, one number a step.
+/// The named columns of `telemetry.parquet` in a run folder, one number per step.
 pub fn columns<const N: usize>(run: &Path, names: [&str; N]) -> [Vec<f64>; N] {
     let file = std::fs::File::open(run.join("telemetry.parquet")).expect("it was written");
     let reader = SerializedFileReader::new(file).expect("it is Parquet");

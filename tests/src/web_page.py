@@ -27,19 +27,19 @@ from playwright.sync_api import Browser, Page, Request, Response, sync_playwrigh
 
 SERVER, CHROMIUM, FOLDER, SCENARIO = sys.argv[1], sys.argv[2], Path(sys.argv[3]), sys.argv[4]
 PAGES = ["/twin", "/runs?new=1", "/campaigns", "/blind", "/fdi", "/library", "/library?kind=vehicles&name=quad-x"]
-# A job on a machine that compiles meanwhile.
+# A job on a machine that compiles at the same time.
 PATIENCE_MS = 120_000
 FIRST_LOAD_KB = 150
-# Table of 10,000 runs, s: twice what is wanted, as other things run beside the test; the time is printed.
+# Time limit for a table of 10,000 runs, s: twice the target, as other work runs in parallel; the time is printed.
 MANY_S = 3.0
-# Those of a verdict among 10,000 runs, s.
+# Time limit for those with a given verdict among 10,000 runs, s.
 VERDICT_S = 0.2
-# What is promised of a live flight, asserted where the processors are this page's own: median time behind, s, and 3-D pictures a second.
+# Targets for a live flight, asserted only where the page has the processors to itself: median delay, s, and 3-D frames per second.
 BEHIND_S = 0.2
 LIVE_PICTURES = 30.0
 QUIET = 1.0
-# A browser beside other tests: in a quiet moment all are far below (docs/web.md). Where many programs wait for each processor the times are
-# printed and say nothing of the page.
+# A browser in parallel with other tests: on an idle machine all values are far below (docs/web.md). Where many programs wait for each processor
+# the times are printed and say nothing about the page.
 CROWDED_BEHIND_S = 1.0
 CROWDED_PICTURES = 5.0
 CLICK_S = 5.0
@@ -47,13 +47,13 @@ TASK_MS = 200.0
 INTERACTIVE_S = 3.0
 CROWDED = 4.0
 RELOADED_AFTER_S = 30.0
-# A flight that ends when it is canceled.
+# A flight that ends when it is cancelled.
 LONG_S = 1200.0
 # In the live flight.
 FAULT = "fault=[{time_s=6.0, rotor=3, blade='c'}]"
-# No machine of ours has a graphics card. Chromium then puts pages together with the processor, as on any such machine, and draws WebGL with a
-# processor, too (SwiftShader), if it is allowed to. `--use-angle=swiftshader` would make it take SwiftShader for a graphics card, and draw
-# every text and line through that: 280 ms a picture instead of 11.
+# None of our machines has a graphics card. Chromium then composes pages on the CPU, as on any such machine, and renders WebGL with a software
+# renderer (SwiftShader) if allowed to. `--use-angle=swiftshader` would make it treat SwiftShader as a graphics card, and render every text and
+# line through it: 280 ms per frame instead of 11.
 OPTIONS = ["--no-sandbox", "--enable-unsafe-swiftshader"]
 
 
@@ -99,7 +99,7 @@ class Watch:
         for ended in ("requestfinished", "requestfailed"):
             page.on(ended, lambda r: STREAMS.discard(id(r)))
 
-    # What a scenario provokes.
+    # Error that a scenario provokes.
     expected: str | None = None
 
     def error(self, text: str, url: str) -> None:
@@ -245,7 +245,7 @@ def vehicle(browser: Browser) -> None:
     button.click()
     step.get_by_text("is no name for a document").wait_for()
     step.get_by_label("Name").fill("")
-    # A thrust bench: what is no table is refused at once, an unknown unit by the server, one that is missing is told.
+    # A thrust bench: a non-table is rejected at once, an unknown unit by the server, a missing one is reported.
     bench = step.get_by_role("group", name="Thrust bench")
     files = bench.locator("input[type=file]")
     files.set_input_files(FOLDER / "picture.csv")
@@ -280,12 +280,12 @@ def vehicle(browser: Browser) -> None:
     card.get_by_role("button", name=re.compile("^Keep it as mine")).click()
     card.get_by_text("kept as mine").wait_for()
     page.locator("#step-4 .heat").first.wait_for()
-    # The bar of the page would lie over the picture.
+    # The page's bar would cover the picture.
     page.evaluate("document.querySelector('.bar').style.position = 'static'")
     card.screenshot(path=FOLDER / "vehicle.png")
     assert "mine-" in page.locator("#step-3 .note").inner_text() and query(page, "vehicle") == "mine"
     assert "mine" in api("/vehicles")["own"]
-    # A frame that the log cannot be of: the server's sentence, where it was asked.
+    # A frame that contradicts the log: the server's error message appears next to the input.
     step.locator("summary", has_text="Where the log does not say it").click()
     step.get_by_label("Frame (motor numbers as in ArduPilot)").fill("quad-x")
     step.get_by_role("button", name="Identify again").click()
@@ -441,8 +441,8 @@ def goes_on(process: int) -> None:
     os.close(process)
 
 
-# By itself on an idle machine each ends within 2 s, and the times are printed; here a dozen other pages are loaded at the same time. What
-# is not canceled never says so.
+# On an idle machine each ends within 2 s, and the times are printed; here a dozen other pages are loaded at the same time. A job that was not
+# cancelled never reports it.
 CANCELED_S = 10.0
 
 
@@ -454,7 +454,7 @@ def cancel(browser: Browser) -> dict[str, float]:
     def ends(step: int, what: str, word: str) -> None:
         process = stopped(word)
         row = page.locator(f"#step-{step} [role=status]", has_text=what)
-        # Goes on once the server knows: what is as good as done would be done before.
+        # Continues once the server knows: a nearly finished job would finish before.
         with page.expect_response(lambda answer: answer.url.endswith("/cancel")) as answer:
             row.get_by_role("button", name="Cancel").click()
         goes_on(process)
@@ -468,7 +468,7 @@ def cancel(browser: Browser) -> dict[str, float]:
         times[what] = took
         assert took <= CANCELED_S, (what, took)
 
-    # Through a line of 100 kB/s, as an upload is done at once otherwise.
+    # Through a connection of 100 kB/s, as an upload is instantaneous otherwise.
     page.goto(f"{SERVER}/twin")
     network = page.context.new_cdp_session(page)
     network.send("Network.enable")
@@ -513,7 +513,7 @@ def strangers(browser: Browser) -> None:
         whole = answer.read()
     (FOLDER / "cut.ulg").write_bytes(whole[: len(whole) * 3 // 5 + 7])
     drop(page, "cut.ulg")
-    # What is whole of it is read, and the rest is told.
+    # The intact part is read, and the rest is reported.
     page.locator("#step-2.done").wait_for()
     page.get_by_text("Delays, conversions, unused columns").click()
     page.locator("#step-2").get_by_text(re.compile(r"\d+ bytes could not be read \(cut or damaged file\)")).wait_for()
@@ -522,7 +522,7 @@ def strangers(browser: Browser) -> None:
     (FOLDER / "stub.ulg").write_bytes(whole[:9])
     drop(page, "stub.ulg")
     page.locator("#step-1 .say.bad").wait_for()
-    # What is too large is not sent at all.
+    # A file that is too large is not sent at all.
     with open(FOLDER / "huge.ulg", "wb") as file:
         file.truncate(5_000_000_000)
     sent = []
@@ -534,7 +534,7 @@ def strangers(browser: Browser) -> None:
         page.locator(said).filter(has_text="huge.ulg (5.00 GB)").wait_for()
         print(f"{path}, 5 GB: after {time.monotonic() - began:.2f} s “{page.locator(said).inner_text()}”")
         assert not sent, sent
-    # No name of a document or file may be HTML; names of columns, cells and descriptions may.
+    # Names of documents or files must not be HTML; names of columns, cells and descriptions may be.
     evil = "<script>document.title='taken'</script><img src=x onerror=document.title='taken'>"
     rows = rows_of("healthy.parquet")
     write("evil.csv", [[*rows[0], evil], *([*row, evil] for row in rows[1:])])
@@ -688,8 +688,8 @@ def real_time(duration_s: float) -> str:
     return api("/runs", {"scenario": "short-hover", "link": "in-process", "pace": "real-time", "set": settings})["id"]
 
 
-# Counts, from before the page's own scripts on: pictures of the 3-D part by the clearing of its canvas, and at each picture of the screen the
-# flight's time that is shown; tasks of more than 50 ms.
+# Counters, installed before the page's own scripts: 3-D frames by the clearing of the canvas, and at each screen frame the displayed flight
+# time; tasks longer than 50 ms.
 COUNTERS = """
   window.seen = { pictures: 0, times: [], long: [] };
   for (const type of [WebGL2RenderingContext]) {
@@ -834,7 +834,7 @@ def serve(data: Path, address: str = "127.0.0.1:0") -> tuple[subprocess.Popen, s
     return process, re.search(r"http://\S+", line)[0]
 
 
-# Every message of the page that reads the stream of events to the others; one without news says only where the stream stands.
+# Every message to the others from the page that reads the event stream; one without content only reports the position in the stream.
 LISTEN = "window.told = []; new BroadcastChannel('rotortwin.news').onmessage = (m) => { if (m.data.cursor) window.told.push([m.data.cursor, m.data.news?.job ?? null, m.data.news?.event ?? null]); };"
 LAST_S = "Number(document.querySelector('.replay input[type=range]').max)"
 FIRST_S = "Number(document.querySelector('.replay input[type=range]').min)"
@@ -846,7 +846,7 @@ def killed(browser: Browser) -> None:
     data = FOLDER / "killed"
     process, SERVER = serve(data)
     try:
-        # It ends when it is canceled: however slow the machine is, it flies when the server is killed.
+        # It ends when it is cancelled: however slow the machine, it is in flight when the server is killed.
         run = real_time(LONG_S)
         context = browser.new_context(viewport={"width": 1280, "height": 900})
         pages = [context.new_page() for _ in range(3)]
@@ -854,7 +854,7 @@ def killed(browser: Browser) -> None:
         for page, watch in zip(pages, watches):
             page.set_default_timeout(PATIENCE_MS)
             watch.expected = "ERR_CONNECTION_REFUSED|ERR_INCOMPLETE_CHUNKED|ERR_CONNECTION_RESET|ERR_EMPTY_RESPONSE|WebSocket connection"
-        # The third one listens to what the page that reads the stream tells the others.
+        # The third one records the messages of the page that reads the stream.
         pages[2].add_init_script(LISTEN)
         pages[2].goto(f"{SERVER}/fdi")
         pages[2].get_by_role("heading", name="FDI monitor").wait_for()
@@ -879,7 +879,7 @@ def killed(browser: Browser) -> None:
         while api(f"/runs/{run}")["attempts"] < 2:
             assert time.monotonic() < end, "the flight is not begun again"
             time.sleep(0.1)
-        # The second attempt, from its start on: as the server keeps it, so that a page that comes late sees it, too.
+        # The second attempt, from its start on: the server keeps it, so that a page that connects late sees it, too.
         for page in pages[:2]:
             until(page, f"{FIRST_S} === 0 && {LAST_S} > 0.5")
             assert page.locator("h1 + .tag").inner_text() == "running"
@@ -891,7 +891,7 @@ def killed(browser: Browser) -> None:
         told = [tuple(one) for one in pages[2].evaluate("window.told")]
         places = [one[0] for one in told if one[2]]
         assert len(set(places)) == len(places), "an event came twice"
-        # From where the stream was first said to stand.
+        # From the first reported position in the stream.
         there = events_after(told[0][0])
         missed = [one for one in there if one not in told]
         assert there and not missed, f"missed {missed} of {len(there)}"
@@ -977,7 +977,7 @@ def scrub(browser: Browser) -> dict[str, float]:
     longest = {what: max((long for _, long in seen["long"]), default=0.0) for what, seen in [("scrubbed", scrubbed), ("hovered", hovered), ("zoomed", zoomed)]}
     print(f"36,000 samples x {len(channels['items'])} channels, longest task, ms (0: none over 50): {longest}")
     watch.check()
-    # A zoom asks for 110 channels anew and draws all plots: it is printed.
+    # A zoom requests 110 channels again and redraws all plots: its time is printed.
     assert is_crowded() or max(longest["scrubbed"], longest["hovered"]) <= TASK_MS, longest
     return longest
 
@@ -1030,7 +1030,7 @@ def pages(browser: Browser) -> None:
     assert not found, "\n".join(found)
 
 
-# Flights with a fault that the detectors do not always see; what they are calibrated on is short.
+# Flights with a fault that the detectors do not always detect, with a short calibration.
 CELLS = """
 name = "cells"
 description = "some rotors lose a little, some much"
@@ -1088,7 +1088,7 @@ def cells(browser: Browser) -> None:
     run = page.url.split("/runs/")[1].split("?")[0]
     flight = api(f"/campaigns/{job}/flights?cursor={number}&limit=1")["items"][0]
     assert (flight["run"], flight["run_hash"]) == (run, api(f"/runs/{run}")["run_hash"])
-    # Asked for again it is the same run; the T-test has another matrix; the same click again leaves the cell.
+    # The same request gives the same run; the T-test has a different matrix; clicking again leaves the cell.
     page.go_back()
     rows.first.locator("button").wait_for()
     page.get_by_role("button", name=f"Open flight {number} as a run").filter(has_text=re.compile("^Open$")).click()
@@ -1200,7 +1200,7 @@ def filters(browser: Browser) -> None:
 def branches(browser: Browser) -> None:
     """A branch of a model: begun at an older version, added to, left and taken up again; differences, the exported file, the model flown."""
     page, watch = open_page(browser)
-    # Of the name that is none.
+    # For the invalid name.
     watch.expected = r"422 \("
     drop(page, "drag.parquet")
     step = page.locator("#step-6")
@@ -1253,7 +1253,7 @@ def branches(browser: Browser) -> None:
 def clicks(browser: Browser) -> None:
     """What is done with a run: fork, compare, verify; and a log that the FDI page judges, dropped or of the server."""
     page, watch = open_page(browser)
-    # Of the file that is no log.
+    # For the file that is not a log.
     watch.expected = r"422 \("
     settings = ["duration_s=8.0", "fdi.calibration_start_s=0.75", "fdi.calibration_end_s=4.75", "fault=[{time_s=5.5, rotor=3, thrust_loss_percent=9.0}]"]
     run = api("/runs", {"scenario": "short-hover", "link": "in-process", "set": settings})["id"]
@@ -1320,7 +1320,7 @@ def over_time(browser: Browser) -> None:
     pictures = ("Trajectory from above", "What each motor was told", "Height", "Attitude", "Vibration: accelerometer", "Vibration: gyroscope")
     for title in pictures:
         page.locator("figure", has=page.locator("strong", has_text=title)).first.wait_for()
-    # In words: a summary and a table.
+    # Textual equivalents: a summary and a table.
     track = page.locator("figure", has=page.locator("strong", has_text="Trajectory from above"))
     track.locator("summary").click()
     track.get_by_text("north from").wait_for()
@@ -1331,7 +1331,7 @@ def over_time(browser: Browser) -> None:
     page.locator("#step-4 figure[aria-label^='Parts and events of']").wait_for()
     for title in pictures:
         page.locator("#step-4 figure", has=page.locator("strong", has_text=title)).first.wait_for()
-    # One time axis: what is chosen in one plot is shown in all.
+    # One time axis: a selection in one plot applies to all.
     page.locator("#step-4 figure", has=page.locator("strong", has_text="What each motor was told")).locator(".canvas").first.focus()
     for _ in range(5):
         page.keyboard.press("ArrowRight")
@@ -1403,7 +1403,7 @@ def filled(browser: Browser) -> None:
     named = urllib.parse.quote(api(f"/blind-benches/{bench}/cases/0")["named"])
     watch.check()
     page.close()
-    # Address, what must be there before it is looked at, and what it is called in a picture.
+    # Address, condition before the screenshot, and its name.
     places = [
         (twin, "#step-6 .bars", "twin-filled"),
         (f"/campaigns/{job}?detector=sequential&truth=5&verdict=5", "[aria-label='Flights of the cell'] tbody button", "campaign"),
@@ -1430,7 +1430,7 @@ def filled(browser: Browser) -> None:
             for violation in Axe().run(page).response["violations"]:
                 if violation["impact"] in ("serious", "critical"):
                     found.append(f"{path} at {width}, {scheme}: {violation['id']}: {[node['target'] for node in violation['nodes'][:3]]}")
-            # In words and in numbers, what a picture shows.
+            # Textual and numeric equivalents of a picture.
             bare = page.locator("figure").evaluate_all(
                 "all => all.filter(one => one.querySelector('canvas, svg, .heat, .lanes'))"
                 ".filter(one => !one.querySelector('table') && !one.querySelector('summary') && !one.querySelector('[aria-label]') && !one.querySelector('[aria-describedby]'))"

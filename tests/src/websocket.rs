@@ -1,4 +1,4 @@
-//! Just enough WebSocket (RFC 6455) to talk to a server under test: unfragmented messages.
+//! A minimal WebSocket (RFC 6455) client for a server under test: unfragmented messages.
 
 use crate::server::Server;
 use serde_json::Value;
@@ -12,10 +12,10 @@ pub struct WebSocket {
 }
 
 impl WebSocket {
-    /// Opens one; `Err`: the status and the body of the refusal.
+    /// Opens one; `Err`: status and body of the rejection.
     ///
     /// # Panics
-    /// No HTTP answer comes.
+    /// There is no HTTP answer.
     pub fn open(server: &Server, path: &str) -> Result<Self, (u16, Value)> {
         Self::open_from(server, path, &[])
     }
@@ -23,15 +23,15 @@ impl WebSocket {
     /// [`open`](Self::open) with more headers, as a browser sends them.
     ///
     /// # Panics
-    /// No HTTP answer comes.
+    /// There is no HTTP answer.
     pub fn open_from(server: &Server, path: &str, headers: &[(&str, &str)]) -> Result<Self, (u16, Value)> {
         Self::open_on(server.connect(), server.address(), path, headers)
     }
 
-    /// [`open_from`](Self::open_from) of any server, at the other end of a connection.
+    /// [`open_from`](Self::open_from) for any server, over an existing connection.
     ///
     /// # Panics
-    /// No HTTP answer comes.
+    /// There is no HTTP answer.
     pub fn open_on(
         mut stream: TcpStream,
         host: &str,
@@ -69,7 +69,7 @@ impl WebSocket {
         Err((status, serde_json::from_slice(&body).unwrap_or_default()))
     }
 
-    /// The next frame: its kind (1 text, 2 binary, 8 close), and what it holds.
+    /// The next frame: its kind (1 text, 2 binary, 8 close), and content.
     ///
     /// # Panics
     /// The connection breaks, or nothing comes in time.
@@ -94,7 +94,7 @@ impl WebSocket {
         (head[0] & 0x0f, payload)
     }
 
-    /// The next text message, which is JSON; `None`: the server has closed it.
+    /// The next text message, as JSON; `None`: the server has closed it.
     ///
     /// # Panics
     /// The connection breaks, or nothing comes in time.

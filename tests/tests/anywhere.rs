@@ -1,11 +1,12 @@
-//! The program far from its source: documents are found by name, and a person's own go before the program's.
+//! The program far from its source: documents are found by name, and the user's own take precedence over the built-in
+//! ones.
 
 use rotortwin_tests::program::program;
 use rotortwin_tests::scratch::Scratch;
 use serde_json::Value;
 use std::process::{Command, Output};
 
-/// In the folder of the test, with a home there, so that nothing of this machine is seen.
+/// In the test's folder, which is also its home, so that nothing of this machine is seen.
 fn call(scratch: &Scratch, words: &[&str]) -> Output {
     Command::new(program())
         .args(words)
@@ -67,7 +68,7 @@ fn scenario_a_copy_of_ones_own_goes_first() {
     );
     let text = std::fs::read_to_string(scratch.path("mine.toml")).unwrap();
     assert!(text.contains("vehicle = \"f550\""), "{text}");
-    // Nothing is written over.
+    // Nothing is overwritten.
     assert!(
         refused(&scratch, &["new", "scenario", "mine", "--from", "hover"]).contains("mine.toml: cannot be written")
     );

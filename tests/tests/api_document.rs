@@ -1,4 +1,4 @@
-//! The OpenAPI document against the real server: whatever it allows to send, no 500 and no answer that it does not describe.
+//! The OpenAPI document against the real server: whatever it allows to send, no status 500 and no undocumented answer.
 
 use rotortwin_tests::program::{Call, Link, read_json};
 use rotortwin_tests::python::environment;
@@ -8,13 +8,13 @@ use serde_json::{Value, json};
 use std::ffi::OsString;
 use std::process::Command;
 
-/// Seed and time of all of it together, s; `ROTORTWIN_API_SEED` and `ROTORTWIN_API_SECONDS` name others, for long hunts.
+/// Seed and total time, s; `ROTORTWIN_API_SEED` and `ROTORTWIN_API_SECONDS` override them for long hunts.
 const SEED: &str = "7";
 const BUDGET_S: &str = "50";
 
 #[test]
 fn prop_every_answer_is_one_that_the_document_describes() {
-    // This version: another one sends something else under the same seed.
+    // Pinned: another version generates other requests from the same seed.
     let Some(programs) = environment("python-schemathesis", &["schemathesis==4.32.5"]) else {
         return;
     };
@@ -47,7 +47,7 @@ fn prop_every_answer_is_one_that_the_document_describes() {
     println!("schemathesis: {}", cases.trim());
 }
 
-/// What the environment names, or else what is usual.
+/// Value of the environment variable, or else the default.
 fn named(variable: &str, usual: &str) -> String {
     std::env::var(variable).unwrap_or_else(|_| usual.to_owned())
 }

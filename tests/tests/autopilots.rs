@@ -1,4 +1,4 @@
-//! Autopilots that an operator has listed on a server, and controllers compared; the autopilot is a scripted peer.
+//! Autopilots listed by a server's operator, and comparison of controllers; the autopilot is a scripted peer.
 
 #[path = "../../services/bridge/tests/px4_estimate/mod.rs"]
 mod px4_estimate;
@@ -17,7 +17,7 @@ use serde_json::{Value, json};
 use std::net::{SocketAddr, UdpSocket};
 use std::time::Duration;
 
-/// Seconds from the hand-over on, and its damage.
+/// Seconds after the hand-over, and the damage.
 const FLIGHT: &str = r#"
 name = "autopilot"
 description = "a hover from the ground"
@@ -41,7 +41,7 @@ fn scenario() -> Scenario {
     Scenario::parse(FLIGHT, repository().join("config/scenarios")).expect("a good scenario")
 }
 
-/// A UDP port of this host that nobody uses now.
+/// A free UDP port of this host.
 fn free_address() -> SocketAddr {
     let socket = UdpSocket::bind("127.0.0.1:0").expect("a free port");
     socket.local_addr().expect("it is bound")
@@ -83,7 +83,7 @@ fn scenario_runs_name_an_autopilot_and_have_it_one_after_the_other() {
         (&json!("ardupilot"), &json!(true), &json!("free"), &Value::Null)
     );
     let ids = [server.submit(&flight("bench-1")), server.submit(&flight("bench-1"))];
-    // Nobody flies yet: one waits for the autopilot, the other one for the first.
+    // No flight yet: one waits for the autopilot, the other for the first.
     let busy = wait_until(PATIENCE, || autopilot(&server, "bench-1")["state"] == "busy");
     assert!(busy.is_some());
     let first = autopilot(&server, "bench-1")["run"]
@@ -97,7 +97,7 @@ fn scenario_runs_name_an_autopilot_and_have_it_one_after_the_other() {
         waiting["waits_because"],
         format!("the autopilot 'bench-1' is busy with run {first}")
     );
-    // Others are not held up.
+    // Other runs are not held up.
     let other = server.submit(&json!({ "scenario": "short-hover", "link": "in-process" }));
     assert_eq!(server.ended(&other)["status"], "done");
 
@@ -127,12 +127,12 @@ fn scenario_runs_name_an_autopilot_and_have_it_one_after_the_other() {
     assert_eq!((&state["state"], &state["run"]), (&json!("free"), &Value::Null));
     assert!(state["flown_ms"].is_i64(), "{state}");
 
-    // Flown again with what the autopilot sent, without it.
+    // Replayed from what the autopilot sent, without it.
     drop(peer);
     let answer = server.ask("POST", &format!("/api/v1/runs/{}/verify", ids[0]), &[], "");
     assert_eq!(answer.status, 200, "{}", answer.json());
 
-    // Side by side with ours.
+    // Compared with our own controller.
     let own = server.submit(&json!({ "text": FLIGHT.replace("on-ground", "trimmed"), "link": "in-process" }));
     assert_eq!(server.ended(&own)["status"], "done");
     let table = server.get(&format!("/api/v1/controllers?runs={own},{}&within_m=0.3", ids[0]));
@@ -213,12 +213,12 @@ fn scenario_addresses_are_not_taken_from_requests() {
         let sentence = detail(&server, &body);
         assert!(sentence.contains(words), "{sentence}");
     }
-    // What is no such controller is no request at all.
+    // An unknown controller is a bad request.
     let wrong = json!({ "text": FLIGHT, "controller": { "address": "127.0.0.1:9002" } });
     let answer = server.ask("POST", "/api/v1/runs", &[], &wrong.to_string());
     assert!(matches!(answer.status, 400 | 422), "{}", answer.json());
 
-    // What is wrong on the command line is said before anything is opened.
+    // Errors on the command line are reported before anything is opened.
     for (words, sentence) in [
         (&["bench 1=ardupilot"][..], "expected 1 to 64 letters"),
         (&["ardupilot"], "expected NAME=ADDRESS"),
@@ -241,7 +241,7 @@ fn scenario_addresses_are_not_taken_from_requests() {
     }
 }
 
-/// The sentence of a run that failed and was not tried again.
+/// The message of a run that failed and was not retried.
 #[track_caller]
 fn failed_at_once(server: &Server, id: &str) -> String {
     let run = server.ended(id);
@@ -259,7 +259,7 @@ fn scenario_a_silent_autopilot_ends_the_run_at_the_first_attempt() {
     let at = free_address();
     let more = ["--workers", "1", "--autopilot", &listed("bench-1", at)];
     let server = Server::start_at("127.0.0.1:0", &scratch.path("data"), &more);
-    // It never comes.
+    // It never connects.
     let mut body = flight("bench-1");
     body["join_timeout_ms"] = json!(700);
     let error = failed_at_once(&server, &server.submit(&body));
@@ -281,7 +281,7 @@ fn scenario_a_silent_autopilot_ends_the_run_at_the_first_attempt() {
     assert_eq!(autopilot(&server, "bench-1")["state"], "free");
 }
 
-/// Only the worker on whose host it is listed flies with it, and when that one is gone a run waits and says for what.
+/// Only the worker on whose host it is listed flies with it; without that worker a run waits and says for what.
 #[test]
 fn scenario_the_worker_that_lists_it_flies_with_it() {
     let scratch = Scratch::new();
@@ -320,7 +320,7 @@ fn scenario_the_worker_that_lists_it_flies_with_it() {
     assert_eq!(run["status"], "queued");
     let why = run["waits_because"].as_str().expect("a reason");
     assert!(why.contains("is away: the worker that lists it"), "{why}");
-    // Another one lists it, and the run is flown.
+    // Another worker lists it, and the run is flown.
     listing.truncate(4);
     let at = free_address();
     let name = listed("bench-1", at);
@@ -366,7 +366,7 @@ fn scenario_controllers_are_compared_in_one_table() {
         "0.25",
     ]);
     let mut run = call.start();
-    // Somebody else's, over zenoh, with the command that is printed.
+    // An external one, over zenoh, with the printed command.
     let line = run.line(|line| line.starts_with("  rotortwin controller "));
     let words: Vec<&str> = line.split_whitespace().skip(1).collect();
     let external = Call::new(&scratch, words).start();
@@ -394,7 +394,7 @@ fn scenario_controllers_are_compared_in_one_table() {
     let table: Value = serde_json::from_str(&call.run().expect_code(0).stdout).expect("nothing but JSON");
     let rows = table["rows"].as_array().expect("rows");
     assert_eq!((rows.len(), &table["differences"]), (3, &json!([])), "{table}");
-    // The same controller over another link is the same flight.
+    // The same controller over another link gives the same flight.
     for key in [
         "position_m",
         "energy_wh",
@@ -417,7 +417,7 @@ fn scenario_controllers_are_compared_in_one_table() {
             (&json!("done"), &json!(true), &json!(true))
         );
     }
-    // What cannot be compared is said.
+    // What cannot be compared is reported.
     let other = Call::new(
         &scratch,
         [
@@ -451,10 +451,10 @@ fn scenario_controllers_are_compared_in_one_table() {
 
 /// Drag of the rotors that the document of the vehicle lacks, N·s/m.
 const HIDDEN_DRAG: f64 = 0.25;
-/// Where the tour begins, m over the origin, and when, s of simulated time: after the hand-over.
+/// Start of the tour: height over the origin, m, and simulated time, s, after the hand-over.
 const TOUR: (f64, f64) = (3.0, 14.0);
 
-/// A tour about a hover with that drag, for a document that lies anywhere.
+/// A tour about a hover with that drag, for a document in any folder.
 fn hidden_drag() -> String {
     let vehicle = repository().join("config/vehicles/f550-skids.toml");
     format!(
@@ -466,13 +466,13 @@ fn hidden_drag() -> String {
     )
 }
 
-/// What a command says of the run folder and a model.
+/// Output of a command on the run folder and a model.
 fn said(scratch: &Scratch, command: &str, model: &str) -> Value {
     let ended = Call::new(scratch, [command, "run", "--json", "--model", model]).run();
     serde_json::from_str(&ended.stdout).unwrap_or_else(|_| panic!("{command}: {:?}", ended.stderr))
 }
 
-/// Flies with `--controller ADDRESS` and whoever `starts` there, and has the run diagnosed.
+/// Flies with `--controller ADDRESS` against what `starts` there, and has the run diagnosed.
 fn names_the_hidden_drag(kind: &str, starts: impl FnOnce(SocketAddr, &Scenario)) {
     let scratch = Scratch::new();
     let at = free_address();
@@ -484,7 +484,7 @@ fn names_the_hidden_drag(kind: &str, starts: impl FnOnce(SocketAddr, &Scenario))
         .with(["--controller", &controller, "--pilot", "none", "--out", "run"])
         .run()
         .expect_code(0);
-    // The vehicle that the autopilot believed it flew.
+    // The vehicle as the autopilot knew it.
     let document = repository().join("config/vehicles/f550-skids.toml");
     let believed = document.to_str().expect("a path in letters");
     assert_eq!(
@@ -503,7 +503,7 @@ fn names_the_hidden_drag(kind: &str, starts: impl FnOnce(SocketAddr, &Scenario))
     assert!((value - HIDDEN_DRAG).abs() < interval, "{drag}");
     assert!(interval < 0.02, "{drag}");
 
-    // The vehicle that it flew.
+    // The vehicle as flown.
     let drag = format!("drag_n_s_m={HIDDEN_DRAG:?}");
     Call::new(&scratch, ["model", "add", believed, "rotor-drag", &drag])
         .run()

@@ -1,4 +1,4 @@
-//! Whatever is wrong with what the user gave: exit code 2, one sentence that names the thing and what was expected, nothing written.
+//! Bad input of every kind: exit code 2, one sentence that names the thing and what was expected, nothing written.
 
 use rotortwin_tests::program::{Call, Ended, Link, PATIENCE};
 use rotortwin_tests::scratch::{Scratch, hover, repository, shipped_scenario, short_flight};
@@ -20,7 +20,7 @@ fn assert_refused(what: &str, ended: &Ended, words: &[&str]) {
     }
 }
 
-/// Calls the program and checks its answer, and that nothing is left of it.
+/// Calls the program and checks its answer, and that it leaves nothing behind.
 #[track_caller]
 fn refuses(scratch: &Scratch, what: &str, call: Call, words: &[&str]) {
     let before = scratch.listing();
@@ -41,7 +41,7 @@ fn refuses_scenario(what: &str, scratch: &Scratch, path: &Path, words: &[&str]) 
     for link in [Link::InProcess, Link::Iceoryx2] {
         refuses(scratch, what, Call::fly(scratch, link, path, "out"), words);
     }
-    // Without --out the run folder would be below runs/ in the present folder.
+    // Without --out the run folder would be created under runs/ in the current folder.
     refuses(
         scratch,
         what,
@@ -306,7 +306,7 @@ fn scenario_files_that_are_no_documents() {
     );
 }
 
-/// Paths that are unusual but right: no text in any encoding, and the look of an option.
+/// Unusual but valid paths: not UTF-8, or looking like an option.
 #[test]
 fn scenario_strange_paths_are_no_bad_input() {
     for name in [
@@ -415,7 +415,7 @@ fn scenario_wrong_arguments() {
             &["fly", scenario, "--link", "zenoh", "--listen", "tcp/127.0.0.1:70000"],
             &["--listen", "tcp/HOST:PORT"],
         ),
-        // Of the block that is reserved for documentation (RFC 5737): no address of this host.
+        // From the block reserved for documentation (RFC 5737): not an address of this host.
         (
             &["fly", scenario, "--link", "zenoh", "--listen", "tcp/192.0.2.1:7447"],
             &["--listen", "tcp/192.0.2.1:7447"],
@@ -474,7 +474,7 @@ fn scenario_wrong_arguments() {
     );
 }
 
-/// Nobody answers, or somebody else listens: found out before anything is written.
+/// Nothing answers, or another program listens: detected before anything is written.
 #[test]
 fn scenario_endpoints_that_do_not_work() {
     let scratch = Scratch::new();
@@ -490,7 +490,7 @@ fn scenario_endpoints_that_do_not_work() {
         &["--listen", &endpoint, "in use", "expected"],
     );
     drop(taken);
-    // A reserved port: the one that was just given back may be somebody else's by now.
+    // A reserved port: a port that was just released may be in use again by now.
     let endpoint = "tcp/127.0.0.1:1".to_owned();
     refuses(
         &scratch,
@@ -499,7 +499,7 @@ fn scenario_endpoints_that_do_not_work() {
         &["--connect", &endpoint, "nobody answers", "expected"],
     );
 
-    // The processes by themselves. The peers wait for a while: the plant may be about to start.
+    // The processes on their own. The peers wait for a while: the plant may be about to start.
     let link = format!("zenoh:connect={endpoint}");
     let by_hand = |name: &'static str, extra: &[&str]| {
         (
@@ -567,7 +567,7 @@ fn scenario_run_folders_that_cannot_be_used() {
     );
     unwritable_folders(&scratch, &scenario);
 
-    // A folder that is there and empty is fine, and stays if the run cannot begin.
+    // An existing empty folder is fine, and stays if the run cannot start.
     std::fs::create_dir(scratch.path("empty")).expect("a folder can be made");
     refuses(
         &scratch,
@@ -578,7 +578,7 @@ fn scenario_run_folders_that_cannot_be_used() {
     fly(Link::Iceoryx2, "empty").run().expect_code(0);
 }
 
-/// A folder of somebody else's. Root may write anywhere, so the program is then run as another user.
+/// A folder owned by another user. Root may write anywhere, so the program is then run as another user.
 fn unwritable_folders(scratch: &Scratch, scenario: &Path) {
     use std::os::unix::fs::PermissionsExt as _;
     const NOBODY: u32 = 65534;
@@ -684,7 +684,7 @@ fn scenario_a_refused_version_of_a_model_begins_nothing() {
     assert!(models.join("f550").is_dir());
 }
 
-/// What nobody wrote is not opened: a summary that is a pipe must not keep the program waiting.
+/// Files that the program did not write are not opened: a summary that is a pipe must not block it.
 #[test]
 fn scenario_nothing_waits_for_a_pipe() {
     let scratch = Scratch::new();

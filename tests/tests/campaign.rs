@@ -1,4 +1,4 @@
-//! `rotortwin campaign`: killed and resumed, stopped, refused, one flight again, memory.
+//! `rotortwin campaign`: killed and resumed, stopped, refused, single flights repeated, memory.
 
 use rotortwin_tests::process::wait_until;
 use rotortwin_tests::program::{Call, Ended, PATIENCE, Run};
@@ -7,7 +7,7 @@ use rustix::process::Signal;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
-/// Files that must be the same bytes, however the campaign came to its end.
+/// Files that must be byte-identical, however the campaign was completed.
 const RESULTS: [&str; 4] = ["campaign.parquet", "campaign.csv", "summary.json", "report.html"];
 
 /// A campaign over the short flight.
@@ -36,7 +36,7 @@ fn shards(scratch: &Scratch, out: &str) -> usize {
     entries.map_or(0, |entries| entries.flatten().filter(is_whole).count())
 }
 
-/// Waits until a run has written so many shards.
+/// Waits until a run has written this many shards.
 fn wait_for_shards(run: &mut Run, scratch: &Scratch, out: &str, count: usize) {
     let reached = wait_until(PATIENCE, || shards(scratch, out) >= count || run.has_ended());
     assert!(reached.is_some(), "{count} shards did not appear");
@@ -76,14 +76,14 @@ fn scenario_killed_twice_and_gone_on_with_gives_the_same_bytes() {
         (5..10).contains(&shards(&scratch, "killed")),
         "it was not killed half-way"
     );
-    // What a kill while a shard is written leaves.
+    // Left by a kill during the writing of a shard.
     scratch.write("killed/shards/000009.part", "half");
     call(&scratch, &file, "killed", &["--threads", "3"])
         .run()
         .expect_code(0);
     assert_same_results(&scratch, "whole", "killed");
     assert!(!scratch.path("killed/shards/000009.part").exists());
-    // Nothing is left to do: the same again.
+    // Nothing left to do: the same result.
     call(&scratch, &file, "killed", &[]).run().expect_code(0);
     assert_same_results(&scratch, "whole", "killed");
 }
@@ -246,7 +246,7 @@ fn scenario_bad_campaigns_are_refused_up_front() {
     }
 }
 
-/// A flight that fails is a row with its reason, and the others are flown.
+/// A failed flight is a row with its reason, and the others are flown.
 #[test]
 fn scenario_lost_vehicle_is_a_row_with_its_reason() {
     let scratch = Scratch::new();
@@ -264,7 +264,7 @@ fn scenario_lost_vehicle_is_a_row_with_its_reason() {
     assert_eq!(summary["detectors"]["sequential"]["isolated"]["flights"], 2);
 }
 
-/// A fault before the detectors are calibrated is not refused, but it is not silent either.
+/// A fault before the end of the detectors' calibration is accepted, but with a warning.
 #[test]
 fn scenario_faults_inside_the_calibration_are_warned_of() {
     let scratch = Scratch::new();
@@ -281,7 +281,8 @@ fn scenario_faults_inside_the_calibration_are_warned_of() {
     );
 }
 
-/// Growth of the peak from 32 to 1024 flights, kB: a few shards of records and the buffers of one row group of the table.
+/// Growth of peak memory from 32 to 1024 flights, kB: a few shards of records and the buffers of one row group of the
+/// table.
 const GROWTH_KB: u64 = 40_000;
 
 #[test]

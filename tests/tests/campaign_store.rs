@@ -1,4 +1,4 @@
-//! Shards of a campaign in an object store: flown into it in any order, killed and gone on with, put together.
+//! Shards of a campaign in an object store: flown in any order, killed and resumed, merged.
 
 use rotortwin_tests::bucket::Bucket;
 use rotortwin_tests::process::wait_until;
@@ -10,7 +10,7 @@ use serde_json::Value;
 use std::ffi::OsString;
 use std::path::PathBuf;
 
-/// Files that must be the same bytes, wherever the flights were flown.
+/// Files that must be byte-identical, wherever the flights were flown.
 const RESULTS: [&str; 4] = ["campaign.parquet", "campaign.csv", "summary.json", "report.html"];
 
 /// Shards of the campaign.
@@ -64,7 +64,7 @@ fn scenario_shards_in_a_bucket_are_the_bytes_of_one_machine() {
         .run()
         .expect_code(0);
 
-    // The last ones first; then some that are killed on the way, twice; then all, of which most are there.
+    // The last ones first; then some that are killed on the way, twice; then all, most of which exist already.
     let last = said(fly("7..10").run());
     assert_eq!((&last["flights"], &last["complete"]), (&96.into(), &true.into()));
     for at in [4, 6] {
@@ -92,7 +92,7 @@ fn scenario_shards_in_a_bucket_are_the_bytes_of_one_machine() {
     );
     assert_eq!(said(fly("0..10").run())["flights"], 0);
 
-    // With and without a folder that holds some of them; a second time into the same.
+    // With and without a folder that holds some of them; twice into the same one.
     let part = ["campaign", file, "--shards", "2..4", "--out", "part"];
     Call::new(&scratch, part).run().expect_code(0);
     merge("whole", &[]).expect_code(0);
@@ -106,7 +106,7 @@ fn scenario_shards_in_a_bucket_are_the_bytes_of_one_machine() {
         }
     }
 
-    // Asked where they lie.
+    // Queried where they are stored.
     let Some(programs) = client_environment() else { return };
     let sql = "SELECT count(*) AS flights, count(DISTINCT run_hash) AS hashes, min(folder) AS folder FROM shards";
     let python = programs.join("python").display().to_string();
@@ -139,19 +139,19 @@ fn scenario_what_does_not_belong_into_a_bucket_is_refused() {
     assert_eq!(bucket.keys(), Vec::<String>::new(), "nothing was written");
     ask(&one).expect_code(0);
 
-    // Bytes that are not those of these flights.
+    // Not the bytes of these flights.
     bucket.put("night/shards/000001.parquet", "damaged");
     refused(
         &ask(&["campaign", "merge", file, there, "--out", "whole"]),
         &["night/shards/000001.parquet", "not a whole Parquet file"],
     );
-    // A shard that another machine has flown otherwise.
+    // A shard that another machine flew with other settings.
     ask(&["campaign", file, "--shards", "1..2", "--out", "part"]).expect_code(0);
     refused(
         &ask(&["campaign", "merge", file, "part", there, "--out", "other"]),
         &[there, "shard 1 is another one"],
     );
-    // The same name, other draws.
+    // The same name, different draws.
     campaign(&scratch, 6);
     refused(&ask(&one), &[there, "holds flights of another campaign"]);
     refused(

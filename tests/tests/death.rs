@@ -1,5 +1,5 @@
-//! When a process of a run dies or stalls, at any moment: the others end within a second, the run folder says who, at which step and
-//! how long silent, and nothing is left that hinders the next run.
+//! When a process of a run dies or stalls at any moment, the others end within a second, the run folder says which one, at which
+//! step and for how long it was silent, and nothing is left that hinders the next run.
 
 use parquet::file::reader::{FileReader as _, SerializedFileReader};
 use rotortwin_tests::process::{Process, wait_until};
@@ -15,13 +15,13 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
-/// What the issue asks: from a death to the end of all the others.
+/// Requirement: from a death to the end of all the others.
 const END_WITHIN: Duration = Duration::from_secs(1);
 
 /// Steps of 2.5 ms.
 const STEPS_PER_S: f64 = 400.0;
 
-/// When somebody is killed.
+/// When a process is killed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Moment {
     /// While the processes start and join.
@@ -47,7 +47,7 @@ impl Moment {
     }
 }
 
-/// A flight that takes long enough to be killed in its last quarter, also if it is flown as fast as possible.
+/// Long enough to be killed in the last quarter, even if flown as fast as possible.
 const fn flight_s(link: Link) -> u32 {
     match link {
         Link::Zenoh => 40,
@@ -55,7 +55,7 @@ const fn flight_s(link: Link) -> u32 {
     }
 }
 
-/// Waits until the change at `time_s` or a later one is announced; the number of complete steps that this proves.
+/// Waits until a change at `time_s` or later is announced; the number of complete steps that this proves.
 fn wait_for_announcement(run: &mut Run, time_s: f64) -> i64 {
     let time = |line: &str| {
         line.strip_prefix('t')?
@@ -69,28 +69,28 @@ fn wait_for_announcement(run: &mut Run, time_s: f64) -> i64 {
     (time(&line).expect("it was just parsed") * STEPS_PER_S).round() as i64
 }
 
-/// Steps that a plant in real time has certainly done when it had done `complete` some time ago: even on a busy machine it is not
-/// late by more than half a second.
+/// Lower bound of the steps of a plant in real time that had done `complete` at `announced`: even on a busy machine it is at most
+/// half a second late.
 fn certain_steps(complete: i64, announced: Instant) -> i64 {
     let flown = (announced.elapsed().as_secs_f64() - 0.5) * STEPS_PER_S;
     complete + (flown as i64).max(0)
 }
 
-/// Steps that a plant in real time can have done at most: it was started after this moment.
+/// Upper bound of the steps of a plant in real time: it was started after this moment.
 fn possible_steps(started: Instant) -> i64 {
     (started.elapsed().as_secs_f64() * STEPS_PER_S) as i64
 }
 
-/// Who is to blame, as it stands in the summary.
+/// The failed process as the summary names it.
 fn peer(victim: MemberName) -> &'static str {
     if victim == "sim" { "plant" } else { victim }
 }
 
-/// A kill, and what came of it.
+/// A kill and its outcome.
 struct Kill {
     victim: MemberName,
     moment: Moment,
-    /// Steps that were certainly complete when the signal was sent, and steps that the failure may name at most.
+    /// Steps that were certainly complete when the signal was sent, and the most that the failure may name.
     steps: (i64, i64),
     /// From the signal to the end of the last process.
     ended_after: Duration,
@@ -98,7 +98,7 @@ struct Kill {
     endpoint: Option<String>,
 }
 
-/// Flies, kills, and waits until all processes have ended. `None` if the flight was over before.
+/// Flies, kills, and waits until all processes have ended. `None` if the flight ended first.
 fn kill_one(
     scratch: &Scratch,
     link: Link,
@@ -157,7 +157,7 @@ fn kill_one(
     (!survived).then_some((kill, ended))
 }
 
-/// The run folder tells the story, and its files can be read.
+/// The run folder explains the failure, and its files are readable.
 fn check_story(kill: &Kill, ended: &Ended) {
     let Kill {
         victim,
@@ -171,8 +171,8 @@ fn check_story(kill: &Kill, ended: &Ended) {
     assert_eq!(summary["status"], "failed", "{story}");
     assert_eq!(text(failure, "/peer"), peer(victim), "{story}");
     let (step, silence_ms) = (whole(failure, "/step"), whole(failure, "/silence_ms"));
-    // A plant that dies takes its last words with it: those since its last progress event (0.2 s in real time), or the rows that
-    // were still in the buffer of its spool (256 kB).
+    // A plant that dies loses what it has not yet passed on: the steps since its last progress event (0.2 s in real time), or the
+    // rows still in the buffer of its spool (256 kB).
     let untold = match (victim, moment.pace()) {
         ("sim", "fast") => 512,
         ("sim", _) => (0.2 * STEPS_PER_S) as i64,
@@ -181,7 +181,7 @@ fn check_story(kill: &Kill, ended: &Ended) {
     // The FDI engine may trail by 128 steps.
     let trail = 128;
     assert!((fewest - untold - trail..=most).contains(&step), "{story}");
-    // Of the wall clock: a machine that stands still for seconds makes it as long.
+    // Wall-clock time: a machine that freezes for seconds prolongs it by as much.
     assert!(
         (0..i64::try_from(PATIENCE.as_millis()).expect("a minute")).contains(&silence_ms),
         "{story}"
@@ -191,7 +191,7 @@ fn check_story(kill: &Kill, ended: &Ended) {
     assert!(sentence.to_lowercase().contains(word), "{story}");
     if victim != "supervisor" && step > 0 {
         assert!(sentence.contains(&format!("after step {step}")), "{story}");
-        // A death that was noticed within a millisecond was no silence.
+        // A death noticed within a millisecond has no silence.
         let silence = format!("silent for {silence_ms} ms");
         assert_eq!(sentence.contains(&silence), silence_ms > 0, "{story}");
     }
@@ -213,7 +213,7 @@ fn check_story(kill: &Kill, ended: &Ended) {
     }
 }
 
-/// Every file of the run is whole: as many rows as the summary says, and nothing half-written beside them.
+/// Every file of the run is complete: as many rows as the summary says, and no partial files.
 fn check_files(out: &Path, summary: &Value) {
     let recorded = whole(summary, "/steps");
     let telemetry = out.join("telemetry.parquet");
@@ -237,7 +237,7 @@ fn check_files(out: &Path, summary: &Value) {
     }
 }
 
-/// Nothing of the run is left: no process, no shared memory, no open port.
+/// The run leaves no process, no shared memory and no open port.
 fn check_remains(scratch: &Scratch, kill: &Kill) {
     let what = format!("{} killed at {:?}", kill.victim, kill.moment);
     let processes = Process::with_word(&kill.run_id);
@@ -252,7 +252,7 @@ fn check_remains(scratch: &Scratch, kill: &Kill) {
     }
 }
 
-/// The next run in the same place is as if nothing had happened.
+/// The next run in the same place is not affected.
 fn check_next_run(scratch: &Scratch, link: Link, what: &str) {
     let scenario = scratch.write("short.toml", short_flight());
     let fly = |link: Link| {
@@ -338,7 +338,7 @@ fn scenario_supervisor_killed_over_tcp() {
     kill_at_every_moment(Link::Zenoh, "supervisor");
 }
 
-/// With everybody dead nobody can tidy up; the next run does.
+/// With all processes dead nothing can clean up; the next run does.
 #[test]
 fn scenario_all_killed_at_once() {
     for link in Link::BETWEEN_PROCESSES {
@@ -370,12 +370,12 @@ fn scenario_all_killed_at_once() {
     }
 }
 
-/// A process that is stopped is named like a dead one, after the time-out.
+/// A stopped process is named like a dead one, after the time-out.
 fn stall(link: Link) {
     const STEP_TIMEOUT_MS: i64 = 500;
-    // The supervisor gives the plant one and a half times as long, and half a second; then its peers have spoken before.
+    // The supervisor allows the plant 1.5 time-outs plus half a second; by then its peers have reported.
     const PLANT_TIMEOUT_MS: i64 = STEP_TIMEOUT_MS * 3 / 2 + 500;
-    // How much later than the time-out somebody may notice.
+    // How much later than the time-out the stall may be noticed.
     const NOTICE_MS: i64 = 500;
     for (victim, timeout_ms) in [
         ("controller", STEP_TIMEOUT_MS),
@@ -391,7 +391,7 @@ fn stall(link: Link) {
         let announced = Instant::now();
         std::thread::sleep(Duration::from_millis(700));
         let members = run.members();
-        // As for a kill: the plant tells its progress each 64 steps, and at least 0.1 s apart.
+        // As for a kill: the plant reports progress every 64 steps, and at least 0.1 s apart.
         let fewest = certain_steps(complete, announced) - 128;
         run.member(victim).signal(Signal::STOP);
         let most = possible_steps(started);
@@ -441,7 +441,7 @@ fn scenario_stalled_over_tcp() {
     stall(Link::Zenoh);
 }
 
-/// Signals that other processes of the same user get, all the time, until it is dropped: the kernel's count of them changes.
+/// Signals sent to other processes of the same user until this is dropped: the kernel's count of them changes.
 struct SignalsOfOthers {
     over: Arc<AtomicBool>,
     sender: Option<std::thread::JoinHandle<()>>,
@@ -455,7 +455,7 @@ impl SignalsOfOthers {
             while !is_over.load(Ordering::Relaxed) {
                 let mut other = Command::new("sleep").arg("60").spawn().expect("it starts");
                 let process = Process::of_child(&other);
-                // Stopped, it does not take the second signal, which waits in the queue until it is killed.
+                // While stopped, it does not take the second signal, which stays queued until it is killed.
                 process.signal(Signal::STOP);
                 process.signal(Signal::USR1);
                 std::thread::sleep(Duration::from_millis(150));
@@ -480,14 +480,14 @@ impl Drop for SignalsOfOthers {
     }
 }
 
-/// They once counted as signs of life of a stopped plant, which was killed late, or never.
+/// They once counted as signs of life of a stopped plant, which was then killed late or never.
 #[test]
 fn regress_a_stalled_plant_among_signals_of_others() {
     let _signals = SignalsOfOthers::begin();
     stall(Link::Zenoh);
 }
 
-/// Ctrl-C and SIGTERM end a run in order.
+/// Ctrl-C and SIGTERM end a run cleanly.
 #[test]
 fn scenario_canceled() {
     for (link, signal) in [
@@ -524,7 +524,7 @@ fn scenario_canceled() {
     }
 }
 
-/// Ctrl-C also reaches a run whose peers never come, and one whose plant does not react.
+/// Ctrl-C also stops a run whose peers never come, and one whose plant does not respond.
 #[test]
 fn scenario_canceled_while_nothing_happens() {
     let scratch = Scratch::new();
@@ -547,7 +547,7 @@ fn scenario_canceled_while_nothing_happens() {
     let members = stalled.members();
     stalled.member("sim").signal(Signal::STOP);
     stalled.supervisor().signal(Signal::INT);
-    // It gets the time of grace to react, then its folder has to be written by somebody else.
+    // It gets the grace period to respond, then another process has to write its folder.
     let gone = wait_until(2 * END_WITHIN, || {
         stalled.has_ended() && members.iter().all(|member| !member.is_alive())
     });
@@ -557,7 +557,7 @@ fn scenario_canceled_while_nothing_happens() {
     assert!(scratch.shared_memory().is_empty(), "{:?}", scratch.shared_memory());
 }
 
-/// A plant that dies while it writes its folder: the supervisor writes it again, from the same rows.
+/// A plant that dies while writing its folder: the supervisor writes it again from the same rows.
 #[test]
 fn scenario_killed_while_the_folder_is_written() {
     for victim in ["sim", "supervisor"] {
@@ -577,7 +577,7 @@ fn scenario_killed_while_the_folder_is_written() {
         std::thread::sleep(Random::new(1).duration(Duration::from_millis(20)));
         let members = run.members();
         target.signal(Signal::KILL);
-        // Whoever is left still has to write: how long that takes is no matter of the death.
+        // The survivors still have to write; the time that takes does not depend on the death.
         let gone = wait_until(PATIENCE, || {
             run.has_ended() && members.iter().all(|member| !member.is_alive())
         });

@@ -1,5 +1,5 @@
-//! Files for containers: what they call exists, no container runs with more rights than it needs, and kustomize takes them. (That they work
-//! was tried by hand: docs/deploy.md.)
+//! Deployment files: the commands they call exist, no container has more rights than it needs, and kustomize accepts them. (That they
+//! work was checked by hand: docs/deploy.md.)
 
 use rotortwin_tests::program::Call;
 use rotortwin_tests::scratch::{Scratch, repository};
@@ -12,7 +12,7 @@ use std::path::PathBuf;
 #[expect(unreachable_pub, reason = "the harness has it, too")]
 mod skip;
 
-/// All files of the manifests, those of components among them.
+/// All files of the manifests, including the components.
 fn manifests() -> Vec<PathBuf> {
     let mut folders = vec![repository().join("deploy/kubernetes")];
     let mut files = Vec::new();
@@ -33,7 +33,7 @@ fn manifest(name: &str) -> String {
     std::fs::read_to_string(repository().join("deploy/kubernetes").join(name)).expect("it is text")
 }
 
-/// Words of lists such as `args: [worker, --roles, jobs]` behind `key` that call the program.
+/// Entries of lists such as `args: [worker, --roles, jobs]` after `key` that call the program.
 fn calls(text: &str, key: &str) -> Vec<Vec<String>> {
     let mut calls = Vec::new();
     for rest in text.split(&format!("{key}: [")).skip(1) {
@@ -97,7 +97,7 @@ fn val_containers_have_no_rights_to_spare() {
     let names = services
         .lines()
         .filter(|line| line.starts_with("  ") && !line.starts_with("   ") && line.ends_with(':'));
-    // The database has its own; all others share one block.
+    // The database has its own block; all others share one.
     assert_eq!(names.count(), count(services, "<<: *program") + 1);
     for words in ["read_only: true", "cap_drop: [ALL]", "no-new-privileges:true"] {
         assert_eq!(count(&compose, words), 2, "{words}");
@@ -106,7 +106,7 @@ fn val_containers_have_no_rights_to_spare() {
     assert!(image.contains("\nUSER 10001:10001\n"), "the image runs as root");
 }
 
-/// What is scaled or kept up is there under that name, each secret is one that the page names, and no file holds one.
+/// Targets of budgets and autoscaling exist under that name, each secret is documented on the page, and no file holds one.
 #[test]
 fn val_budgets_autoscaling_and_secrets_name_what_is_there() {
     let budgets = manifest("disruption.yaml");
@@ -119,7 +119,7 @@ fn val_budgets_autoscaling_and_secrets_name_what_is_there() {
             "{part}"
         );
     }
-    // One of each: a budget would keep their nodes from ever being drained.
+    // Single replicas: a budget would keep their nodes from ever being drained.
     for part in ["api", "router", "postgres"] {
         assert!(manifest(&format!("{part}.yaml")).contains("replicas: 1"), "{part}");
         assert!(!budgets.contains(&format!("app: {part}")), "{part}");
@@ -173,7 +173,7 @@ fn val_budgets_autoscaling_and_secrets_name_what_is_there() {
     }
 }
 
-/// `kubectl kustomize` puts them together, with the components and without.
+/// `kubectl kustomize` builds them, with and without the components.
 #[test]
 fn scenario_kustomize_takes_the_manifests_with_and_without_components() {
     let scratch = Scratch::new();
@@ -212,7 +212,7 @@ fn scenario_kustomize_takes_the_manifests_with_and_without_components() {
     );
     assert_eq!(all.matches("name: ROTORTWIN_ARTIFACTS").count(), 2, "API and workers");
     assert!(all.contains("kind: ScaledObject"));
-    // Of controllers and FDI engines only: how many workers there are says the queue.
+    // Controllers and FDI engines only: the number of workers follows the queue.
     assert_eq!(
         (
             plain.matches("replicas: 2").count(),

@@ -1,4 +1,4 @@
-//! The same scenario and seed give the same run, bit for bit: over every link, however the processes are scheduled, and again.
+//! The same scenario and seed give the same run, bit for bit: over every link, under any scheduling, and when repeated.
 
 use rotortwin_tests::process::wait_until;
 use rotortwin_tests::program::{Call, Link, PATIENCE, Run, number, whole};
@@ -12,10 +12,10 @@ use std::time::Duration;
 /// Seeds that are flown over every link.
 const SEEDS: u64 = 50;
 
-/// Longest time for which a process is stopped, and for which all are left alone.
+/// Longest time for which a process is stopped, and between stops.
 const LONGEST_DELAY: Duration = Duration::from_millis(30);
 
-/// Stops and continues random processes of a run for random times until it ends; how often.
+/// Stops and continues random processes of a run for random times until it ends; the number of stops.
 fn disturb(run: &mut Run, random: &mut Random) -> u32 {
     let mut stops = 0;
     while !run.has_ended() {
@@ -31,8 +31,8 @@ fn disturb(run: &mut Run, random: &mut Random) -> u32 {
     stops
 }
 
-/// Flies one seed in one process and over `link`, the latter with disturbed scheduling, and compares. The hash, and how often
-/// processes were stopped.
+/// Flies one seed in one process and over `link`, the latter with disturbed scheduling, and compares. Returns the hash and the number
+/// of stops.
 fn same_hash_over(link: Link, seed: u64) -> (String, u32) {
     let scratch = Scratch::new();
     let scenario = scratch.write("short.toml", short_flight());
@@ -94,7 +94,7 @@ fn scenario_fifty_seeds_over_tcp_with_random_delays() {
     same_hashes_over(Link::Zenoh);
 }
 
-/// A run repeats itself, and `replay` says so.
+/// A run is repeatable, and `replay` confirms it.
 #[test]
 fn scenario_the_same_seed_again_and_replayed() {
     let scratch = Scratch::new();
@@ -118,7 +118,7 @@ fn scenario_the_same_seed_again_and_replayed() {
     }
 }
 
-/// Pace, window and processors change when something happens, never what happens.
+/// Pace, window and processors change when something happens, not what happens.
 #[test]
 fn scenario_settings_that_change_nothing() {
     let scratch = Scratch::new();
@@ -156,7 +156,7 @@ fn scenario_settings_that_change_nothing() {
     }
 }
 
-/// Runs side by side in one domain of shared memory, as when people start several at a time, do not see each other.
+/// Concurrent runs in one domain of shared memory, as when people start several at a time, do not see each other.
 #[test]
 fn scenario_runs_side_by_side() {
     let scratch = Scratch::new();
@@ -172,7 +172,7 @@ fn scenario_runs_side_by_side() {
     assert!(scratch.shared_memory().is_empty(), "{:?}", scratch.shared_memory());
 }
 
-/// `replay` compares indeed: with one bit of the recorded hash or one number of the recorded scenario changed it says so.
+/// `replay` detects one changed bit of the recorded hash and one changed number of the recorded scenario.
 #[test]
 fn scenario_replay_tells_a_difference() {
     let scratch = Scratch::new();
@@ -201,7 +201,7 @@ fn scenario_replay_tells_a_difference() {
     }
 }
 
-/// Every shipped scenario that our own controller flies has the recorded hash over every link: a new one means that every run differs.
+/// Every shipped scenario flown by our own controller has the recorded hash over every link: a new hash means that every run differs.
 /// Refresh with `ROTORTWIN_UPDATE_GOLDEN=1 cargo test --release -p rotortwin-tests --test determinism regress_`.
 #[test]
 fn regress_run_hashes_of_shipped_scenarios() {
@@ -250,7 +250,7 @@ fn regress_run_hashes_of_shipped_scenarios() {
     );
 }
 
-/// Names of shipped scenarios, but for those that wait for an autopilot.
+/// Names of shipped scenarios, except those that wait for an autopilot.
 fn flown_by_our_controller() -> Vec<String> {
     let mut names: Vec<String> = std::fs::read_dir(repository().join("config/scenarios"))
         .expect("they are part of the repository")
@@ -274,8 +274,8 @@ fn write_hashes(file: &Path, flown: &[(String, String)]) {
     std::fs::write(file, text).expect("the repository can be written");
 }
 
-/// The reference flight's helix from the ground and back to it: our own controller takes off, stays on its path, and stands at the end.
-/// The detectors say nothing on the ground, and do not take it for a fault.
+/// The reference flight's helix from the ground and back to it: our own controller takes off, stays on its path, and ends at rest.
+/// The detectors are silent on the ground, and do not take it for a fault.
 #[test]
 fn scenario_the_reference_flight_from_the_ground_is_the_same_over_every_link() {
     const FEET_M: f64 = 0.179;
@@ -286,7 +286,7 @@ fn scenario_the_reference_flight_from_the_ground_is_the_same_over_every_link() {
         [2.0 * turn.cos(), 2.0 * turn.sin(), down]
     };
     let [north, east, _] = at(0.0);
-    // A second a point: up in eight, six turns, down in ten.
+    // One point per second: eight up, six turns, ten down.
     let mut points = vec![[north, east, -FEET_M]];
     points.extend((1..=8).map(|second| [north, east, -FEET_M - (5.0 - FEET_M) * f64::from(second) / 8.0]));
     points.extend((1..=90).map(|second| at(f64::from(second))));

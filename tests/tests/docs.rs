@@ -1,7 +1,8 @@
-//! Pages of the book that promise what a command prints: the commands are run, and what the page shows is compared with it.
+//! Pages of the book that show what a command prints: the commands are run, and their output is compared with the page.
 //!
-//! A page's `console` blocks hold lines that begin with `$ ` (a command) and what it prints below. There `…` stands for any text of a
-//! line, and by itself for any number of lines. A block is not run if the paragraph before it says so, in the words of [`NOT_RUN`].
+//! A page's `console` blocks hold lines that begin with `$ ` (a command) followed by its output. There `…` stands for any text within
+//! a line, and alone on a line for any number of lines. A block is not run if the paragraph before it says so, in the words of
+//! [`NOT_RUN`].
 
 use rotortwin_tests::process::wait_until;
 use rotortwin_tests::program::{Call, Link, PATIENCE, program};
@@ -13,7 +14,7 @@ use std::net::TcpListener;
 use std::path::PathBuf;
 use std::process::{Child, Command, Stdio};
 
-/// What the paragraph before a block says if its commands need hardware, another program or a certificate.
+/// Phrase in the paragraph before a block whose commands need hardware, another program or a certificate.
 const NOT_RUN: &str = "not run by the tests";
 
 /// Pages whose blocks are run, with the first command of each block that is not.
@@ -38,7 +39,7 @@ const START_PAGES: [(&str, &[&str]); 5] = [
     ),
 ];
 
-/// Longest page that is still one: lines as they are printed, of 100 letters.
+/// Longest page that counts as one: printed lines of 100 characters.
 const LINES_OF_A_PAGE: usize = 100;
 
 fn read(page: &str) -> String {
@@ -98,12 +99,12 @@ fn blocks(page: &str) -> Vec<Block> {
     blocks
 }
 
-/// Without differences in the width of columns.
+/// Ignores differences in column width.
 fn words(line: &str) -> String {
     line.split_whitespace().collect::<Vec<_>>().join(" ")
 }
 
-/// True if a line is as shown, where `…` stands for any text.
+/// True if a line matches the shown one, where `…` stands for any text.
 fn fits(shown: &str, line: &str) -> bool {
     let (shown, line) = (words(shown), words(line));
     let parts: Vec<&str> = shown.split('…').map(str::trim).collect();
@@ -120,7 +121,7 @@ fn fits(shown: &str, line: &str) -> bool {
     rest.ends_with(last)
 }
 
-/// What of the shown lines was not printed, or printed beyond them.
+/// Shown lines that were not printed, or printed lines that are not shown.
 fn difference(shown: &[String], printed: &str) -> Option<String> {
     let mut lines = printed.lines().filter(|line| !line.trim().is_empty());
     let mut is_gap = false;
@@ -184,7 +185,7 @@ impl Reader {
         }
     }
 
-    /// With free ports in the place of those that the page names: another program may have these.
+    /// Replaces the ports that the page names with free ones: another program may be using them.
     fn with_free_ports(&mut self, text: &str) -> String {
         const HOST: &str = "127.0.0.1:";
         let mut changed = String::new();
@@ -205,7 +206,7 @@ impl Reader {
         changed + rest
     }
 
-    /// RUN_ID is what a command in the background has printed.
+    /// RUN_ID is what a background command has printed.
     fn with_run_id(&self, command: &str) -> String {
         if !command.contains("RUN_ID") {
             return command.to_owned();
@@ -256,7 +257,7 @@ impl Reader {
                 shown,
                 file,
             };
-            // What comes after it may need it.
+            // The commands after it may need it.
             if let Some(first) = begun.shown.output.first() {
                 let is_ready = wait_until(PATIENCE, || begun.printed().lines().any(|line| fits(first, line)));
                 assert!(is_ready.is_some(), "{place}\n{}", begun.printed());
@@ -272,7 +273,7 @@ impl Reader {
         }
     }
 
-    /// What was left in the background has printed what the page shows.
+    /// Checks that what runs in the background has printed what the page shows.
     fn end(self) {
         for each in &self.background {
             let is_shown = wait_until(PATIENCE, || difference(&each.shown.output, &each.printed()).is_none());
@@ -327,7 +328,7 @@ fn scenario_start_pixhawk() {
     follow("start-pixhawk.md");
 }
 
-/// Each is one page, is linked from both front doors, and names in plain words what no test runs.
+/// Each fits on one page, is linked from both front doors, and says plainly what no test runs.
 #[test]
 fn val_start_pages_are_short_linked_and_run() {
     let root = repository();
@@ -354,7 +355,7 @@ fn val_start_pages_are_short_linked_and_run() {
     }
 }
 
-/// Limits that the front page states, as the program shows them today.
+/// Limits that the front page states, as the program shows them.
 #[test]
 fn regress_limits_of_the_front_page() {
     let early = "fault=[{time_s=5.0, rotor=3, thrust_loss_percent=10.0}]";
@@ -404,10 +405,10 @@ fn regress_limits_of_the_front_page() {
     }
 }
 
-/// Every run hash in the book is that of a shipped scenario as it flies today.
+/// Every run hash in the book belongs to a shipped scenario.
 #[test]
 fn regress_run_hashes_in_the_book() {
-    /// Words of 32 hexadecimal digits that are no hash of a flight: the id of a job, the hash of no step at all.
+    /// Words of 32 hexadecimal digits that are not flight hashes: a job's id, the hash of no steps.
     const OTHERS: [(&str, &str); 2] = [
         ("server.md", "01a1fee40b57abece41e1490b5decc4b"),
         ("when-it-fails.md", "99aa06d3014798d86001c324468d497f"),
@@ -451,7 +452,7 @@ fn expanded(name: &str, rotors: usize) -> Vec<String> {
     }
 }
 
-/// The page on the run folder says how many columns there are, and names each.
+/// The page on the run folder gives the number of columns and names each.
 #[test]
 fn regress_columns_of_the_telemetry() {
     let scratch = Scratch::new();
@@ -486,7 +487,7 @@ fn regress_columns_of_the_telemetry() {
     );
 }
 
-/// The page on usual changes counts the files of its examples.
+/// The page on usual changes gives the number of files of its examples.
 #[test]
 fn regress_where_to_change() {
     let git = |words: &str| {

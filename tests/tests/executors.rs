@@ -1,4 +1,4 @@
-//! Campaigns from Python on a Ray and a Dask cluster of this machine, of which nodes die.
+//! Campaigns from Python on a Ray and a Dask cluster on this machine, whose nodes die.
 
 use rotortwin_tests::program::program;
 use rotortwin_tests::python::client_folder;

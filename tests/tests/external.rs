@@ -1,4 +1,4 @@
-//! Peers that somebody else starts, with the command that the run prints: on another host, or of another make.
+//! External peers, started with the command that the run prints: on another host, or of another make.
 
 use rotortwin_tests::process::wait_until;
 use rotortwin_tests::program::{Call, Link, PATIENCE, Run, text};
@@ -49,7 +49,7 @@ fn scenario_external_peers_join_with_the_printed_command() {
     }
 }
 
-/// An external peer is watched like any other, and sees why the run that it served has ended.
+/// An external peer is monitored like any other, and learns why its run has ended.
 #[test]
 fn scenario_external_peer_killed() {
     let scratch = Scratch::new();
@@ -76,7 +76,7 @@ fn scenario_external_peer_killed() {
     }
 }
 
-/// Whoever joins a run that is not there gives up, and says where it looked for what.
+/// Joining a run that does not exist fails with a sentence that says what was looked for and where.
 #[test]
 fn scenario_peer_without_a_run() {
     let scratch = Scratch::new();
@@ -93,7 +93,7 @@ fn scenario_peer_without_a_run() {
     }
 }
 
-/// The plant is played to a controller that joins by itself: ours conforms, one that is too slow for a bound that nobody keeps does not.
+/// Conformance test of a controller that joins by itself: ours passes, one that misses a bound too tight for any fails.
 #[test]
 fn scenario_conform_over_zenoh() {
     let scratch = Scratch::new();

@@ -1,4 +1,4 @@
-//! `rotortwin fdi-log` on flights with a ground in them, a flip, and parts of a log: what is judged, what is not, and why.
+//! `rotortwin fdi-log` on flights with ground contact, a flip, and parts of a log: what is judged, what is not, and why.
 
 use parquet::file::reader::{FileReader as _, SerializedFileReader};
 use parquet::record::Field;
@@ -11,7 +11,7 @@ use std::f64::consts::{PI, TAU};
 use std::ffi::OsString;
 use std::path::{Path, PathBuf};
 
-/// Take-off, a square and a landing in 75 s; the take-off is asked for at 8 s.
+/// Take-off, a square and a landing in 75 s; the take-off command comes at 8 s.
 fn from_the_ground(scratch: &Scratch, name: &str, fault: Option<toml::Value>) -> PathBuf {
     let config = repository().join("config");
     let text = std::fs::read_to_string(config.join("scenarios/takeoff-and-land.toml")).expect("it is shipped");
@@ -44,7 +44,7 @@ fn judged(scratch: &Scratch, words: &[&str], model: &str) -> Value {
     serde_json::from_str(&ended.stdout).expect("JSON")
 }
 
-/// A line of the error output has these words.
+/// A line of standard error contains these words.
 fn says(ended: &Ended, words: &str) {
     assert!(
         ended.stderr.iter().any(|line| line.contains(words)),
@@ -59,13 +59,13 @@ fn number(value: &Value) -> f64 {
         .unwrap_or_else(|| panic!("expected a number, got {value}"))
 }
 
-/// Reasons for what was not judged, in the order of time.
+/// Reasons for the intervals not judged, in order of time.
 fn reasons(report: &Value) -> Vec<&str> {
     let list = report["not_judged"].as_array().expect("a list");
     list.iter().filter_map(|time| time["reason"].as_str()).collect()
 }
 
-/// What was judged and what was not make up the log.
+/// Judged and unjudged intervals together cover the log.
 fn nothing_is_left_out(report: &Value) {
     let list = report["not_judged"].as_array().expect("a list");
     let not_judged: f64 = list
@@ -73,7 +73,7 @@ fn nothing_is_left_out(report: &Value) {
         .map(|time| number(&time["to_s"]) - number(&time["from_s"]))
         .sum();
     let all = number(&report["decided_s"]) + not_judged;
-    // A window of 62.5 ms may be cut by each end.
+    // Each end may cut a window of 62.5 ms.
     let whole = number(&report["log"]["duration_s"]);
     assert!(
         (all - whole).abs() < 0.07 * (2 + list.len()) as f64,
@@ -89,14 +89,14 @@ fn path(path: &Path) -> &str {
 fn scenario_a_flight_from_the_ground_is_judged_in_the_air_alone() {
     let scratch = Scratch::new();
     let run = from_the_ground(&scratch, "healthy", None);
-    // Until it lands: a touch-down that the thrust follows slowly is not told from flight at once (docs/detector.md).
+    // Until it lands: a touch-down after which the thrust falls slowly is not told from flight at once (docs/detector.md).
     let report = judged(&scratch, &[&format!("{}@0:50", path(&run))], "f550-skids");
     let sequential = &report["counts"][2];
     assert_eq!(sequential["alarms"], 0, "{report}");
     assert!(number(&report["decided_s"]) > 20.0, "{report}");
     assert_eq!(report["stretches"].as_array().map(Vec::len), Some(1), "{report}");
     let reasons = reasons(&report);
-    // The session needs 0.7 s to see that it stands.
+    // The session needs 0.7 s to see that the vehicle is at rest.
     assert_eq!(reasons, ["calibration", "on_ground", "take_off", "calibration"]);
     nothing_is_left_out(&report);
 }
@@ -121,7 +121,7 @@ fn scenario_a_loss_in_the_air_is_found_after_a_start_on_the_ground() {
         number(&loss["share_low"]) < LOSS && LOSS < number(&loss["share_high"]),
         "{loss}"
     );
-    // The same of a part that begins in the air.
+    // The same for a part that begins in the air.
     let part = judged(&scratch, &[&format!("{}@20:50", path(&run))], "f550-skids");
     assert_eq!(
         part["final_window"]["sequential"]["rotors"],
@@ -154,7 +154,7 @@ fn rows(run: &Path) -> Vec<BTreeMap<String, f64>> {
         .collect()
 }
 
-/// Columns that the detectors need beside the voltage.
+/// Columns that the detectors need, except the voltage.
 fn needed() -> Vec<String> {
     let mut names = vec!["time_s".to_owned()];
     for (quantity, axes) in [
@@ -178,7 +178,7 @@ fn csv(names: &[String], rows: impl IntoIterator<Item = BTreeMap<String, f64>>) 
     out
 }
 
-/// A hover in the middle of which attitude and rates make a roll of 360° in 0.8 s that no duty asks for.
+/// A hover with, in the middle, a roll of 360° in 0.8 s in attitude and rates that the duties do not command.
 fn with_a_flip(scratch: &Scratch) -> PathBuf {
     const FROM_S: f64 = 25.0;
     const LASTS_S: f64 = 0.8;
@@ -194,7 +194,7 @@ fn with_a_flip(scratch: &Scratch) -> PathBuf {
     for row in &mut flight {
         let share = (row["time_s"] - FROM_S) / LASTS_S;
         if (0.0..1.0).contains(&share) {
-            // Of least jerk.
+            // Minimum-jerk profile.
             let turn = TAU * share.powi(3) * (10.0 - 15.0 * share + 6.0 * share * share);
             let turn = if turn > PI { turn - TAU } else { turn };
             *row.get_mut("roll_rad").expect("a column") += turn;
@@ -228,7 +228,7 @@ fn scenario_a_log_without_a_voltage_is_judged_by_what_is_left() {
     assert_eq!(lack["prevents_verdicts"], false, "{report}");
     let said = lack["rules_out"].as_str().expect("words");
     assert!(said.starts_with("what all rotors lose together"), "{said}");
-    // Worked out of the duties it is that of the battery, to what a start without drag and lag leaves.
+    // Estimated from the duties it matches the battery's, within the error of an initial estimate without drag and lag.
     let voltage: f64 = said
         .split_once("battery: ")
         .and_then(|(_, rest)| rest.split_once(" V"))
@@ -247,7 +247,7 @@ fn scenario_a_log_without_a_voltage_is_judged_by_what_is_left() {
         number(&loss["share_low"]) < LOSS && LOSS < number(&loss["share_high"]),
         "{loss}"
     );
-    // A vehicle three times as heavy cannot have flown it: no verdict, and why.
+    // A vehicle three times as heavy cannot have flown it: no verdict, and the reason.
     let heavy = std::fs::read_to_string(repository().join("config/vehicles/f550.toml"))
         .expect("it is shipped")
         .replace("mass_kg = 1.55 ", "mass_kg = 4.65 ")
@@ -270,7 +270,7 @@ fn scenario_a_flip_is_no_fault() {
     let report = judged(&scratch, &[path(&log)], "f550");
     assert_eq!(report["counts"][2]["alarms"], 0, "{report}");
     assert!(reasons(&report).contains(&"upset"), "{report}");
-    // Before it and, after a calibration, behind it.
+    // Before it, and after it once recalibrated.
     assert_eq!(report["stretches"].as_array().map(Vec::len), Some(2), "{report}");
     assert!(number(&report["decided_s"]) > 20.0, "{report}");
     nothing_is_left_out(&report);
@@ -308,7 +308,7 @@ fn scenario_verdicts_are_scored_against_the_truth() {
     );
     let series = scratch.path("series.csv");
     let logs = [path(&damaged), path(&healthy)];
-    // By a side file, and by the labels of the runs: the same score, but for the sizes, which labels do not have.
+    // From a side file and from the runs' labels: the same score, except for the sizes, which labels lack.
     let by_file = judged(
         &scratch,
         &[logs[0], logs[1], "--truth", path(&truth), "--series", path(&series)],
@@ -364,7 +364,7 @@ fn scenario_verdicts_are_scored_against_the_truth() {
     assert_eq!(rows.last().expect("rows")[loss], "0");
     assert!(rows.iter().any(|row| row[loss] == "0.1" && row[log] == logs[0]));
 
-    // In words; and what is no truth.
+    // As text; and an invalid truth file.
     let table = Call::new(
         &scratch,
         ["fdi-log", logs[0], "--truth", "fault_label", "--model", "f550"].map(OsString::from),
@@ -385,13 +385,13 @@ fn scenario_verdicts_are_scored_against_the_truth() {
     says(&refused, "no column `label` with the truth");
 }
 
-/// A message of a ULog.
+/// A ULog message.
 fn message(kind: u8, payload: &[u8]) -> Vec<u8> {
     let length = u16::try_from(payload.len()).expect("short");
     [&length.to_le_bytes()[..], &[kind], payload].concat()
 }
 
-/// Definitions put behind the header and the flag bits, with which every ULog begins.
+/// Inserts definitions after the header and the flag bits, with which every ULog begins.
 fn with_definitions(log: &[u8], definitions: &[Vec<u8>]) -> Vec<u8> {
     const HEADER_BYTES: usize = 16;
     let length = usize::from(u16::from_le_bytes([log[HEADER_BYTES], log[HEADER_BYTES + 1]]));
@@ -406,11 +406,11 @@ fn parameter(name: &str, value: f32) -> Vec<u8> {
     message(b'P', &[&[length], key.as_bytes(), &value.to_le_bytes()].concat())
 }
 
-/// The F550's rotor that is PX4's motor 1, 2, …
+/// The F550's rotor for PX4's motor 1, 2, …
 const PX4_HEXA_X: [usize; 6] = [2, 5, 6, 3, 1, 4];
 const ONSET_S: f64 = 20.0;
 
-/// Where the F550's rotors are, from 1: forward and right over the arm, and whether it turns counter-clockwise.
+/// Position of the F550's rotors from 1, forward and right in arm lengths, and whether each turns counter-clockwise.
 fn place(rotor: usize) -> (f64, f64, bool) {
     let azimuth = (60.0 * rotor as f64 - 30.0).to_radians();
     (azimuth.cos(), azimuth.sin(), rotor % 2 == 1)
@@ -457,7 +457,7 @@ fn flown_by_px4s_numbers(scratch: &Scratch) -> Vec<u8> {
     let ended = Call::fly(scratch, Link::InProcess, &scenario, "square")
         .run()
         .expect_code(0);
-    // The first size that is told is one to be believed.
+    // The first reported size is plausible.
     let told: Vec<&String> = ended.stderr.iter().filter(|line| line.contains(" loses ")).collect();
     assert_eq!(told.len(), 1, "{:?}", ended.stderr);
     assert!(
@@ -471,7 +471,7 @@ fn flown_by_px4s_numbers(scratch: &Scratch) -> Vec<u8> {
     std::fs::read(file).expect("it was written")
 }
 
-/// As a PX4 would have said where its motors are.
+/// Motor geometry as PX4 would have logged it.
 fn control_allocation() -> Vec<Vec<u8>> {
     let mut all = vec![parameter("CA_ROTOR_COUNT", 6.0)];
     for (motor, rotor) in PX4_HEXA_X.iter().enumerate() {
@@ -514,7 +514,7 @@ fn val_a_log_whose_parameters_tell_its_motors_is_read_in_the_vehicles_order() {
         assert!(ended.stdout.contains(READ), "{command}: {}", ended.stdout);
     }
 
-    // Without them the motion contradicts the order: one sentence, and what it names is accepted.
+    // Without them the motion contradicts the order: one sentence, and the remedy it names works.
     let log = scratch.path("plain.ulg");
     let order = "order:5-1-4-6-2-3";
     for command in ["fdi-log", "compare"] {
@@ -530,7 +530,7 @@ fn val_a_log_whose_parameters_tell_its_motors_is_read_in_the_vehicles_order() {
         );
     }
     names_rotor_3(&judged(&scratch, &[&format!("{}@{order}", path(&log))], "f550"));
-    // Whoever insists is not refused.
+    // An explicit order is accepted.
     judged(&scratch, &[&format!("{}@5:28@order:1-2-3-4-5-6", path(&log))], "f550");
     let words = [
         "fdi-log",
@@ -544,7 +544,7 @@ fn val_a_log_whose_parameters_tell_its_motors_is_read_in_the_vehicles_order() {
         "expected each of the log's 6 rotors once, such as `@order:1-2-3-4-5-6`",
     );
 
-    // The same of a server.
+    // The same on a server.
     let server = Server::start(&scratch.path("data"));
     let ask = |query: &str, body: &[u8]| {
         let address = format!("/api/v1/fdi/reports?vehicle=f550{query}");
@@ -564,7 +564,7 @@ fn val_a_log_whose_parameters_tell_its_motors_is_read_in_the_vehicles_order() {
     assert_eq!(status, 200, "{told}");
     names_rotor_3(&told);
 
-    // A receiver's time in the log is the flight's date; --date goes before it.
+    // A receiver's time in the log gives the flight's date; --date takes precedence.
     const NOON_US: u64 = 1_772_366_400_000_000;
     const GPS: u16 = 900;
     let format = message(b'F', b"sensor_gps:uint64_t timestamp;uint64_t time_utc_usec;");
@@ -606,8 +606,8 @@ fn val_a_log_whose_parameters_tell_its_motors_is_read_in_the_vehicles_order() {
     }
 }
 
-/// A vehicle that is not quite its document, in slow gusts that turn it: the loss of a rotor is known no better than these. Both draws
-/// had the truth outside of the interval in 15 and 45 % of the windows.
+/// A vehicle that deviates slightly from its document, in slow gusts that turn it: the loss of a rotor cannot be estimated better than
+/// these allow. In both draws the truth lay outside the interval in 15 and 45 % of the windows.
 #[test]
 fn regress_a_loss_is_not_known_better_than_the_disturbance() {
     let scratch = Scratch::new();
@@ -638,6 +638,6 @@ fn regress_a_loss_is_not_known_better_than_the_disturbance() {
         inside += number(&judged["score"]["inside"]);
         of += number(&judged["score"]["inside_of"]);
     }
-    // Of 320 windows after the onset 220 had named the rotor before a name had to be borne out where the model fails; 180 since.
+    // Of 320 windows after the onset, 220 named the rotor before a name needed confirmation where the model is inaccurate; 180 since.
     assert!(of > 160.0 && inside > 0.93 * of, "{inside} of {of} windows");
 }

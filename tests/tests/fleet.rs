@@ -1,5 +1,5 @@
-//! `rotortwin fleet` on flights of the independent generator: a rotor that wears is named with an interval that holds the truth, a healthy
-//! vehicle with unequal rotors is left in peace, and the file survives whoever writes into it.
+//! `rotortwin fleet` on flights of the independent generator: a wearing rotor is named with an interval that holds the truth, a healthy
+//! vehicle with unequal rotors raises no alarm, and the file survives concurrent writers.
 
 use rotortwin_tests::program::{Call, Ended};
 use rotortwin_tests::scratch::{Scratch, repository};
@@ -18,7 +18,7 @@ impl Draw {
         (self.0 >> 11) as f64 / (1u64 << 53) as f64
     }
 
-    /// About normal, deviation 1.
+    /// Approximately normal, standard deviation 1.
     fn normal(&mut self) -> f64 {
         (0..12).map(|_| self.uniform()).sum::<f64>() - 6.0
     }
@@ -128,7 +128,7 @@ fn val_a_rotor_that_wears_is_named_acknowledged_and_begins_anew() {
     .run()
     .expect_code(0);
     assert_eq!(status(&shown(&scratch, "worn"))[3], "acknowledged");
-    // One more flight takes another per cent.
+    // One more flight costs another percent.
     add(&scratch, "worn", last).run().expect_code(0);
     let view = shown(&scratch, "worn");
     assert_eq!(status(&view)[3], "inspect", "{view:#}");
@@ -164,7 +164,7 @@ fn val_a_healthy_vehicle_with_unequal_rotors_is_left_in_peace() {
     );
 }
 
-/// Eight processes at once, one flight each, and one flight twice: eight flights, each once.
+/// Eight processes at once, one flight each, and one flight twice: eight flights, each recorded once.
 #[test]
 fn scenario_several_processes_write_into_one_file() {
     let scratch = Scratch::new();

@@ -20,7 +20,7 @@ fn scenario(scratch: &Scratch, duration_s: f64) -> PathBuf {
     path
 }
 
-/// Where viewers connect, out of the line that says so.
+/// Address for viewers, from the line that announces it.
 fn address(line: &str) -> String {
     let (_, address) = line.split_once("ws://").expect("an address");
     address.trim().to_owned()
@@ -43,7 +43,7 @@ fn scenario_a_viewer_sees_live_what_is_recorded() {
     viewer.subscribe(40, &names);
     viewer.say(&json!({ "op": "setParameters", "parameters": [] }));
 
-    // Who comes late hears what the log has said before.
+    // A late viewer gets the earlier log messages.
     let late_address = address.clone();
     run.line(|line| line.contains("truth"));
     let mut late = Viewer::connect(&late_address, "/", "x, foxglove.websocket.v1");
@@ -90,7 +90,7 @@ fn scenario_a_viewer_sees_live_what_is_recorded() {
         let key = (message.channel.topic.clone(), message.log_time);
         recorded.entry(key).or_default().push(message.data.to_vec());
     }
-    // Poses and scenes come at their own rate: at the times that both have.
+    // Poses and scenes have their own rates: compare at common times.
     let mut same: BTreeMap<&str, usize> = BTreeMap::new();
     for ((topic, time_ns), bytes) in live
         .iter()
@@ -113,7 +113,7 @@ fn scenario_a_viewer_sees_live_what_is_recorded() {
     for topic in ["/tf", "/pose", "/reference_pose", "/scene"] {
         assert!(same[topic] > 20, "{topic}: {same:?}");
     }
-    // What it is: a vehicle at 5 m with six rotors, of which one is told to be faulty.
+    // The scene: a vehicle at 5 m with six rotors, one of them reported as faulty.
     let last = |topic: &str| {
         live.range((topic.to_owned(), 0)..=(topic.to_owned(), u64::MAX))
             .next_back()
@@ -136,7 +136,7 @@ fn scenario_a_viewer_sees_live_what_is_recorded() {
     let trail = SceneUpdate::decode(&last("/trail")[0][..]).expect("a scene");
     assert!(trail.entities[0].lines[0].points.len() > 20);
 
-    // Nobody who looked on has changed the flight.
+    // Viewers have not changed the flight.
     let alone = Call::fly(&scratch, Link::Iceoryx2, &flight, "alone")
         .run()
         .expect_code(0);

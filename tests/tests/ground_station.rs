@@ -1,5 +1,5 @@
-//! `fly --mavlink` read by a MAVLink client of somebody else's: pymavlink, in an environment of its own; counted as skipped where it cannot
-//! be had.
+//! `fly --mavlink` read by an independent MAVLink client: pymavlink, in its own environment; counted as skipped where it is not
+//! available.
 
 use rotortwin_tests::program::{Call, Link};
 use rotortwin_tests::python::environment;
@@ -42,7 +42,7 @@ fn val_pymavlink_reads_a_flight_as_it_was() {
     assert!(station.wait().expect("it ends").success());
     let seen: Value = serde_json::from_str(&text).expect("JSON");
     assert_eq!((&seen["wrong"], &seen["missed"]), (&0.into(), &0.into()), "{seen}");
-    // 25 Hz, the slow ones 1 or 2 Hz; a machine that is busy loses none, but may end late.
+    // 25 Hz, the slow ones 1 or 2 Hz; a busy machine loses none, but may finish late.
     for (kind, count) in [
         ("ATTITUDE", 300),
         ("LOCAL_POSITION_NED", 300),
@@ -63,7 +63,7 @@ fn val_pymavlink_reads_a_flight_as_it_was() {
             .and_then(Value::as_f64)
             .unwrap_or_else(|| panic!("{path}: {seen}"))
     };
-    // The hover point is 5 m over the origin; home is that of the scenario.
+    // The hover point is 5 m over the origin; home is the scenario's.
     assert!((number("/last/LOCAL_POSITION_NED/z") + 5.0).abs() < 0.3, "{seen}");
     assert!(
         (number("/last/GLOBAL_POSITION_INT/relative_alt") - 5000.0).abs() < 300.0,

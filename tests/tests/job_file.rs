@@ -1,16 +1,16 @@
-//! `rotortwin job FILE`: what a worker does for a server, from a file and without one (docs/jobs.md).
+//! `rotortwin job FILE`: what a worker does for a server, from a file and without the server (docs/jobs.md).
 
 use rotortwin_tests::program::{Call, Ended, Link, read_json};
 use rotortwin_tests::scratch::{Scratch, repository, short_flight};
 use serde_json::{Value, json};
 
-/// Does a job in the scratch folder.
+/// Runs a job in the scratch folder.
 fn job(scratch: &Scratch, job: &Value) -> Ended {
     let file = scratch.write("job.json", json!({ "version": 2, "job": job }).to_string());
     Call::new(scratch, ["job".into(), file.into_os_string()]).run()
 }
 
-/// Events, and the result behind them.
+/// Events, then the result.
 fn said(ended: &Ended) -> (Vec<Value>, Value) {
     let is_event = |line: &&str| line.starts_with("{\"event\"") || line.contains("\"event\":");
     let events = ended.stdout.lines().take_while(is_event);
@@ -24,7 +24,7 @@ fn said(ended: &Ended) -> (Vec<Value>, Value) {
     )
 }
 
-/// A flight, the same run hash as that of the command; then the flight is verified, and the answer is that of the command.
+/// A flight has the same run hash as with the command; verifying it gives the answer of the command.
 #[test]
 fn scenario_a_job_from_a_file_flies_and_verifies_as_the_commands_do() {
     let scratch = Scratch::new();
@@ -58,7 +58,7 @@ fn scenario_a_job_from_a_file_flies_and_verifies_as_the_commands_do() {
     assert_eq!(verified.stdout, replayed.stdout);
 }
 
-/// The other kinds that are quick: what comes out is what the command prints.
+/// The other quick kinds: the result is what the command prints.
 #[test]
 fn scenario_a_job_from_a_file_reads_logs_as_the_commands_do() {
     let scratch = Scratch::new();

@@ -1,4 +1,4 @@
-//! Runs of this program as flight logs: a hidden effect that a scenario flies with is what the diagnosis of its run folder names.
+//! Runs of this program as flight logs: a hidden effect in a scenario is named by the diagnosis of its run folder.
 
 use rotortwin_tests::program::{Call, Link, text};
 use rotortwin_tests::scratch::{Scratch, repository};

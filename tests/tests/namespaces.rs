@@ -1,4 +1,4 @@
-//! A run over several hosts: network name spaces with cables between them, some bad, some pulled.
+//! A run over several hosts: network namespaces joined by cables, some bad, some pulled.
 
 use rotortwin_tests::certificates::certificates;
 use rotortwin_tests::hosts::Hosts;
@@ -14,7 +14,7 @@ const FLY: usize = 1;
 const CONTROLLER: usize = 2;
 const FDI: usize = 3;
 
-/// A flight from host 1 with the controller on host 2 and the FDI engine on host 3, begun with the commands that it prints.
+/// A flight from host 1 with the controller on host 2 and the FDI engine on host 3, started with the printed commands.
 fn fly(
     scratch: &Scratch,
     hosts: &Hosts,
@@ -77,7 +77,7 @@ fn scenario_three_hosts_give_the_hash_of_one() {
     );
 }
 
-/// 2 ms each way and a packet in a hundred lost, on the cable of the plant's host: slower, and the same bits.
+/// 2 ms each way and 1 % packet loss on the cable of the plant's host: slower, but the same bits.
 #[test]
 fn scenario_a_bad_cable_changes_no_bit() {
     let Some(mut hosts) = Hosts::new(3) else { return };
@@ -89,8 +89,8 @@ fn scenario_a_bad_cable_changes_no_bit() {
     assert_eq!(lands(flight), expected);
 }
 
-/// A pulled cable closes no connection. The run ends, before the step time-out, and names who is not there any more; the peers say
-/// that the plant is gone.
+/// A pulled cable closes no connection. The run ends before the step time-out and names the lost peers; the peers report that the plant
+/// is gone.
 #[test]
 fn scenario_a_pulled_cable_is_named() {
     let Some(hosts) = Hosts::new(3) else { return };
@@ -109,7 +109,7 @@ fn scenario_a_pulled_cable_is_named() {
             .and_then(|(_, rest)| rest.split_once(" ms"))
             .and_then(|(number, _)| number.parse().ok())
             .unwrap_or_else(|| panic!("no length of the silence in: {sentence}"));
-        // The lease of a connection is 2 s; the step time-out would be 5 s.
+        // A connection's lease is 2 s; the step time-out would be 5 s.
         assert!(silence < 5_000, "{sentence}");
         let (lost, other) = if victim == CONTROLLER {
             (controller, fdi)
@@ -129,7 +129,7 @@ fn scenario_a_pulled_cable_is_named() {
 }
 
 /// Server, database and the plant's worker on host 1; controller and FDI engine on host 2, whose cable is pulled in mid-run. The attempt
-/// fails and names who is missing; host 3 takes the seats, and the job ends with the hash of a flight in one process.
+/// fails and names who is missing; host 3 takes over, and the job ends with the hash of a flight in one process.
 #[test]
 fn scenario_a_job_outlives_a_pulled_cable() {
     let Some(hosts) = Hosts::new(3) else { return };
@@ -161,7 +161,7 @@ fn scenario_a_job_outlives_a_pulled_cable() {
         }));
         let stream = server.send("GET", &format!("/api/v1/runs/{id}/events"), &[], "");
         let mut events = BufReader::new(stream).lines().map_while(Result::ok);
-        // It flies.
+        // It is flying.
         let flies = events.find(|line| line.contains("\"sim_time_s\""));
         assert!(flies.is_some(), "no progress was told");
         (id, events)

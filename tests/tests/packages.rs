@@ -1,4 +1,4 @@
-//! What `cargo xtask dist` makes, installed where nothing of this checkout is.
+//! Packages made by `cargo xtask dist`, installed where nothing of this checkout exists.
 
 use rotortwin_tests::python::{client_folder, environment, environment_of};
 use rotortwin_tests::scratch::Scratch;
@@ -11,7 +11,7 @@ fn root() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("..")
 }
 
-/// The folder of the packages, made once. `None`: something that makes them is not here, and a line says what.
+/// The folder of the packages, made once. `None` if a tool is missing, which a line reports.
 fn packages() -> Option<&'static Path> {
     static MADE: OnceLock<Option<PathBuf>> = OnceLock::new();
     MADE.get_or_init(|| {
@@ -21,11 +21,11 @@ fn packages() -> Option<&'static Path> {
                 return None;
             }
         }
-        // The Python that packs the wheel needs a package index; it is the one that `dist` takes if it is there.
+        // The Python that packs the wheel needs a package index; `dist` uses this one if it exists.
         environment("dist-python", &["wheel>=0.42", "hatchling>=1.24"])?;
         let mut dist = Command::new(env!("CARGO"));
         for (name, _) in std::env::vars_os() {
-            // What cargo says of this test would have libraries built again.
+            // Cargo's variables for this test would cause libraries to be rebuilt.
             if name
                 .to_str()
                 .is_some_and(|name| name.starts_with("CARGO_PKG_") || name.starts_with("CARGO_MANIFEST_"))
@@ -58,7 +58,7 @@ fn package(folder: &Path, ending: &str) -> PathBuf {
         .unwrap_or_else(|| panic!("{}: a file that ends in {ending}", folder.display()))
 }
 
-/// What the wheel's tests need besides it.
+/// Additional packages that the wheel's tests need.
 const OF_THE_TESTS: [&str; 11] = [
     "httpx>=0.27,<1",
     "numpy>=1.24",
@@ -73,7 +73,7 @@ const OF_THE_TESTS: [&str; 11] = [
     "ipykernel>=6",
 ];
 
-/// Installs the wheel for an interpreter and runs in it what needs no server.
+/// Installs the wheel for an interpreter and runs there everything that needs no server.
 fn the_wheel_works(python: &str) {
     let Some(folder) = packages() else { return };
     let Some(programs) = environment_of(python, &format!("wheel-{python}"), &OF_THE_TESTS) else {
@@ -100,7 +100,7 @@ fn the_wheel_works(python: &str) {
         &scratch.path("."),
     );
 
-    // The command and its ten lines of Python, from a folder that knows nothing of this checkout.
+    // The command and its ten lines of Python, from a folder outside this checkout.
     let flown = run(
         "rotortwin",
         &["fly", "short-hover"].map(std::ffi::OsStr::new),
@@ -112,7 +112,7 @@ fn the_wheel_works(python: &str) {
     assert!(said.contains("rotor 4 lost") && said.contains("named after"), "{said}");
     assert!(scratch.path("damaged-blade.png").is_file());
 
-    // A detector of one's own, and the notebook, every cell of it.
+    // A custom detector, and the notebook, every cell of it.
     let example = client_folder().join("examples/own_detector.py");
     let said = run("python", &[example.as_os_str()], &scratch.path("."));
     assert!(
@@ -152,7 +152,7 @@ fn scenario_the_wheel_works_on_the_oldest_and_a_newer_python() {
     }
 }
 
-/// A root that holds the package, the C library and nothing else.
+/// A root file system with the package, the C library and nothing else.
 #[test]
 fn scenario_the_debian_package_works_in_an_empty_root() {
     let Some(folder) = packages() else { return };
@@ -197,7 +197,7 @@ fn scenario_the_debian_package_works_in_an_empty_root() {
     }
 }
 
-/// The container image, unpacked by its own description: every blob is what its name says, and its command works as its user.
+/// The container image, unpacked by its own manifest: every blob matches its digest, and its command works as its user.
 #[test]
 fn scenario_the_container_image_works_without_a_daemon() {
     let Some(folder) = packages() else { return };
@@ -342,7 +342,7 @@ fn val_the_list_of_parts_names_what_is_in_the_packages() {
             .is_some_and(|licence| licence.contains("Apache-2.0")),
         "{zenoh}"
     );
-    // SHA256SUMS has all files, this one too.
+    // SHA256SUMS lists all files, including this one.
     let sums = std::fs::read_to_string(folder.join("SHA256SUMS")).expect("it was written");
     let files = std::fs::read_dir(folder).expect("it is there").count() - 1;
     assert_eq!(

@@ -27,7 +27,7 @@ fn own_mask() -> String {
     mask(std::process::id()).expect("this process runs somewhere")
 }
 
-/// A flight of many seconds, which a test ends.
+/// A flight long enough for a test to end it.
 struct Flight {
     run: Run,
     _scratch: Scratch,
@@ -44,7 +44,7 @@ impl Flight {
         Self { run, _scratch: scratch }
     }
 
-    /// What plant, controller and FDI engine may run on; a busy machine may be moving them now.
+    /// Allowed processors of plant, controller and FDI engine; a busy machine may be moving them now.
     fn mask(&mut self) -> String {
         let pids = MEMBERS.map(|name| self.run.member(name).pid);
         let mut found = None;
@@ -81,7 +81,7 @@ fn scenario_flights_at_the_same_time_spread_over_the_processors() {
     if std::thread::available_parallelism().is_ok_and(|count| count.get() < 2) {
         return rotortwin_tests::skip("one processor: flights cannot spread");
     }
-    // Where no other flight of this machine holds a place.
+    // In a namespace where no other flight of this machine holds a place.
     let Some(hosts) = Hosts::new(1) else { return };
     let mut flights = [(); 2].map(|()| Flight::start(&hosts.on(1), &[]));
     let [first, second] = flights.each_mut().map(Flight::mask);

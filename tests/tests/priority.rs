@@ -1,4 +1,4 @@
-//! Real-time priority of paced flights, and who was late.
+//! Real-time priority of paced flights, and deadline misses.
 
 use rotortwin_tests::program::{Call, Link, number};
 use rotortwin_tests::scratch::{Scratch, hover};
@@ -23,7 +23,8 @@ fn scenario_priority_without_a_pace_is_refused() {
     assert!(!scratch.path("out").exists(), "nothing was written");
 }
 
-/// Without the capabilities and with the limits of an ordinary login: one sentence that names the right, and nothing written.
+/// Without the capabilities and with the limits of an ordinary login: one sentence that names the missing right, and nothing
+/// written.
 #[test]
 fn scenario_a_missing_right_is_named() {
     if !Command::new("setpriv")
@@ -35,7 +36,7 @@ fn scenario_a_missing_right_is_named() {
     }
     let scratch = Scratch::new();
     let scenario = flight(&scratch);
-    // One right at a time is taken away; the limits can be lowered by anybody.
+    // One right at a time is taken away; anyone can lower the limits.
     for (limits, without, wanted) in [
         ("--rtprio=0", "--bounding-set=-sys_nice", ["cap_sys_nice", "ulimit -r"]),
         (
@@ -73,7 +74,7 @@ fn scenario_all_processes_have_priority_and_no_bit_changes() {
         .start();
     let mut policies = Vec::new();
     for name in ["sim", "controller", "fdi"] {
-        // It may be refused before anybody is started.
+        // It may be refused before any process starts.
         if run.has_ended() {
             break;
         }
@@ -86,7 +87,7 @@ fn scenario_all_processes_have_priority_and_no_bit_changes() {
                 .split_ascii_whitespace()
                 .map(str::to_owned)
                 .collect();
-            // rt_priority and policy, fields 40 and 41 of proc(5), 38 and 39 behind the name.
+            // rt_priority and policy, fields 40 and 41 of proc(5), 38 and 39 after the name.
             Some((fields.get(37)?.clone(), fields.get(38)?.clone()))
         };
         let fifo = Some(("7".to_owned(), "1".to_owned()));

@@ -1,10 +1,10 @@
-//! The Python client: its own tests against the program that was just built, and its types.
+//! The Python client: its own tests against the current build, and its types.
 
 use rotortwin_tests::program::program;
 use rotortwin_tests::python::{client_environment, client_folder, environment};
 use std::process::Command;
 
-/// Runs a program of the environment in the client's folder; what it said if it failed.
+/// Runs a program of the environment in the client's folder; panics with its output if it fails.
 fn passes(name: &str, arguments: &[&str]) {
     let Some(programs) = client_environment() else {
         return;

@@ -1,4 +1,4 @@
-//! `rotortwin query`: SQL over what a campaign leaves, and what nobody may do with it.
+//! `rotortwin query`: SQL over a campaign's files, and what it must not do.
 
 use rotortwin_tests::process::{Process, wait_until};
 use rotortwin_tests::program::{Call, Ended, PATIENCE, program};
@@ -70,7 +70,7 @@ fn scenario_results_are_tables() {
     );
 }
 
-/// One statement that reads these files: nothing else is read, nothing is written.
+/// A statement reads its files only, and writes nothing.
 #[test]
 fn scenario_a_query_reaches_its_files_and_nothing_else() {
     let Some(programs) = client_environment() else { return };
@@ -82,7 +82,7 @@ fn scenario_a_query_reaches_its_files_and_nothing_else() {
     std::os::unix::fs::symlink(&secret, scratch.path("runs/c/link.parquet")).expect("linked");
     let before = std::fs::read(&table).expect("readable");
     scratch.write("text.csv", "a\n1\n");
-    // What Python would import from where this is started.
+    // Python would import this from the current folder.
     scratch.write("duckdb.py", "open('imported', 'w')");
     for sql in [
         "SELECT * FROM read_parquet('secret.parquet')",
@@ -153,7 +153,7 @@ fn scenario_a_query_ends_in_time_and_with_its_command() {
         engine.is_some()
     });
     let (engine, _) = engine.expect("the engine is started");
-    // Until it works on the query.
+    // Until the query is running.
     std::thread::sleep(Duration::from_secs(1));
     assert!(engine.is_alive());
     command.kill().expect("it can be killed");
@@ -168,7 +168,7 @@ fn scenario_without_an_engine_it_says_what_to_install() {
     let path = format!("PATH={}", scratch.folder().display());
     for with_python in [false, true] {
         if with_python {
-            // One that has no DuckDB: the exit code of the module.
+            // A Python without DuckDB: the module's exit code.
             let python = scratch.write("python3", "#!/bin/sh\nexit 4\n");
             std::fs::set_permissions(&python, std::fs::Permissions::from_mode(0o755)).expect("it can be run");
         }

@@ -1,4 +1,5 @@
-//! A server whose campaigns are flown by a Ray cluster of this machine: nodes, server and the way between them die.
+//! A server whose campaigns are flown by a Ray cluster on this machine: nodes, server and the connection between them
+//! die.
 
 use rotortwin_tests::cable::Cable;
 use rotortwin_tests::certificates::certificates;
@@ -15,12 +16,12 @@ use std::process::Command;
 use std::thread::sleep;
 use std::time::Duration;
 
-/// Longest wait for anything, on a machine that is busy with something else.
+/// Longest wait for anything, on a busy machine.
 const PATIENCE: Duration = Duration::from_secs(180);
-/// Parts of the campaign: as many as shards.
+/// Parts of the campaign: one per shard.
 const PARTS: u64 = 12;
 
-/// So many shards of flights of so many seconds.
+/// A campaign with this many shards of flights of this duration.
 fn campaign(name: &str, shards: u64, duration_s: f64) -> String {
     format!(
         "name = '{name}'\ndescription = 'by Ray'\nscenario = '../scenarios/short-hover.toml'\nseed = 5\nflights = {}\n\
@@ -29,7 +30,7 @@ fn campaign(name: &str, shards: u64, duration_s: f64) -> String {
     )
 }
 
-/// What the command makes of it on this machine.
+/// The command's results on this machine.
 fn on_one_machine(scratch: &Scratch, text: &str) -> PathBuf {
     let config = scratch.path("config");
     for folder in ["scenarios", "vehicles", "blades", "classifiers", "campaigns"] {
@@ -52,7 +53,7 @@ fn on_one_machine(scratch: &Scratch, text: &str) -> PathBuf {
     out
 }
 
-/// All submissions that the cluster knows, past the cable.
+/// All submissions known to the cluster, not through the cable.
 fn submissions(port: u16) -> Vec<Value> {
     let mut stream = TcpStream::connect(("127.0.0.1", port)).expect("the dashboard listens");
     write!(stream, "GET /api/jobs/ HTTP/1.0\r\nhost: 127.0.0.1\r\n\r\n").expect("it takes the request");
@@ -82,7 +83,7 @@ fn shards(server: &Server, status: &str) -> u64 {
     line.map_or(0, |count| count.parse().expect("a number"))
 }
 
-/// What the server's database says: numbers of attempts of all parts, and why some were begun again.
+/// From the server's database: numbers of attempts of all parts, and the reasons for the restarts.
 fn attempts(programs: &Path, data: &Path) -> (Vec<u64>, Vec<String>) {
     let script = "import json, sqlite3, sys\n\
          rows = sqlite3.connect(sys.argv[1]).execute\n\
@@ -97,7 +98,7 @@ fn attempts(programs: &Path, data: &Path) -> (Vec<u64>, Vec<String>) {
     serde_json::from_str(&said).unwrap_or_else(|_| panic!("{said}{}", String::from_utf8_lossy(&output.stderr)))
 }
 
-/// Whoever has the ticket of an attempt that runs, as its node does, has that attempt and no more.
+/// The ticket of a running attempt, as its node has it, gives access to that attempt only.
 fn tickets_are_worth_one_attempt(server: &Server, submission: &Value) {
     let variables = &submission["runtime_env"]["env_vars"];
     let url = variables["ROTORTWIN_PART_URL"].as_str().expect("a text");
@@ -173,7 +174,7 @@ fn scenario_a_campaign_by_ray_survives_the_death_of_a_node_and_of_the_server() {
             .filter(|job| job["status"] == "RUNNING")
             .count()
     };
-    // Each node has a part, so that the one that dies takes an attempt along.
+    // Each node has a part, so the one that dies takes an attempt with it.
     let port = cluster.port();
     wait_for("parts are done", || running(port) == 2 && shards(&server, "done") >= 2);
     cluster.kill_node(1);
@@ -186,7 +187,7 @@ fn scenario_a_campaign_by_ray_survives_the_death_of_a_node_and_of_the_server() {
         (2..PARTS).contains(&done_before),
         "{done_before}: it was not killed half-way"
     );
-    // The server does not hear of Ray, and says so; the nodes go on, and deliver.
+    // The server cannot reach Ray, and says so; the nodes continue and deliver.
     cable.cut();
     wait_for("readyz says that Ray is away", || {
         text(&server, "/readyz").contains("has not answered for")
@@ -204,7 +205,7 @@ fn scenario_a_campaign_by_ray_survives_the_death_of_a_node_and_of_the_server() {
             "{file} differs"
         );
     }
-    // Only what the killed node had was begun again: the killed server has found the rest.
+    // Only the killed node's attempts were restarted: the killed server has found the rest.
     let (attempts, why) = attempts(&programs, &data);
     assert_eq!(
         (attempts.len() as u64, attempts.iter().sum()),
@@ -219,7 +220,7 @@ fn scenario_a_campaign_by_ray_survives_the_death_of_a_node_and_of_the_server() {
         );
     }
 
-    // What has delivered is over, whoever has its ticket.
+    // A delivered attempt is closed, whoever has its ticket.
     let all = submissions(cluster.port());
     let variables = &all.iter().find(|job| job["status"] == "SUCCEEDED").expect("one")["runtime_env"]["env_vars"];
     let url = variables["ROTORTWIN_PART_URL"].as_str().expect("a text");
@@ -237,7 +238,7 @@ fn scenario_a_campaign_by_ray_survives_the_death_of_a_node_and_of_the_server() {
     };
     wait_for("Ray has ended the first campaign", ended);
 
-    // A cancel ends what Ray does, and what waits there.
+    // A cancel stops what Ray is running or has queued.
     let id = server.submit_to("campaigns", &json!({ "text": campaign("long", 4, 3000.0) }));
     wait_for("a part runs", || running(port) > 0);
     let all = submissions(cluster.port());
@@ -309,7 +310,7 @@ fn scenario_ray_with_tokens_that_is_started_afresh_does_campaigns_and_blind_benc
     let program = program().display().to_string();
     let words = ["--workers", "1", "--executor", &executor, "--ray-program", &program];
 
-    // Without a token, or with another one, it does not begin.
+    // Without a token, or with a wrong one, it does not start.
     for token in ["", "of-somebody-else"] {
         let call = ["serve", "--data", "none", "--listen", "127.0.0.1:0"];
         let said = Call::new(&scratch, call)
@@ -327,7 +328,7 @@ fn scenario_ray_with_tokens_that_is_started_afresh_does_campaigns_and_blind_benc
         );
     }
 
-    // The cluster dies while it flies, and another one is started where it was.
+    // The cluster dies in mid-flight, and another one is started at its address.
     let document = campaign("afresh", 4, 300.0);
     let here = on_one_machine(&scratch, &document);
     let bench = |out: &str| {
@@ -391,7 +392,7 @@ fn scenario_ray_with_tokens_that_is_started_afresh_does_campaigns_and_blind_benc
     }
     assert_eq!(server.stop(), Some(0));
 
-    // A server with HTTPS and tokens, whose nodes know it by the certificate of its authority.
+    // A server with HTTPS and tokens, whose nodes verify it by its CA certificate.
     let Some(folder) = certificates(&scratch, "certificates", &["bench,127.0.0.1"]) else {
         return;
     };

@@ -23,11 +23,11 @@ const FAULTS: [(f64, f64, &str); 3] = [
     (75.0, 90.0, "blade d"),
 ];
 
-/// What the issue asks of the sequential detector: it names the rotor this soon after the first onset.
+/// Requirement for the sequential detector: it names the rotor within this time of the first onset.
 const ISOLATED_WITHIN_S: f64 = 0.4;
 
-/// Share of the windows of an interval in which the T-test names the rotor, at the least: 0.887 to 0.992 over 20 seeds of this flight,
-/// rounded down. (Over its 48 flights, the waypoint ones among them, the paper has 0.69 on faults: Table 9.)
+/// Least share of an interval's windows in which the T-test names the rotor: 0.887 to 0.992 over 20 seeds of this flight, rounded
+/// down. (Over its 48 flights, including the waypoint ones, the paper has 0.69 on faults: Table 9.)
 const T_TEST_SHARE: f64 = 0.85;
 
 /// Seeds that are flown in one process.
@@ -75,7 +75,7 @@ fn check_verdicts(summary: &Value) {
     assert!(delay_s <= ISOLATED_WITHIN_S, "isolated after {delay_s} s");
 }
 
-/// All columns of all steps, and the verdicts in them as in the summary.
+/// All columns of all steps, with the same verdicts as the summary.
 fn check_telemetry(out: &Path) {
     let file = std::fs::File::open(out.join("telemetry.parquet")).expect("it was written");
     let reader = SerializedFileReader::new(file).expect("it is Parquet");
@@ -109,7 +109,7 @@ fn check_telemetry(out: &Path) {
     assert_eq!((rows, last), (STEPS, 3));
 }
 
-/// The streams of the run, as a viewer opens them.
+/// The run's streams, as a viewer opens them.
 fn check_mcap(out: &Path) {
     let bytes = std::fs::read(out.join("run.mcap")).expect("it was written");
     let mut messages: BTreeMap<String, u64> = BTreeMap::new();
@@ -141,11 +141,11 @@ fn check_mcap(out: &Path) {
         );
     }
     assert!(schemas["/nav"].starts_with("rotortwin.v1."), "{schemas:?}");
-    // A vehicle that moves in the viewer, and a word about each fault.
+    // A moving vehicle in the viewer, and a log message about each fault.
     assert!(messages["/tf"] > 0 && messages["/log"] >= 3, "{messages:?}");
 }
 
-/// The report stands alone and shows the figures of the paper.
+/// The report is self-contained and shows the paper's figures.
 fn check_report(ended: &Ended) {
     let report = std::fs::read_to_string(ended.out().join("report.html")).expect("it was written");
     assert!(
@@ -171,11 +171,11 @@ fn check_report(ended: &Ended) {
     ] {
         assert!(report.contains(&format!("\"{channel}\":[")), "no samples of {channel}");
     }
-    // It needs nothing else, also without a network: the browser is told to fetch nothing, and is asked for nothing.
+    // It is self-contained and works offline: the browser fetches nothing and prompts for nothing.
     assert!(report.contains("http-equiv=\"Content-Security-Policy\" content=\"default-src 'none';"));
     let is_inside = |text: &str| text.starts_with("data:") || text.starts_with('#');
     for reference in ["src=\"", "href=\"", "url("] {
-        // The script names addresses that it never opens; tests/tests/web_reports.rs watches it.
+        // The script contains addresses that it never opens; tests/tests/web_reports.rs checks that.
         let (head, _) = report.split_once("<script type=\"module\">").expect("it has a script");
         for (at, _) in head.match_indices(reference) {
             let address = &head[at + reference.len()..];
@@ -198,7 +198,7 @@ fn check_report(ended: &Ended) {
     }
 }
 
-/// `show`, `check` and `replay` answer in words and in JSON.
+/// `show`, `check` and `replay` answer as text and as JSON.
 fn check_commands(scratch: &Scratch, ended: &Ended) {
     let run = ended.out().to_str().expect("a plain path");
     let scenario = shipped_scenario("reference-flight");
@@ -248,7 +248,7 @@ fn check_commands(scratch: &Scratch, ended: &Ended) {
 #[test]
 fn scenario_reference_flight_through_three_processes() {
     let scratch = Scratch::new();
-    // As people do it: the domain that all runs share, and words on the screen.
+    // As users do it: in the domain that all runs share, with text output.
     let scenario = shipped_scenario("reference-flight");
     let args = ["fly", scenario.to_str().expect("a plain path"), "--out", "flown"];
     let spoken = Call::new(&scratch, args).run().expect_code(0);
@@ -284,14 +284,14 @@ fn scenario_reference_flight_through_three_processes() {
     check_commands(&scratch, &ended);
 }
 
-/// Notes what was said at the end of each window.
+/// Records the verdicts at the end of each window.
 #[derive(Default)]
 struct Verdicts {
     /// Last step of the window; code of the T-test, code of the sequential detector.
     windows: Vec<(u64, i32, i32)>,
 }
 
-/// Steps of a time.
+/// The step at a time.
 fn step(time_s: f64) -> u64 {
     (time_s * 400.0).round() as u64
 }
@@ -336,7 +336,7 @@ fn scenario_reference_flight_with_other_seeds() {
             .windows
             .iter()
             .find(|(at, _, sequential)| *at >= onset && *sequential == 3);
-        // The verdict is there at the end of the step.
+        // The verdict is available at the end of the step.
         delays_s.push(named.map_or(f64::INFINITY, |(at, ..)| (at + 1 - onset) as f64 / 400.0));
         for (start_s, end_s, blade) in FAULTS {
             let inside = |(at, ..): &&(u64, i32, i32)| (step(start_s)..step(end_s)).contains(at);

@@ -12,12 +12,12 @@ fn remote<'a>(scratch: &Scratch, server: &Server, arguments: impl IntoIterator<I
     Call::new(scratch, ["--server", &server.url()]).with(arguments)
 }
 
-/// `fly` of a file, into the folder `run` of the test.
+/// `fly` with a file, into the test's folder `run`.
 fn fly(scratch: &Scratch, server: &Server, scenario: &Path) -> Call {
     remote(scratch, server, ["fly", "--out", "run"]).with([scenario])
 }
 
-/// What stands between the head line and the facts: what both machines must print alike.
+/// The lines between the head line and the facts, which must be the same from both machines.
 fn table(ended: &Ended) -> Vec<&str> {
     let same = |line: &&str| {
         ![
@@ -233,7 +233,7 @@ fn scenario_whole_documents_are_flown_and_half_ones_refused() {
     }
 }
 
-/// A hover that was flown here: its run folder, and its telemetry as a log without a side file.
+/// A hover flown locally: its run folder, and its telemetry as a log without a side file.
 fn flown_here(scratch: &Scratch) -> [&'static str; 2] {
     let scenario = scratch.path("hover.toml");
     std::fs::write(&scenario, short_flight()).expect("it can be written");
@@ -248,7 +248,7 @@ fn vehicle() -> String {
     repository().join("config/vehicles/f550.toml").display().to_string()
 }
 
-/// Numbers of a file, without what tells where its logs lay.
+/// Numbers of a file, without the locations of its logs.
 fn result(path: &Path) -> Value {
     let text = std::fs::read_to_string(path).unwrap_or_else(|error| panic!("{}: {error}", path.display()));
     let mut value: Value = serde_json::from_str(&text).expect("JSON");
@@ -259,7 +259,7 @@ fn result(path: &Path) -> Value {
 fn forget_places(value: &mut Value) {
     match value {
         Value::Object(fields) => {
-            // Where a log was, what kind of file it was, how long it took.
+            // A log's location, kind of file and processing time.
             for key in ["path", "source", "content_hash", "hash", "timing", "kind"] {
                 fields.remove(key);
             }
@@ -276,7 +276,7 @@ fn scenario_logs_of_this_machine_are_compared_and_diagnosed_there_as_here() {
     let server = Server::start(&scratch.path("data"));
     let [run, log] = flown_here(&scratch);
     let vehicle = vehicle();
-    // A run folder is brought into the canonical form, of which a part is taken; a lone file is sent as it is.
+    // A run folder is converted to the canonical form, of which a part is taken; a single file is sent as it is.
     let part = format!("{run}@1:4");
     let compare = ["compare", &part, log, "--model", &vehicle, "--out"];
     let here = Call::new(&scratch, compare).with(["here"]).run().expect_code(0);
@@ -305,7 +305,7 @@ fn scenario_logs_of_this_machine_are_compared_and_diagnosed_there_as_here() {
     );
     assert_eq!(server.get("/api/v1/logs")["items"].as_array().map(Vec::len), Some(2));
 
-    // What the server has is named by its id, and needs no file here.
+    // The server's own items are named by id and need no local file.
     let id = server.get("/api/v1/logs")["items"][0]["id"]
         .as_str()
         .expect("an id")
@@ -376,7 +376,7 @@ fn scenario_a_log_is_imported_there_and_fetched() {
     }
     let shown = ["here", "there"].map(|folder| {
         let shown = Call::new(&scratch, ["log", "show", &format!("{folder}/alone.parquet")]);
-        // It says where it was imported from: there the upload has another name.
+        // It reports where it was imported from: there the upload has another name.
         shown
             .run()
             .expect_code(0)

@@ -1,4 +1,4 @@
-//! `rotortwin reproduce` where no flight is needed: Tables 1 to 5 and the figures of the blades.
+//! `rotortwin reproduce` where no flight is needed: Tables 1 to 5 and the figures about the blades.
 
 use rotortwin_tests::program::Call;
 use rotortwin_tests::scratch::Scratch;

@@ -1,13 +1,13 @@
-//! A flight as a recording of ROS 2, written by other people's tools, against the same flight imported directly.
+//! A flight as a ROS 2 recording, written by third-party tools, against the same flight imported directly.
 //!
-//! Needs rosbags and pyarrow, which come into a virtual environment under `target/`; skipped by name without them.
+//! Needs rosbags and pyarrow, installed into a virtual environment under `target/`; reported as skipped without them.
 
 use rotortwin_tests::program::{Call, Link, program};
 use rotortwin_tests::python::environment;
 use rotortwin_tests::scratch::{Scratch, repository, short_flight};
 use std::process::Command;
 
-/// Versions that were tried together.
+/// Versions tested together.
 const PACKAGES: [&str; 2] = ["rosbags==0.11.9", "pyarrow==26.0.1"];
 
 #[test]

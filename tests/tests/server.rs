@@ -1,4 +1,5 @@
-//! The HTTP server with real processes: what it accepts ends, whatever dies; nothing is doubled; refusals are one sentence.
+//! The HTTP server with real processes: every accepted job ends, whatever dies; nothing is duplicated; refusals are one
+//! sentence.
 
 use rotortwin_tests::process::{Process, wait_until};
 use rotortwin_tests::program::{Call, Link};
@@ -9,7 +10,7 @@ use std::io::{BufRead as _, BufReader};
 use std::path::Path;
 use std::time::Duration;
 
-/// A hover that takes so long in wall time that something can be done to it.
+/// A hover long enough in wall time to interfere with it.
 fn slow(seconds: f64) -> Value {
     json!({ "scenario": "short-hover", "pace": "real-time", "set": [format!("duration_s={seconds}")] })
 }
@@ -46,7 +47,7 @@ fn scenario_a_run_over_http_is_the_run_of_the_command_line() {
         (&verified["same"], &verified["recorded"]),
         (&json!(true), &run["run_hash"])
     );
-    // A job of its own, which says what it was.
+    // A job of its own, with its own kind.
     let job = server.get(&format!(
         "/api/v1/verifications/{}",
         verified["job"].as_str().expect("an id")
@@ -62,7 +63,7 @@ fn scenario_a_run_over_http_is_the_run_of_the_command_line() {
             .json()
     });
     assert_eq!(one["job"], two["job"], "{one} {two}");
-    // Another hash is an answer, not a failure of the server.
+    // A different hash is an answer, not a failure of the server.
     let summary = scratch.path("data").join(format!("jobs/{id}/1/out/summary.json"));
     let text = std::fs::read_to_string(&summary).expect("it is there");
     let hash = run["run_hash"].as_str().expect("a hash");
@@ -86,7 +87,7 @@ fn scenario_a_run_over_http_is_the_run_of_the_command_line() {
         "",
     );
     assert_eq!((some.status, some.body.as_slice()), (206, b"MCAP".as_slice()));
-    // The page stands at every address that is not the API's.
+    // The page is served at every address outside the API.
     let front = server.ask("GET", "/", &[], "");
     let deep = server.ask("GET", &format!("/runs/{id}"), &[], "");
     assert_eq!((front.status, deep.status), (200, 200));
@@ -179,7 +180,7 @@ fn scenario_a_list_is_no_submission() {
             (422, &json!("/problems/unprocessable")),
             "{body}: {problem}"
         );
-        // The first two would be read as the first fields, or none.
+        // The first two would be read as the first fields, or as none.
         let is_array = problem["detail"].to_string().contains("expected one JSON object");
         assert_eq!(is_array, body.len() < 17 && body.starts_with('['), "{body}: {problem}");
     }
@@ -192,7 +193,7 @@ fn scenario_a_canceled_run_ends_and_keeps_what_it_has() {
     let server = Server::start(&scratch.path("data"));
     let id = server.submit(&slow(60.0));
     let path = format!("/api/v1/runs/{id}");
-    // Not only begun: it has flown some steps.
+    // Not only started: it has flown some steps.
     let stream = server.send("GET", &format!("{path}/events"), &[], "");
     let mut lines = BufReader::new(stream).lines().map_while(Result::ok);
     assert!(lines.any(|line| line == "event: progress"), "it flies");
@@ -207,7 +208,7 @@ fn scenario_a_canceled_run_ends_and_keeps_what_it_has() {
     assert!(!scratch.path("data").join("jobs").join(&id).exists());
 }
 
-/// Attempts of a run that has begun to fly.
+/// Attempts of a run that is flying.
 fn events_so_far(server: &Server, path: &str) -> u64 {
     let run = server.get(path);
     if run["status"] == "running" {
@@ -217,7 +218,7 @@ fn events_so_far(server: &Server, path: &str) -> u64 {
     }
 }
 
-/// No process of a flight in this folder lives.
+/// No process of a flight in this folder is alive.
 fn nobody_flies(data: &Path) -> bool {
     Process::with_word(&data.display().to_string()).is_empty()
 }
@@ -234,14 +235,14 @@ fn scenario_a_killed_server_loses_nothing_and_doubles_nothing() {
     for round in 0..3 {
         std::thread::sleep(Duration::from_millis(150 + 200 * round));
         server.kill();
-        // The flights notice that nobody holds their standard input any more.
+        // The flights notice that their standard input is closed.
         wait_until(Duration::from_secs(20), || nobody_flies(&data)).expect("no flight outlives its server");
         server = Server::start(&data);
         ids.push(server.submit(&json!({ "scenario": "short-hover", "seed": 1 })));
     }
     let runs: Vec<Value> = ids.iter().map(|id| server.ended(id)).collect();
     assert!(runs.iter().all(|run| run["status"] == "done"), "{runs:?}");
-    // The same flight gives the same bits, however often it was begun.
+    // The same flight gives the same bits, however often it was started.
     for again in &runs[7..] {
         assert_eq!(again["run_hash"], runs[0]["run_hash"]);
     }

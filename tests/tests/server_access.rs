@@ -1,4 +1,4 @@
-//! Who may use a server: tokens, scopes, tenants, HTTPS, limits.
+//! Access to a server: tokens, scopes, tenants, HTTPS, limits.
 
 use rotortwin_tests::process::wait_until;
 use rotortwin_tests::program::Call;
@@ -20,7 +20,7 @@ fn token(scratch: &Scratch, data: &Path, more: &[&str]) -> String {
     Call::new(scratch, words).run().expect_code(0).stdout.trim().to_owned()
 }
 
-/// Method, address, body; what it said: status and problem or answer.
+/// Method, address, body; returns the status and the problem or answer.
 fn ask(server: &Server, token: &str, method: &str, path: &str, body: &str) -> (u16, Value) {
     let bearer = format!("Bearer {token}");
     let headers: &[(&str, &str)] = if token.is_empty() {
@@ -40,7 +40,7 @@ fn scenario_tokens_say_who_may_do_what_on_whose_account() {
     let before = ask(&server, "", "POST", "/api/v1/runs", HOVER);
     assert_eq!(before.0, 202, "without tokens, this host may do everything");
 
-    // From the first token on, everybody needs one; the server runs on.
+    // From the first token on, everyone needs one; the server keeps running.
     let reader = token(&scratch, &data, &["reader", "--tenant", "a", "--scopes", "read"]);
     let writer = token(&scratch, &data, &["writer", "--tenant", "a"]);
     let other = token(&scratch, &data, &["other", "--tenant", "b"]);
@@ -48,7 +48,7 @@ fn scenario_tokens_say_who_may_do_what_on_whose_account() {
     for path in ["/api/v1/runs", "/metrics", "/api/v1/scenarios"] {
         assert_eq!(ask(&server, "", "GET", path, "").0, 401, "{path}");
     }
-    // The page, which asks for a token, tells nothing of anybody's work.
+    // The page, which prompts for a token, reveals nothing of anyone's work.
     for path in ["/healthz", "/readyz", "/api/v1/openapi.json"] {
         assert_eq!(ask(&server, "", "GET", path, "").0, 200, "{path}");
     }
@@ -69,7 +69,7 @@ fn scenario_tokens_say_who_may_do_what_on_whose_account() {
     assert_eq!((status, &run["tenant"]), (202, &json!("a")));
     let path = format!("/api/v1/runs/{}", run["id"].as_str().expect("an id"));
     assert_eq!(ask(&server, &reader, "GET", &path, "").0, 200);
-    // Somebody else's is as if it were not there, whatever is asked.
+    // Another account's items look as if they did not exist, whatever the request.
     for (method, more) in [
         ("GET", ""),
         ("DELETE", ""),
@@ -90,7 +90,7 @@ fn scenario_tokens_say_who_may_do_what_on_whose_account() {
         (Some(1), Some(0), Some(2))
     );
 
-    // The same key of two tenants are two runs.
+    // The same key of two tenants gives two runs.
     for token in [&writer, &other] {
         let bearer = format!("Bearer {token}");
         let headers = [("authorization", bearer.as_str()), ("idempotency-key", "night")];
@@ -154,7 +154,7 @@ fn scenario_the_same_key_is_the_same_job_whatever_has_changed() {
     };
     assert_eq!(log("log").status, 202);
 
-    // The account is full now, and the scenario and the run that it was forked from are gone.
+    // The account is full, and the scenario and the run it was forked from are gone.
     assert_eq!(ask("/api/v1/runs", "another", body).0, 429);
     assert_eq!(server.ask("DELETE", "/api/v1/scenarios/mine", &[], "").status, 204);
     assert_eq!(
@@ -220,7 +220,7 @@ fn scenario_limits_are_said_in_one_sentence() {
     );
 }
 
-/// Who may only look at runs gets no ticket, with which one could fly them.
+/// A read-only token gets no ticket, which would allow flying.
 #[test]
 fn scenario_a_ticket_is_for_those_who_may_write() {
     let scratch = Scratch::new();
@@ -244,7 +244,7 @@ fn scenario_a_ticket_is_for_those_who_may_write() {
     assert_eq!(ask(&server, &writer, "POST", &format!("{path}/cancel"), "").0, 202);
 }
 
-/// One account takes its share of the FDI sessions, and another one still finds a place.
+/// One account uses up its share of the FDI sessions, and another one can still open one.
 #[test]
 fn scenario_fdi_sessions_are_shared_by_the_accounts() {
     let scratch = Scratch::new();
@@ -253,7 +253,7 @@ fn scenario_fdi_sessions_are_shared_by_the_accounts() {
     let server = Server::start_at("127.0.0.1:0", &data, &words);
     let vehicle = r#"{"vehicle":"f550"}"#;
     let open = |token: &str| ask(&server, token, "POST", "/api/v1/fdi/sessions", vehicle);
-    // Where nobody needs a token there is one account, and all are its.
+    // Without tokens there is one account, which owns all sessions.
     let mut mine: Vec<String> = (0..5)
         .map(|_| {
             let (status, told) = open("");
@@ -279,7 +279,7 @@ fn scenario_fdi_sessions_are_shared_by_the_accounts() {
         "{problem}"
     );
     assert_eq!((open(&b).0, open(&b).0), (201, 201), "the others' are not gone");
-    // What is closed is free again.
+    // A closed session frees its place.
     assert_eq!(open(&b).0, 429);
     let path = format!(
         "/api/v1/fdi/sessions/{}",

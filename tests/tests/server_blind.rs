@@ -1,4 +1,4 @@
-//! The blind bench as a job: the rows of the command line, over several workers, whatever becomes of one of them.
+//! The blind bench as a job: the same rows as from the command line, over several workers, even if one of them is lost.
 
 use rotortwin_tests::postgres::Postgres;
 use rotortwin_tests::process::{Process, wait_until};
@@ -11,12 +11,12 @@ use std::io::Read as _;
 use std::path::Path;
 use std::time::Duration;
 
-/// Flights that the diagnosis can read, and no longer, s.
+/// Flights just long enough for the diagnosis, s.
 const DURATION_S: u32 = 20;
-/// Until something is seen that comes by itself.
+/// Wait for something that happens by itself.
 const PATIENCE: Duration = Duration::from_secs(60);
 
-/// The same bench on this machine; its rows.
+/// Rows of the same bench on this machine.
 fn bench_here(scratch: &Scratch, n: u32) -> (Ended, Vec<Value>) {
     std::os::unix::fs::symlink(repository().join("config"), scratch.path("config")).expect("linked");
     let here = Call::new(scratch, bench(n))
@@ -70,7 +70,7 @@ fn events(server: &Server, id: &str) -> String {
     text
 }
 
-/// The processes that do cases for a server or worker, and the generators and diagnoses that these have started.
+/// The processes that run cases for a server or worker, and the generators and diagnoses they have started.
 fn benches_of(worker: Process) -> Vec<Process> {
     let benches = Process::children(worker.pid)
         .into_iter()
@@ -329,7 +329,7 @@ fn scenario_a_canceled_blind_bench_ends() {
         working.iter().all(|process| !process.is_alive()) && benches_of(server.process()).is_empty()
     });
     assert!(gone.is_some_and(|time| time < Duration::from_secs(5)), "{gone:?}");
-    // 50 parts: most waited, and the ones that ran have ended as the rest did.
+    // 50 parts: most were queued, and the running ones have ended like the rest.
     let parts = || {
         let metrics = server.ask("GET", "/metrics", &[], "");
         String::from_utf8_lossy(&metrics.body).into_owned()
@@ -360,7 +360,7 @@ fn scenario_a_canceled_blind_bench_ends() {
     );
 }
 
-/// What both machines must print alike.
+/// Output that must be the same from both machines.
 fn sheet(ended: &Ended) -> Vec<&str> {
     let same = |line: &&str| !line.trim_start().starts_with("seconds") && !line.starts_with("Report:");
     ended.stdout.lines().filter(same).collect()
@@ -382,7 +382,7 @@ fn scenario_a_blind_bench_elsewhere_prints_and_leaves_what_it_leaves_here() {
     assert_eq!(rows_of(&read_json(&scratch.path("there/score.json"))), rows);
     assert_eq!(names(&scratch.path("there")), names(&scratch.path("here")));
 
-    // A vehicle that the server does not have, with blades at another place.
+    // A vehicle that the server lacks, with its blades elsewhere.
     let text = |path: &str| std::fs::read_to_string(repository().join("config").join(path)).expect("readable");
     scratch.write("blades of mine.toml", text("blades/t9545.toml"));
     let mine = text("vehicles/f550.toml").replace("../blades/t9545.toml", "blades of mine.toml");

@@ -1,5 +1,5 @@
 //! Everything at once: hosts that vanish within a transaction, freeze or are cut off, clocks that step, a full disk, a Postgres that dies,
-//! slow clients, killed servers and processes. `tools/chaos.sh MINUTES [SEED]` makes it long.
+//! slow clients, killed servers and processes. `tools/chaos.sh MINUTES [SEED]` runs it for longer.
 
 use rotortwin_tests::accepted::{Accepted, nothing_lost_and_nothing_doubled, submit_for_sure};
 use rotortwin_tests::cable::Cable;
@@ -21,27 +21,27 @@ use std::time::{Duration, Instant};
 
 /// Workers of two jobs each: the last one reaches Postgres over a cable that is cut.
 const WORKERS: usize = 3;
-/// Between two disturbances, at most.
+/// Longest time between two disturbances.
 const PAUSE: Duration = Duration::from_millis(2500);
-/// Between two looks at what is going on.
+/// Interval of the checks.
 const LOOK: Duration = Duration::from_millis(200);
-/// Between two runs that are submitted.
+/// Interval of submissions.
 const SUBMITTED_EACH: Duration = Duration::from_secs(1);
-/// Clients at the same time that say half of what they want.
+/// Concurrent clients that send half a request.
 const SLOW_CLIENTS: usize = 12;
-/// A host is frozen so long.
+/// Duration of a host's freeze.
 const FROZEN: Duration = Duration::from_secs(60);
-/// A network is cut so long.
+/// Duration of a network outage.
 const CUT: Duration = Duration::from_secs(30);
-/// Postgres undoes a transaction of ours after so long without a word.
+/// Idle time after which Postgres rolls back a transaction of ours.
 const HELD: Duration = Duration::from_secs(5);
-/// The disk is full so long.
+/// Duration of a full disk.
 const FULL: Duration = Duration::from_secs(4);
-/// Clocks step by so much, s.
+/// Step of a clock, s.
 const STEP: i64 = 3600;
-/// From the loss of a host until what it had is queued or begun again, at worst.
+/// Longest time from the loss of a host until its jobs are queued or restarted.
 const RECOVERY: Duration = Duration::from_secs(30);
-/// The size of the disk with everybody's files.
+/// Size of the disk with all files.
 const ROOM: &str = "6g";
 
 const KINDS: [Kind; 8] = [
@@ -55,7 +55,7 @@ const KINDS: [Kind; 8] = [
     Kind::KillProcess,
 ];
 
-/// What is done to whom.
+/// A disturbance and its target.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 enum Kind {
     VanishInTransaction,
@@ -68,7 +68,7 @@ enum Kind {
     KillProcess,
 }
 
-/// What ends after a while.
+/// A disturbance that ends after a while.
 enum Open {
     Transaction(Held),
     Cut,
@@ -104,7 +104,7 @@ struct Bench<'a> {
     random: Random,
 }
 
-/// How long it goes on; `ROTORTWIN_CHAOS_S=600` for the long one.
+/// Duration of the test; `ROTORTWIN_CHAOS_S=600` for the long one.
 fn length() -> Duration {
     let text = std::env::var("ROTORTWIN_CHAOS_S").ok();
     Duration::from_secs(text.map_or(12, |text| text.parse().expect("seconds")))
@@ -198,7 +198,7 @@ impl<'a> Bench<'a> {
         })
     }
 
-    /// What a lost worker had.
+    /// Jobs of a lost worker.
     fn note_losses(&mut self, number: usize, kind: Kind) -> Vec<String> {
         let pid = self.workers[number].process().pid;
         let asked = format!("SELECT id, attempts FROM job WHERE status = 'running' AND worker LIKE '%-{pid}'");
@@ -218,7 +218,7 @@ impl<'a> Bench<'a> {
         ids
     }
 
-    /// Does something to somebody, if it can be done now.
+    /// Starts a disturbance if one is possible now.
     fn disturb(&mut self, kind: Kind) {
         if self.is_open(kind) {
             return;
@@ -226,7 +226,7 @@ impl<'a> Bench<'a> {
         let now = Instant::now();
         match kind {
             Kind::VanishInTransaction => {
-                // Never the last one that works: something has to go on.
+                // Never the last working one: something has to continue.
                 let number = usize::from(self.is_frozen(0));
                 self.workers[number].process().signal(Signal::STOP);
                 let ids = self.note_losses(number, kind);
@@ -291,7 +291,7 @@ impl<'a> Bench<'a> {
         *self.done.entry(kind).or_default() += 1;
     }
 
-    /// Ends what has lasted long enough; everything, if `all`.
+    /// Ends disturbances that have lasted long enough, or all of them if `all`.
     fn mend(&mut self, all: bool) {
         let now = Instant::now();
         let (over, open): (Vec<_>, Vec<_>) = std::mem::take(&mut self.open)
@@ -311,7 +311,7 @@ impl<'a> Bench<'a> {
         }
     }
 
-    /// Looks which lost jobs somebody has again.
+    /// Checks which lost jobs have been taken over.
     fn look_after_losses(&mut self) {
         if self.losses.is_empty() {
             return;
@@ -338,12 +338,12 @@ impl<'a> Bench<'a> {
     }
 }
 
-/// Says half of something, and waits until nobody listens any more.
+/// Sends half a request and waits until the connection closes.
 fn be_slow(address: &str, number: usize, is_over: &AtomicBool, times: &AtomicU64) {
     let words = match number % 3 {
         0 => b"GET / HTTP/1.1\r\nhost: loc".to_vec(),
         1 => b"POST /api/v1/logs?name=a.csv HTTP/1.1\r\nhost: localhost\r\ncontent-type: text/csv\r\ncontent-length: 1000\r\n\r\ntime_s".to_vec(),
-        // Answers that nobody reads.
+        // Responses that are never read.
         _ => b"GET /api/v1/docs/swagger-ui-bundle.js HTTP/1.1\r\nhost: localhost\r\n\r\n".repeat(30),
     };
     while !is_over.load(Ordering::Relaxed) {
@@ -371,7 +371,7 @@ fn be_slow(address: &str, number: usize, is_over: &AtomicBool, times: &AtomicU64
     }
 }
 
-/// Submits runs until it is over: fast ones, and some that take a while.
+/// Submits runs until the end: fast ones, and some that take a while.
 fn submit(address: &str, is_over: &AtomicBool) -> Accepted {
     let mut accepted = Accepted::new();
     for number in 0_u64.. {
@@ -421,7 +421,7 @@ fn scenario_everything_at_once() {
                 }
                 std::thread::sleep(LOOK);
             }
-            // Hosts that are still lost stay so until others have what they had.
+            // Lost hosts stay lost until others have taken over their jobs.
             wait_until(RECOVERY * 2, || {
                 bench.mend(false);
                 bench.look_after_losses();
@@ -461,7 +461,7 @@ fn scenario_everything_at_once() {
         drained.elapsed().as_secs_f64(),
     );
     if let Some((longest, kind)) = worst {
-        // The figure is that of a machine that has nothing else to do; a busy one may take longer.
+        // The figure is for an otherwise idle machine; a busy one may take longer.
         assert!(longest <= RECOVERY * 2, "{kind:?}: {longest:?}");
     }
 }

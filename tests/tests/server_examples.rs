@@ -1,4 +1,5 @@
-//! Example logs over HTTP: flown by the independent simulator, diagnosed without knowing the truth, which is revealed afterwards.
+//! Example logs over HTTP: flown by the independent simulator, diagnosed without knowledge of the truth, which is revealed
+//! afterwards.
 
 use rotortwin_tests::scratch::Scratch;
 use rotortwin_tests::server::Server;
@@ -20,7 +21,7 @@ fn scenario_each_example_of_a_first_visit_is_diagnosed_as_what_it_is() {
         ("healthy", "agrees"),
     ] {
         let (id, job) = generated(&server, &json!({ "preset": preset, "seed": 3 }));
-        // Nothing tells what is in it before somebody asks; the log is one like any other.
+        // Nothing reveals the truth before it is requested; the log looks like any other.
         let told = job.to_string();
         for word in ["rotor-drag", "share", "hidden", "damaged", "healthy"] {
             assert!(!told.contains(word), "{preset}: {word}: {told}");
@@ -55,7 +56,7 @@ fn scenario_each_example_of_a_first_visit_is_diagnosed_as_what_it_is() {
     }
 }
 
-/// The blade breaks in mid-flight: the diagnosis dates it, and the FDI page names the rotor and when.
+/// The blade breaks in mid-flight: the diagnosis dates it, and the FDI page names the rotor and the time.
 fn seen_by_the_detectors(server: &Server, log: &str, hidden: &Value, found: &Value) {
     let breaks = hidden["onset_s"].as_f64().expect("it breaks in mid-flight");
     let dated = found["onset_s"]
@@ -78,7 +79,7 @@ fn seen_by_the_detectors(server: &Server, log: &str, hidden: &Value, found: &Val
         change["time_s"].as_f64().is_some_and(|at| at < breaks) && change["sequential"]["code"].as_i64() > Some(0)
     });
     assert!(!false_alarm, "{changes:?}");
-    // The same flight, as the page draws it.
+    // The same flight, as plotted by the page.
     let picture = server.get(&format!("/api/v1/logs/{log}/flight"));
     assert_eq!(report["flight"], picture);
     assert_eq!(picture["outputs"].as_array().map(Vec::len), Some(6));

@@ -1,4 +1,4 @@
-//! FDI as a service against the real server: what it says of a recorded run is what the run recorded.
+//! FDI as a service against the real server: its verdicts on a recorded run are the recorded ones.
 
 use parquet::file::reader::{FileReader as _, SerializedFileReader};
 use parquet::record::RowAccessor as _;
@@ -23,7 +23,7 @@ const CALIBRATION: [(&str, f64); 2] = [("calibration_start_s", 0.75), ("calibrat
 /// Until a loss of 15 % is named: the fault comes 1.25 s after the calibration, when the model has not yet explained 5 s of flight, so that a name has
 /// to stand before it is told; by then "cannot judge".
 const NAMED_WITHIN_S: f64 = 1.0;
-/// Windows that may be waited for.
+/// Windows to wait for.
 const WAITED: usize = 16;
 
 /// A flight of 8 s with a network and a fault.
@@ -168,9 +168,9 @@ fn same(said: &Value, recorded: f64, what: &str) {
     );
 }
 
-/// Windows that the service gave are those of the run: verdicts, probability, severity, bit for bit.
+/// Windows from the service match the run's: verdicts, probability, severity, bit for bit.
 #[track_caller]
-/// A report is the run's while the run calls the vehicle healthy; what it names has had a second look.
+/// A report matches the run's while the run calls the vehicle healthy; a named rotor has had a second look.
 fn same_until_the_fault(report: &rotortwin_proto::FdiReport, row: &Row) {
     let waits = report
         .sequential
@@ -200,7 +200,7 @@ fn same_as_recorded(windows: &[Value], rows: &[Row]) {
     let mut waited = 0;
     for (window, row) in windows.iter().zip(recorded) {
         assert_eq!(window["step"].as_f64(), Some(row["step"]));
-        // A run records what the engine says, without the second look.
+        // A run records the engine's verdicts, without the second look.
         let mut window = window.clone();
         if let Some(engine) = window.get("engine").cloned() {
             window["sequential"] = engine;
@@ -310,7 +310,7 @@ fn scenario_chunks_of_a_run_get_the_verdicts_that_the_run_recorded() {
     let mut windows = Vec::new();
     let (mut step, mut form) = (0, 0);
     while step < rows.len() {
-        // All three forms, chunks that end inside of windows.
+        // All three formats, with chunks that end inside windows.
         let count = [333, 700, 90][form % 3].min(rows.len() - step);
         let part = &rows[step..step + count];
         let (kind, body) = match form % 3 {
@@ -328,7 +328,7 @@ fn scenario_chunks_of_a_run_get_the_verdicts_that_the_run_recorded() {
         let answer = server.ask("POST", &path, &[("content-type", kind)], &body);
         let said = answer.json();
         assert_eq!(answer.status, 200, "{said}");
-        // A client whose answer was lost asks again.
+        // A client whose response was lost repeats the request.
         let again = server.ask("POST", &path, &[("content-type", kind)], &body).json();
         assert_eq!(
             (&again["windows"], &again["repeated"]),
@@ -499,7 +499,7 @@ fn scenario_a_session_refuses_with_the_reason_and_ends() {
         "no column velocity_north_m_s",
     );
     feed("?first_step=150", json_kind, &json!("x".repeat(3 << 20)), 413, "");
-    // Nothing of that counted.
+    // None of these requests had an effect.
     let state = server.get(&address);
     assert_eq!((&state["next_step"], &state["samples"]), (&json!(150), &json!(50)));
     let path = format!("{address}/measurements?first_step=500&after_gap=true");
@@ -595,7 +595,7 @@ fn scenario_logs_are_judged_and_told_what_they_lack() {
         let bytes = std::fs::read(scratch.path("logs").join(format!("{name}.parquet"))).expect("imported");
         let answer = ask(query, &bytes);
         let report = answer.json();
-        // The same log, imported there before.
+        // The same log, imported there earlier.
         let upload = server.ask_bytes(
             "POST",
             "/api/v1/logs?name=flight.parquet",
@@ -631,7 +631,7 @@ fn scenario_logs_are_judged_and_told_what_they_lack() {
     let quiet = whole.replace("battery_voltage_v", "another_voltage");
     let report = ask(query, quiet.as_bytes()).json();
     assert_eq!(report["lacks"][0]["columns"], json!(["battery_voltage_v"]), "{report}");
-    // It is worked out of the duties; without a velocity there is no verdict.
+    // It is estimated from the duties; without a velocity there is no verdict.
     assert_eq!(
         (
             &report["lacks"][0]["prevents_verdicts"],
@@ -680,7 +680,7 @@ fn scenario_logs_are_judged_and_told_what_they_lack() {
             "{problem}"
         );
     }
-    // Nothing that was uploaded stays.
+    // No upload remains.
     let left = std::fs::read_dir(scratch.path("data")).expect("a folder");
     assert!(
         left.flatten()
@@ -727,7 +727,7 @@ fn scenario_a_session_is_fed_over_zenoh() {
     );
 }
 
-/// The development logs of a foreign simulator on which nothing is wrong: no false alarm in three times 80 s.
+/// The development logs of a foreign simulator without faults: no false alarm in three times 80 s.
 #[test]
 fn val_logs_of_a_foreign_simulator() {
     let shared =
@@ -782,7 +782,7 @@ fn bench_measurements_per_second() {
             each.len()
         );
     };
-    // The flight again and again, as one long session.
+    // The flight over and over, as one long session.
     const ROUNDS: usize = 5;
     for (kind, size) in [("application/json", 400), ("text/csv", 400), ("application/json", 25)] {
         let bodies: Vec<String> = (0..rows.len())
@@ -862,7 +862,7 @@ fn bench_measurements_per_second() {
     }
 }
 
-/// What is damaged is known: the score of the server is that of the command, for rows and for a column.
+/// With known damage: the server's score is the command's, for rows and for a column.
 #[test]
 fn scenario_a_log_with_its_truth_is_scored() {
     let scratch = Scratch::new();
@@ -911,7 +911,7 @@ fn scenario_a_log_with_its_truth_is_scored() {
     let said: Value = serde_json::from_str(&command.stdout).expect("JSON");
     assert_eq!(said["score"], column["score"]);
 
-    // The size is told, too: then it is counted whether the loss lies inside.
+    // With the size known as well, it is counted whether the loss lies inside the interval.
     let rows = ask("&truth=6,3,0.15").json();
     let verdicts = |score: &Value| score["score"]["detectors"][2]["right"].clone();
     assert_eq!(verdicts(&rows), verdicts(&column), "{rows}");
@@ -926,7 +926,7 @@ fn scenario_a_log_with_its_truth_is_scored() {
         ("&truth=6,7,0.1", "the truth: row 1 names rotor 7"),
         ("&truth=6,3,0.1;x,3,0", "expected the columns time_s,rotor,loss"),
         ("&truth_column=label", "the log: no column `label`"),
-        // A file of this name is no business of a stranger's.
+        // A file of this name must not be read for a client.
         ("&truth_column=/etc/passwd", "no column `/etc/passwd`"),
     ] {
         let answer = ask(truth);

@@ -1,4 +1,4 @@
-//! What a job reads is there when it is begun: nobody deletes it meanwhile, in either database.
+//! A job's inputs exist when it starts: they cannot be deleted before, in either database.
 
 use rotortwin_tests::postgres::Postgres;
 use rotortwin_tests::scratch::Scratch;
@@ -20,7 +20,7 @@ fn id(answer: &Answer) -> String {
     answer.json()["id"].as_str().expect("an id").to_owned()
 }
 
-/// Some done runs on a server that does no more jobs.
+/// Some finished runs on a server that starts no more jobs.
 fn done_runs(data: &std::path::Path, words: &[&str], count: usize) -> (Server, Vec<String>) {
     let mut server = Server::start_at("127.0.0.1:0", data, &[words, &["--workers", "2"]].concat());
     let runs: Vec<String> = (0..count)
@@ -52,7 +52,7 @@ fn needed_stays(data: &std::path::Path, words: &[&str]) {
         assert!(told.contains(&format!("the comparison {waits} is queued")), "{told}");
         assert_eq!(server.get(&format!("/api/v1/runs/{run}"))["status"], "done");
     }
-    // Once it has ended, whatever way, nothing needs the run any more.
+    // Once it has ended, in whatever way, the run is no longer needed.
     let cancel = server.ask("POST", &format!("/api/v1/comparisons/{waits}/cancel"), &[], "");
     assert_eq!(cancel.status, 202, "{}", cancel.json());
     assert_eq!(delete(&server, &format!("runs/{kept}")).status, 204);
@@ -80,7 +80,7 @@ fn needed_stays(data: &std::path::Path, words: &[&str]) {
     }
     println!("of {RACES} at once: {} deleted, {} submitted", both[0], both[1]);
 
-    // What was submitted is done: its run is there.
+    // A submitted comparison finishes: its run exists.
     drop(server);
     let server = Server::start_at("127.0.0.1:0", data, &[words, &["--workers", "2"]].concat());
     let jobs = server.get("/api/v1/comparisons?limit=100");
@@ -106,8 +106,8 @@ fn scenario_what_a_job_reads_is_not_deleted_with_postgres() {
     needed_stays(&scratch.path("data"), &["--database-url", &postgres.url()]);
 }
 
-/// A log that is imported by the old server, and what reads it: the parts of a job count for the whole, and a job that is deleted leaves no
-/// trace of what it needed.
+/// A log imported by the old server, and jobs that read it: the parts of a job count for the whole, and a deleted job leaves no trace of
+/// its inputs.
 #[test]
 fn scenario_a_log_is_needed_until_its_last_reader_has_ended() {
     let scratch = Scratch::new();

@@ -55,7 +55,7 @@ fn scenario_a_campaign_in_parts_is_the_campaign_of_the_command_line() {
     assert_eq!(campaign["status"], "done", "{campaign}");
     assert_eq!(campaign["facts"]["parts"], 3, "{campaign}");
 
-    // The same file beside copies of what it names.
+    // The same file next to copies of the documents it names.
     let config = scratch.path("config");
     for folder in ["scenarios", "vehicles", "blades", "classifiers", "campaigns"] {
         std::fs::create_dir_all(config.join(folder)).expect("made");
@@ -106,7 +106,7 @@ fn scenario_a_campaign_in_parts_is_the_campaign_of_the_command_line() {
     }
 }
 
-/// Losses that a detector with little data does not always see.
+/// Losses that a detector with little data sometimes misses.
 const CELLS: &str = r#"
 name = "cells"
 description = "some rotors lose a little, some much"
@@ -186,7 +186,7 @@ fn scenario_flights_of_a_cell_are_listed_and_each_is_the_same_run() {
         windows(&all("&truth=5&verdict=5")) + windows(&all("&truth=5&verdict=0"))
     );
 
-    // A flight of a cell, as a run: the same seed, the same samples; asked for again, the same run.
+    // A flight of a cell, as a run: the same seed, the same samples; repeated, the same run.
     let flight = all("&truth=5&verdict=5").remove(1);
     assert_eq!(
         flight["parameters"][1],
@@ -255,7 +255,7 @@ fn scenario_a_canceled_campaign_takes_its_parts_along() {
     let metrics = server.ask("GET", "/metrics", &[], "");
     let text = String::from_utf8_lossy(&metrics.body).into_owned();
     assert!(!text.contains("kind=\"campaign"), "{text}");
-    // How long the requests took, without what they named.
+    // Times of the requests, without the names.
     let cancel = "method=\"POST\",route=\"/api/v1/campaigns/{id}/cancel\",status=\"202\"} 1";
     assert!(
         text.contains(&format!("rotortwin_request_duration_seconds_count{{{cancel}")),
@@ -303,7 +303,7 @@ fn scenario_parts_of_a_run_on_other_workers_give_the_same_run() {
             .as_array()
             .map(Vec::len)
     };
-    // It is over before the detectors are calibrated.
+    // It ends before the detectors are calibrated.
     assert_eq!((count("verdict=-2"), count("verdict=3")), (Some(1), Some(0)), "{run}");
 }
 
@@ -369,7 +369,7 @@ fn scenario_somebody_elses_controller_joins_with_the_ticket() {
     );
 }
 
-/// Ours with a little less thrust: what somebody else's controller is to a verification.
+/// Ours with slightly less thrust: to a verification, an external controller.
 #[derive(Default)]
 struct OtherController(PidPeer);
 
@@ -387,7 +387,7 @@ impl ControllerPeer for OtherController {
     }
 }
 
-/// A run that an external controller flew cannot be flown again by it: the answer says so, and is no alarm.
+/// A run flown by an external controller cannot be repeated without it: the answer says so, and is no alarm.
 #[test]
 fn scenario_a_run_of_an_external_controller_is_verified_with_a_note() {
     let scratch = Scratch::new();
@@ -442,13 +442,13 @@ fn val_a_database_of_the_first_version_is_copied_and_brought_forward() {
         (&done["status"], &done["seed"], &done["vehicle"]),
         (&json!("done"), &json!(7), &json!("DJI F550"))
     );
-    // The other one was waiting: it is flown now.
+    // The other one was queued: it is flown now.
     let id = runs[0]["id"].as_str().expect("an id");
     assert_eq!(server.ended(id)["status"], "done");
     assert!(data.join("rotortwin.sqlite.before-2").is_file());
 }
 
-/// A job of every kind, queued (one run: running) by the program as it was when jobs were command lines; the server was killed then.
+/// A job of every kind, queued (one run: running) by the program from when jobs were command lines; the server was killed then.
 #[test]
 fn val_what_the_version_before_has_queued_is_done() {
     let scratch = Scratch::new();
@@ -478,7 +478,7 @@ fn val_what_the_version_before_has_queued_is_done() {
             jobs.entry(collection).or_default().push(job);
         }
     }
-    // What that program itself made of them.
+    // That program's own results.
     assert_eq!(
         jobs["campaigns"][0]["result"]["hash"],
         "a91c6e311723b897ac140aa3f55c297a"
@@ -557,7 +557,7 @@ fn scenario_runs_are_filtered_by_vehicle_time_and_verdict() {
         ids(&format!("vehicle=DJI%20F550&to_ms={at}&verdict=0")),
         [healthy["id"].clone()]
     );
-    // Lists show it, too.
+    // Lists include it.
     assert_eq!(server.get("/api/v1/runs")["items"][0]["verdict"], 3);
     assert_eq!(server.ask("GET", "/api/v1/runs?verdict=x", &[], "").status, 400);
 }
@@ -577,7 +577,7 @@ fn scenario_a_table_of_runs() {
             .is_some_and(|names| names.contains(&json!("steps"))),
         "{names}"
     );
-    // A column that these runs have not got, but a summary can have, is empty; what no run can have is named.
+    // A column that these runs lack, but a summary can have, is empty; an impossible one is named.
     let table = server.get("/api/v1/table?columns=steps,intervals.9.position_rms_m&name=short-hover");
     let refused = server.ask("GET", "/api/v1/table?columns=steps,stesp,tracking", &[], "");
     let told = refused.json()["detail"].as_str().unwrap_or_default().to_owned();
@@ -629,7 +629,7 @@ fn scenario_random_kills_with_sqlite() {
     nothing_lost_and_nothing_doubled(&server, &accepted);
 }
 
-/// Kills a process that has a word of its folder in its command line: supervisor, plant, controller or FDI engine of some run.
+/// Kills a process whose command line contains its folder: supervisor, plant, controller or FDI engine of some run.
 fn kill_one_of_a_run(random: &mut Random, folder: &Path) {
     let processes: Vec<Process> = Process::with_word(&format!("{}/jobs", folder.display()));
     if !processes.is_empty() {

@@ -1,4 +1,4 @@
-//! Documents that clients leave in the server's library: what is refused, who sees them, and that flights use them.
+//! Clients' documents in the server's library: what is refused, who sees them, and that flights use them.
 
 use rotortwin_tests::program::{Call, Link};
 use rotortwin_tests::scratch::{Scratch, repository, shipped_scenario};
@@ -31,7 +31,7 @@ fn fly(server: &Server, body: &Value) -> Value {
     run
 }
 
-/// A hover of 12 s with a vehicle of one's own: the documents, and the flight that uses them.
+/// A hover of 12 s with a custom vehicle: the documents, and the flight that uses them.
 #[test]
 fn scenario_a_vehicle_and_a_scenario_of_ones_own_fly() {
     let scratch = Scratch::new();
@@ -58,7 +58,7 @@ fn scenario_a_vehicle_and_a_scenario_of_ones_own_fly() {
     let light = json!({ "scenario": "short-hover", "link": "in-process" });
     assert_ne!(run["run_hash"], fly(&server, &light)["run_hash"], "the mass counts");
 
-    // What was left there survives the server; a task on a worker reads it, too.
+    // Stored documents survive the server; a task on a worker reads them, too.
     server.kill();
     server.start_again(&scratch.path("data"));
     assert_eq!(server.get("/api/v1/scenarios")["own"], json!(["heavy-hover"]));
@@ -67,7 +67,7 @@ fn scenario_a_vehicle_and_a_scenario_of_ones_own_fly() {
     let campaign = server.ended_in("campaigns", &id);
     assert_eq!(campaign["status"], "done", "{campaign}");
 
-    // The run holds its documents: it can be flown again after they are gone.
+    // The run stores its documents: it can be repeated after they are deleted.
     let gone = server.ask("DELETE", "/api/v1/vehicles/heavy", &[], "");
     assert_eq!(gone.status, 204);
     let refused = server.ask("POST", "/api/v1/runs", &[], &flight.to_string());
@@ -209,7 +209,7 @@ fn scenario_effects_and_models_of_ones_own() {
         .collect();
     assert!(ids.contains(&"keel-drag") && ids.contains(&"rotor-drag"), "{ids:?}");
 
-    // A version as the command line writes it: heavier by a tenth, which the detectors do not know.
+    // A version as the command line writes it: 10 % heavier, which the detectors do not know.
     let f550 = repository().join("config/vehicles/f550.toml");
     let call = |words: &[&str]| {
         let models = scratch.path("models");

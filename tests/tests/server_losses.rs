@@ -1,4 +1,4 @@
-//! Hosts, networks and processes that are lost without a word: what they had is done by others, soon, and nobody else waits for it.
+//! Hosts, networks and processes that are lost silently: others soon take over their jobs, and nothing else is held up.
 
 use rotortwin_tests::cable::Cable;
 use rotortwin_tests::clock::Clock;
@@ -13,7 +13,7 @@ use std::path::Path;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
-/// From the loss of a host to the next attempt at what it had.
+/// From the loss of a host to the next attempt at its jobs.
 const RECOVERY: Duration = Duration::from_secs(30);
 
 fn words<'a>(url: &'a str, artifacts: &'a str, rest: &[&'a str]) -> Vec<&'a str> {
@@ -53,7 +53,7 @@ fn scenario_a_host_lost_within_a_transaction_keeps_no_other_job_waiting() {
     for id in [&held, &free] {
         wait_for(&server, id, RECOVERY, "begun", |run| run["status"] == "running");
     }
-    // The host had just written about one of its jobs, and was gone before it could commit: the row is held, and nobody answers for it.
+    // The host was lost between writing about one of its jobs and the commit: the row is locked, and its holder does not respond.
     lost.kill();
     let session = postgres.hold(&format!("UPDATE job SET claim = claim WHERE id = '{held}'"));
     let _other = Worker::start(&scratch.path("other"), &words(&url, &artifacts, &["--workers", "2"]));
@@ -93,7 +93,7 @@ fn scenario_our_own_transactions_are_undone_when_their_host_is_silent() {
     for id in &runs {
         wait_for(&server, id, RECOVERY, "begun", |run| run["status"] == "running");
     }
-    // Stopped again and again until it is caught within a transaction that holds a row.
+    // Stopped repeatedly until it is caught within a transaction that locks a row.
     let open = "SELECT count(*) FROM pg_stat_activity WHERE state LIKE 'idle in transaction%'";
     wait_until(RECOVERY * 2, || {
         worker.process().signal(Signal::CONT);
@@ -138,7 +138,7 @@ fn scenario_a_network_cut_without_a_word() {
         run["attempts"] == 2
     });
 
-    // Mended, it works again: nothing waits on the connections that were cut.
+    // Once mended, it works again: nothing waits on the connections that were cut.
     drop(other);
     cable.mend();
     let took = wait_for(&server, &id, Duration::from_secs(60), "it works again", |run| {
@@ -146,7 +146,7 @@ fn scenario_a_network_cut_without_a_word() {
     });
     println!("works again {took:?} after the other worker was lost");
 
-    // And cut, it can be ended.
+    // While cut off, it can be ended.
     cable.cut();
     std::thread::sleep(Duration::from_secs(1));
     let begun = Instant::now();
@@ -157,8 +157,8 @@ fn scenario_a_network_cut_without_a_word() {
     worker.kill();
 }
 
-/// Requests of every sort while Postgres ends, is away and starts: each is answered, or refused with 503 and a pause; nothing is a fault of
-/// the server.
+/// Requests of every kind while Postgres stops, is down and starts: each succeeds, or is refused with 503 and a retry delay; no status
+/// is an internal error.
 #[test]
 fn scenario_a_database_that_starts_again_is_a_pause() {
     let scratch = Scratch::new();
@@ -211,7 +211,7 @@ fn scenario_a_database_that_starts_again_is_a_pause() {
             std::thread::sleep(Duration::from_millis(1500));
             postgres.up();
         }
-        // Each is answered again.
+        // All succeed again.
         std::thread::sleep(Duration::from_secs(2));
         is_over.store(true, Ordering::Relaxed);
         for asking in asking {
@@ -225,7 +225,7 @@ fn scenario_a_database_that_starts_again_is_a_pause() {
     assert_eq!(server.get(&run)["status"], "queued");
 }
 
-/// Workers of the count of connections; `ROTORTWIN_WORKERS=200` makes the department.
+/// Workers of the connection count; `ROTORTWIN_WORKERS=200` for the size of a department.
 fn many_workers() -> usize {
     let wanted = std::env::var("ROTORTWIN_WORKERS").ok();
     wanted.map_or(6, |number| number.parse().expect("a number of workers"))
@@ -238,7 +238,7 @@ fn scenario_workers_take_a_few_connections_whatever_they_do() {
         return;
     };
     let many = many_workers();
-    // What docs/server.md says: that many and no more.
+    // Exactly the number in docs/server.md.
     postgres.ask(&format!("ALTER SYSTEM SET max_connections = {}", 4 * many + 11 + 3));
     postgres.kill();
     postgres.up();
@@ -287,7 +287,7 @@ fn scenario_workers_take_a_few_connections_whatever_they_do() {
     drop(workers);
 }
 
-/// A worker that does not go on any more, with its connections open, is seen by whoever asks on its host.
+/// A hung worker with open connections is detected by a health check on its host.
 #[test]
 fn scenario_a_frozen_process_gives_no_sign_of_life() {
     let scratch = Scratch::new();
@@ -313,7 +313,7 @@ fn scenario_a_frozen_process_gives_no_sign_of_life() {
     );
 }
 
-/// The processes of a flight: that of its job, and what it starts.
+/// The processes of a flight: its job's process and its children.
 fn processes_of(data: &str, name: &str) -> Vec<Process> {
     let flights = Process::with_word(data);
     let jobs = flights.iter().flat_map(|process| Process::children(process.pid));
@@ -327,7 +327,7 @@ fn processes_of(data: &str, name: &str) -> Vec<Process> {
         .collect()
 }
 
-/// Attempts of a job of which there are files.
+/// Attempts of a job that have files.
 fn attempts_with_files(data: &str, id: &str) -> Vec<String> {
     let entries = std::fs::read_dir(Path::new(data).join("jobs").join(id));
     let names = entries.into_iter().flatten().flatten().map(|entry| entry.file_name());
@@ -336,7 +336,7 @@ fn attempts_with_files(data: &str, id: &str) -> Vec<String> {
     names
 }
 
-/// Killed at each attempt, a job has failed: its last files stay, count, and go with it.
+/// A job killed at each attempt has failed: its last files stay, count, and are deleted with it.
 #[test]
 fn scenario_what_failed_attempts_leave_is_removed_or_counted() {
     let scratch = Scratch::new();
@@ -369,7 +369,7 @@ fn scenario_what_failed_attempts_leave_is_removed_or_counted() {
     assert_eq!(server.get("/api/v1/limits")["bytes"], 0);
 }
 
-/// The database's clock is set back by an hour: what was to be done by the old one is done at once, and not an hour later.
+/// The database's clock is set back by an hour: jobs due by the old clock start at once, not an hour later.
 #[test]
 fn scenario_a_clock_set_back_keeps_no_job_waiting() {
     let scratch = Scratch::new();
@@ -411,7 +411,7 @@ fn scenario_a_clock_set_back_keeps_no_job_waiting() {
         });
         println!("begun again after {took:?}");
     }
-    // And forward: whoever works goes on, or is begun again.
+    // And forward: running jobs continue or are restarted.
     clock.set_ahead(7200);
     for id in [&of_stopped, &of_lost] {
         wait_for(&server, id, RECOVERY, "goes on", |run| run["status"] == "running");

@@ -1,4 +1,4 @@
-//! Models that grow over HTTP: what a diagnosis found is added, seen in the next comparison, undone, branched, exported.
+//! Models that grow over HTTP: findings of a diagnosis are added, compared, undone, branched, exported.
 
 use rotortwin_tests::scratch::Scratch;
 use rotortwin_tests::server::{Answer, Server};
@@ -59,7 +59,7 @@ fn scenario_what_is_found_is_added_and_undone_over_http() {
     );
     assert_eq!(job["result"]["effects"][0]["instance"]["effect"], "rotor-drag");
 
-    // A vehicle is version 0 of itself, and nothing is kept yet.
+    // A vehicle is its own version 0, and nothing is stored yet.
     let before = get(&server, "f550/history");
     assert_eq!(
         (&before["begun"], &before["versions"][0]["version"]),
@@ -68,7 +68,7 @@ fn scenario_what_is_found_is_added_and_undone_over_http() {
     let first = before["branches"][0]["hash"].as_str().expect("a hash").to_owned();
     assert_eq!(job["result"]["model"]["hash"], json!(first), "what was diagnosed");
 
-    // Added once; the second who looked at the same version is refused and changes nothing.
+    // Added once; a second client that saw the same version is refused and changes nothing.
     let body = json!({ "diagnosis": diagnosis, "pick": 1, "note": "from the bench" });
     let seen = format!("\"{first}\"");
     let added = post(&server, "f550/versions", &[("if-match", &seen)], &body);
@@ -119,7 +119,7 @@ fn scenario_what_is_found_is_added_and_undone_over_http() {
     };
     assert!(better < 0.3 * worse, "{worse} mN, then {better} mN");
 
-    // Undone, differed, branched, exported.
+    // Undone, diffed, branched, exported.
     let undone = post(&server, "f550/undo", &[], &json!({})).json();
     assert_eq!(
         (&undone["left"], &undone["version"]["version"]),
@@ -153,7 +153,7 @@ fn scenario_what_is_found_is_added_and_undone_over_http() {
     assert!(text.contains("rotor-drag") && text.contains("[vehicle"), "{text}");
     assert_eq!(get(&server, "f550/versions/windy?format=json")["label"], "f550@v1");
 
-    // The exported file begins another model; the library's head follows main.
+    // The exported file starts another model; the library's head follows main.
     let other = server.ask(
         "POST",
         "/api/v1/models",
@@ -251,10 +251,10 @@ fn scenario_additions_that_make_no_sense_change_nothing() {
         412
     );
 
-    // By hand; a diagnosis of the model before belongs to no other one.
+    // By hand; a diagnosis of an earlier model belongs to no other one.
     let added = post(&server, "f550/versions", &[], &effect(0.1));
     assert_eq!(added.status, 201, "{}", added.json());
-    // Many at once: each of them goes on from what it saw, or is refused.
+    // Many at once: each continues from the version it saw, or is refused.
     let statuses = std::thread::scope(|scope| {
         let calls: Vec<_> = (0..8)
             .map(|k| {

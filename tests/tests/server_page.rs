@@ -1,4 +1,4 @@
-//! What a page needs of the server: pictures of comparisons, geometry, live flights without a hole, one stream of events, sessions.
+//! What the page needs of the server: comparison plots, geometry, live flights without gaps, one event stream, sign-in sessions.
 
 use rotortwin_tests::program::Call;
 use rotortwin_tests::scratch::Scratch;
@@ -52,7 +52,7 @@ fn scenario_what_a_comparison_draws_comes_as_numbers() {
         &json!({ "model": { "vehicle": "f550" }, "flights": flights }),
     );
     let path = |more: &str| format!("/api/v1/comparisons/{id}/{more}");
-    // Every sample by itself: predicted and residual make up what was measured, and the root mean square is that of the result.
+    // Sample by sample: predicted plus residual is the measured value, and the RMS is that of the result.
     let series = server.get(&path("series?channel=fx&points=20000"));
     assert_eq!(
         (&series["unit"], &series["models"][0]["label"]),
@@ -78,7 +78,7 @@ fn scenario_what_a_comparison_draws_comes_as_numbers() {
     );
     let noise = series["noise"]["sample"].as_f64().expect("a number");
     assert!((noise / told["noise"].as_f64().expect("a number") - 1.0).abs() < 1e-9);
-    // Buckets: no spike disappears, and an interval is that interval.
+    // Buckets: no spike is lost, and an interval is exact.
     let coarse = server.get(&path("series?channel=fx&points=50"));
     let extreme =
         |value: &Value, pick: fn(f64, f64) -> f64| numbers(value).into_iter().flatten().reduce(pick).expect("some");
@@ -112,7 +112,7 @@ fn scenario_what_a_comparison_draws_comes_as_numbers() {
         assert_eq!(server.ask("GET", &path(query), &[], "").status, status, "{query}");
     }
 
-    // The picture of the finding: without the effect the residual is what the effect does, with it nothing is left.
+    // Plot of the finding: without the effect the residual is its contribution, with it nothing remains.
     let (_, diagnosis) = done(
         &server,
         "diagnoses",
@@ -201,7 +201,7 @@ fn val_the_geometry_of_a_hover_carries_its_weight() {
     assert_eq!(server.ask("GET", "/api/v1/vehicles/none/geometry", &[], "").status, 404);
 }
 
-/// Times of the rows that came until the end or for so long.
+/// Times of the rows until the end or for this long.
 fn live_times(live: &mut WebSocket, at_least_s: f64) -> Vec<f64> {
     let mut times = Vec::new();
     while times.last().is_none_or(|last| *last < at_least_s) {
@@ -243,8 +243,8 @@ fn scenario_who_looks_on_late_or_again_sees_the_flight_without_a_hole() {
     let all: Vec<f64> = first.into_iter().chain(second).collect();
     assert!(all.windows(2).all(|two| two[1] > two[0]), "in order");
     assert!(all[all.len() - 1] > 7.5, "to the end: {:?}", all.last());
-    // Against what is kept of the flight up to the second look. A sample that comes too soon after another one is passed over by the rate that
-    // was asked for, two in a row are not.
+    // Compared with the flight as stored up to the second look. A sample that follows another one too soon for the requested rate is
+    // dropped, two in a row are not.
     let start = whole.next_message().expect("a start");
     assert_eq!(start["type"], "start", "{start}");
     let kept = whole.next_message().expect("what was before");
@@ -270,7 +270,7 @@ fn scenario_who_looks_on_late_or_again_sees_the_flight_without_a_hole() {
 /// An event of a stream: id, kind, data.
 type Event = (String, String, Value);
 
-/// Events of the stream until `enough` says so.
+/// Events of the stream until `enough` holds.
 fn events(server: &Server, after: Option<&str>, enough: impl Fn(&[Event]) -> bool) -> Vec<Event> {
     let headers: Vec<(&str, &str)> = after.iter().map(|id| ("last-event-id", *id)).collect();
     let stream = server.send("GET", "/api/v1/events?progress=false", &headers, "");
@@ -310,7 +310,7 @@ fn scenario_one_stream_tells_all_jobs_and_goes_on_over_a_killed_server() {
         "runs",
         &json!({ "scenario": "short-hover", "link": "in-process" }),
     );
-    // It begins with now.
+    // It starts at the present.
     let opened = events(&server, None, |all| !all.is_empty());
     assert_eq!(opened[0].1, "open");
     let cursor = opened[0].0.clone();
@@ -320,7 +320,7 @@ fn scenario_one_stream_tells_all_jobs_and_goes_on_over_a_killed_server() {
         &json!({ "preset": "healthy", "seed": 1, "duration_s": 10 }),
     );
     let mut all = events(&server, Some(&cursor), |all| ended(all) == 2);
-    // Killed in the middle of another run: what comes afterwards follows what was seen.
+    // Killed in the middle of another run: the rest follows what was seen.
     let slow = server.submit(&json!({ "scenario": "short-hover", "link": "in-process", "pace": "real-time" }));
     let last = all[all.len() - 1].0.clone();
     let more = events(&server, Some(&last), |all| {
@@ -331,7 +331,7 @@ fn scenario_one_stream_tells_all_jobs_and_goes_on_over_a_killed_server() {
     server.start_again(&data);
     let last = all[all.len() - 1].0.clone();
     all.extend(events(&server, Some(&last), |all| ended(all) == 1));
-    // None missed, none doubled: of each job what its own stream tells, in order.
+    // None missed, none duplicated: for each job the events of its own stream, in order.
     let mut by_job: BTreeMap<String, Vec<u64>> = BTreeMap::new();
     for (_, kind, data) in &all {
         assert_ne!(kind, "progress");
@@ -358,7 +358,7 @@ fn scenario_one_stream_tells_all_jobs_and_goes_on_over_a_killed_server() {
         (&of_log.2["collection"], &of_log.2["kind"]),
         (&json!("logs"), &json!("log"))
     );
-    // What there is, without waiting.
+    // Existing events, without waiting.
     let now = server.ask("GET", &format!("/api/v1/events?wait=false&after={cursor}"), &[], "");
     let text = String::from_utf8(now.body).expect("text");
     assert_eq!(text.matches("event: ended").count(), 3, "{text}");
@@ -406,7 +406,7 @@ fn scenario_a_browser_signs_in_with_a_cookie_that_its_token_ends() {
     }
     assert!(!set.contains(&text), "the token itself is not in it");
     let cookie = set.split(';').next().expect("a pair").to_owned();
-    // Everything that a browser cannot send a header with.
+    // All requests for which a browser cannot set a header.
     let with = [("cookie", cookie.as_str())];
     assert_eq!(server.ask("GET", "/api/v1/runs", &with, "").status, 200);
     assert_eq!(
@@ -423,7 +423,7 @@ fn scenario_a_browser_signs_in_with_a_cookie_that_its_token_ends() {
     assert_eq!((run.status, &run.json()["tenant"]), (202, &json!("a")));
     let id = run.json()["id"].as_str().expect("an id").to_owned();
     assert!(WebSocket::open_from(&server, &format!("/api/v1/runs/{id}/live"), &with).is_ok());
-    // Useless from another origin, and for another name.
+    // Useless from another origin and for another host name.
     let foreign = [with[0], ("origin", "http://evil.example")];
     assert_eq!(
         server
@@ -432,7 +432,7 @@ fn scenario_a_browser_signs_in_with_a_cookie_that_its_token_ends() {
         403
     );
     assert!(WebSocket::open_from(&server, &format!("/api/v1/runs/{id}/live"), &foreign).is_err());
-    // Signed out is signed out, also with the old cookie.
+    // Signing out is final, also for the old cookie.
     let out = server.ask("DELETE", "/api/v1/session", &with, "");
     assert_eq!(out.status, 204);
     assert!(header(&out, "set-cookie").contains("Max-Age=0"));
@@ -468,7 +468,7 @@ fn scenario_a_vehicle_is_identified_and_kept_and_an_upload_is_read_again() {
             .is_some_and(|values| values.len() > 5),
         "{job}"
     );
-    // The same with a bench: what it says is in the result, and a table that is none fails the job with the table's name.
+    // The same with a bench: its output is in the result, and an invalid table fails the job with the table's name.
     let table = (2..=10).fold("throttle [%],thrust [g],torque [Nm]\n".to_owned(), |text, step| {
         let duty = 0.1 * f64::from(step);
         let thrust = 1100.0 * (0.4 * duty + 0.6 * duty * duty);
@@ -508,7 +508,7 @@ fn scenario_a_vehicle_is_identified_and_kept_and_an_upload_is_read_again() {
         body.as_object_mut()
             .expect("an object")
             .extend(change.as_object().expect("one").clone());
-        // A word that looks like an option is a name of no frame: the job says so.
+        // A word that looks like an option is no name of a frame: the job says so.
         let answer = server.ask("POST", "/api/v1/identifications", &[], &body.to_string());
         if change["frame"].is_null() {
             assert_eq!(answer.status, status, "{change}: {}", answer.json());
@@ -518,7 +518,7 @@ fn scenario_a_vehicle_is_identified_and_kept_and_an_upload_is_read_again() {
         }
     }
 
-    // An upload, read again at another rate: another log, of the same file.
+    // An upload, imported again at another rate: another log of the same file.
     let file = server.ask("GET", &format!("/api/v1/logs/{log}/artifacts/log.parquet"), &[], "");
     let headers = [("content-type", "application/octet-stream")];
     let first = server.ask_bytes("POST", "/api/v1/logs?name=a.parquet&vehicle=f550", &headers, &file.body);

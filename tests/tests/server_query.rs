@@ -1,4 +1,4 @@
-//! SQL over the files of jobs, asked of a server.
+//! SQL over the files of jobs, through a server.
 
 use rotortwin_tests::process::{Process, wait_until};
 use rotortwin_tests::program::PATIENCE;
@@ -63,7 +63,7 @@ fn scenario_results_are_asked_where_the_server_keeps_them() {
         "{few}"
     );
 
-    // Nothing but the files that were named, and nothing of where they are.
+    // Only the named files, and nothing of their location.
     let key = |id: &str| format!("jobs/{id}/1/out/telemetry.parquet");
     for (sql, status) in [
         (format!("SELECT * FROM read_parquet('{}')", key(&other)), 422),
@@ -92,7 +92,7 @@ fn scenario_results_are_asked_where_the_server_keeps_them() {
         );
     }
     assert!(!scratch.path("data/x.csv").exists());
-    // A statement that spills, asked by somebody who does not wait for the answer: nothing of it stays.
+    // A statement that spills to disk, from a client that does not wait for the answer: no temporary file remains.
     let large =
         "SELECT count(*) FROM (SELECT DISTINCT md5(a::VARCHAR) || md5((a + 1)::VARCHAR) FROM range(30000000) t(a))";
     let body = json!({ "sql": large, "runs": [&ids[0]] }).to_string();

@@ -1,6 +1,6 @@
-//! Speed, measured and printed with the machine; each ratio from figures of the same run, taken in turns.
+//! Benchmarks, printed with the machine's data; each ratio is from interleaved measurements of the same run.
 //!
-//! Nothing here is a test: a rate that depends on the machine and its load proves nothing by passing a limit.
+//! These are not tests: a rate that depends on the machine and its load proves nothing by passing a limit.
 
 use anyhow::{Context, Result, bail};
 use std::path::{Path, PathBuf};
@@ -8,7 +8,7 @@ use std::process::{Command, Stdio};
 
 const SCENARIO: &str = "config/scenarios/reference-flight.toml";
 
-/// Steps of the reference flight; the bare link does the same number.
+/// Steps of the reference flight; the bare link runs the same number.
 const STEPS: &str = "36000";
 
 /// Runs all benchmarks: five repetitions, or two if `quick`.
@@ -42,7 +42,7 @@ pub(crate) fn side_by_side_only(root: &Path) -> Result<()> {
     bench.side_by_side_flights()
 }
 
-/// What the benchmarks run.
+/// Builds the benchmark programs.
 pub(crate) fn build(root: &Path) -> Result<()> {
     let mut targets = vec!["--bin", "rotortwin", "--bin", "rotortwin-network"];
     for example in ["closed_loop_rate", "batch_rate", "link_rate"] {
@@ -51,7 +51,7 @@ pub(crate) fn build(root: &Path) -> Result<()> {
     crate::command::build(root, &targets)
 }
 
-/// CPU, cores, kernel, load: without them a rate says nothing.
+/// CPU, cores, kernel, load: without them a rate is meaningless.
 pub(crate) fn machine() -> String {
     let read = |path: &str| std::fs::read_to_string(path).unwrap_or_default();
     let model = read("/proc/cpuinfo")
@@ -72,7 +72,7 @@ pub(crate) fn machine() -> String {
     )
 }
 
-/// Scenarios that fly side by side: every trajectory, faults, wind, mismatch.
+/// Scenarios flown side by side: every trajectory, faults, wind, mismatch.
 pub(crate) const SIDE_BY_SIDE: [&str; 6] = [
     SCENARIO,
     "config/scenarios/realistic-reference-flight.toml",
@@ -82,7 +82,7 @@ pub(crate) const SIDE_BY_SIDE: [&str; 6] = [
     "config/scenarios/windy-hover.toml",
 ];
 
-/// One run of the example `batch_rate`, pinned to one core. It fails if any run hash differs from that of the flight alone.
+/// One run of the example `batch_rate`, pinned to one core. Fails if any run hash differs from that of the single flight.
 pub(crate) fn side_by_side(root: &Path, flights: &str, scenarios: &[&str]) -> Result<serde_json::Value> {
     let bench = Bench {
         root: root.to_path_buf(),
@@ -128,7 +128,7 @@ impl Bench {
         Ok(())
     }
 
-    /// Eight flights at a time against one after another, same flights, same hashes, in turns.
+    /// Eight flights at a time versus one after another, same flights and hashes, interleaved.
     fn side_by_side_flights(&self) -> Result<()> {
         for (title, flights, scenarios) in [
             ("the reference flight with seeds 1 to 24", "24", &SIDE_BY_SIDE[..1]),
@@ -152,7 +152,7 @@ impl Bench {
         Ok(())
     }
 
-    /// The reference flight against echo peers over the same link: same processes, message sizes and pinning.
+    /// The reference flight versus echo peers over the same link: same processes, message sizes and pinning.
     fn lockstep(&self, link: &str, title: &str, cpu: Option<usize>) -> Result<()> {
         let (mut bare, mut flight) = (Vec::new(), Vec::new());
         for _ in 0..self.repetitions {
@@ -167,7 +167,7 @@ impl Bench {
         Ok(())
     }
 
-    /// Two flights at once, each on a core of its own, against one.
+    /// Two simultaneous flights, each on its own core, versus one.
     fn side_by_side(&self) -> Result<()> {
         if std::thread::available_parallelism().map_or(1, usize::from) < 2 {
             println!("two groups side by side: needs 2 CPUs");

@@ -1,16 +1,17 @@
-//! Branches in machine code of the boards: which function leads to which.
+//! Branches in the boards' machine code: the call graph.
 
 use crate::elf::Symbol;
 use std::collections::BTreeMap;
 
-/// Where a branch goes.
+/// Target of a branch.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Target {
     Address(u32),
     Register,
 }
 
-/// Where BL and the wide B and Bcc go (Arm v7-M reference manual, A7.7.12 and A7.7.18), and whether there is a BLX to a register.
+/// Targets of BL and the wide B and Bcc (Arm v7-M reference manual, A7.7.12 and A7.7.18), and whether there is a BLX to a
+/// register.
 pub(crate) fn branches(start: u32, code: &[u8]) -> Vec<Target> {
     let halves: Vec<u32> = code
         .chunks_exact(2)
@@ -59,7 +60,7 @@ fn extend(raw: u32, bits: u32) -> u32 {
     (raw ^ sign).wrapping_sub(sign)
 }
 
-/// The function that an address stands in.
+/// The function that contains an address.
 pub(crate) fn owner(functions: &BTreeMap<u32, &Symbol<'_>>, address: u32) -> Option<u32> {
     functions
         .range(..=address)

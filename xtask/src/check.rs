@@ -1,11 +1,11 @@
-//! What the gate asks of the tree, before any test runs.
+//! Checks of the source tree, before any test runs.
 
 use crate::command::cargo;
 use crate::{codegen, links, rooms, thumb, web};
 use anyhow::{Context, Result, bail};
 use std::path::Path;
 
-/// Format, generated code, house rules, lints, `no_std` build; stops at the first that fails.
+/// Format, generated code, house rules, lints, `no_std` build; stops at the first failure.
 pub(crate) fn run(root: &Path) -> Result<()> {
     run_steps(root)?;
     println!("-- the tree is in order");
@@ -46,7 +46,7 @@ fn run_steps(root: &Path) -> Result<()> {
     thumb::run(root)
 }
 
-/// Rules that no lint knows: each effect of breaking one has cost somebody an afternoon.
+/// Rules without a lint; each was added after a violation had cost time.
 fn house_rules(root: &Path) -> Result<()> {
     let mut complaints = Vec::new();
     for path in tracked_files(root)? {

@@ -5,13 +5,13 @@ use prost::Message as _;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
-/// Where the generated files stand, relative to the root.
+/// Folder of the generated files, relative to the root.
 const TARGET: &str = "proto/src";
 
-/// Messages of Foxglove that are written, and what they are made of: proto/foxglove.
+/// Foxglove messages that we write, and their dependencies: proto/foxglove.
 const FOXGLOVE: [&str; 4] = ["FrameTransform", "PoseInFrame", "SceneUpdate", "Log"];
 
-/// File name → content of everything that is generated.
+/// File name → content of all generated files.
 fn generate(root: &Path) -> Result<BTreeMap<String, Vec<u8>>> {
     let include = root.join("proto");
     let mut sources: Vec<_> = std::fs::read_dir(include.join("rotortwin/v1"))
@@ -36,7 +36,7 @@ fn package(include: &Path, sources: &[PathBuf], descriptors_file: &str) -> Resul
     prost_build::Config::new()
         .out_dir(&out)
         .btree_map(["."])
-        // Two messages of Google's are no reason for a library.
+        // Two of Google's messages do not justify a library.
         .compile_well_known_types()
         .compile_fds(descriptors.clone())
         .context("generating Rust code")?;
@@ -49,7 +49,7 @@ fn package(include: &Path, sources: &[PathBuf], descriptors_file: &str) -> Resul
         );
     }
     std::fs::remove_dir_all(&out)?;
-    // Descriptors without source positions: comments would make the file three times as large.
+    // Descriptors without source positions: comments would triple the size of the file.
     for file in &mut descriptors.file {
         file.source_code_info = None;
     }
@@ -68,7 +68,7 @@ pub(crate) fn write(root: &Path) -> Result<()> {
     Ok(())
 }
 
-/// Fails if a generated file is not what `proto/` gives.
+/// Fails if a generated file differs from the output for `proto/`.
 pub(crate) fn check(root: &Path) -> Result<()> {
     for (name, content) in generate(root)? {
         let path = root.join(TARGET).join(&name);

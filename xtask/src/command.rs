@@ -1,4 +1,4 @@
-//! Commands that a task runs.
+//! Commands run by tasks.
 
 use anyhow::{Context, Result, bail};
 use std::path::Path;
@@ -8,8 +8,8 @@ use std::process::Command;
 pub(crate) fn cargo(root: &Path) -> Command {
     let mut command = Command::new(std::env::var_os("CARGO").unwrap_or_else(|| "cargo".into()));
     command.current_dir(root);
-    // What `cargo run` has told this program about itself: to the build scripts of some libraries (ring) it is a change of the
-    // environment, and they and all above them would be compiled anew each time that `cargo xtask` and `cargo` take turns.
+    // Variables that `cargo run` sets for this program: build scripts of some libraries (ring) treat them as a change of the
+    // environment, so they and their dependents would be rebuilt whenever `cargo xtask` and `cargo` alternate.
     for (name, _) in std::env::vars_os() {
         let of_this_package = ["CARGO_PKG_", "CARGO_MANIFEST_"];
         if name
@@ -22,8 +22,8 @@ pub(crate) fn cargo(root: &Path) -> Command {
     command
 }
 
-/// Builds programs or examples with the features of the whole workspace, as `./run` and `./test` do: with those of one package alone
-/// the large dependencies would be compiled once more.
+/// Builds programs or examples with the features of the whole workspace, as `./run` and `./test` do: with those of a single package
+/// the large dependencies would be compiled again.
 pub(crate) fn build(root: &Path, targets: &[&str]) -> Result<()> {
     let mut command = cargo(root);
     command.args([
@@ -38,7 +38,7 @@ pub(crate) fn build(root: &Path, targets: &[&str]) -> Result<()> {
     run("build", command.args(targets))
 }
 
-/// Runs a command; what it prints goes to the terminal. An error names what was being done.
+/// Runs a command with its output on the terminal. Errors name the action.
 pub(crate) fn run(what: &str, command: &mut Command) -> Result<()> {
     println!("-- {what}");
     let status = command

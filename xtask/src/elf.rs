@@ -1,4 +1,4 @@
-//! As much of a 32-bit little-endian ELF file as the checks of the firmware need: what is loaded, and where the functions are.
+//! The part of 32-bit little-endian ELF that the firmware checks need: loaded segments, and functions.
 
 use anyhow::{Context, Result, bail};
 
@@ -110,7 +110,7 @@ impl<'a> Image<'a> {
         )
     }
 
-    /// What is written to flash, from the lowest address on: the segments that are loaded, where they are loaded (not where they run).
+    /// The flash image, from the lowest address on: the loaded segments at their load (not run) addresses.
     pub(crate) fn flash(&self) -> Vec<u8> {
         let field = |at: usize| u32_at(self.bytes, at).unwrap_or(0) as usize;
         let (table, entry) = (field(0x1C), 32);

@@ -1,20 +1,19 @@
-//! Figures that one page repeats from another: they are written once, or they are the same.
+//! Checks that figures repeated on another page are identical.
 //!
-//! A page that repeats figures is named in [`REPEATED`] with the heading below which it does and the page that it repeats. There every row of a
-//! table and every figure with a decimal point must be in that page, too: whoever measures again and changes one page is told which other
-//! one to change.
+//! A page that repeats figures is listed in [`REPEATED`] with the heading and the page repeated. Below that heading, every table row and
+//! every figure with a decimal point must also be on that page: after a new measurement, the check names the other page to update.
 
 use anyhow::{Context, Result, bail};
 use std::collections::BTreeSet;
 use std::path::Path;
 
-/// Page, heading, and the page that holds the figures.
+/// Page, heading, and the page with the original figures.
 const REPEATED: [(&str, &str, &str); 2] = [
     ("README.md", "## A hundred flights", "docs/figures.md"),
     ("README.md", "## The paper's tables", "docs/figures.md"),
 ];
 
-/// Fails with a line for each row and each figure that is in one of the pages only.
+/// Fails with a line for each row and each figure that is on only one of the pages.
 pub(crate) fn check(root: &Path) -> Result<()> {
     let mut complaints = Vec::new();
     for (page, heading, source) in REPEATED {
@@ -41,7 +40,7 @@ pub(crate) fn check(root: &Path) -> Result<()> {
     bail!("figures that differ between pages\n  {}", complaints.join("\n  "))
 }
 
-/// What stands below a heading, up to the next one of its rank or above.
+/// The text below a heading, up to the next one of the same or a higher level.
 fn section<'a>(text: &'a str, heading: &str) -> Option<&'a str> {
     let rank = heading.bytes().take_while(|byte| *byte == b'#').count();
     let mut lines = text.split_inclusive('\n').scan(0, |end, line| {
@@ -57,7 +56,7 @@ fn section<'a>(text: &'a str, heading: &str) -> Option<&'a str> {
     text.get(start..end)
 }
 
-/// Numbers with a decimal point, as they are written.
+/// Numbers with a decimal point, as text.
 fn figures(text: &str) -> BTreeSet<&str> {
     text.split(|letter: char| !letter.is_ascii_digit() && letter != '.')
         .map(|word| word.trim_matches('.'))

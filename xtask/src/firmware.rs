@@ -1,12 +1,12 @@
-//! Programs of the boards: built, measured and searched for panics.
+//! Builds the boards' programs, measures them and searches them for panics.
 //!
-//! Flash is what is loaded; RAM is what static data takes and what the stack of a step takes at most ([`crate::stack`]; what it took is
-//! measured on the board: `rotortwin board measure`). Sizes are compared with those in `firmware/sizes.txt`.
+//! Flash is the loaded data; RAM is static data plus the maximum stack of a step ([`crate::stack`]; the actual use is measured on the
+//! board: `rotortwin board measure`). Sizes are compared with those in `firmware/sizes.txt`.
 //!
-//! Panics in the step are sought in the linked image: from `Application::advance` on, every branch with link and every branch that
-//! leaves its function is followed; the functions are counted from which one arrives in `core::panicking`. Constants between the code may look like branches, which only
-//! makes the search stricter. Calls through pointers would escape it: the step has none (no `dyn`, no formatting), and a `BLX` to a
-//! register is a complaint, too.
+//! Panics in the step are searched for in the linked image: starting at `Application::advance`, every branch with link and every branch
+//! out of the function is followed; functions that reach `core::panicking` are counted. Constants between the code may look like branches,
+//! which only makes the search stricter. Calls through pointers would escape it: the step has none (no `dyn`, no formatting), and a `BLX`
+//! to a register is reported, too.
 
 use crate::branches::{Target, branches, owner};
 use crate::elf::{Image, Symbol};
@@ -21,24 +21,24 @@ const BOARDS: &[(&str, &str)] = &[
     ("pixhawk6c", "__cortex_m_rt_main"),
 ];
 
-/// Most bytes of flash.
+/// Maximum bytes of flash.
 const FLASH_LIMIT: u64 = 128 * 1024;
 
-/// Most bytes of static data and of the stack of a step together.
+/// Maximum bytes of static data and stack of a step together.
 const RAM_LIMIT: u64 = 64 * 1024;
 
-/// By how much a program may grow beyond its size in [`SIZES`] before somebody has to look: compilers differ by less.
+/// Growth of a program beyond its size in [`SIZES`] that requires attention: compilers differ by less.
 const GROWTH: f64 = 1.05;
 
-/// Flash, static RAM and stack of a step of every board as they were last looked at.
+/// Last accepted flash, static RAM and stack of a step of every board.
 const SIZES: &str = "firmware/sizes.txt";
 
-/// Where a step begins.
+/// Start of a step.
 const STEP: &str = "Application7advance";
 
 /// Builds every board's program and checks it.
 ///
-/// * `keep`: writes the sizes to [`SIZES`] instead of holding them against it
+/// * `keep`: writes the sizes to [`SIZES`] instead of comparing them
 pub(crate) fn run(root: &Path, keep: bool) -> Result<()> {
     let toolchain = crate::thumb::toolchain(root)?;
     let mut command = crate::thumb::cargo(&toolchain);
@@ -98,7 +98,7 @@ pub(crate) fn run(root: &Path, keep: bool) -> Result<()> {
     bail!("the firmware breaks its promises:\n  {}", complaints.join("\n  "))
 }
 
-/// What is larger than it was by more than [`GROWTH`].
+/// Sizes that have grown by more than [`GROWTH`].
 fn grown(kept: &str, now: &str) -> Vec<String> {
     let rows = |text: &str| -> Vec<Vec<String>> {
         text.lines()
@@ -127,7 +127,7 @@ fn grown(kept: &str, now: &str) -> Vec<String> {
 
 struct Search {
     functions: usize,
-    /// Functions that can panic, with the way to them.
+    /// Functions that can panic, with their call paths.
     found: Vec<String>,
 }
 

@@ -1,21 +1,21 @@
-//! Lines of Rust by crate: of the program, and of its tests.
+//! Lines of Rust by crate: program and tests.
 //!
-//! Counted are lines that are neither empty nor a comment. From `#[cfg(test)]` on, which stands before the last module of a file here, a line
-//! is a test's; so is each of `tests/`, `benches/` and `examples/`. Code that others wrote (`third_party`) or a program wrote (`proto/src`) is
-//! left out.
+//! Counts lines that are neither empty nor a comment. Lines after `#[cfg(test)]`, which precedes the last module of a file here, and all
+//! lines of `tests/`, `benches/` and `examples/` count as tests. Third-party (`third_party`) and generated code (`proto/src`) is
+//! excluded.
 
 use anyhow::{Context, Result, bail};
 use std::collections::BTreeMap;
 use std::path::Path;
 use std::process::Command;
 
-/// Not written by us, or not by hand.
+/// Third-party or generated.
 const LEFT_OUT: [&str; 2] = ["third_party/", "proto/src/"];
 
 /// Lines of the program, lines of tests.
 type Lines = [usize; 2];
 
-/// Prints a table: of the tree as it is, or of a commit beside it.
+/// Prints a table of the current tree, optionally next to that of a commit.
 pub(crate) fn run(root: &Path, before: Option<&str>) -> Result<()> {
     let after = counted(root, None)?;
     let Some(commit) = before else {
@@ -46,7 +46,7 @@ fn with_sum(counts: &BTreeMap<String, Lines>) -> BTreeMap<String, Lines> {
     let sum = counts
         .values()
         .fold([0, 0], |sum, lines| [sum[0] + lines[0], sum[1] + lines[1]]);
-    // Behind all names of folders.
+    // Sorts after all folder names.
     counts
         .iter()
         .map(|(name, lines)| (name.clone(), *lines))

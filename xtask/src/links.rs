@@ -1,25 +1,25 @@
-//! Links and file names in Markdown that lead nowhere.
+//! Dead links and file names in Markdown.
 //!
-//! Checked: relative links `[text](target)`, with the heading if the target has one; paths anywhere in the text that begin with
+//! Checked: relative links `[text](target)`, including the heading if the target has one; paths anywhere in the text that begin with
 //! a folder of the root (`crates/plant/src/vector.rs`); and, in code spans, names of Rust files (`vector.rs`) and ends of paths of
-//! source files (`src/vector.rs`). Not checked: addresses of the web; names with wildcards or placeholders; file names in
-//! `CHANGELOG.md`, which names files that are gone.
+//! source files (`src/vector.rs`). Not checked: web addresses; names with wildcards or placeholders; file names in
+//! `CHANGELOG.md`, which names removed files.
 
 use anyhow::{Context, Result, bail};
 use std::collections::BTreeSet;
 use std::path::{Component, Path, PathBuf};
 
-/// Names that look like those of files here and are none.
+/// Names that look like files here but are not.
 const NO_FILES: [&str; 7] = [
     // Not in Git.
     "deploy/secrets",
     "fuzz/artifacts",
     "fuzz/corpus",
-    // A deployment of Kubernetes.
+    // A Kubernetes deployment.
     "deploy/api",
-    // A file of iceoryx2 in the folder where it is started.
+    // A file of iceoryx2 in its working folder.
     "config/iceoryx2.toml",
-    // Made by the command before it; an example of an error message.
+    // Created by the preceding command; an example of an error message.
     "config/vehicles/short-lag.toml",
     "config/blades/none.toml",
 ];
@@ -78,7 +78,7 @@ impl Tree {
         self.files.contains(path) || self.folders.contains(path)
     }
 
-    /// True if a link in a file leads to a file or folder, and to a heading if it names one.
+    /// True if a link in a file leads to an existing file or folder, and to an existing heading if it names one.
     fn has_link(&self, root: &Path, file: &Path, target: &str) -> bool {
         let (path, heading) = target
             .split_once('#')
@@ -95,8 +95,8 @@ impl Tree {
         }
     }
 
-    /// True if a name in the text of a file is that of a file or folder: from the root, from the file's folder, or, if it begins with
-    /// no folder of the root, the end of the path of a file anywhere.
+    /// True if a name in the text of a file is that of a file or folder: from the root, from the file's folder, or, if it does not
+    /// begin with a folder of the root, the end of any file's path.
     fn has_name(&self, file: &Path, name: &str) -> bool {
         if NO_FILES.iter().any(|none| Path::new(name).starts_with(none)) {
             return true;
@@ -119,7 +119,7 @@ fn links(line: &str) -> impl Iterator<Item = String> {
     })
 }
 
-/// Folders of the root that names of files begin with.
+/// Folders of the root that file names begin with.
 const FOLDERS: [&str; 16] = [
     "cli",
     "clients",
@@ -139,7 +139,7 @@ const FOLDERS: [&str; 16] = [
     "xtask",
 ];
 
-/// Endings of the source files whose path a code span names.
+/// Extensions of source files checked in code spans.
 const SOURCES: [&str; 5] = [".rs", ".proto", ".py", ".ts", ".tsx"];
 
 /// File names of a line: paths from the root, and source files in code spans.
@@ -149,7 +149,7 @@ fn names(line: &str) -> impl Iterator<Item = String> {
         let word = word.trim_end_matches(['.', ',']);
         let (first, rest) = word.split_once('/')?;
         let is_plain = !rest.contains(['*', '<', '>', '…', '$']) && !rest.contains("..") && !rest.is_empty();
-        // NAME in capitals stands for any name.
+        // NAME in capitals is a placeholder.
         let is_placeholder = |part: &str| {
             let stem = part.split('.').next().unwrap_or(part);
             stem.len() > 1 && stem != "README" && stem.chars().all(|c| c.is_ascii_uppercase() || c == '_')
@@ -157,7 +157,7 @@ fn names(line: &str) -> impl Iterator<Item = String> {
         (FOLDERS.contains(&first) && is_plain && !rest.split('/').any(is_placeholder)).then(|| word.to_owned())
     });
     let spans = line.split('`').skip(1).step_by(2).filter(|span| {
-        // A name without a folder may be that of another project's script.
+        // A name without a folder may be another project's script.
         let endings = if span.contains('/') {
             &SOURCES[..]
         } else {
@@ -167,7 +167,7 @@ fn names(line: &str) -> impl Iterator<Item = String> {
             .iter()
             .any(|ending| span.len() > ending.len() && span.ends_with(ending));
         let is_plain = span.chars().all(|c| c.is_alphanumeric() || "_-./{},".contains(c)) && !span.starts_with('/');
-        // What begins with a folder of the root is among the paths.
+        // Names that begin with a folder of the root are already among the paths.
         let is_path = span.split_once('/').is_some_and(|(first, _)| FOLDERS.contains(&first));
         is_source && is_plain && !is_path
     });
@@ -203,7 +203,7 @@ fn joined(file: &Path, path: &str) -> PathBuf {
     at
 }
 
-/// The name by which a heading is linked to.
+/// The anchor of a heading.
 fn slug(heading: &str) -> String {
     let text = heading.trim_start_matches('#').trim().to_lowercase();
     text.chars()

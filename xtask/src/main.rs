@@ -1,4 +1,4 @@
-//! Repository tasks: `cargo xtask <task>`. Needs nothing that is not in the workspace.
+//! Repository tasks: `cargo xtask <task>`. Needs nothing outside the workspace.
 
 use anyhow::{Context as _, Result, bail};
 use std::path::{Path, PathBuf};
@@ -99,7 +99,7 @@ fn root() -> Result<PathBuf> {
         .context("xtask stands in the repository root")
 }
 
-/// Flies a scenario with seeds 1 to 100 and prints what the evaluators did.
+/// Flies a scenario with seeds 1 to 100 and prints the evaluators' results.
 fn seeds(root: &Path, scenario: &str) -> Result<()> {
     example(root, "seed_study", &[scenario, "100"])
 }

@@ -1,11 +1,11 @@
-//! Other simulators on the same core, in the same run: what each of them computes, and how fast.
+//! Comparison with other simulators on the same core, in the same run: scope and speed of each.
 //!
-//! Each peer gets a virtual environment of its own in a temporary folder, from the package index that `pip` is set up for; the folder
-//! is removed afterwards. A peer that cannot be installed or does not run is named with the reason, and the others go on. The product
-//! depends on none of them.
+//! Each peer gets its own virtual environment in a temporary folder, from the package index configured for `pip`; the folder is
+//! removed afterwards. A peer that cannot be installed or does not run is reported with the reason, and the others continue. The
+//! product depends on none of them.
 //!
-//! Rates are steps per CPU-second of one process, pinned to one core, in each program's own documented set-up. They are not the same
-//! task: read the column that says what is computed.
+//! Rates are steps per CPU-second of one process, pinned to one core, in each program's documented set-up. The tasks differ: see the
+//! column that describes them.
 
 use crate::bench::{SIDE_BY_SIDE, build, machine};
 use anyhow::{Context, Result, bail};
@@ -31,7 +31,7 @@ struct Row {
 
 /// Measures ours and theirs, `seconds` of CPU time for each of theirs, and prints one table.
 ///
-/// * `environments`: folder with virtual environments named after the packages, made before; `None`: throw-away ones
+/// * `environments`: folder with existing virtual environments named after the packages; `None`: temporary ones
 pub(crate) fn run(root: &Path, environments: Option<&Path>, seconds: f64) -> Result<()> {
     build(root)?;
     println!("{}", machine());

@@ -1,9 +1,9 @@
-//! The file that PX4's boot loader, QGroundControl and `px_uploader` take: JSON around the zlib-packed image.
+//! The firmware file for PX4's boot loader, QGroundControl and `px_uploader`: JSON around the zlib-compressed image.
 //!
 //! Rules (PX4-Bootloader `bl.c`; PX4 `px_mkfw.py`, `px_uploader.py`; QGroundControl `FirmwareImage.cc`):
 //! * board id 56; the image fits 1,966,080 bytes and is padded to whole flash words of 32 bytes;
-//! * word 0, the stack, is not erased flash; word 1, the start, lies in the image;
-//! * `image_size` is the length before packing, and QGroundControl looks for the text `"image": "` with one space.
+//! * word 0, the stack, is not erased flash; word 1, the start, is inside the image;
+//! * `image_size` is the uncompressed length, and QGroundControl searches for the text `"image": "` with one space.
 //!
 //! zlib's *stored* blocks are valid zlib and need no compressor.
 
@@ -13,7 +13,7 @@ use base64::prelude::BASE64_STANDARD as BASE64;
 
 /// Pixhawk 6C.
 const BOARD_ID: u32 = 56;
-/// Behind the boot loader's sector.
+/// After the boot loader's sector.
 const FLASH_START: u32 = 0x0802_0000;
 const MAX_SIZE: usize = 1_966_080;
 
@@ -29,7 +29,7 @@ pub(crate) fn pack(image: &[u8], version: &str) -> Result<String> {
         image.len(),
         BASE64.encode(zlib(&image))
     );
-    // As its readers read it.
+    // Parsed as its readers do.
     let read: serde_json::Value = serde_json::from_str(&text)?;
     if read["board_id"] != BOARD_ID || read["image_size"] != image.len() || !text.contains("\"image\": \"") {
         bail!("the .px4 file does not say what it should");

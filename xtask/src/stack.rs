@@ -1,14 +1,14 @@
 //! Stack of a step, from the linked image: the longest chain of frames from the program's start through `Application::advance` and below.
 //!
-//! A frame is everything that a function pushes or takes off the stack pointer, wherever it stands in it; so the sum is a bound, not a
-//! measurement. Two things have no bound and are complaints: recursion, and a frame of a size that the code works out.
+//! A frame is everything that a function pushes or subtracts from the stack pointer, anywhere in it; so the sum is an upper bound, not a
+//! measurement. Two cases are unbounded and reported: recursion, and a frame of dynamic size.
 
 use crate::branches::{Target, branches, owner};
 use crate::elf::{Image, Symbol};
 use anyhow::{Context, Result, bail};
 use std::collections::BTreeMap;
 
-/// What an exception pushes at most: eight words, the floating-point registers, and one word to align.
+/// Maximum size of an exception frame: eight words, the floating-point registers, and one word for alignment.
 const EXCEPTION_FRAME: u64 = 27 * 4;
 
 struct Graph<'a> {
@@ -17,9 +17,9 @@ struct Graph<'a> {
     frames: BTreeMap<u32, Option<u64>>,
 }
 
-/// Bytes of stack that a step takes at most.
+/// Maximum stack of a step, bytes.
 ///
-/// * `entry`, `step`: parts of the names of the function where the program starts and of the one that makes a step
+/// * `entry`, `step`: parts of the names of the program's entry function and of the step function
 pub(crate) fn bound(image: &Image<'_>, entry: &str, step: &str) -> Result<u64> {
     let graph = Graph::new(image)?;
     let find = |part: &str| {
@@ -73,7 +73,7 @@ impl<'a> Graph<'a> {
             .with_context(|| format!("{} works out the size of its frame", self.functions[&function].name))
     }
 
-    /// Longest chain from a function down, its own frame included.
+    /// Longest chain from a function down, including its own frame.
     fn deepest(&self, function: u32, known: &mut BTreeMap<u32, u64>, path: &mut Vec<u32>) -> Result<u64> {
         if let Some(depth) = known.get(&function) {
             return Ok(*depth);
@@ -124,8 +124,8 @@ impl<'a> Graph<'a> {
     }
 }
 
-/// Bytes that a function pushes or takes off the stack pointer (Arm v7-M reference manual, A7.7: PUSH, VPUSH, STR before the stack pointer,
-/// SUB from it); None if by a register.
+/// Bytes that a function pushes or subtracts from the stack pointer (Arm v7-M reference manual, A7.7: PUSH, VPUSH, STR before the stack
+/// pointer, SUB from it); None if by a register.
 fn frame(code: &[u8]) -> Option<u64> {
     let halves: Vec<u32> = code
         .chunks_exact(2)
@@ -192,7 +192,7 @@ mod tests {
             0xB5B0, 0xE92D, 0x0F00, 0xED2D, 0x8B04, 0xB084, 0xF5AD, 0x6D64, 0xF2AD, 0x3DE9, 0xF84D, 0x0D04,
         ]);
         assert_eq!(frame(&all), Some(16 + 16 + 16 + 16 + 3648 + 1001 + 4));
-        // add r0, sp, #16 and bx lr take nothing; sub.w sp, sp, r4 cannot be told.
+        // add r0, sp, #16 and bx lr take nothing; sub.w sp, sp, r4 is undetermined.
         assert_eq!(frame(&code(&[0xA804, 0x4770])), Some(0));
         assert_eq!(frame(&code(&[0xEBAD, 0x0D04])), None);
     }

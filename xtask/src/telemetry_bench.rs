@@ -1,6 +1,6 @@
-//! How long the server takes to answer queries for telemetry: the reference flight on a server of its own, 60 channels in 2000 points.
+//! Response time of the server to telemetry queries: the reference flight on a dedicated server, 60 channels in 2000 points.
 //!
-//! Over loopback, without compression, a connection a query, from its opening to the last byte.
+//! Over loopback, without compression, one connection per query, from its opening to the last byte.
 
 use crate::bench::{Spread, machine};
 use anyhow::{Context, Result, bail};
@@ -13,7 +13,7 @@ use std::time::{Duration, Instant};
 const CHANNELS: usize = 60;
 const REPETITIONS: usize = 50;
 
-/// Killed when this is left.
+/// Killed on drop.
 struct Server {
     child: Child,
     address: String,
@@ -44,7 +44,7 @@ impl Server {
         Ok(Self { child, address })
     }
 
-    /// Body of the answer; it must be a success.
+    /// Body of the response, which must be a success.
     fn ask(&self, method: &str, path: &str, body: &str) -> Result<Vec<u8>> {
         let mut stream = TcpStream::connect(&self.address)?;
         let length = body.len();
@@ -66,7 +66,7 @@ impl Server {
         Ok(serde_json::from_slice(&self.ask(method, path, body)?)?)
     }
 
-    /// Times of the same query, ms, and the bytes of an answer.
+    /// Times of repeated queries, ms, and the bytes of a response.
     fn time(&self, path: &str) -> Result<(Spread, usize)> {
         let (mut times, mut bytes) = (Vec::new(), 0);
         for _ in 0..REPETITIONS {

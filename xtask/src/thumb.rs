@@ -1,4 +1,4 @@
-//! `flight-core` built for the Pixhawk's processor: proof that nothing in it needs `std`.
+//! Builds `flight-core` for the Pixhawk's processor: proof that nothing in it needs `std`.
 
 use anyhow::{Context, Result, bail};
 use std::path::Path;
@@ -7,7 +7,7 @@ use std::process::Command;
 /// Target of the STM32H743 (Cortex-M7 with FPU).
 const TARGET: &str = "thumbv7em-none-eabihf";
 
-/// Finds or installs a toolchain for the target: the argument that cargo needs, or nothing.
+/// Finds or installs a toolchain for the target: returns the argument that cargo needs, if any.
 pub(crate) fn toolchain(root: &Path) -> Result<String> {
     let output = Command::new("tools/thumb-toolchain.sh")
         .current_dir(root)
@@ -24,12 +24,12 @@ pub(crate) fn toolchain(root: &Path) -> Result<String> {
 pub(crate) fn cargo(toolchain: &str) -> Command {
     let mut command = Command::new("cargo");
     if !toolchain.is_empty() {
-        // Debian's compiler brings no linker of its own.
+        // Debian's compiler does not include a linker.
         command
             .arg(toolchain)
             .env("CARGO_TARGET_THUMBV7EM_NONE_EABIHF_LINKER", "ld.lld-22");
     }
-    // The variables of the cargo that runs this task would override the chosen toolchain.
+    // The environment of the cargo that runs this task would override the chosen toolchain.
     command
         .env_remove("RUSTUP_TOOLCHAIN")
         .env_remove("CARGO")

@@ -1,4 +1,4 @@
-//! The web page and that of reports: built from `web/` into `web/dist` and `web/dist-report`, which are committed, so that neither
+//! The web page and the report page: built from `web/` into `web/dist` and `web/dist-report`, which are committed, so that neither
 //! building nor running the program needs Node.
 //!
 //! ```text
@@ -16,13 +16,13 @@ use std::process::{Command, Stdio};
 #[path = "../../tests/src/skip.rs"]
 mod skip;
 
-/// Folders of `web/` that are built, and what Vite is told to build each.
+/// Output folders of `web/`, and the Vite arguments for each.
 const BUNDLES: [(&str, &[&str]); 2] = [("dist", &[]), ("dist-report", &["--config", "vite.report.ts"])];
 
-/// Vite 8 asks for it.
+/// Minimum version for Vite 8.
 const NODE: (u32, u32) = (20, 19);
 
-/// What npm says when it is the network that fails, and not the tree.
+/// npm's messages when the network is at fault, not the tree.
 const NO_NETWORK: [&str; 6] = [
     "ENOTFOUND",
     "EAI_AGAIN",
@@ -46,7 +46,7 @@ pub(crate) fn write(root: &Path) -> Result<()> {
     )
 }
 
-/// Rebuilds elsewhere and compares; skipped by name where that is not possible.
+/// Rebuilds elsewhere and compares; reported as skipped where that is not possible.
 pub(crate) fn check(root: &Path) -> Result<()> {
     println!("-- the web page");
     let not_here = match node_is_missing() {
@@ -110,7 +110,7 @@ fn node_is_missing() -> Option<String> {
         .then(|| "there is no `npm`".to_owned())
 }
 
-/// Packages as the lock file says, once for each lock file. The last words of npm if the network is at fault.
+/// Installs packages according to the lock file, once per lock file. Returns npm's last words if the network is at fault.
 fn install(root: &Path) -> Result<Option<String>> {
     let lock_file = root.join("web/package-lock.json");
     let wanted = std::fs::read(&lock_file).with_context(|| format!("reading {}", lock_file.display()))?;

@@ -1,4 +1,4 @@
-//! `rotortwin board flash`: a `.px4` file into a board, through PX4's boot loader.
+//! `rotortwin board flash`: writes a `.px4` file to a board, through PX4's boot loader.
 
 use indicatif::{ProgressBar, ProgressStyle};
 use rotortwin_bridge::boot_loader::{BootLoader, Progress};
@@ -7,12 +7,12 @@ use rotortwin_bridge::px4_file::Px4File;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
-/// Of the boot loader's UART; USB takes any.
+/// Baud rate of the boot loader's UART; USB accepts any.
 const BAUD: u32 = 115_200;
 
-/// Flashes; an error is a sentence, and whether the input was wrong.
+/// Flashes; the error is a message, and whether the input was wrong.
 ///
-/// * `port`: None looks for the USB port of a PX4 boot loader   * `wait`: for the boot loader to appear
+/// * `port`: None searches for the USB port of a PX4 boot loader   * `wait`: time for the boot loader to appear
 pub(crate) fn flash(path: &Path, port: Option<&Path>, wait: Duration) -> Result<(), (bool, String)> {
     let file = Px4File::load(path).map_err(|error| (true, error))?;
     println!(
@@ -57,7 +57,7 @@ pub(crate) fn flash(path: &Path, port: Option<&Path>, wait: Duration) -> Result<
     Ok(())
 }
 
-/// A port that is not there yet may come.
+/// Waits for a port to appear.
 fn open(port: &Path, wait: Duration) -> Result<FileLine, String> {
     let start = Instant::now();
     loop {

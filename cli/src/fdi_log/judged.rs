@@ -1,24 +1,24 @@
-//! A log and what was found in it, as JSON and pages hold it.
+//! A log and its results, as in JSON and pages.
 
 use super::truth::Truth;
 use rotortwin_campaign::study::log_score::LogScore;
 use rotortwin_twin::over_time::OverTime;
 use rotortwin_verdicts::log::LogReport;
 
-/// One log, and what was found.
+/// One log, with its results.
 #[derive(serde::Serialize)]
 pub(super) struct JudgedLog {
-    /// As it was named.
+    /// As named.
     pub(super) file: String,
-    /// With all its windows, where they were needed.
+    /// With all its windows, if needed.
     pub(super) report: LogReport,
     /// The flight, for a page.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub(super) over_time: Option<OverTime>,
-    /// Where the truth is known.
+    /// If the truth is known.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub(super) score: Option<LogScore>,
-    /// Where it is known.
+    /// If known.
     #[serde(skip)]
     pub(super) truth: Option<Truth>,
 }

@@ -1,7 +1,7 @@
-//! How right the detectors were on logs whose truth is known, by the definitions of campaigns ([`rotortwin_campaign::study::score`]).
+//! Accuracy of the detectors on logs with known truth, by the definitions of campaigns ([`rotortwin_campaign::study::score`]).
 //!
-//! The truth of a window is what holds in its middle. Windows that cannot be judged are none. *Inside*: of the windows of the sequential
-//! detector that name the rotors rightly while the loss stands still and its size is known, those in which every loss lies inside its 95 %
+//! The truth of a window is that at its middle. Windows that cannot be evaluated are excluded. *Inside*: of the windows in which the
+//! sequential detector names the correct rotors while the loss is constant and of known size, those in which every loss is inside its 95 %
 //! interval.
 
 use super::truth::Truth;
@@ -17,7 +17,7 @@ use rotortwin_verdicts::view::WindowView;
 /// Detectors, in the order of a report.
 const DETECTORS: [&str; 3] = ["t_test", "network", "sequential"];
 
-/// Of a report with all its windows.
+/// From a report with all its windows.
 pub(super) fn score_of(report: &LogReport, truth: &Truth) -> LogScore {
     let window_s = f64::from(report.detectors.window_samples) * STEP_S;
     let mut scorers = DETECTORS.map(|_| DetectorScorer::new(u64::from(report.detectors.window_samples)));
@@ -90,7 +90,7 @@ fn verdicts(window: &WindowView) -> [Verdict; 3] {
     ]
 }
 
-/// The sequential detector, one line a log.
+/// The sequential detector, one line per log.
 pub(super) fn by_log(names: &[String], scores: &[&LogScore]) -> Grid {
     let mut table = Grid::new([
         "log",
@@ -173,7 +173,7 @@ pub(super) fn by_detector(scores: &[&LogScore]) -> Grid {
     table
 }
 
-/// Two digits or more.
+/// At least two digits.
 fn short(rate: f64) -> String {
     match rate {
         0.0 => "0".to_owned(),
@@ -205,7 +205,7 @@ mod tests {
 
     #[test]
     fn regress_a_window_that_ends_with_the_onset_has_not_seen_it() {
-        // 38 s is the end of a window of 62.5 ms; sums of steps do not hit it to the last bit.
+        // 38 s is the end of a window of 62.5 ms; sums of steps are not exact.
         let window_s = 25.0 * STEP_S;
         let end_s = 0.1 + 0.2 + 37.7;
         assert_eq!(after_onset_steps(38.0, end_s), None);

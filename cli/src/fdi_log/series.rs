@@ -1,4 +1,4 @@
-//! Every window of every detector as a table: Parquet, or CSV by the ending of the file.
+//! Every window of every detector as a table: Parquet, or CSV, by file extension.
 
 use super::judged::JudgedLog;
 use rotortwin_campaign::table_file::{TableFile, Values};
@@ -6,10 +6,10 @@ use rotortwin_plant::STEP_S;
 use rotortwin_verdicts::view::{LossView, WindowView};
 use std::path::Path;
 
-/// Writes a row a window, the logs below each other. Times are those of the log, as in `LOG@35:65`.
+/// Writes one row per window, with the logs concatenated. Times are those of the log, as in `LOG@35:65`.
 ///
 /// # Errors
-/// The file cannot be written: one sentence.
+/// The file cannot be written.
 pub(super) fn write(path: &Path, logs: &[JudgedLog]) -> Result<(), String> {
     let table = table(logs);
     let written = if path.extension().is_some_and(|ending| ending == "csv") {
@@ -131,7 +131,7 @@ fn table(logs: &[JudgedLog]) -> TableFile {
     table
 }
 
-/// `3` or `1+2|4`: the sets of rotors that an ambiguous verdict leaves open.
+/// `3` or `1+2|4`: the rotor sets that an ambiguous verdict leaves open.
 fn hypotheses(window: &WindowView) -> String {
     let set = |rotors: &Vec<u32>| rotors.iter().map(u32::to_string).collect::<Vec<_>>().join("+");
     window

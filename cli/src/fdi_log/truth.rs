@@ -1,30 +1,30 @@
-//! What was really damaged: a side file, or a column of the log itself.
+//! The true damage, from a side file or a column of the log itself.
 //!
 //! A side file is CSV with the columns `time_s,rotor,loss` and, for several logs, `log`: from `time_s` on (the log's time, as in `LOG@35:65`)
-//! the rotor has lost this share of its thrust; 0 is healed, a negative share a gain, empty "unknown how much". A healthy log has one row
+//! the rotor has lost this fraction of its thrust; 0 is healed, a negative value a gain, empty "unknown size". A healthy log has one row
 //! with rotor 0.
 //!
-//! A column holds 0 (healthy), the damaged rotor from 1, or −1 (several) in each row; `faulty_rotors`, a mask beside it with rotor 1 in
-//! bit 0, tells which. The telemetry of a run has both, as `fault_label`.
+//! A column contains 0 (healthy), the damaged rotor from 1, or −1 (several) in each row; an accompanying mask `faulty_rotors`, with rotor 1
+//! in bit 0, specifies them. The telemetry of a run has both, as `fault_label`.
 
 use rotortwin_flight_core::MAX_ROTORS;
 use rotortwin_flight_core::fdi::verdict_code::UNKNOWN;
 use rotortwin_twin::log::FlightLog;
 use std::path::{Path, PathBuf};
 
-/// Mask of the damaged rotors beside a column of labels.
+/// Mask of the damaged rotors for a label column.
 const MASK_COLUMN: &str = "faulty_rotors";
 
-/// Rotors at a time.
+/// Damaged rotors from a given time on.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub(super) struct Damage {
     /// From this time of the log on, s.
     pub(super) from_s: f64,
-    /// Damaged rotors: bit 0 is rotor 1. Of several without a name 0, see `several`.
+    /// Damaged rotors: bit 0 is rotor 1. 0 for several unspecified rotors, see `several`.
     pub(super) rotors: u32,
-    /// Several rotors are damaged, and the log does not say which.
+    /// Several rotors are damaged, which the log does not specify.
     pub(super) several: bool,
-    /// Share of its thrust that each has lost; NaN if unknown.
+    /// Fractional thrust loss of each; NaN if unknown.
     pub(super) loss: [f64; MAX_ROTORS],
 }
 
@@ -39,7 +39,7 @@ impl Damage {
         }
     }
 
-    /// Largest lost share; NaN if one is unknown.
+    /// Largest fractional loss; NaN if one is unknown.
     pub(super) fn worst(&self) -> f64 {
         let damaged = (0..MAX_ROTORS).filter(|rotor| self.rotors >> rotor & 1 == 1);
         let losses = damaged.map(|rotor| self.loss[rotor]);
@@ -53,12 +53,12 @@ impl Damage {
     }
 }
 
-/// Damage over the time of one log, the earliest first; healthy before the first.
+/// Damage over the time of one log, earliest first; healthy before the first.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub(super) struct Truth(Vec<Damage>);
 
 impl Truth {
-    /// What holds at a time of the log.
+    /// Damage at a time of the log.
     pub(super) fn at(&self, time_s: f64) -> Damage {
         let after = self.0.partition_point(|damage| damage.from_s <= time_s);
         after
@@ -66,13 +66,13 @@ impl Truth {
             .map_or_else(Damage::default, |last| self.0[last].clone())
     }
 
-    /// Whether a rotor is damaged at any time from one to the other.
+    /// Whether a rotor is damaged at any time in an interval.
     pub(super) fn touches(&self, from_s: f64, to_s: f64) -> bool {
         let within = |damage: &&Damage| damage.from_s >= from_s && damage.from_s < to_s;
         self.at(from_s).label() != 0 || self.0.iter().filter(within).any(|damage| damage.label() != 0)
     }
 
-    /// The same from one time to the other.
+    /// Whether the damage is constant over an interval.
     pub(super) fn stands_still(&self, from_s: f64, to_s: f64) -> bool {
         !self
             .0
@@ -122,7 +122,7 @@ impl Truth {
     }
 }
 
-/// Where the truth comes from.
+/// Source of the truth.
 pub(super) enum TruthSource {
     /// Rows of a side file.
     File {
@@ -139,7 +139,7 @@ pub(super) enum TruthSource {
 #[derive(Clone, Debug, PartialEq, serde::Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(super) struct Row {
-    /// File name of the log, with or without its ending; needed for several logs.
+    /// File name of the log, with or without extension; required for several logs.
     #[serde(default)]
     log: String,
     time_s: f64,
@@ -148,10 +148,10 @@ pub(super) struct Row {
 }
 
 impl TruthSource {
-    /// A file if there is one of this name, or else the name of a column.
+    /// A file if one with this name exists, otherwise the name of a column.
     ///
     /// # Errors
-    /// A row is not what it should be: one sentence with the file and the row.
+    /// An invalid row; the message names the file and the row.
     pub(super) fn read(text: &Path, rotor_count: usize) -> Result<Self, String> {
         if !text.exists() {
             return match text.to_str().filter(|name| !name.contains(['/', '.'])) {
@@ -200,10 +200,10 @@ impl TruthSource {
 
     /// The truth of one log.
     ///
-    /// * `name`: as the log was named, without its part
+    /// * `name`: the log as named, without its part
     ///
     /// # Errors
-    /// There is none: one sentence.
+    /// There is none.
     pub(super) fn of(&self, log: &FlightLog, name: &Path, rotor_count: usize) -> Result<Truth, String> {
         match self {
             Self::Column(column) => {
@@ -254,7 +254,7 @@ impl TruthSource {
     }
 }
 
-/// Whether a row's name is that of a log: the same path, file name, or file name without its ending.
+/// Whether a row's name matches a log: same path, file name, or file name without extension.
 fn names(row: &str, log: &Path) -> bool {
     let row = Path::new(row);
     row == log

@@ -1,17 +1,17 @@
-//! What `fdi-log` prints of a log: verdicts over time, what was not judged, counts.
+//! Text output of `fdi-log` for a log: verdicts over time, what was not evaluated, counts.
 
 use rotortwin_runner::grid::Grid;
 use rotortwin_verdicts::log::LogReport;
 use rotortwin_verdicts::view::{ObstacleView, Obstruction, SequentialView, VerdictKind};
 use std::path::Path;
 
-/// Name of the file of a log, with the part that was asked for.
+/// File name of a log, with the selected part.
 pub(super) fn file_name(path: &Path) -> String {
     path.file_name()
         .map_or_else(String::new, |name| name.to_string_lossy().into_owned())
 }
 
-/// One line a log.
+/// One line per log.
 pub(super) fn overview<'a>(logs: impl Iterator<Item = (&'a Path, &'a LogReport)>) -> Grid {
     let mut table = Grid::new(["log", "judged", "alarms", "last verdict of each stretch"]).numbers([1, 2]);
     for (path, report) in logs {
@@ -144,7 +144,7 @@ pub(super) fn text_of(report: &LogReport) -> String {
     text.trim_end().to_owned()
 }
 
-/// What would be seen at the end of the log.
+/// Smallest detectable loss at the end of the log.
 fn smallest_text(smallest: &[f32]) -> Option<String> {
     let of = |sign: f32| (0..smallest.len()).max_by(|a, b| (sign * smallest[*a]).total_cmp(&(sign * smallest[*b])));
     let (least, most) = (of(-1.0)?, of(1.0)?);
@@ -157,7 +157,7 @@ fn smallest_text(smallest: &[f32]) -> Option<String> {
     ))
 }
 
-/// The reason in a few words; all of them stand in the table of what was not judged.
+/// The reason in a few words; details are in the table of what was not evaluated.
 fn short(reason: Obstruction) -> &'static str {
     match reason {
         Obstruction::OnGround => "on the ground",
@@ -174,7 +174,7 @@ fn short(reason: Obstruction) -> &'static str {
     }
 }
 
-/// A verdict in words, as a line of a terminal has it.
+/// A verdict as one line of terminal text.
 pub fn verdict_text(view: &SequentialView) -> String {
     let losses = || -> Vec<String> {
         view.thrust_loss

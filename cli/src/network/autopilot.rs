@@ -1,16 +1,16 @@
-//! An autopilot that a server's operator lists.
+//! Autopilots listed by a server's operator.
 
 use rotortwin_bridge::autopilot::address::{AutopilotAddress, Protocol};
 use rotortwin_bridge::autopilot::pilot::PilotAddress;
 
-/// An autopilot that is listed on the command line.
+/// An autopilot listed on the command line.
 #[derive(Clone, Debug)]
 pub struct ListedAutopilot {
-    /// By which runs name it.
+    /// Name used by runs.
     pub name: String,
-    /// Where it is, and what it speaks.
+    /// Its address and protocol.
     pub address: AutopilotAddress,
-    /// Where it takes commands; `none`; or as its protocol does by default.
+    /// Its command address; `none`; or the protocol's default.
     pub pilot: Option<String>,
 }
 

@@ -1,4 +1,4 @@
-//! What `rotortwin health` is asked for; done by `rotortwin-network`.
+//! Arguments of `rotortwin health`; executed by `rotortwin-network`.
 
 use clap::Parser;
 use std::path::PathBuf;

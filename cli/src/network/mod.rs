@@ -1,8 +1,8 @@
-//! Commands that need other hosts: what they are asked for, and the program that does them.
+//! Commands that need other hosts: their arguments, and the program that executes them.
 //!
-//! `rotortwin` flies, compares, diagnoses and judges on this machine. HTTP server and client, workers and zenoh are four fifths of all that
-//! would be compiled with it, so they are in `rotortwin-network`, which knows all commands of this one as well. Whoever asks this program for
-//! one of them is answered by that one, in its place: docs/decisions/0062.
+//! `rotortwin` flies, compares, diagnoses and evaluates on this machine. HTTP server and client, workers and zenoh would be four fifths of
+//! its code, so they are in `rotortwin-network`, which also supports all commands of this program. This program replaces itself with
+//! that one for such commands: docs/decisions/0062.
 
 pub mod autopilot;
 pub mod health;
@@ -17,13 +17,13 @@ use std::os::unix::process::CommandExt as _;
 use std::path::PathBuf;
 use std::process::ExitCode;
 
-/// The program that can do them.
+/// The program that supports them.
 pub const PROGRAM: &str = "rotortwin-network";
 
-/// What `rotortwin-network` does with a command that only it can do.
+/// Implementation of commands that only `rotortwin-network` supports.
 pub type Perform = fn(&remote::ServerArgs, &Command) -> ExitCode;
 
-/// Does a command by code that is in `rotortwin-network` only: here, if this is that program.
+/// Executes a command with code that is only in `rotortwin-network`: here, if this is that program.
 pub(crate) fn perform(perform: Option<Perform>, server: &remote::ServerArgs, command: &Command) -> ExitCode {
     match perform {
         Some(perform) => perform(server, command),
@@ -31,7 +31,7 @@ pub(crate) fn perform(perform: Option<Perform>, server: &remote::ServerArgs, com
     }
 }
 
-/// True for what is done here, but over zenoh or a WebSocket, of which this program may know nothing.
+/// True for local commands that use zenoh or a WebSocket, which this program may not support.
 pub(crate) fn is_over_network(command: &Command) -> bool {
     match command {
         Command::Fly(args) => args.link == fly::LinkKind::Zenoh || args.foxglove.is_some(),
@@ -44,7 +44,7 @@ pub(crate) fn is_over_network(command: &Command) -> bool {
     }
 }
 
-/// Lets `rotortwin-network` do what this process was asked for: beside this program, or else on the search path.
+/// Executes `rotortwin-network` with this command line: next to this program, or on the search path.
 pub(crate) fn hand_over() -> ExitCode {
     let beside = std::env::current_exe().ok().map(|own| own.with_file_name(PROGRAM));
     let program = beside

@@ -1,4 +1,4 @@
-//! What `rotortwin part` is asked for: nothing on its command line; done by `rotortwin-network`.
+//! Arguments of `rotortwin part`: none; executed by `rotortwin-network`.
 
 use clap::Parser;
 

@@ -1,4 +1,4 @@
-//! Which server is asked, and what of its jobs; done by `rotortwin-network`.
+//! Server selection, and commands for its jobs; executed by `rotortwin-network`.
 
 use clap::{Parser, Subcommand};
 use std::path::PathBuf;

@@ -1,4 +1,4 @@
-//! What `rotortwin router` is asked for; done by `rotortwin-network`.
+//! Arguments of `rotortwin router`; executed by `rotortwin-network`.
 
 use clap::Parser;
 use std::path::PathBuf;

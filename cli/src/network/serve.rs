@@ -1,4 +1,4 @@
-//! What `rotortwin serve` and `rotortwin worker` are asked for; done by `rotortwin-network`.
+//! Arguments of `rotortwin serve` and `rotortwin worker`; executed by `rotortwin-network`.
 
 use super::autopilot::ListedAutopilot;
 use clap::{Parser, ValueEnum};
@@ -46,7 +46,7 @@ pub struct WorkArgs {
     pub zenoh_router: Option<String>,
 }
 
-/// Who does the parts of jobs.
+/// Executor of the parts of jobs.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Executor {
     /// The server's own workers.
@@ -70,12 +70,12 @@ impl FromStr for Executor {
     }
 }
 
-/// An amount of something that a Ray cluster has: `NAME=AMOUNT`.
+/// An amount of a Ray cluster resource: `NAME=AMOUNT`.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Resource {
-    /// As the cluster calls it.
+    /// Its name in the cluster.
     pub name: String,
-    /// How much of it.
+    /// Amount.
     pub amount: f64,
 }
 
@@ -205,7 +205,7 @@ pub enum Role {
 }
 
 impl Role {
-    /// How a run offers its seat, if it does.
+    /// Name of the seat in a run's offer, if any.
     pub fn seat(self) -> Option<&'static str> {
         match self {
             Self::Jobs => None,

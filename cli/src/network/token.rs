@@ -1,4 +1,4 @@
-//! What `rotortwin token` is asked for; done by `rotortwin-network`.
+//! Arguments of `rotortwin token`; executed by `rotortwin-network`.
 
 use clap::{Parser, Subcommand};
 use std::path::PathBuf;

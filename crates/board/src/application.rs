@@ -5,9 +5,9 @@
 //!    ▲                  │ refused          │
 //!    └──Hello, Finish───┴──────────────────┘
 //! ```
-//! One [`Application`] in static memory; [`Application::receive`] takes a byte and says when there is something to send. Sensors of the
-//! step that is due make one step of controller and FDI engine; those of a step that was answered before get the same answer again;
-//! a step too far is refused.
+//! One [`Application`] in static memory; [`Application::receive`] takes a byte and returns data to send, if any. Sensors of the next step
+//! trigger one step of controller and FDI engine; those of a step already answered get the same answer again; a step too far ahead is
+//! rejected.
 
 use crate::frame::{Decoder, Header, MAX_ENCODED, MAX_PAYLOAD, crc32, encode};
 use crate::message::{
@@ -21,7 +21,7 @@ use rotortwin_flight_core::fdi::{FdiEngine, FdiOutput, LossEstimate};
 use rotortwin_flight_core::frames::{EulerAngles, Vec3};
 use rotortwin_flight_core::signals::{Measurement, NavState, Reference};
 
-/// What the application wants of the hardware.
+/// Hardware interface of the application.
 pub trait Board {
     /// Name, as in `rotortwin board list`.
     const NAME: &'static str;
@@ -32,9 +32,9 @@ pub trait Board {
     fn counter(&mut self) -> u32;
     /// Instructions or cycles between two values of the counter.
     fn cost(&self, start: u32, end: u32) -> u32;
-    /// Clock of the processor, Hz; 0 if it means nothing.
+    /// Processor clock, Hz; 0 if meaningless.
     fn clock_hz(&self) -> u32;
-    /// Most stack used in flight, most used before, and stack there is, bytes.
+    /// Maximum stack use in flight and before it, and stack size, bytes.
     fn stack(&self) -> [u32; 3];
     /// Why it started; see [`Report::reset_cause`].
     fn reset_cause(&self) -> u8;
@@ -42,26 +42,26 @@ pub trait Board {
     fn fault(&self) -> [u32; 5] {
         [0; 5]
     }
-    /// Lamps.
+    /// Sets the LEDs.
     fn show(&mut self, state: State);
     /// Restart into the boot loader once the answer is out; false if there is none.
     fn boot_loader(&mut self) -> bool;
 }
 
-/// What the application does.
+/// State of the application.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum State {
-    /// Waits for a host.
+    /// Waiting for a host.
     Idle,
-    /// Parameters come.
+    /// Receiving parameters.
     Download,
-    /// Answers steps.
+    /// Answering steps.
     Flight,
-    /// The last request was refused.
+    /// The last request was rejected.
     Refused,
 }
 
-/// See the module.
+/// See the module documentation.
 pub struct Application {
     decoder: Decoder,
     state: State,
@@ -69,14 +69,14 @@ pub struct Application {
     received: usize,
     download: [u8; parameters::MAX_LENGTH],
     options: Options,
-    /// Flies only if `has_controller`.
+    /// Used only if `has_controller`.
     controller: Controller,
     has_controller: bool,
-    /// Says something only if `has_engine`. Not an `Option`: it is configured in place, there is no room for a second one.
+    /// Used only if `has_engine`. Not an `Option`: it is configured in place, as there is no room for a second one.
     engine: FdiEngine,
     has_engine: bool,
     next_step: u32,
-    /// Sequence number and CRC-32 of the request that `answer` answers.
+    /// Sequence number and CRC-32 of the request answered by `answer`.
     last_request: Slot<(Header, u32)>,
     answer: [u8; MAX_ENCODED],
     answer_length: usize,
@@ -84,7 +84,7 @@ pub struct Application {
 }
 
 impl Application {
-    /// Waits for a host. All bits are 0, so that a board keeps it in static memory without an image of it in flash or a copy on the stack.
+    /// Idle. All bits are 0, so that a board keeps it in static memory without an image in flash or a copy on the stack.
     pub const fn new() -> Self {
         Self {
             decoder: Decoder::new(),
@@ -112,7 +112,7 @@ impl Default for Application {
     }
 }
 
-/// An `Option` whose empty form is 0 (an `Option` may hide its own in unused values of what it holds).
+/// An `Option` whose empty form is all zeros (an `Option` may use niches of its content).
 #[repr(u8)]
 enum Slot<T> {
     Empty = 0,
@@ -128,7 +128,7 @@ impl<T> Slot<T> {
     }
 }
 
-/// What goes back for a request.
+/// Response to a request.
 struct Answer<'a> {
     kind: u8,
     payload: Writer<'a>,
@@ -138,7 +138,7 @@ impl Answer<'_> {
     fn refuse(&mut self, code: u8, sentence: core::fmt::Arguments<'_>) {
         self.kind = kind::REFUSAL;
         self.payload.put(&[code]);
-        // A sentence that does not fit is cut; writing into memory does not fail otherwise.
+        // A text that does not fit is truncated; writing into memory does not fail otherwise.
         if self.payload.write_fmt(sentence).is_err() {
             self.payload.put(b"...");
         }
@@ -153,17 +153,17 @@ impl Answer<'_> {
 }
 
 impl Application {
-    /// What it does now.
+    /// Current state.
     pub fn state(&self) -> State {
         self.state
     }
 
-    /// Forgets the beginning of a frame, as after the line was lost.
+    /// Discards a partial frame, as after the line was lost.
     pub fn line_lost(&mut self) {
         self.decoder.reset();
     }
 
-    /// Takes in one byte; a frame to send, if it ended a request.
+    /// Processes one byte; returns a frame to send, if it completed a request.
     #[inline]
     pub fn receive<B: Board>(&mut self, byte: u8, board: &mut B) -> Option<&[u8]> {
         let mut request = [0; MAX_PAYLOAD];
@@ -372,7 +372,7 @@ impl Application {
         Ok(())
     }
 
-    /// The step that is due, or a refusal.
+    /// Executes the next step, or rejects it.
     #[inline]
     fn step<B: Board>(&mut self, request: &[u8], answer: &mut Answer<'_>, board: &mut B) -> State {
         let Some(sensors) = Sensors::read(request) else {
@@ -402,8 +402,8 @@ impl Application {
         State::Flight
     }
 
-    /// Controller and FDI engine once, and the reply into `out`; its length. The linked image is searched for ways from here into a panic
-    /// (`cargo xtask firmware`): the name is known there.
+    /// Runs controller and FDI engine once, and writes the reply to `out`; returns its length. `cargo xtask firmware` searches the linked
+    /// image for panic paths starting at this function, by name.
     #[inline(never)]
     fn advance<B: Board>(&mut self, sensors: &Sensors, out: &mut [u8], board: &mut B) -> usize {
         let controller = &mut self.controller;

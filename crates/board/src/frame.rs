@@ -3,9 +3,9 @@
 //! ```text
 //!  COBS( version, kind, sequence (2, little-endian), payload (0 to 512), CRC-32 (4, little-endian) ) 0x00
 //! ```
-//! COBS (consistent overhead byte stuffing) leaves no zero in a frame, so that a zero always ends one: whatever was lost, added or
-//! changed on the way, the receiver is in step again at the next zero. CRC-32 is the usual one (IEEE 802.3): all errors of up to 32
-//! bits in a row are seen, others but for one in 4·10⁹.
+//! COBS (consistent overhead byte stuffing) leaves no zero in a frame, so that a zero always ends one: whatever was lost, inserted
+//! or corrupted, the receiver resynchronises at the next zero. CRC-32 is the usual one (IEEE 802.3): all burst errors of up to 32
+//! bits are detected, others except for one in 4·10⁹.
 //!
 //! A frame costs [`overhead`] bytes beyond its payload.
 
@@ -31,20 +31,20 @@ pub fn crc32(bytes: &[u8]) -> u32 {
     CRC32.checksum(bytes)
 }
 
-/// What a frame says of itself.
+/// Header of a frame.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Header {
     /// Protocol version of the sender.
     pub version: u8,
     /// See [`crate::message::kind`].
     pub kind: u8,
-    /// Number of the request; its answer bears the same.
+    /// Number of the request; its answer carries the same.
     pub sequence: u16,
 }
 
-/// Writes a frame of this program's version; the part of `out` that holds it.
+/// Writes a frame of this program's version; returns the used part of `out`.
 ///
-/// A payload longer than [`MAX_PAYLOAD`] is cut: no message is so long.
+/// A payload longer than [`MAX_PAYLOAD`] is truncated: no message is that long.
 pub fn encode(kind: u8, sequence: u16, payload: &[u8], out: &mut [u8; MAX_ENCODED]) -> usize {
     encode_header(
         Header {
@@ -76,14 +76,14 @@ pub fn encode_header(header: Header, payload: &[u8], out: &mut [u8; MAX_ENCODED]
     length + 1
 }
 
-/// What a receiver has seen.
+/// Statistics of a receiver.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct LineStatistics {
     /// Good frames.
     pub frames: u32,
-    /// Frames whose CRC-32 did not fit.
+    /// Frames with a wrong CRC-32.
     pub crc_errors: u32,
-    /// Pieces between two zeros that are no frame: too short, too long, or not COBS.
+    /// Sequences between two zeros that are not frames: too short, too long, or not COBS.
     pub garbage: u32,
 }
 
@@ -125,13 +125,13 @@ impl<const N: usize> ShortDecoder<N> {
         self.statistics
     }
 
-    /// Forgets the beginning of a frame, as after the line was lost.
+    /// Discards a partial frame, as after the line was lost.
     pub fn reset(&mut self) {
         self.length = 0;
         self.too_long = false;
     }
 
-    /// Takes in one byte; a frame when it is complete and good, of whatever version.
+    /// Processes one byte; returns a complete, valid frame of any version.
     pub fn push(&mut self, byte: u8) -> Option<(Header, &[u8])> {
         if byte != 0 {
             match self.buffer.get_mut(self.length) {
@@ -149,7 +149,7 @@ impl<const N: usize> ShortDecoder<N> {
             return None;
         }
         if length == 0 {
-            // Two zeros in a row say nothing.
+            // Two consecutive zeros are empty.
             return None;
         }
         let Some(length) = cobs::decode_in_place(&mut self.buffer[..length])
@@ -257,7 +257,7 @@ mod tests {
             if remove { bytes.remove(place); } else { bytes[place] ^= change; }
             bytes.push(0);
             for (header, found) in decoded(&bytes) {
-                // The same frame again is what a lost closing zero leaves: the next zero closes it.
+                // Repeating the frame simulates a lost closing zero: the next zero closes it.
                 prop_assert_eq!((header.kind, header.sequence, &found), (3, 7, &payload));
             }
         }

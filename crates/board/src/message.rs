@@ -1,5 +1,5 @@
-//! What the frames carry. Numbers are little-endian; the fields are those of `proto/rotortwin/v1/signals.proto` in fixed places, less
-//! what the other side knows already.
+//! Content of the frames. Numbers are little-endian; the fields are those of `proto/rotortwin/v1/signals.proto` at fixed offsets,
+//! without what the other side already knows.
 //!
 //! ```text
 //!  host ── Hello ──▶ board ── Identity ──▶
@@ -9,25 +9,25 @@
 //!       ── Sensors k ──▶ ── Reply k ──▶                       400 times a second
 //!       ── Status ──▶ ── Report ──▶      ── Finish ──▶ ── Acknowledge ──▶
 //! ```
-//! A [`Reply`] leaves out what has not changed: verdicts come with the last step of a window, estimated losses only if there are any.
-//! Nothing is rounded; what the host puts together has the bits that the board computed.
+//! A [`Reply`] omits unchanged data: verdicts are sent with the last step of a window, estimated losses only if there are any.
+//! Nothing is rounded; the host reconstructs exactly the bits computed by the board.
 
 use rotortwin_flight_core::MAX_ROTORS;
 use rotortwin_flight_core::fdi::MAX_HYPOTHESES;
 
 /// Kinds of frames.
 pub mod kind {
-    /// Who are you? Ends whatever went on.
+    /// Requests the identity. Resets any earlier state.
     pub const HELLO: u8 = 0x01;
     /// A download follows.
     pub const BEGIN: u8 = 0x02;
-    /// A piece of it.
+    /// A part of the download.
     pub const CHUNK: u8 = 0x03;
-    /// That was all of it.
+    /// End of the download.
     pub const COMMIT: u8 = 0x04;
     /// The sensors of one step.
     pub const SENSORS: u8 = 0x05;
-    /// How are you?
+    /// Requests the status.
     pub const STATUS: u8 = 0x06;
     /// The run is over.
     pub const FINISH: u8 = 0x07;
@@ -35,49 +35,49 @@ pub mod kind {
     pub const BOOT_LOADER: u8 = 0x08;
     /// Answer to [`HELLO`].
     pub const IDENTITY: u8 = 0x81;
-    /// Answer to [`BEGIN`], [`CHUNK`], [`FINISH`] and [`BOOT_LOADER`]: nothing to say.
+    /// Answer to [`BEGIN`], [`CHUNK`], [`FINISH`] and [`BOOT_LOADER`]: no content.
     pub const ACKNOWLEDGE: u8 = 0x82;
-    /// Answer to [`COMMIT`]: the parameters are understood.
+    /// Answer to [`COMMIT`]: the parameters are valid.
     pub const READY: u8 = 0x84;
     /// Answer to [`SENSORS`].
     pub const REPLY: u8 = 0x85;
     /// Answer to [`STATUS`].
     pub const REPORT: u8 = 0x86;
-    /// A code of [`super::refusal`] and a sentence.
+    /// A code of [`super::refusal`] and an error message.
     pub const REFUSAL: u8 = 0xFF;
 }
 
-/// Why a board refuses.
+/// Error codes of a board.
 pub mod refusal {
     /// The protocol versions differ.
     pub const VERSION: u8 = 1;
     /// The downloaded bytes do not have the announced hash.
     pub const HASH: u8 = 2;
-    /// The parameters make no vehicle that can be flown.
+    /// The parameters describe an unflyable vehicle.
     pub const PARAMETERS: u8 = 3;
     /// A step without parameters: the board has restarted.
     pub const NO_PARAMETERS: u8 = 4;
-    /// A step was left out.
+    /// A step was skipped.
     pub const STEP_GAP: u8 = 5;
-    /// A message that is not of the protocol, or not of its length.
+    /// An unknown message, or one of the wrong length.
     pub const MALFORMED: u8 = 6;
 }
 
-/// FNV-1a of 64 bits: guards a download against mistakes, not against malice.
+/// 64-bit FNV-1a: protects a download against mistakes, not malice.
 pub fn hash(bytes: &[u8]) -> u64 {
     bytes.iter().fold(0xCBF2_9CE4_8422_2325, |hash, byte| {
         (hash ^ u64::from(*byte)).wrapping_mul(0x0100_0000_01B3)
     })
 }
 
-/// Writes fields one after the other; what does not fit is dropped and remembered.
+/// Writes consecutive fields; those that do not fit are dropped and remembered.
 pub struct Writer<'a> {
     bytes: &'a mut [u8],
     at: usize,
 }
 
 impl<'a> Writer<'a> {
-    /// Into these bytes.
+    /// Writes to these bytes.
     pub fn new(bytes: &'a mut [u8]) -> Self {
         Self { bytes, at: 0 }
     }
@@ -89,11 +89,11 @@ impl<'a> Writer<'a> {
     pub fn is_empty(&self) -> bool {
         self.at == 0
     }
-    /// What is not written yet.
+    /// Unwritten space.
     pub fn room(&mut self) -> &mut [u8] {
         self.bytes.get_mut(self.at..).unwrap_or_default()
     }
-    /// Counts bytes as written that were put into [`Writer::room`].
+    /// Marks bytes put into [`Writer::room`] as written.
     pub fn advance(&mut self, length: usize) {
         self.at = (self.at + length).min(self.bytes.len());
     }
@@ -122,7 +122,7 @@ impl<'a> Writer<'a> {
 }
 
 impl core::fmt::Write for Writer<'_> {
-    /// A sentence that is too long ends early, at a whole character.
+    /// A text that is too long is truncated at a character boundary.
     fn write_str(&mut self, text: &str) -> core::fmt::Result {
         let room = self.bytes.len() - self.at;
         let end = (0..=room.min(text.len()))
@@ -134,16 +134,16 @@ impl core::fmt::Write for Writer<'_> {
     }
 }
 
-/// Reads fields one after the other.
+/// Reads consecutive fields.
 #[derive(Clone, Copy)]
 pub struct Reader<'a>(&'a [u8]);
 
 impl<'a> Reader<'a> {
-    /// From these bytes.
+    /// Reads from these bytes.
     pub fn new(bytes: &'a [u8]) -> Self {
         Self(bytes)
     }
-    /// What is left.
+    /// Remaining bytes.
     pub fn rest(&self) -> &'a [u8] {
         self.0
     }
@@ -184,15 +184,15 @@ impl<'a> Reader<'a> {
     }
 }
 
-/// Which detectors run; the residual generators always do where one of them does.
+/// Which detectors run; the residual generators run whenever one of them does.
 pub use rotortwin_flight_core::fdi::Detectors;
 
-/// What a run wants of the board.
+/// Options of a run.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Options {
-    /// The FDI engine runs on the board, too; its residuals come with every reply.
+    /// The FDI engine runs on the board, too, and its residuals are in every reply.
     pub fdi: bool,
-    /// The residuals of all rotors travel; otherwise the four numbers that they are projections of.
+    /// Send the residuals of all rotors; otherwise the four numbers that they are projections of.
     pub residuals: bool,
     /// Which detectors run.
     pub detectors: Detectors,
@@ -209,7 +209,7 @@ impl Default for Options {
 }
 
 impl Options {
-    /// Nothing runs but the control law.
+    /// Only the control law runs.
     pub const NONE: Self = Self {
         fdi: false,
         residuals: false,
@@ -248,7 +248,7 @@ pub struct Begin {
     pub length: u32,
     /// [`hash`] of them all.
     pub hash: u64,
-    /// What the run wants.
+    /// Options of the run.
     pub options: Options,
 }
 
@@ -271,7 +271,7 @@ impl Begin {
     }
 }
 
-/// Sensors and reference of one step: `SensorFrame` less run and time.
+/// Sensors and reference of one step: `SensorFrame` without run and time.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Sensors {
     /// From 0.
@@ -302,33 +302,33 @@ impl Sensors {
     }
 }
 
-/// What the detectors say; changes at the end of a window.
+/// Verdicts of the detectors; change at the end of a window.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Verdicts {
     /// Codes of T-test, network and sequential detector.
     pub codes: [i16; 3],
-    /// Of the sequential verdict.
+    /// Probability of the sequential verdict.
     pub probability: f32,
     /// Loss, low, high, share, low, high of the rotor named, and of the second one.
     pub loss: [[f32; 6]; 2],
     /// Bit mask.
     pub suspect_rotors: u16,
-    /// Sets that are left open.
+    /// Number of sets left open.
     pub hypothesis_count: u16,
     /// The likeliest of them, as bit masks.
     pub hypotheses: [u16; MAX_HYPOTHESES],
 }
 
-/// What the FDI engine says of a step.
+/// The FDI engine's output for a step.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct FdiPart {
     /// The 4-axis residual.
     pub wrench_residual: [f32; 4],
-    /// Of all rotors, if asked for.
+    /// Of all rotors, if requested.
     pub residuals: Option<[[f32; 3]; MAX_ROTORS]>,
     /// Last step of a window.
     pub window_end: bool,
-    /// If they may have changed.
+    /// Present if they may have changed.
     pub verdicts: Option<Verdicts>,
 }
 
@@ -473,7 +473,8 @@ impl Reply {
 
     /// Bytes of the payload of a reply with the engine on board.
     ///
-    /// * `residuals`: see [`Options::residuals`]   * `window_end`: with verdicts, one rotor named   * `worst`: with all that may come
+    /// * `residuals`: see [`Options::residuals`]   * `window_end`: with verdicts, one rotor named   * `worst`: with all optional
+    ///   content
     pub const fn length(rotor_count: usize, residuals: bool, window_end: bool, worst: bool) -> usize {
         let step = 4 + 2 + 4 * rotor_count + 12 + 2 + 16;
         let all = if residuals { 12 * rotor_count } else { 0 };
@@ -498,7 +499,7 @@ pub enum CostUnit {
 /// Cost of one part of a step.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Cost {
-    /// Most that it took.
+    /// Maximum.
     pub max: u32,
     /// Step of the maximum.
     pub max_step: u32,
@@ -507,7 +508,7 @@ pub struct Cost {
 }
 
 impl Cost {
-    /// Takes in one step.
+    /// Adds one step.
     #[inline]
     pub fn push(&mut self, step: u32, cost: u32) {
         if cost > self.max {
@@ -518,35 +519,35 @@ impl Cost {
     }
 }
 
-/// How a board is.
+/// Status of a board.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Report {
-    /// Steps since the parameters came.
+    /// Steps since the parameters were received.
     pub steps: u32,
     /// Good frames, CRC errors and garbage since it started.
     pub line: [u32; 3],
-    /// Requests that came again.
+    /// Repeated requests.
     pub repeated: u32,
-    /// What the costs are counted in.
+    /// Unit of the costs.
     pub unit: CostUnit,
-    /// Of the control law, of the FDI engine, and of both.
+    /// Cost of the control law, of the FDI engine, and of both.
     pub cost: [Cost; 3],
-    /// Most stack used since the parameters were taken in, bytes; 0 if unknown.
+    /// Maximum stack use since the parameters were processed, bytes; 0 if unknown.
     pub stack_used: u32,
-    /// Most stack used before, which is while they were: they are copied about.
+    /// Maximum stack use before, i.e. during their processing, which copies them.
     pub stack_before: u32,
-    /// Stack there is, bytes.
+    /// Stack size, bytes.
     pub stack_size: u32,
-    /// Processor's clock, Hz; 0 if it means nothing.
+    /// Processor clock, Hz; 0 if meaningless.
     pub clock_hz: u32,
     /// Why it started: 0 power or reset line, 1 watchdog, 2 fault, 3 on request.
     pub reset_cause: u8,
-    /// Of the fault, if it started after one: program counter, link register, CFSR, HFSR, BFAR (Arm v7-M, B3.2).
+    /// Registers of the fault, if it started after one: program counter, link register, CFSR, HFSR, BFAR (Arm v7-M, B3.2).
     pub fault: [u32; 5],
 }
 
 impl Report {
-    /// Nothing has happened.
+    /// Initial report.
     pub const NONE: Self = Self {
         steps: 0,
         line: [0; 3],

@@ -1,11 +1,11 @@
-//! Parameters of a run, as they are downloaded: the messages `ControllerSetup` and `FdiSetup` of `proto/rotortwin/v1/setup.proto`,
-//! read where there is no allocation.
+//! Downloaded parameters of a run: the messages `ControllerSetup` and `FdiSetup` of `proto/rotortwin/v1/setup.proto`, decoded
+//! without allocation.
 //!
 //! ```text
 //!  length of the first (4, little-endian) │ ControllerSetup (protobuf) │ FdiSetup (protobuf)
 //! ```
-//! Only what these two messages need of protobuf is here. Unknown fields are skipped, as protobuf asks; whatever is missing or wrong
-//! is refused with its name. Whether the numbers make a vehicle that flies is for `flight-core` to say.
+//! Supports only the part of protobuf that these two messages need. Unknown fields are skipped, as protobuf requires; missing or
+//! invalid ones are rejected by name. Whether the numbers make a flyable vehicle is up to `flight-core`.
 
 use rotortwin_flight_core::MAX_ROTORS;
 use rotortwin_flight_core::control::{ControllerConfig, ControllerConfigError, PidGains, ThrustToDuty};
@@ -19,23 +19,23 @@ use rotortwin_flight_core::thrust_map::{ThrustMap, ThrustMapError};
 /// Longest download: 16 rotors with a network take about 15 kB.
 pub const MAX_LENGTH: usize = 16 * 1024;
 
-/// What is wrong with parameters.
+/// Error in the parameters.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum ParameterError {
-    /// The bytes end within a message, or are no protobuf.
+    /// The bytes end within a message, or are not protobuf.
     Damaged,
-    /// Not there.
+    /// Missing field.
     Missing(&'static str),
-    /// Another number of entries than expected.
+    /// Wrong number of entries.
     Length {
-        /// Which.
+        /// Field.
         field: &'static str,
-        /// As many as this, or at most as many.
+        /// Expected number, or maximum.
         expected: usize,
     },
-    /// Outside of what is allowed.
+    /// Out of range.
     Value(&'static str),
-    /// A parameter of the sequential detector that this program does not know.
+    /// An unknown parameter of the sequential detector.
     Unknown,
     /// Of the rotors.
     Geometry(GeometryError),
@@ -116,7 +116,7 @@ impl<'a> Value<'a> {
     }
 }
 
-/// The fields of a message, in the order in which they came.
+/// The fields of a message, in order.
 #[derive(Clone, Copy)]
 struct Fields<'a>(&'a [u8]);
 
@@ -251,7 +251,7 @@ fn rotor(mut fields: Fields<'_>) -> Parsed<Rotor> {
     })
 }
 
-/// Rotors as they come.
+/// Collects rotors.
 struct Rotors {
     list: [Rotor; MAX_ROTORS],
     count: usize,
@@ -324,7 +324,7 @@ fn thrust_map(mut fields: Fields<'_>) -> Parsed<ThrustMap> {
     ThrustMap::new(coef.all()?, offset).map_err(ParameterError::ThrustMap)
 }
 
-/// Three sets of gains, one a field.
+/// Three sets of gains, one per field.
 struct Gains {
     list: [PidGains; 3],
     count: usize,
@@ -362,10 +362,10 @@ impl Gains {
     }
 }
 
-/// Where the vertical integrator starts: duty (fraction) and battery voltage (V).
+/// Initial value of the vertical integrator: duty (fraction) and battery voltage (V).
 pub type Trim = Option<(f32, f32)>;
 
-/// Reads a `ControllerSetup` into a configuration, in place.
+/// Decodes a `ControllerSetup` into a configuration, in place.
 #[inline(never)]
 pub fn controller(message: &[u8], config: &mut ControllerConfig) -> Parsed<Trim> {
     let mut fields = Fields(message);
@@ -409,7 +409,7 @@ pub fn controller(message: &[u8], config: &mut ControllerConfig) -> Parsed<Trim>
     Ok((trim_duty > 0.0).then_some((trim_duty, trim_voltage)))
 }
 
-/// Reads an `FdiSetup` into a configuration, in place: a board has no room for two.
+/// Decodes an `FdiSetup` into a configuration, in place: a board has no room for two.
 #[inline(never)]
 pub fn fdi(message: &[u8], config: &mut FdiConfig) -> Parsed<()> {
     let mut fields = Fields(message);
@@ -496,7 +496,7 @@ fn t_test_config(mut fields: Fields<'_>) -> Parsed<TTestConfig> {
     Ok(config)
 }
 
-/// The tables of a network, and the fields that they come in.
+/// The tables of a network, and their field numbers.
 const TABLES: [(u64, WeightTable); 6] = [
     (4, WeightTable::HiddenWeight),
     (5, WeightTable::HiddenBias),
@@ -542,9 +542,9 @@ fn network(mut fields: Fields<'_>, rotor_count: usize, network: &mut Network) ->
     Ok(())
 }
 
-/// A parameter of the sequential detector; travels as `f64`.
+/// A parameter of the sequential detector, transmitted as `f64`.
 trait Parameter {
-    /// False if the number is not exactly one of this type.
+    /// False if the number is not exactly representable in this type.
     fn set(&mut self, number: f64) -> bool;
 }
 
@@ -562,7 +562,7 @@ impl Parameter for u8 {
     }
 }
 
-/// Sets a field by its name; the compiler refuses a list that is not complete.
+/// Sets a field by its name; the compiler rejects an incomplete list.
 macro_rules! sequential_fields {
     ($($field:ident),+ $(,)?) => {
         const SEQUENTIAL_FIELDS: usize = [$(stringify!($field)),+].len();
@@ -707,7 +707,7 @@ mod tests {
             let place = place.index(bytes.len());
             bytes[place] = value;
             let cut = cut.index(bytes.len());
-            // Whoever reads protobuf properly is not less strict.
+            // A full protobuf decoder is not less strict.
             let host = rotortwin_proto::FdiSetup::decode(&bytes[..]).map(|setup| setup::fdi_config(&setup));
             if let (Ok(board), Ok(Ok(host))) = (fdi(&bytes), host) {
                 // NaN is not equal to itself.

@@ -1,17 +1,17 @@
-//! What the sequential detector does: the protocol of 48 flights, healthy hours, smallest loss, pairs of faults, coverage.
+//! Study of the sequential detector: the protocol of 48 flights, healthy hours, smallest loss, pairs of faults, coverage.
 //!
 //! `cargo xtask detector WHAT [SCENARIO] [key=value …]` with WHAT one of
 //!
-//! * `protocol`: the flights of the paper's data set (§5.2): right windows by trajectory, delays, false alarms
+//! * `protocol`: the flights of the paper's data set (§5.2): correct windows by trajectory, delays, false alarms
 //! * `healthy`: the same trajectories without a fault: hours and false alarms
-//! * `smallest`: every trajectory with every rotor losing a small share of its thrust at 30 s: isolated within 10 s?
-//! * `pairs`: every pair of rotors at the same moment and one after the other: named, ambiguous, wrong?
-//! * `coverage`: how often the 95 % interval of the loss holds the truth
-//! * `early`: a fault that is there from the start, before the calibration ends
+//! * `smallest`: every trajectory with every rotor losing a small fraction of its thrust at 30 s: isolated within 10 s?
+//! * `pairs`: every pair of rotors, simultaneously and in sequence: named, ambiguous, wrong?
+//! * `coverage`: how often the 95 % interval of the loss contains the truth
+//! * `early`: a fault present from the start, before the calibration ends
 //!
-//! SCENARIO gives vehicle, mismatch and noise (default: the reference flight); `key=value` replaces a key of it, such as
+//! SCENARIO provides vehicle, mismatch and noise (default: the reference flight); `key=value` overrides a key of it, such as
 //! `vehicle=../vehicles/octo-x.toml` or `mismatch.rotor_gain=0.066`. `seeds=A-B` sets the seeds (default 101-101), `losses=0.5,1`
-//! the losses in per cent (of `pairs`: of both rotors), `minutes=M` the length of healthy flights.
+//! the losses in per cent (for `pairs`: of both rotors), `minutes=M` the length of healthy flights.
 
 use rotortwin_campaign::paper::protocol::{self, Conduct, Course, FlightPlan};
 use rotortwin_campaign::parallel;
@@ -72,7 +72,7 @@ fn fly(scenario: &Scenario) -> Vec<Window> {
     recorder.0
 }
 
-/// A loss of thrust that sets in at once.
+/// An abrupt loss of thrust.
 fn loss(rotor: usize, time_s: f64, percent: f64) -> FaultEntry {
     FaultEntry {
         time_s,
@@ -178,7 +178,7 @@ fn main() {
     }
 }
 
-/// Verdict windows of a stretch without a fault that are no "healthy", as uninterrupted series.
+/// Verdict windows of a fault-free stretch that are not "healthy", as uninterrupted series.
 fn alarms(windows: &[Window]) -> usize {
     let alarm = |w: &Window| w.label == 0 && w.report.sequential != 0 && w.report.sequential != -2;
     (0..windows.len())
@@ -186,7 +186,7 @@ fn alarms(windows: &[Window]) -> usize {
         .count()
 }
 
-/// 95 % interval of a Poisson rate per hour from so many events (Garwood, by Wilson and Hilferty's approximation of χ²).
+/// 95 % interval of a Poisson rate per hour for a number of events (Garwood, with Wilson and Hilferty's approximation of χ²).
 fn rate(events: usize, hours: f64) -> String {
     let n = events as f64;
     let bound = |n: f64, z: f64| {
@@ -210,13 +210,13 @@ fn median(values: &mut [f64]) -> f64 {
     values.get(values.len() / 2).copied().unwrap_or(f64::NAN)
 }
 
-/// Flights of the protocol slower than this are listed one by one, s.
+/// Isolation delay above which flights of the protocol are listed individually, s.
 const SLOW_S: f64 = 1.0;
 
-/// So are those with more windows that are not right than this, of about 1,280.
+/// Number of incorrect windows, of about 1,280, above which they are listed too.
 const NOTABLE_WINDOWS: u64 = 32;
 
-/// A rotor without a fault is named, alone or with another one.
+/// A healthy rotor is named, alone or with another one.
 fn names_healthy(w: &Window) -> bool {
     w.faulty != 0 && w.report.sequential > 0 && w.report.suspect_rotors & !w.faulty != 0
 }
@@ -390,23 +390,23 @@ fn run_smallest(study: &Study) {
     }
 }
 
-/// What became of one pair.
+/// Result for one pair.
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Debug)]
 enum Outcome {
     Named,
     /// Both are among the suspects.
     Ambiguous,
-    /// "Unknown fault": a fault is seen, no rotor is named.
+    /// "Unknown fault": a fault is detected, no rotor is named.
     Unknown,
-    /// Healthy: nothing is seen.
+    /// Healthy: nothing is detected.
     Missed,
-    /// One of the two is named, the other is not seen.
+    /// One of the two is named, the other is missed.
     OneOfTwo,
-    /// A rotor is named that is healthy, or the truth is not among the suspects.
+    /// A healthy rotor is named, or the truth is not among the suspects.
     Wrong,
 }
 
-/// Probability from which a wrong verdict is called a confident one.
+/// Probability above which a wrong verdict counts as confident.
 const CONFIDENT: f32 = 0.95;
 
 fn outcome(w: &Window, pair: [usize; 2]) -> Outcome {
@@ -452,7 +452,7 @@ fn run_pairs(study: &Study) {
                 let seeds = study.flight_seeds("detector-study/pairs", *seed, n * n);
                 for first in 0..n {
                     for second in 0..n {
-                        // Unequal losses both ways round; in turn, too.
+                        // Unequal losses in both orders; also in sequence.
                         let once = severity[0] == severity[1] && !one_after_the_other;
                         if first != second && (!once || first < second) {
                             jobs.push((first, second, seeds[first * n + second]));

@@ -1,7 +1,7 @@
-//! How the evaluators do on one scenario over many seeds: delays, false alarms, right windows, with their spread.
+//! Performance of the evaluators on one scenario over many seeds: delays, false alarms, correct windows, with their spread.
 //!
 //! `cargo run --release -p rotortwin-campaign --example seed_study -- SCENARIO [FLIGHTS]` flies seeds 1, 2, … and prints one table.
-//! A window counts as right if its verdict is that of the truth at its end; windows before an evaluator is calibrated do not count.
+//! A window is correct if its verdict matches the truth at its end; windows before an evaluator is calibrated do not count.
 
 use rotortwin_flight::lockstep::{self, FlightEnd, FlightObserver, StopReason};
 use rotortwin_flight::pace::Pace;
@@ -11,7 +11,7 @@ use rotortwin_wire::frames::FdiReport;
 use rotortwin_wire::link::in_process::InProcessLink;
 use rotortwin_wire::peers::{FdiEnginePeer, PidPeer};
 
-/// Reads one evaluator's verdict off a report.
+/// Extracts one evaluator's verdict from a report.
 type Verdict = fn(&FdiReport) -> i32;
 
 const EVALUATORS: [(&str, Verdict); 3] = [
@@ -20,7 +20,7 @@ const EVALUATORS: [(&str, Verdict); 3] = [
     ("network", |r| r.network),
 ];
 
-/// What one evaluator did in one flight.
+/// Results of one evaluator in one flight.
 #[derive(Clone, Copy, Default)]
 struct Score {
     windows: u64,
@@ -122,7 +122,7 @@ fn line(scores: &[Score]) -> String {
     };
     let hours = sum(|s| s.healthy_windows) as f64 * 0.0625 / 3600.0;
     let alarms = sum(|s| s.alarms);
-    // Upper limit of a Poisson rate; for no event the rule of three.
+    // Upper limit of a Poisson rate; with no events, the rule of three.
     let upper = if alarms == 0 {
         3.0
     } else {

@@ -1,9 +1,10 @@
-//! Many flights and what is learned from them.
+//! Many flights, and learning from them.
 //!
 //! * [`study`]: campaigns of grids and draws, with the statistics of the detectors.
 //! * [`paper`]: the paper's data set, its tables, trained classifiers.
 //! * [`learning`]: training in f64.
-//! * [`parallel`]: on every core, same bits. * [`table_file`], [`result_table`]: tables for programs and for people.
+//! * [`parallel`]: uses every core, with bit-identical results. * [`table_file`], [`result_table`]: tables for programs
+//!   and for people.
 
 pub mod learning;
 pub mod paper;

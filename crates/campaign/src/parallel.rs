@@ -1,17 +1,17 @@
 //! Independent jobs on several threads, with results in the order of the jobs.
 //!
-//! Each job is a pure function of its input, so the results are the same bits for every number of threads; only the order in which
-//! jobs are started differs.
+//! Each job is a pure function of its input, so the results are bit-identical for every number of threads; only the order in which
+//! jobs start differs.
 
 use rayon::iter::{IndexedParallelIterator, IntoParallelRefIterator, ParallelIterator};
 use std::num::NonZeroUsize;
 
-/// Threads that this machine can run at a time.
+/// Number of threads that this machine can run at a time.
 pub fn available_threads() -> NonZeroUsize {
     std::thread::available_parallelism().unwrap_or(NonZeroUsize::MIN)
 }
 
-/// `work` of every job, in the order of the jobs; `done` is called from any thread whenever a job has ended.
+/// Runs `work` on every job, with results in the order of the jobs; `done` is called from any thread whenever a job has finished.
 pub fn map_in_order<J: Sync, R: Send>(
     threads: NonZeroUsize,
     jobs: &[J],
@@ -31,7 +31,7 @@ pub fn map_in_order<J: Sync, R: Send>(
         .num_threads(threads)
         .build()
         .expect("the system starts a few threads");
-    // A job is long: none waits behind another while a thread is free.
+    // Jobs are long: none waits behind another while a thread is idle.
     pool.install(|| jobs.par_iter().with_max_len(1).map(each).collect())
 }
 

@@ -1,4 +1,4 @@
-//! A table as people read it.
+//! A table for display.
 
 use serde::Serialize;
 
@@ -7,12 +7,12 @@ use serde::Serialize;
 pub struct ResultTable {
     /// `6`, `7`, …, `improved`.
     pub key: &'static str,
-    /// Above it.
+    /// Title.
     pub title: String,
-    /// Heads of the columns.
+    /// Column headers.
     pub columns: Vec<String>,
-    /// Cells, as many in each row as there are columns.
+    /// Cells, one per column in each row.
     pub rows: Vec<Vec<String>>,
-    /// Below it: what to know when reading it.
+    /// Notes below the table.
     pub notes: Vec<String>,
 }

@@ -1,6 +1,6 @@
 //! Tables of numbers as CSV (for people and spreadsheets) and Parquet (for pandas, Polars, DuckDB).
 //!
-//! Both files have the same columns and rows. Floating-point numbers are written so that they read back to the same bits.
+//! Both files have the same columns and rows. Floating-point numbers read back bit-identically.
 
 use parquet::basic::{Compression, LogicalType, Repetition, Type as Physical, ZstdLevel};
 use parquet::data_type::{ByteArray, ByteArrayType, DoubleType, FloatType, Int64Type};
@@ -21,9 +21,9 @@ pub enum Values {
     Text(Vec<String>),
     /// Whole numbers.
     Integer(Vec<i64>),
-    /// Numbers; NaN where there is none.
+    /// Doubles; NaN if missing.
     Double(Vec<f64>),
-    /// Numbers as flight code has them.
+    /// Single-precision numbers, as in flight code.
     Single(Vec<f32>),
 }
 
@@ -48,7 +48,7 @@ impl Values {
     }
 }
 
-/// A CSV field; quoted where it has to be.
+/// A CSV field, quoted if necessary.
 pub fn quoted(text: &str) -> String {
     if text.contains([',', '"', '\n', '\r']) {
         format!("\"{}\"", text.replace('"', "\"\""))
@@ -114,14 +114,14 @@ impl TableFile {
     }
 }
 
-/// Writes tables with the same columns below each other into one Parquet file, a row group each.
+/// Writes tables with the same columns into one Parquet file, one row group each.
 pub struct TableFileWriter {
     path: PathBuf,
     writer: SerializedFileWriter<BufWriter<File>>,
 }
 
 impl TableFileWriter {
-    /// Begins a file with the columns of `table`; no row is written yet.
+    /// Starts a file with the columns of `table`; no row is written yet.
     pub fn create(path: &Path, table: &TableFile) -> Result<Self, TableFileError> {
         let file = File::create(path).map_err(|error| refused(path, &error))?;
         let writer = Self::begin(BufWriter::new(file), table).map_err(|error| refused(path, &error))?;
@@ -183,7 +183,7 @@ impl TableFileWriter {
         Ok(())
     }
 
-    /// Ends the file.
+    /// Completes the file.
     pub fn finish(self) -> Result<(), TableFileError> {
         let Self { path, writer } = self;
         writer.close().map_err(|error| refused(&path, &error))?;

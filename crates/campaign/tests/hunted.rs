@@ -1,12 +1,12 @@
-//! The flights of `tests/regressions`, which `rotortwin campaign --hunt` has found and shrunk: they fail as is written down, or the
-//! detector has changed.
+//! The flights of `tests/regressions`, found and shrunk by `rotortwin campaign --hunt`: they fail as recorded, or the detector has
+//! changed.
 
 use rotortwin_campaign::study::engine::{OneByOne, fly_scenario};
 use rotortwin_campaign::study::{Campaign, hunt::Failure};
 use rotortwin_scenario::Scenario;
 use std::path::{Path, PathBuf};
 
-/// Known failures; `None` once one is mended.
+/// Known failures; `None` once one is fixed.
 const EXPECTED: [(&str, Option<Failure>); 3] = [
     ("false-alarm-in-slow-gusts", Some(Failure::FalseAlarm)),
     ("missed-slow-ramp", Some(Failure::Missed)),

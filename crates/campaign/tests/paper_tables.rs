@@ -1,4 +1,4 @@
-//! The paper's tables on fresh seeds, within the bounds that were set before; the shipped classifiers are what training writes.
+//! The paper's tables on fresh seeds, within predefined bounds; the shipped classifiers equal the output of training.
 
 use rotortwin_campaign::paper::classifiers;
 use rotortwin_campaign::paper::protocol::Course;
@@ -9,7 +9,7 @@ use std::num::NonZeroUsize;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicU64, Ordering};
 
-/// Used for no choice of this project.
+/// Not used for any choice of this project.
 const FRESH_SEED: u64 = 90_001;
 
 fn config(path: &str) -> PathBuf {
@@ -26,7 +26,7 @@ fn options(items: &[Item], seeds: &[u64], threads: usize) -> Options {
         methods: Default::default(),
         seeds: seeds.to_vec(),
         threads: NonZeroUsize::new(threads).expect("above 0"),
-        // Enough to see that tracking errors tell nothing; see `reproduce` for the length of the paper.
+        // Enough to show that tracking errors are uninformative; see `reproduce` for the length used in the paper.
         tracking_epochs: 2,
     }
 }
@@ -67,7 +67,7 @@ fn scenario_tables_are_within_the_bounds_set_before() {
     let paper = tests(&result, Method::Paper);
     within("test", mean(&paper), 94.0, 96.5);
     for course in [Course::Helix1, Course::Helix2, Course::Hover] {
-        // Below the 97.5 of a well-trained quiet fold only by the luck of five epochs (seen down to 96.8 in 20 folds).
+        // Below the 97.5 of a well-trained quiet fold only by chance in five epochs (down to 96.8 in 20 folds).
         within(course.name(), paper[course.index()], 96.0, 100.0);
     }
     within("waypoints", paper[Course::Waypoints.index()], 83.0, 89.0);
@@ -92,7 +92,7 @@ fn scenario_tables_are_within_the_bounds_set_before() {
         88.0,
         97.0,
     );
-    // Table 9: the paper's 80.35 lies between choices that it does not tell.
+    // Table 9: the paper's 80.35 lies between choices that it does not state.
     within(
         "linear map",
         100.0 * t_test(&result, TTestVariant::Paper).accuracy(),
@@ -156,7 +156,7 @@ fn scenario_same_seed_same_bits_for_any_number_of_threads() {
     assert_eq!(run(5), one);
 }
 
-/// If this fails after a change that is meant to change flights or training, write both files again with the commands in them.
+/// If this fails after an intended change of flights or training, rewrite both files with the commands in them.
 #[test]
 fn regress_shipped_classifiers_are_what_training_writes() {
     let base = base();
@@ -167,7 +167,7 @@ fn regress_shipped_classifiers_are_what_training_writes() {
         let path = config(file);
         let shipped = Classifier::read(&path).expect("a good file");
         let provenance = &shipped.provenance;
-        // One seed tells as much as all of them about bits: the weights, and its column of the cross-validation.
+        // One seed suffices to compare bits: the weights, and its column of the cross-validation.
         let wanted = Options {
             methods: [method].into(),
             ..options(&[], &[provenance.seed], 2)

@@ -1,16 +1,16 @@
-//! Elementary functions in `f32`, twice with the same bits: from `libm`, and without branches.
+//! Elementary functions in `f32`, in two bit-identical implementations: from `libm`, and branch-free.
 //!
-//! On board and for one flight, [`Libm`] is the faster. [`BranchFree`] repeats the operations of `libm` 0.2 (fdlibm) in its order on
-//! the arguments that flights have, computing every case and selecting one, so that a compiler can lay several flights side by side
-//! in vector registers. Arguments outside of that range raise a flag. Tests compare the two bit by bit.
+//! On board and for a single flight, [`Libm`] is faster. [`BranchFree`] repeats the operations of `libm` 0.2 (fdlibm) in the same order
+//! over the argument range that occurs in flight, computing every case and selecting one, so that a compiler can vectorise over
+//! several flights. Arguments outside that range set a flag. Tests compare the two bit by bit.
 
 use core::f64::consts::FRAC_PI_2;
 
 #[cfg(not(target_os = "none"))]
 extern crate std;
 
-/// √x. Rounded as IEEE 754 demands, so that every way to it gives the same bits: `libm` on a board; elsewhere the compiler's own, as that of
-/// `libm` is an assembly instruction there, around which no loop over flights becomes one over vector registers.
+/// √x. IEEE 754 requires correct rounding, so every implementation gives the same bits: `libm` on a board; elsewhere the compiler's own, as
+/// `libm`'s is an assembly instruction there, which prevents loops over flights from being vectorised.
 #[inline(always)]
 pub(crate) fn square_root(x: f32) -> f32 {
     #[cfg(target_os = "none")]
@@ -28,7 +28,7 @@ fn square_root_f64(x: f64) -> f64 {
     x.sqrt()
 }
 
-/// `angle` brought into (−π, π], rad. For angles of a few turns; loses precision beyond 10⁴ rad.
+/// `angle` wrapped into (−π, π], rad. For angles of a few turns; loses precision beyond 10⁴ rad.
 #[inline]
 fn wrap_angle(angle: f32) -> f32 {
     libm::atan2f(libm::sinf(angle), libm::cosf(angle))
@@ -42,7 +42,7 @@ pub trait Elementary {
     fn asin(&mut self, x: f32) -> f32;
     /// Angle of the point (x, y), rad.
     fn atan2(&mut self, y: f32, x: f32) -> f32;
-    /// An angle brought into (−π, π], rad; as it is if it lies within ±π.
+    /// Wraps an angle into (−π, π], rad; unchanged if already within ±π.
     fn wrap_angle(&mut self, angle: f32) -> f32;
 }
 
@@ -68,24 +68,24 @@ impl Elementary for Libm {
 
     #[inline]
     fn wrap_angle(&mut self, angle: f32) -> f32 {
-        // No transcendental functions (and no rounding) where there is nothing to wrap.
+        // No transcendental functions (and no rounding) when there is nothing to wrap.
         if angle.abs() <= PI { angle } else { wrap_angle(angle) }
     }
 }
 
-/// See the module.
+/// See the module documentation.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct BranchFree {
-    /// An argument was outside of the range: results have no meaning.
+    /// An argument was out of range: the results are meaningless.
     pub outside: bool,
 }
 
-/// Largest angle in range, rad: just below 9π/4, where `libm` changes its method.
+/// Largest angle in range, rad: just below 9π/4, where `libm` switches method.
 const LARGEST_ANGLE: f32 = 7.0;
 /// Largest ratio in range of the two-argument arc tangent.
 const LARGEST_RATIO: f32 = 1e7;
 
-/// Borders between the octants of `libm`: it compares bit patterns.
+/// Boundaries between the octants of `libm`, which compares bit patterns.
 const OCTANT: [f32; 4] = [
     f32::from_bits(0x3f49_0fda),
     f32::from_bits(0x4016_cbe3),
@@ -155,10 +155,10 @@ impl Elementary for BranchFree {
         let sine = ((y + s * (-0.166_666_666_416_265_24 + z * 0.008_333_329_385_889_463)) + s * w * r) as f32;
         let r = -0.001_388_676_377_460_993 + z * 0.000_024_390_448_796_277_41;
         let cosine = (((1.0 + z * -0.499_999_997_251_031) + w * 0.041_666_623_323_739_06) + (w * z) * r) as f32;
-        // The number of the quarter turn is 1 or 3: sine and cosine change places.
+        // Quarter-turn index 1 or 3: sine and cosine swap.
         let odd = (first & !second) | (third & !fourth);
         let (sin, cos) = if odd { (cosine, -sine) } else { (sine, cosine) };
-        // 2 or 3: both change sign.
+        // Index 2 or 3: both change sign.
         let half_turn = second & !fourth;
         let (sin, cos) = if half_turn { (-sin, -cos) } else { (sin, cos) };
         (if x.is_sign_negative() { -sin } else { sin }, cos)
@@ -223,7 +223,7 @@ impl Elementary for BranchFree {
 mod tests {
     use super::*;
 
-    /// Bits of both, or nothing if the argument is outside of the range.
+    /// Compares the bits of both, or does nothing if the argument is out of range.
     fn compare(x: f32, y: f32) {
         let mut f = BranchFree::default();
         let (got, want) = (f.sin_cos(x), libm::sincosf(x));
@@ -254,7 +254,7 @@ mod tests {
 
     #[test]
     fn val_branch_free_functions_have_the_bits_of_libm() {
-        // Every 1009th bit pattern (a prime), and all near the borders.
+        // Every 1009th bit pattern (a prime), and all patterns near the boundaries.
         for bits in (0..=u32::MAX).step_by(1009) {
             compare(f32::from_bits(bits), 0.37);
             compare(-0.61, f32::from_bits(bits));
@@ -280,7 +280,7 @@ mod tests {
         }
     }
 
-    /// All 2³² arguments: a minute. Run by hand when `libm` changes.
+    /// All 2³² arguments: takes a minute. Run by hand when `libm` changes.
     #[test]
     #[ignore = "takes a minute"]
     fn val_every_argument() {

@@ -1,4 +1,4 @@
-//! Three-vectors that know their frame, Euler angles, and the maps between them.
+//! Three-vectors tagged with their frame, Euler angles, and the maps between them.
 //!
 //! A [`Vec3<Ned>`] cannot be added to a [`Vec3<Body>`]; a [`BodyToNed`] is the only way across. What the types do *not*
 //! protect: units (the name carries them), origin (a position and a velocity are both `Vec3<Ned>`), and time.
@@ -87,14 +87,14 @@ impl<F> Vec3<F> {
         libm::sqrtf(self.dot(self))
     }
 
-    /// True if no component is NaN or infinite.
+    /// True if all components are finite.
     #[inline]
     pub fn is_finite(self) -> bool {
         self.x.is_finite() && self.y.is_finite() && self.z.is_finite()
     }
 }
 
-// Derives would ask for `F: Copy` and so on; a frame is a name, not a value.
+// Derives would require `F: Copy` and so on; a frame is a name, not a value.
 impl<F> Clone for Vec3<F> {
     fn clone(&self) -> Self {
         *self
@@ -176,7 +176,7 @@ pub struct AttitudeSines {
 }
 
 impl AttitudeSines {
-    /// Of `attitude`.
+    /// Sines and cosines of `attitude`.
     #[inline(always)]
     pub fn new(attitude: EulerAngles, functions: &mut impl Elementary) -> Self {
         Self {

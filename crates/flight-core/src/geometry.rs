@@ -1,13 +1,12 @@
-//! Where the rotors sit and what each of them does to the vehicle (§2.2, §4.3).
+//! Rotor positions and the effect of each rotor on the vehicle (§2.2, §4.3).
 //!
-//! Everything that follows from the layout alone is computed here once, at construction: the control effectiveness of
-//! Eq. 36, its pseudo-inverse for the allocation, and the decoupling bases of Eqs. 37–39 that the residual generators
-//! project on. [`crate::control`] and [`crate::fdi`] read it; neither of them knows an arm length.
+//! Everything that depends on the layout alone is computed here once, at construction: the control effectiveness of Eq. 36, its
+//! pseudo-inverse for the allocation, and the decoupling bases of Eqs. 37–39 onto which the residual generators project.
+//! [`crate::control`] and [`crate::fdi`] read it; neither knows an arm length.
 //!
-//! Limits: rotors push along −z of the body only (no tilt), any 4 to [`MAX_ROTORS`] of them, no two one above the
-//! other, none on the z axis. A rotor's own z position is kept but enters nothing: a vertical force has the same moment
-//! about the centre of mass at every height (Eq. 5). Lift and drag of a rotor are proportional (Eq. 4), so that one
-//! number, the moment ratio, covers the drag.
+//! Limits: rotors push along −z of the body only (no tilt), any 4 to [`MAX_ROTORS`] of them, no two coaxial, none on the z axis. A
+//! rotor's own z position is stored but has no effect: a vertical force has the same moment about the centre of mass at every
+//! height (Eq. 5). Lift and drag of a rotor are proportional (Eq. 4), so that one number, the moment ratio, covers the drag.
 //!
 //! Corrections to the paper used here: the last entry of Eq. 36 is c_D/c_L, not c_L/c_D (only then Eq. 39 is in the
 //! kernel).
@@ -22,8 +21,8 @@ use crate::linear_algebra::{WRENCH_AXES, pseudo_inverse};
 /// Fewest rotors that can command vertical force and three torques.
 pub const MIN_ROTORS: usize = 4;
 
-/// Rotors closer than this share of the longest arm count as coaxial, arms shorter than it as none: far above rounding,
-/// far below any real spacing of propellers.
+/// Rotors closer than this fraction of the longest arm count as coaxial, shorter arms as none: far above rounding, far below any
+/// real propeller spacing.
 const SAME_PLACE_SHARE: f64 = 1e-3;
 
 /// Rotation sense of a rotor seen from above, (−1)^i of Eq. 5.
@@ -67,8 +66,7 @@ impl Rotor {
     };
 }
 
-/// Rotor layout with all that follows from it. A value of this type is always flyable in the sense of
-/// [`GeometryError`].
+/// Rotor layout with all derived quantities. A value of this type always passes the checks of [`GeometryError`].
 ///
 /// ```
 /// use rotortwin_flight_core::geometry::Geometry;
@@ -83,14 +81,14 @@ pub struct Geometry {
     rotors: [Rotor; MAX_ROTORS],
     /// Rows Fz, Mx, My, Mz of F.
     effectiveness: [[f32; MAX_ROTORS]; WRENCH_AXES],
-    /// Entry \[axis\]\[rotor\] of F⁺, transposed so that the rotors lie side by side.
+    /// Entry \[axis\]\[rotor\] of F⁺, transposed so that the rotors are contiguous.
     allocation: [[f32; MAX_ROTORS]; WRENCH_AXES],
     /// v_i3, v_i4, v_i5 of every rotor.
     basis: [[[f32; WRENCH_AXES]; 3]; MAX_ROTORS],
 }
 
 impl Geometry {
-    /// No rotors; only a place to put a geometry into.
+    /// Placeholder without rotors, to be filled with a geometry.
     pub(crate) const BLANK: Self = Self {
         rotor_count: 0,
         rotors: [Rotor::ABSENT; MAX_ROTORS],
@@ -101,14 +99,14 @@ impl Geometry {
 
     /// Checks a layout and derives everything from it.
     ///
-    /// Refuses, with the reason, what [`GeometryError`] lists.
+    /// Returns a [`GeometryError`] if the layout is invalid.
     pub fn new(rotors: &[Rotor]) -> Result<Self, GeometryError> {
         let mut geometry = Self::BLANK;
         geometry.set(rotors)?;
         Ok(geometry)
     }
 
-    /// [`Geometry::new`] in place; a layout that is refused changes nothing.
+    /// [`Geometry::new`] in place; a rejected layout changes nothing.
     #[inline(never)]
     pub fn set(&mut self, rotors: &[Rotor]) -> Result<(), GeometryError> {
         let rotor_count = rotors.len();
@@ -188,7 +186,7 @@ impl Geometry {
         Self::new(&rotors[..rotor_count])
     }
 
-    /// n_a, from 4 to [`MAX_ROTORS`]; limited once more, so that the compiler sees the bound and no index check is left in the step.
+    /// n_a, from 4 to [`MAX_ROTORS`]; clamped again, so that the compiler sees the bound and the step needs no index checks.
     #[inline(always)]
     pub const fn rotor_count(&self) -> usize {
         if self.rotor_count < MAX_ROTORS {
@@ -218,7 +216,7 @@ impl Geometry {
         self.wrench_of(&thrust[..self.rotor_count()])
     }
 
-    /// [`Geometry::wrench_from_thrust`] of all rotors and no more.
+    /// [`Geometry::wrench_from_thrust`] with exactly one thrust per rotor.
     #[inline(always)]
     pub(crate) fn wrench_of(&self, thrust: &[f32]) -> [f32; 4] {
         let mut wrench = [0.0; WRENCH_AXES];
@@ -230,11 +228,11 @@ impl Geometry {
         wrench
     }
 
-    /// Thrusts of least square sum that give a wrench, f = F⁺ (Fz, Mx, My, Mz), N.
+    /// Minimum-norm thrusts that produce a wrench, f = F⁺ (Fz, Mx, My, Mz), N.
     ///
     /// * `wrench`: N and N·m, body; hover has Fz = −m g
     ///
-    /// Not limited to what a rotor can give: a thrust may come out negative. Entries past the rotor count are 0.
+    /// Not limited to a rotor's range: a thrust may be negative. Entries past the rotor count are 0.
     #[inline]
     pub fn allocate(&self, wrench: [f32; 4]) -> [f32; MAX_ROTORS] {
         let mut thrust = [0.0; MAX_ROTORS];
@@ -242,7 +240,7 @@ impl Geometry {
         thrust
     }
 
-    /// [`Geometry::allocate`] for all rotors and no more.
+    /// [`Geometry::allocate`] with exactly one thrust per rotor.
     #[inline(always)]
     pub(crate) fn allocate_to(&self, wrench: [f32; 4], thrust: &mut [f32]) {
         let [fz, mx, my, mz] = &self.allocation;
@@ -297,8 +295,7 @@ fn check_spacing(rotors: &[Rotor]) -> Result<(), GeometryError> {
         if libm::hypot(x, y) <= limit {
             return Err(GeometryError::OnVerticalAxis { rotor });
         }
-        // At one place the columns are parallel, or differ in the weak yaw entry alone; both are beyond the method
-        // (§4.2).
+        // At the same place the columns are parallel, or differ only in the weak yaw entry; neither is covered by the method (§4.2).
         for (first, other) in rotors[..rotor].iter().enumerate() {
             let (other_x, other_y) = horizontal(other);
             if libm::hypot(x - other_x, y - other_y) <= limit {
@@ -309,7 +306,7 @@ fn check_spacing(rotors: &[Rotor]) -> Result<(), GeometryError> {
     Ok(())
 }
 
-/// What a layout of vertical rotors can command, in the order of the rows of F.
+/// Axes that a layout of vertical rotors can command, in the order of the rows of F.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum WrenchAxis {
     /// Fz.
@@ -326,44 +323,44 @@ impl WrenchAxis {
     const ALL: [Self; WRENCH_AXES] = [Self::VerticalForce, Self::Roll, Self::Pitch, Self::Yaw];
 }
 
-/// Why a layout is refused. Indices count from 0, the text from 1.
+/// Why a layout is rejected. Indices count from 0; the text counts from 1.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum GeometryError {
     /// Fewer than [`MIN_ROTORS`].
     TooFewRotors {
-        /// As given.
+        /// Count given.
         count: usize,
     },
     /// More than [`MAX_ROTORS`].
     TooManyRotors {
-        /// As given.
+        /// Count given.
         count: usize,
     },
     /// A coordinate is NaN or infinite.
     PositionNotFinite {
-        /// From 0.
+        /// Zero-based.
         rotor: usize,
     },
     /// c_D/c_L is zero, negative, NaN or infinite.
     MomentRatioNotPositive {
-        /// From 0.
+        /// Zero-based.
         rotor: usize,
     },
     /// No arm, hence no azimuth, hence no basis of Eqs. 37–39.
     OnVerticalAxis {
-        /// From 0.
+        /// Zero-based.
         rotor: usize,
     },
     /// Two rotors one above the other.
     Coaxial {
-        /// From 0, the smaller index.
+        /// Zero-based, the smaller index.
         first: usize,
-        /// From 0.
+        /// Zero-based.
         second: usize,
     },
     /// F (rows Fz, Mx, My, Mz) has a rank below 4.
     AxisNotIndependent {
-        /// First axis that the axes before it determine.
+        /// First axis that depends on the axes before it.
         axis: WrenchAxis,
     },
 }
@@ -477,7 +474,7 @@ mod tests {
         }
     }
 
-    /// Any layout that is not refused: an irregular ring with random spins.
+    /// Any valid layout: an irregular ring with random spins.
     fn any_rotors() -> impl Strategy<Value = Vec<Rotor>> {
         let rotor = (0.1f32..1.0, -0.4f32..0.4, -0.1f32..0.1, any::<bool>(), 0.005f32..0.05);
         proptest::collection::vec(rotor, MIN_ROTORS..=MAX_ROTORS).prop_map(|list| {
@@ -505,7 +502,7 @@ mod tests {
                     let p = geometry.fault_coupling(i, k);
                     if i == k {
                         prop_assert_eq!(p, [0.0; 3]);
-                        // The stored vectors, too, up to the rounding of three products below 1.
+                        // The stored vectors too, up to the rounding of three products below 1.
                         for v in geometry.decoupling_basis(i) {
                             let f: f32 = (0..4).map(|axis| v[axis] * geometry.effectiveness()[axis][i]).sum();
                             prop_assert!(f.abs() < 3e-7, "V{i} F{i} = {f}");
@@ -553,7 +550,7 @@ mod tests {
         let refusal = |rotors: &[Rotor]| Geometry::new(rotors).expect_err("refused");
         let mut six = [quad().as_slice(), quad().as_slice()].concat();
         six.truncate(6);
-        // Counter-rotating pair of a coaxial frame: not parallel columns, but coaxial all the same.
+        // Counter-rotating pair of a coaxial frame: the columns are not parallel, but the rotors are coaxial all the same.
         six[4].spin = Spin::Cw;
         let coaxial = refusal(&six);
         assert_eq!(coaxial, GeometryError::Coaxial { first: 0, second: 4 });

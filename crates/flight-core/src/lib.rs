@@ -1,4 +1,4 @@
-//! Flight code that runs, bit for bit the same, on the host and on the Pixhawk's Cortex-M7.
+//! Flight code that runs bit-identically on the host and on the Pixhawk's Cortex-M7.
 //!
 //! `no_std`, `f32`, no allocation. All transcendental functions come from [`libm`] on both sides and nothing uses a fused
 //! multiply-add, so that host and target agree to the last bit.
@@ -11,8 +11,8 @@
 //!            Measurement { nav, duty, battery_voltage } ─▶ fdi ─▶ FdiOutput
 //! ```
 //!
-//! * [`frames`], [`signals`]: vectors that know their frame, and the signals that cross a border.
-//! * [`geometry`], [`thrust_map`]: what the vehicle is (Eqs. 5–6, 19, 36–39 of the paper).
+//! * [`frames`], [`signals`]: frame-typed vectors, and the signals that cross a boundary.
+//! * [`geometry`], [`thrust_map`]: the vehicle model (Eqs. 5–6, 19, 36–39 of the paper).
 //! * [`control`]: cascaded PID and control allocation (Table 5).
 //! * [`fdi`]: residual generators (Eqs. 31–32), T-test, network, sequential detector.
 //!
@@ -34,5 +34,5 @@ pub mod signals;
 mod test_plant;
 pub mod thrust_map;
 
-/// Most rotors that any vehicle may have. All per-rotor arrays have this length; entries past the vehicle's rotor count are zero.
+/// Maximum rotor count. All per-rotor arrays have this length; entries past the vehicle's rotor count are zero.
 pub const MAX_ROTORS: usize = 16;

@@ -1,7 +1,7 @@
-//! The signals that cross a border: what the controller and the FDI engine get and give.
+//! Boundary signals: inputs and outputs of the controller and the FDI engine.
 //!
-//! The plant's truth has types of its own (crate `rotortwin-plant`), on purpose: neither the controller nor the FDI engine can
-//! be handed the truth by mistake.
+//! The plant's truth has its own types (crate `rotortwin-plant`) on purpose: neither the controller nor the FDI engine can be
+//! given the truth by mistake.
 
 use crate::MAX_ROTORS;
 use crate::frames::{Body, EulerAngles, Ned, Vec3};
@@ -21,7 +21,7 @@ pub struct NavState {
 }
 
 impl NavState {
-    /// True if no component is NaN or infinite.
+    /// True if all components are finite.
     #[inline]
     pub fn is_finite(&self) -> bool {
         self.position_ned.is_finite()
@@ -33,7 +33,7 @@ impl NavState {
     }
 }
 
-/// What the vehicle is asked to follow.
+/// Trajectory reference.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Reference {
@@ -53,7 +53,7 @@ pub struct MotorCommand {
     pub duty: [f32; MAX_ROTORS],
 }
 
-/// What the FDI engine sees of one 2.5 ms step: the state at its start, the duty held over it, the voltage at its start.
+/// FDI input for one 2.5 ms step: the state at its start, the duty held over it, the voltage at its start.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Measurement {

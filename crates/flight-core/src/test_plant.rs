@@ -1,5 +1,5 @@
-//! The rigid body that the closed loops of this crate's tests fly, in `f64` and by Euler angles: neither the project's plant, which the
-//! detectors may not see, nor its quaternions. Each test adds the rotors, the battery and the noise that it needs.
+//! Rigid body for the closed-loop tests of this crate, in `f64` and Euler angles: independent of the project's plant, which the
+//! detectors must not see, and of its quaternions. Each test adds the rotors, the battery and the noise that it needs.
 
 /// A body in still air.
 pub(crate) struct FreeBody {
@@ -14,7 +14,7 @@ pub(crate) struct FreeBody {
 impl FreeBody {
     /// Eq. 1 without drag: the derivative of p (NED), v (NED), η (roll, pitch, yaw), ω (FRD).
     ///
-    /// * `wrench`: force along the body's z and torques, N and N·m   * `push`: force (NED) and torque (FRD) from outside
+    /// * `wrench`: force along the body's z and torques, N and N·m   * `push`: external force (NED) and torque (FRD)
     pub(crate) fn rates(&self, x: &[f64; 12], wrench: &[f64; 4], push: &[f64; 6]) -> [f64; 12] {
         let (m, j) = (self.mass, self.inertia);
         let (sin_roll, cos_roll) = (libm::sin(x[6]), libm::cos(x[6]));

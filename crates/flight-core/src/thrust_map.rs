@@ -3,31 +3,32 @@
 //! [`crate::fdi`] uses the forward map as the nominal thrust of a healthy rotor, [`crate::control`] may use the inverse
 //! to turn thrusts into duties.
 //!
-//! Trap handled here and nowhere else: Eq. 19 is fitted with the duty in *percent*; the interface takes fractions.
+//! Eq. 19 is fitted with the duty in *percent*; the interface takes fractions. The conversion is done here and nowhere
+//! else.
 //!
-//! Limits: fitted on one motor between 40 % and 95 % charge; it extrapolates elsewhere. Static: rotor lag is not in it.
+//! Limits: fitted on one motor between 40 % and 95 % charge; it extrapolates elsewhere. Static: excludes the rotor lag.
 //! Below a small duty (7.12 % with blade (a)) the fit turns negative; the thrust is 0 there, and the inverse never
-//! returns a duty in that dead band other than 0.
+//! returns a non-zero duty in that dead band.
 
 use crate::elementary::square_root;
 
-/// Intervals of the table that the inverse starts from.
+/// Intervals of the lookup table that provides the inverse's initial bracket.
 const CELLS: usize = 64;
 
-/// Points at which the construction checks that the map rises.
+/// Points at which the constructor checks that the map is increasing.
 const CHECK_POINTS: u16 = 2000;
 
-/// Most refinements of the inverse. Newton's method takes one or two; where it would leave its bracket, halving takes
-/// over, and 24 halvings exhaust an `f32`.
+/// Maximum number of refinements of the inverse. Newton's method takes one or two; where it would leave its bracket,
+/// bisection takes over, and 24 halvings exhaust an `f32`.
 const MAX_REFINEMENTS: u8 = 24;
 
-/// Newton's method is done after a step in √u (0 to 10) of this size: its error is about half the square, 1e-7.
+/// Newton's method stops after a step in √u (0 to 10) of this size: the remaining error is about half its square, 1e-7.
 const LAST_STEP: f32 = 5e-4;
 
 /// How far Newton's method may leave its bracket: the ends are rounded, and the root may lie on one.
 const BRACKET_SLACK: f32 = 1e-5;
 
-/// Bounds of what is accepted, N/V: far outside any rotor, and nothing overflows within.
+/// Accepted range, N/V: far outside any rotor, and nothing overflows within.
 const MAX_COEF: f32 = 1e6;
 const MIN_FULL_SHAPE: f64 = 1e-6;
 
@@ -59,7 +60,7 @@ pub struct ThrustMap {
 }
 
 impl ThrustMap {
-    /// No thrust; only a place to put a map into.
+    /// Placeholder without thrust, to be filled with a map.
     pub(crate) const BLANK: Self = Self {
         coef: [0.0; 4],
         voltage_offset: 0.0,
@@ -72,7 +73,7 @@ impl ThrustMap {
     ///
     /// * `coef`: a_L0 … a_L3, N/V for a duty in percent   * `voltage_offset`: v_L0, V, not negative
     ///
-    /// Refuses values out of range and maps that do not rise strictly from the end of their dead band to full
+    /// Rejects out-of-range values and maps that are not strictly increasing from the end of their dead band to full
     /// duty.
     pub fn new(coef: [f32; 4], voltage_offset: f32) -> Result<Self, ThrustMapError> {
         if let Some(index) = coef.iter().position(|a| !(-MAX_COEF..=MAX_COEF).contains(a)) {
@@ -86,7 +87,7 @@ impl ThrustMap {
             return Err(ThrustMapError::NoThrustAtFullDuty);
         }
 
-        // Down from full duty: rising all the way until the dead band, below which g is not positive.
+        // Down from full duty: increasing all the way until the dead band, below which g is not positive.
         let root_at = |point: u16| f64::from(FULL_ROOT) * f64::from(point) / f64::from(CHECK_POINTS);
         let mut above = full;
         let mut dead_end = 0.0;
@@ -154,8 +155,8 @@ impl ThrustMap {
     ///
     /// * `thrust`: N   * `voltage`: battery terminals, V
     ///
-    /// 0 for a thrust of 0 or less, 1 for more than full duty gives (so for any positive thrust at or below the voltage
-    /// offset). NaN gives 0. A fixed bound on the work: at most 24 refinements.
+    /// 0 for a thrust of 0 or less, 1 for a thrust above that at full duty (so for any positive thrust at or below the
+    /// voltage offset). NaN gives 0. Bounded work: at most 24 refinements.
     #[inline]
     pub fn duty(&self, thrust: f32, voltage: f32) -> f32 {
         let excess = voltage - self.voltage_offset;
@@ -208,7 +209,7 @@ impl ThrustMap {
     }
 }
 
-/// max(0, x) that is 0 for NaN and never −0, alike on every target.
+/// max(0, x) that is 0 for NaN and never −0, identical on every target.
 #[inline(always)]
 fn positive_part(x: f32) -> f32 {
     if x > 0.0 { x } else { 0.0 }
@@ -220,7 +221,7 @@ fn shape_f64(coef: &[f32; 4], root: f64) -> f64 {
     a0 * root + u * (a1 + u * (a2 + u * a3))
 }
 
-/// Root √u of g = target between two roots that bracket it, by bisection to the last bit or so.
+/// Root √u of g = target in a bracket, by bisection to about the last bit.
 fn invert_f64(coef: &[f32; 4], target: f64, low: f64, high: f64) -> f64 {
     let (mut low, mut high) = (low, high);
     for _ in 0..60 {
@@ -234,21 +235,21 @@ fn invert_f64(coef: &[f32; 4], target: f64, low: f64, high: f64) -> f64 {
     high
 }
 
-/// Why a thrust map is refused. Indices count from 0, as those of Table 1.
+/// Why a thrust map is rejected. Indices count from 0, as in Table 1.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum ThrustMapError {
     /// A coefficient is NaN or beyond ±10⁶ N/V.
     CoefficientOutOfRange {
-        /// Of a_L0 … a_L3.
+        /// Index in a_L0 … a_L3.
         index: usize,
     },
     /// v_L0 is negative, NaN or infinite.
     VoltageOffsetNegative,
     /// Less than a micronewton per volt at 100 % duty.
     NoThrustAtFullDuty,
-    /// More duty gives less thrust somewhere.
+    /// Thrust falls with increasing duty somewhere.
     NotRising {
-        /// Where, fraction.
+        /// Duty at that point, fraction.
         duty: f32,
     },
 }
@@ -328,7 +329,7 @@ mod tests {
 
     #[test]
     fn val_duty_inverts_eq_19() {
-        // Fraction: the rounding of the thrust, 1e-7 of it, over a slope that is never below half the chord.
+        // Fraction: the rounding of the thrust, 1e-7 of it, over a slope never below half the chord.
         const DUTY_TOLERANCE: f64 = 2e-7;
         for row in rows("lift_inverse.csv") {
             let got = blade_a().duty(number(&row[0]) as f32, number(&row[1]) as f32);

@@ -1,4 +1,4 @@
-//! How many closed-loop steps one core does with flights side by side, against one flight after another, taken in turns.
+//! Closed-loop step rate of one core with flights side by side, compared with one flight after another, in alternation.
 //!
 //! `cargo run --release -p rotortwin-flight --example batch_rate -- FLIGHTS SCENARIO…` flies each scenario with seeds 1 to FLIGHTS:
 //! plant, sensors, controller, FDI with all three evaluators, run hash. It prints one JSON object with steps per CPU-second of this

@@ -1,4 +1,4 @@
-//! How many closed-loop steps one core does in one process: plant, sensors, controller, FDI, run hash.
+//! Closed-loop step rate of one core in one process: plant, sensors, controller, FDI, run hash.
 //!
 //! `cargo run --release -p rotortwin-flight --example closed_loop_rate -- SCENARIO SECONDS` prints one JSON object with steps per
 //! CPU-second of this thread, in full and with parts left out, so that the cost of each part can be read off.
@@ -13,7 +13,7 @@ use rotortwin_wire::link::in_process::InProcessLink;
 use rotortwin_wire::link::{ControllerPeer, FdiPeer};
 use rotortwin_wire::peers::{FdiEnginePeer, PidPeer};
 
-/// An FDI engine that says nothing: what is left is the loop without FDI.
+/// An FDI engine that does nothing: leaves the loop without FDI.
 struct NoFdi;
 
 impl FdiPeer for NoFdi {
@@ -29,7 +29,7 @@ impl FdiPeer for NoFdi {
     }
 }
 
-/// A controller that holds the hover duty: what is left is the plant and the loop.
+/// A controller that holds the hover duty: leaves the plant and the loop.
 #[derive(Default)]
 struct HoldDuty {
     command: CommandFrame,
@@ -84,7 +84,7 @@ fn rate<C: ControllerPeer, F: FdiPeer>(
         let mut link = InProcessLink::new(controller(), fdi());
         let outcome = lockstep::fly(&mut simulation, &mut link, &setup, Pace::Fast, &mut NoObserver);
         if let FlightEnd::Failed(failure) = outcome.end {
-            // Only the uncontrolled vehicle may leave the world; its steps count all the same.
+            // Only the uncontrolled vehicle may leave the world; its steps still count.
             assert!(std::any::type_name::<C>().contains("HoldDuty"), "{}", failure.sentence);
         }
         steps += outcome.steps;

@@ -1,12 +1,12 @@
-//! One flight with an autopilot of its own clock in the place of the controller.
+//! One flight with an autopilot that has its own clock, in place of the controller.
 //!
 //! ```text
 //!  prelude:  instruments ─▶ exchange ─▶ parts of 0.5 ms …  until it holds still near the first point: hand-over
-//!  flight:   the same, and at each step of 2.5 ms: sense, detectors with each rotor's mean duty of the step, hash, observer
-//!  landing:  as the prelude, where the autopilot is commanded from here; nothing of it is hashed
+//!  flight:   the same, plus for each step of 2.5 ms: sense, detectors with each rotor's mean duty of the step, hash, observer
+//!  landing:  as the prelude, if we command the autopilot; not hashed
 //! ```
-//! Arming and climb take any time; trajectory, faults and calibration count from the hand-over, which is step 0. Detectors, hash
-//! and telemetry keep 400 Hz whatever the autopilot's rate is. The FDI engine runs in this process.
+//! Arming and climb may take any time; trajectory, faults and calibration count from the hand-over, which is step 0. Detectors, hash
+//! and telemetry run at 400 Hz whatever the autopilot's rate. The FDI engine runs in this process.
 
 use crate::lockstep::{Failure, FlightEnd, FlightObserver, FlightOutcome, StopReason};
 use crate::run_hash::RunHasher;
@@ -22,14 +22,14 @@ use rotortwin_wire::link::{FdiPeer, RunSetup};
 use rotortwin_wire::peers::FdiEnginePeer;
 use std::time::Instant;
 
-/// When the flight begins, and how long that may take.
+/// Conditions for starting the flight, and a time limit.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct HandOver {
     /// Largest distance from the first point of the trajectory, m.
     pub radius_m: f64,
     /// Largest speed, m/s.
     pub speed_m_s: f64,
-    /// For how long both have to hold, s of simulated time.
+    /// How long both must hold, s of simulated time.
     pub hold_s: f64,
     /// Longest prelude, s of simulated time.
     pub limit_s: f64,
@@ -49,18 +49,19 @@ impl Default for HandOver {
 /// Longest landing, s of simulated time.
 const LONGEST_LANDING_S: f64 = 120.0;
 
-/// What a flight with an autopilot leaves besides that of any flight.
+/// Outcome specific to a flight with an autopilot.
 #[derive(Clone, Debug)]
 pub struct AutopilotOutcome {
     /// As for any flight.
     pub flight: FlightOutcome,
     /// Simulated time before the hand-over, s.
     pub prelude_s: f64,
-    /// Simulated time from the last step until it stood with its motors off, s; `None`: nobody commanded it to land, or it did not.
+    /// Simulated time from the last step until it stood with its motors off, s; `None`: it was not commanded to land, or did not
+    /// land.
     pub landing_s: Option<f64>,
 }
 
-/// Flies `simulation`, which stands on the ground, with an autopilot to its end.
+/// Flies `simulation`, which starts on the ground, to its end with an autopilot.
 pub fn fly(
     simulation: &mut Simulation,
     autopilot: &mut impl Autopilot,
@@ -106,7 +107,7 @@ pub fn fly(
 struct Flight {
     run_id: u64,
     instruments: Instruments,
-    /// Until the autopilot is asked again.
+    /// Parts until the next exchange.
     parts_left: u32,
     duty: [f64; MAX_ROTORS],
     hasher: RunHasher,
@@ -144,7 +145,7 @@ impl Flight {
         Ok(())
     }
 
-    /// After the last step. A flight that was flown to its end stays so, whatever becomes of the landing, unless somebody cancels it.
+    /// After the last step. A completed flight stays completed whatever happens during the landing, unless it is cancelled.
     fn landing(
         &mut self,
         simulation: &mut Simulation,
@@ -296,7 +297,7 @@ impl Flight {
             .map_err(|sentence| StopReason::Failed(Failure::of("plant", sentence)))
     }
 
-    /// 0.5 ms, the autopilot being asked where it is due.
+    /// Advances by 0.5 ms, with an exchange when one is due.
     fn part(&mut self, simulation: &mut Simulation, autopilot: &mut impl Autopilot) -> Result<(), StopReason> {
         if self.parts_left == 0 {
             self.duty = autopilot.exchange(&self.readings(simulation))?;
@@ -320,7 +321,7 @@ impl Flight {
     }
 }
 
-/// What instruments have measured, as an autopilot gets it; of the battery and the true motion they say nothing.
+/// Instrument readings as an autopilot receives them; they omit the battery and the true motion.
 pub(crate) fn sensed(sample: &InstrumentSample) -> Readings {
     Readings {
         time_ns: sample.time_ns,
@@ -358,7 +359,7 @@ fn pass_on_words(simulation: &Simulation, autopilot: &mut impl Autopilot, observ
     }
 }
 
-/// From the first point of the trajectory, m, and m/s.
+/// Distance from the first point of the trajectory, m, and speed, m/s.
 fn distance_and_speed(simulation: &Simulation) -> (f64, f64) {
     let truth = simulation.truth();
     let first = simulation.first_point();

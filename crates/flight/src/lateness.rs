@@ -1,8 +1,8 @@
-//! Who made a paced flight late, and why: asked of the kernel, step by step.
+//! Which process made a real-time flight late, and why, from the kernel's accounting at every step.
 //!
-//! Linux keeps two clocks for each thread (`/proc/PID/schedstat`): the time that it computed, and the time that it could have computed but
-//! waited for a processor. Between the commands of two steps, what these have gained says what the time went into. A missed deadline is put
-//! down to the largest of them: one sentence for a person, not a trace; `perf sched` has those.
+//! Linux keeps two counters for each thread (`/proc/PID/schedstat`): its computing time, and its time waiting for a processor while
+//! runnable. Their increments between the commands of two steps show where the time went. A missed deadline is attributed to the largest
+//! of them: a summary, not a trace; use `perf sched` for those.
 
 use serde::{Deserialize, Serialize};
 use std::fs::File;
@@ -13,40 +13,40 @@ use std::time::Duration;
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Who {
-    /// The plant, and all that flies in its process.
+    /// The plant, and everything in its process.
     Plant,
     /// The controller.
     Controller,
-    /// The FDI engine: its reports, which no deadline waits for.
+    /// The FDI engine: its reports, which no deadline depends on.
     Fdi,
 }
 
-/// What the time went into.
+/// Cause of the delay.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Why {
-    /// It could have run, and waited for a processor that others had.
+    /// Runnable, but waiting for a processor used by others.
     Scheduler,
-    /// It computed.
+    /// Computing.
     Computing,
-    /// Neither, or its kernel cannot be asked: a virtual machine that stood still, a disk, a network.
+    /// Neither, or its kernel cannot be queried: a paused virtual machine, a disk, a network.
     Unknown,
 }
 
-/// Steps that were late for one reason.
+/// Late steps with the same cause.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Late {
-    /// Which process.
+    /// Process.
     pub who: Who,
-    /// Why.
+    /// Cause.
     pub why: Why,
-    /// How many.
+    /// Number of steps.
     pub steps: u64,
-    /// How much later than the deadline at worst, ms.
+    /// Largest overrun of the deadline, ms.
     pub worst_ms: f64,
 }
 
-/// Time that a thread has computed and has waited for a processor since it began, ns.
+/// Time that a thread has spent computing and waiting for a processor since it started, ns.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 struct Spent {
     computing: u64,
@@ -71,7 +71,7 @@ impl Spent {
     }
 }
 
-/// A thread as its kernel sees it.
+/// A thread's kernel counters.
 #[derive(Debug)]
 struct Clocks {
     schedstat: File,
@@ -80,7 +80,7 @@ struct Clocks {
 }
 
 impl Clocks {
-    /// `None`: this kernel does not tell.
+    /// `None`: this kernel does not provide them.
     fn open(path: &str) -> Option<Self> {
         let schedstat = File::open(path).ok()?;
         let before = read(&schedstat)?;
@@ -92,7 +92,7 @@ impl Clocks {
     }
 
     fn look(&mut self) {
-        // A process that has ended has gained nothing; the link tells of its end.
+        // A process that has ended has no increments; the link reports its end.
         let now = read(&self.schedstat).unwrap_or(self.before);
         self.gained = now.since(self.before);
         self.before = now;
@@ -105,19 +105,19 @@ fn read(schedstat: &File) -> Option<Spent> {
     Spent::parse(std::str::from_utf8(bytes.get(..length)?).ok()?)
 }
 
-/// Follows the processes of a flight, and puts down what is late.
+/// Tracks the processes of a flight and records delays.
 #[derive(Debug, Default)]
 pub struct Lateness {
     plant: Option<Clocks>,
     controller: Option<Clocks>,
     fdi: Option<Clocks>,
     late: Vec<Late>,
-    /// Of the last missed deadline.
+    /// Cause of the last missed deadline.
     blamed: Option<(Who, Why)>,
 }
 
 impl Lateness {
-    /// Follows the calling thread as the plant, and these processes where the kernel tells of them.
+    /// Tracks the calling thread as the plant, and these processes if their kernel counters are readable.
     pub fn follow(controller: Option<u32>, fdi: Option<u32>) -> Self {
         let of = |pid: Option<u32>| pid.and_then(|pid| Clocks::open(&format!("/proc/{pid}/schedstat")));
         Self {
@@ -129,11 +129,11 @@ impl Lateness {
         }
     }
 
-    /// The command of a step is there: to be called once a step. `begun_late`: of the start of the step; `answer`: from there to the command;
-    /// `passed`: since the command before; `over`: how much too late the command came.
+    /// Call once per step when its command has arrived. `begun_late`: lateness of the step's start; `answer`: time from there to the command;
+    /// `passed`: time since the previous command; `over`: overrun of the command.
     ///
-    /// A step that was late before the command before had come only inherits that: what made the first one late is to blame for those
-    /// that catch up.
+    /// A step that was already late before the previous command arrived only inherits the delay: the cause of the first late step also
+    /// accounts for those that catch up.
     pub fn step(&mut self, begun_late: Duration, answer: Duration, passed: Duration, over: Option<Duration>) {
         for clocks in [&mut self.plant, &mut self.controller, &mut self.fdi] {
             clocks.as_mut().into_iter().for_each(Clocks::look);
@@ -152,7 +152,7 @@ impl Lateness {
         self.note(blamed.0, blamed.1, over);
     }
 
-    /// The reports of the engine are late by `over`.
+    /// The engine's reports are late by `over`.
     pub fn report(&mut self, over: Duration) {
         let why = match &self.fdi {
             Some(clocks) => largest(&[
@@ -200,14 +200,14 @@ impl Lateness {
         }
     }
 
-    /// What was late, the most frequent first.
+    /// All delays, the most frequent first.
     pub fn report_all(mut self) -> Vec<Late> {
         self.late.sort_by(|a, b| b.steps.cmp(&a.steps).then(a.who.cmp(&b.who)));
         self.late
     }
 }
 
-/// The first of the largest.
+/// The largest; ties go to the first.
 fn largest<T: Copy>(shares: &[(T, u64)]) -> T {
     let mut best = shares[0];
     for share in shares {
@@ -260,13 +260,13 @@ mod tests {
             blamed(clocks(0, 0), clocks(9, 1), 0, 10),
             (Who::Controller, Why::Computing)
         );
-        // Nobody had or wanted a processor.
+        // No process used or waited for a processor.
         assert_eq!(blamed(clocks(0, 0), clocks(0, 0), 20, 1), (Who::Plant, Why::Unknown));
         assert_eq!(
             blamed(clocks(0, 0), clocks(0, 0), 1, 20),
             (Who::Controller, Why::Unknown)
         );
-        // A controller elsewhere cannot be asked.
+        // A controller on another host cannot be queried.
         assert_eq!(blamed(clocks(1, 0), None, 0, 30), (Who::Controller, Why::Unknown));
     }
 
@@ -279,7 +279,8 @@ mod tests {
         assert_eq!(Spent::parse("a b c"), None);
     }
 
-    /// The kernel's word against a computation of a known length: at least half of it is told, as the clock moves on with the scheduler's tick.
+    /// The kernel's counters for a computation of known length: at least half of it is counted, as the counter advances with the scheduler
+    /// tick.
     #[test]
     fn val_computing_is_told_as_such() {
         let mut lateness = Lateness::follow(None, None);
@@ -306,7 +307,7 @@ mod tests {
         assert!((30_000_000..200_000_000).contains(&gained.computing), "{gained:?}");
     }
 
-    /// One step is late by 40 ms; those after it are on their way back to the schedule, 1 ms apart.
+    /// One step is late by 40 ms; the following ones catch up with the schedule, 1 ms apart.
     #[test]
     fn regress_steps_that_catch_up_have_the_cause_of_the_first() {
         let mut lateness = Lateness::default();

@@ -1,11 +1,12 @@
-//! Flights: the closed loop of one flight, whatever carries its messages, and what identifies its result.
+//! Flights: the closed loop of one flight over any link, and the identity of its result.
 //!
-//! * [`lockstep`]: the loop between the plant and its two peers. * [`sample`]: what leaves it, step by step.
-//! * [`stepped`]: the same flight in the hands of a caller. * [`batch`]: many flights side by side, with the same results.
-//! * [`conform`]: what an unknown controller does wrong.
-//! * [`run_hash`]: one hash over all samples of a run; the same scenario and seed give the same one over every link.
-//! * [`pace`]: as fast as possible, or 400 Hz of wall clock with a report of jitter and missed deadlines. * [`lateness`]: who was late, and why.
-//! * [`setup`]: what the peers of a flight are told before it.
+//! * [`lockstep`]: the loop between the plant and its two peers. * [`sample`]: its output, step by step.
+//! * [`stepped`]: the same flight, stepped by the caller. * [`batch`]: many flights side by side, with the same results.
+//! * [`conform`]: identifies the errors of an unknown controller.
+//! * [`run_hash`]: one hash over all samples of a run; the same scenario and seed give the same hash over every link.
+//! * [`pace`]: as fast as possible, or 400 Hz of wall clock with a report of jitter and missed deadlines. * [`lateness`]: which process was
+//!   late, and why.
+//! * [`setup`]: what the peers receive before a flight.
 
 pub mod autopilot;
 pub mod batch;

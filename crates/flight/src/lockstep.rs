@@ -3,13 +3,13 @@
 //! ```text
 //!  for each step k:   sense ─▶ link.exchange ─▶ advance the plant with command k
 //!                       │            │
-//!                       └─ pending ──┴─▶ when the FDI report of the oldest pending step comes: hash it, observe it
+//!                       └─ pending ──┴─▶ when the FDI report of the oldest pending step arrives: hash it, observe it
 //! ```
-//! The loop is the same whatever the link is; it owns the order of things, the link owns the waiting. The FDI engine may trail by
-//! a bounded number of steps; samples leave the loop complete and in order of their step all the same.
+//! The loop is the same for every link; it owns the ordering, the link owns the waiting. The FDI engine may trail by a bounded
+//! number of steps; samples still leave the loop complete and in step order.
 //!
-//! A run ends in one of three ways ([`FlightEnd`]): done, stopped by its observer, or failed with one sentence that names who is
-//! to blame. However it ends, every complete sample has been observed before and both peers have been told.
+//! A run ends in one of three ways ([`FlightEnd`]): done, stopped by its observer, or failed with an error message that names the
+//! culprit. However it ends, every complete sample has been observed first and both peers have been notified.
 
 use crate::pace::{Pace, Pacer, RealTimeReport};
 use crate::run_hash::RunHasher;
@@ -22,24 +22,24 @@ use rotortwin_wire::link::{LinkError, PlantLink, RunSetup};
 use std::collections::VecDeque;
 use std::time::{Duration, Instant};
 
-/// Watches a flight from inside its process.
+/// Observes a flight from inside its process.
 pub trait FlightObserver {
-    /// False for an observer that looks at no sample: flights side by side then need not put samples together.
+    /// False for an observer that needs no samples: flights side by side then need not assemble them.
     const SEES_SAMPLES: bool = true;
 
     /// Called once for each complete step, in order. An error ends the run as failed.
     fn sample(&mut self, sample: &Sample) -> Result<(), String>;
 
-    /// Asked before each step: a reason to stop now, or `None` to go on.
+    /// Called before each step: a reason to stop now, or `None` to continue.
     fn stop_requested(&mut self) -> Option<StopReason>;
 
-    /// Something went wrong on the ground before `sim_time_s`.
+    /// A mishap on the ground occurred before `sim_time_s`.
     fn mishap(&mut self, _sim_time_s: f64, _event: GroundEvent) {}
 
     /// An autopilot has handed over after `prelude_s` of simulated time: step 0 follows.
     fn handed_over(&mut self, _prelude_s: f64) {}
 
-    /// An autopilot, or its pilot, said something, `plant_time_s` after the start of the plant.
+    /// A message from an autopilot or its pilot, `plant_time_s` after the start of the plant.
     fn words(&mut self, _plant_time_s: f64, _text: String) {}
 }
 
@@ -72,13 +72,13 @@ impl<O: FlightObserver> FlightObserver for &mut O {
 /// Why an observer stops a run.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum StopReason {
-    /// The user canceled it; not a failure.
+    /// Cancelled by the user; not a failure.
     Canceled,
-    /// Something outside of the loop failed.
+    /// Something outside the loop failed.
     Failed(Failure),
 }
 
-/// An observer that only lets the flight be.
+/// An observer that does nothing.
 #[derive(Default)]
 pub struct NoObserver;
 
@@ -101,13 +101,13 @@ impl FlightObserver for NoObserver {
 pub enum FlightEnd {
     /// All steps were flown.
     Done,
-    /// The user canceled it.
+    /// Cancelled by the user.
     Canceled,
-    /// It ended early, against everybody's will.
+    /// It ended early and unintentionally.
     Failed(Failure),
 }
 
-/// What failed, and who is to blame.
+/// What failed, and which peer is at fault.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Failure {
     /// `plant`, `controller`, `fdi` or `supervisor`.
@@ -116,14 +116,14 @@ pub struct Failure {
     pub last_step: Option<u64>,
     /// How long it had been silent.
     pub silence: Duration,
-    /// It died, fell silent or never came, or the transport failed; the same flight may do well at another try.
+    /// The peer died, fell silent or never connected, or the transport failed; a retry of the same flight may succeed.
     pub lost: bool,
-    /// The whole story in one sentence.
+    /// The complete error message.
     pub sentence: String,
 }
 
 impl Failure {
-    /// A failure that is not one of silence.
+    /// A failure other than silence.
     pub fn of(peer: &str, sentence: impl Into<String>) -> Self {
         Self {
             peer: peer.to_owned(),
@@ -134,7 +134,7 @@ impl Failure {
         }
     }
 
-    /// The failure of a process that is gone, as somebody else has seen.
+    /// The failure of a process known to have ended.
     pub fn lost(peer: &str, sentence: impl Into<String>) -> Self {
         Self {
             lost: true,
@@ -175,7 +175,7 @@ impl From<&LinkError> for Failure {
             LinkError::PeerDied { .. }
                 | LinkError::PeerSilent { .. }
                 | LinkError::PeerMissing { .. }
-                // What a process that was killed while it opened shared memory leaves, nobody else can open.
+                // After a process was killed while opening shared memory, no other process can open it.
                 | LinkError::Transport { .. }
         );
         Self {
@@ -188,7 +188,7 @@ impl From<&LinkError> for Failure {
     }
 }
 
-/// What remains of a flight besides its samples.
+/// Result of a flight, without its samples.
 #[derive(Clone, Debug)]
 pub struct FlightOutcome {
     /// How it ended.
@@ -204,7 +204,7 @@ pub struct FlightOutcome {
 }
 
 impl FlightOutcome {
-    /// A flight that could not begin.
+    /// A flight that could not start.
     pub fn before_step_0(end: FlightEnd) -> Self {
         Self {
             end,
@@ -240,7 +240,7 @@ pub fn fly(
         Ok(()) => FlightEnd::Done,
         Err(StopReason::Canceled) => FlightEnd::Canceled,
         Err(StopReason::Failed(failure)) => match observer.stop_requested() {
-            // Whoever asked to stop knows why; a link that broke at the same moment only saw the consequence.
+            // An observer that asked to stop knows why; a link that broke at the same time only saw the consequence.
             Some(StopReason::Canceled) => FlightEnd::Canceled,
             Some(StopReason::Failed(reason)) => FlightEnd::Failed(reason),
             None => FlightEnd::Failed(failure),
@@ -261,7 +261,7 @@ pub fn fly(
     }
 }
 
-/// What is known of a step before its report.
+/// What is known about a step before its report arrives.
 struct Pending {
     sensors: SensorFrame,
     command: CommandFrame,
@@ -272,7 +272,7 @@ struct Pending {
 /// The state of the loop.
 struct Flight {
     run_id: u64,
-    /// Steps whose report is still to come, oldest first.
+    /// Steps whose report is outstanding, oldest first.
     pending: VecDeque<Pending>,
     hasher: RunHasher,
     /// Complete samples.
@@ -297,8 +297,8 @@ impl Flight {
             if let Err(StopReason::Failed(failure)) = &result
                 && failure.peer != "fdi"
             {
-                // Keep what is complete: the engine may have answered more steps than were taken. A dead or stalled engine is
-                // not waited for again.
+                // Keep what is complete: the engine may have answered more steps than were taken. Do not wait again for a dead or
+                // stalled engine.
                 while let Ok(true) = self.take_report(link, observer, false) {}
             }
             result?;
@@ -338,12 +338,12 @@ impl Flight {
             specific_force_m_s2: sensed.specific_force_m_s2,
         });
         while self.take_report(link, observer, false)? {}
-        // That of this step may still come.
+        // The report of this step may still arrive.
         self.pacer.reports_missing(self.pending.len().saturating_sub(1));
         Ok(())
     }
 
-    /// Completes the oldest pending step, if its report is there; false if it is not.
+    /// Completes the oldest pending step if its report has arrived; false otherwise.
     #[inline]
     fn take_report(
         &mut self,

@@ -1,20 +1,20 @@
-//! How fast a run goes: as fast as its peers answer, or 400 steps per second of wall clock.
+//! Pace of a run: as fast as its peers answer, or 400 steps per second of wall clock.
 //!
-//! The pace changes nothing in the simulated world. In real time each step is due at `start + k · period`; the report says how late
-//! the plant woke up (jitter), how often the command of a step came after the next step was due (a missed deadline), and who was late and why
-//! ([`crate::lateness`]).
+//! The pace does not affect the simulated world. In real time each step is due at `start + k · period`; the report states how late the plant
+//! woke up (jitter), how often the command of a step arrived after the next step was due (a missed deadline), and which process was late
+//! and why ([`crate::lateness`]).
 
 use crate::lateness::{Late, Lateness};
 use serde::{Deserialize, Serialize};
 use std::time::{Duration, Instant};
 
-/// How fast a run goes.
+/// Pace of a run.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Pace {
     /// As fast as the peers answer.
     Fast,
-    /// One step each 2.5 ms of wall clock.
+    /// One step every 2.5 ms of wall clock.
     RealTime,
 }
 
@@ -37,22 +37,22 @@ pub struct RealTimeReport {
     pub answer_p99_us: f64,
     /// Largest such time, µs.
     pub answer_max_us: f64,
-    /// Steps whose command came after the next step was due.
+    /// Steps whose command arrived after the next step was due.
     pub deadline_misses: u64,
-    /// How much too late the worst command came, µs; 0 if none did.
+    /// Largest overrun of a command, µs; 0 if there was none.
     pub overrun_max_us: f64,
-    /// Missed deadlines and late reports by who was late and why.
+    /// Missed deadlines and late reports, by process and cause.
     pub late: Vec<Late>,
 }
 
-/// Holds a run to its pace and measures.
+/// Paces a run and measures its timing.
 pub struct Pacer {
     pace: Pace,
     period: Duration,
     start: Instant,
     step_started: Instant,
     due: Instant,
-    /// The command before was there.
+    /// When the previous command arrived.
     answered: Instant,
     lateness_ns: Vec<u64>,
     answer_ns: Vec<u64>,
@@ -83,7 +83,7 @@ impl Pacer {
         }
     }
 
-    /// Follows these processes of the flight, and this thread: the report then says who was late.
+    /// Tracks these processes of the flight and this thread, so that the report can name the late one.
     pub fn follow(&mut self, controller: Option<u32>, fdi: Option<u32>) {
         if self.pace == Pace::RealTime {
             self.lateness = Lateness::follow(controller, fdi);
@@ -112,7 +112,7 @@ impl Pacer {
             .push(nanoseconds(self.step_started.saturating_duration_since(self.due)));
     }
 
-    /// Notes that the command of the present step is there.
+    /// Records the arrival of the current step's command.
     #[inline]
     pub fn end_step(&mut self) {
         if self.pace == Pace::RealTime {
@@ -133,8 +133,8 @@ impl Pacer {
         }
     }
 
-    /// Notes how many reports of earlier steps are missing once the command of a step is there and what has come was taken: that of the
-    /// step before has had a whole period.
+    /// Records how many reports of earlier steps are missing once a step's command has arrived and all available reports were taken: the
+    /// previous step's report has had a whole period.
     #[inline]
     pub fn reports_missing(&mut self, count: usize) {
         if self.pace == Pace::RealTime && count > 0 {
@@ -166,11 +166,11 @@ impl Pacer {
     }
 }
 
-/// Asks the kernel not to bundle this thread's wake-ups with later ones: by default it may be 50 µs late to save power.
+/// Asks the kernel not to batch this thread's wake-ups with later ones: by default it may delay them by 50 µs to save power.
 fn wake_up_promptly() {
     let one_nanosecond = std::num::NonZeroU64::MIN;
     if rustix::thread::set_current_timer_slack(Some(one_nanosecond)).is_err() {
-        // Nothing depends on it: the report tells the lateness as it is.
+        // A failure does not matter: the report shows the actual lateness.
     }
 }
 
@@ -178,7 +178,7 @@ fn nanoseconds(duration: Duration) -> u64 {
     u64::try_from(duration.as_nanos()).unwrap_or(u64::MAX)
 }
 
-/// Nearest-rank quantile of sorted nanoseconds, in µs; 0 of nothing.
+/// Nearest-rank quantile of sorted nanoseconds, in µs; 0 if empty.
 fn quantile_us(sorted_ns: &[u64], q: f64) -> f64 {
     let Some(last) = sorted_ns.len().checked_sub(1) else {
         return 0.0;

@@ -1,8 +1,8 @@
 //! One hash over all samples of a run.
 //!
-//! XXH3-128 over the little-endian bytes of every signal of every step, in the order of [`RunHasher::update`]. What identifies an
-//! execution rather than its result (run id, wall-clock times, link) stays out, so the same scenario and seed give the same hash
-//! in-process, over iceoryx2, over zenoh and again tomorrow. It detects differences; it is not a signature against forgery.
+//! XXH3-128 over the little-endian bytes of every signal of every step, in the order of [`RunHasher::update`]. Anything that identifies
+//! an execution rather than its result (run id, wall-clock times, link) is excluded, so the same scenario and seed always give the same
+//! hash, in-process, over iceoryx2 and over zenoh. It detects differences; it is not a signature against forgery.
 
 use crate::sample::Sample;
 use rotortwin_flight_core::MAX_ROTORS;
@@ -10,10 +10,10 @@ use rotortwin_scenario::Scenario;
 use rotortwin_wire::frames::{FdiReport, MAX_HYPOTHESES};
 use xxhash_rust::xxh3::Xxh3;
 
-/// Bytes of one step at most, of 16 rotors: 16 (truth header), 141 signals of 4 bytes, 31 of 8, see [`RunHasher::update_step`].
+/// Maximum bytes per step, with 16 rotors: 16 (truth header), 141 signals of 4 bytes, 31 of 8, see [`RunHasher::update_step`].
 const STEP_CAPACITY: usize = 1024;
 
-/// Bytes that are hashed at a time: several steps, as the hash copies what it is given in smaller pieces.
+/// Bytes hashed at a time: several steps, as the hash copies its input in smaller pieces.
 const CAPACITY: usize = 4096;
 
 /// Content hash of a document: 32 hexadecimal digits.
@@ -21,7 +21,7 @@ pub fn content_hash(bytes: &[u8]) -> String {
     format!("{:032x}", xxhash_rust::xxh3::xxh3_128(bytes))
 }
 
-/// Content hash of the vehicle and the blades that are flown.
+/// Content hash of the vehicle and the blades flown.
 pub fn model_hash(scenario: &Scenario) -> String {
     let documents = scenario.documents();
     let json =
@@ -29,17 +29,17 @@ pub fn model_hash(scenario: &Scenario) -> String {
     content_hash(&json)
 }
 
-/// Streams samples into a hash.
+/// Hashes a stream of samples.
 #[derive(Clone)]
 pub struct RunHasher {
     state: Xxh3,
     rotor_count: usize,
-    /// Steps that the state has not taken in yet.
+    /// Steps not yet added to the state.
     waiting: StepBytes,
 }
 
 impl RunHasher {
-    /// A hash over no samples yet, of a vehicle with `rotor_count` rotors.
+    /// An empty hash for a vehicle with `rotor_count` rotors.
     pub fn new(rotor_count: usize) -> Self {
         assert!(rotor_count <= MAX_ROTORS, "a vehicle has at most {MAX_ROTORS} rotors");
         Self {
@@ -71,7 +71,7 @@ impl RunHasher {
         });
     }
 
-    /// Adds one step: the one place that says what is hashed, and in which order.
+    /// Adds one step: the single definition of what is hashed, and in which order.
     #[inline]
     pub(crate) fn update_step(&mut self, s: &HashedStep<'_>) {
         let bytes = &mut self.waiting;
@@ -106,7 +106,7 @@ impl RunHasher {
     }
 }
 
-/// What is hashed of one step.
+/// Hashed content of one step.
 pub(crate) struct HashedStep<'a> {
     pub(crate) step: u64,
     pub(crate) sim_time_ns: u64,
@@ -127,7 +127,7 @@ pub(crate) struct HashedStep<'a> {
     pub(crate) faulty_rotors: u32,
 }
 
-/// What a report says beside its residuals, as it is hashed: verdicts, probability, losses, suspects. The same for all steps of a window.
+/// Hashed part of a report other than its residuals: verdicts, probability, losses, suspects. Constant over the steps of a window.
 #[derive(Clone)]
 pub(crate) struct VerdictBytes([u8; 4 * VERDICT_WORDS]);
 
@@ -152,7 +152,7 @@ impl VerdictBytes {
     }
 }
 
-/// The signals of some steps, laid out byte by byte.
+/// Serialised signals of several steps.
 #[derive(Clone)]
 struct StepBytes {
     buffer: [u8; CAPACITY],

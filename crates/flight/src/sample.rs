@@ -1,4 +1,4 @@
-//! Everything about one step of a flight: what the loop hashes and its observers see.
+//! One step of a flight: everything that the loop hashes and its observers see.
 
 use rotortwin_plant::TruthSample;
 use rotortwin_wire::frames::{CommandFrame, FdiReport, SensorFrame};
@@ -6,11 +6,11 @@ use rotortwin_wire::frames::{CommandFrame, FdiReport, SensorFrame};
 /// Everything about one step.
 #[derive(Clone, Debug)]
 pub struct Sample {
-    /// What was sensed at its start.
+    /// Sensor values at its start.
     pub sensors: SensorFrame,
-    /// What the controller answered; held over the step.
+    /// The controller's command, held over the step.
     pub command: CommandFrame,
-    /// What the FDI engine answered.
+    /// The FDI engine's report.
     pub report: FdiReport,
     /// The truth at its start; neither controller nor FDI engine ever sees it.
     pub truth: TruthSample,

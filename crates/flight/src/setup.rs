@@ -1,4 +1,4 @@
-//! From a scenario to what the peers of a flight are told before its first step.
+//! From a scenario to the setup that the peers of a flight receive before its first step.
 
 use crate::run_hash::model_hash;
 use rotortwin_plant::Simulation;
@@ -7,7 +7,7 @@ use rotortwin_scenario::Scenario;
 use rotortwin_wire::link::RunSetup;
 use rotortwin_wire::setup::{self, Trim};
 
-/// What the peers of a run are told before step 0. `simulation` is at its first step.
+/// Setup for the peers of a run, sent before step 0. `simulation` must be at its first step.
 pub fn run_setup(scenario: &Scenario, simulation: &Simulation, run_id: u64) -> RunSetup {
     let trim = scenario.starts_trimmed().then(|| Trim {
         duty: simulation.hover_duty(),
@@ -30,7 +30,7 @@ pub fn run_setup(scenario: &Scenario, simulation: &Simulation, run_id: u64) -> R
     }
 }
 
-/// The ground that carries the vehicle, for detectors, which judge in the air only.
+/// The ground under the vehicle, for detectors, which only decide in the air.
 pub fn ground(scenario: &Scenario) -> Option<Ground> {
     let config = scenario.simulation_config();
     let (contact, down) = (config.ground_contact.as_ref()?, config.ground_down_m?);
@@ -41,7 +41,7 @@ pub fn ground(scenario: &Scenario) -> Option<Ground> {
         down_m: at(0.0, 0.0) as f32,
         slope_north: (at(1.0, 0.0) - at(0.0, 0.0)) as f32,
         slope_east: (at(0.0, 1.0) - at(0.0, 0.0)) as f32,
-        // Its feet stand on the slope: their height is along the normal.
+        // Its feet rest on the slope: their height is along the normal.
         standing_height_m: (deepest / contact.slope_deg.to_radians().cos()) as f32,
     })
 }

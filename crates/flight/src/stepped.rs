@@ -1,9 +1,9 @@
-//! One flight, a step at a time, for a caller that holds the loop: the environment of a learner, a notebook.
+//! One flight, stepped by a caller that owns the loop: a reinforcement-learning environment, a notebook.
 //!
 //! ```text
 //!  sensors() ─▶ the caller chooses duties, or leaves it to our controller ─▶ step() ─▶ a complete sample, the next sensors()
 //! ```
-//! Samples and run hash are those of [`crate::lockstep::fly`] where our controller flies.
+//! With our controller, samples and run hash equal those of [`crate::lockstep::fly`].
 
 use crate::lockstep::Failure;
 use crate::run_hash::RunHasher;
@@ -17,10 +17,10 @@ use rotortwin_wire::link::in_process::InProcessLink;
 use rotortwin_wire::link::{ControllerPeer, PlantLink as _, RunSetup};
 use rotortwin_wire::peers::{FdiEnginePeer, PidPeer};
 
-/// Run id of a flight that nothing but this process sees.
+/// Run id of a flight visible only to this process.
 const RUN_ID: u64 = 1;
 
-/// A flight in the hands of a caller.
+/// A flight stepped by the caller.
 pub struct SteppedFlight {
     simulation: Simulation,
     link: InProcessLink<Steered, FdiEnginePeer>,
@@ -34,7 +34,7 @@ impl SteppedFlight {
     /// A flight before its first step.
     ///
     /// # Errors
-    /// One sentence: the scenario cannot be flown.
+    /// The scenario cannot be flown.
     pub fn new(scenario: &Scenario, seed: u64) -> Result<Self, String> {
         let simulation = scenario.simulation(seed).map_err(|error| error.to_string())?;
         let setup: RunSetup = run_setup(scenario, &simulation, RUN_ID);
@@ -63,12 +63,12 @@ impl SteppedFlight {
         self.specific_force_m_s2 = sensed.specific_force_m_s2;
     }
 
-    /// What was sensed at the start of the step to come; after the last one, at its end.
+    /// Sensor values at the start of the next step; after the last one, at its end.
     pub fn sensors(&self) -> &SensorFrame {
         &self.sensors
     }
 
-    /// The truth at the same moment.
+    /// The truth at the same time.
     pub fn truth(&self) -> &TruthSample {
         self.simulation.truth()
     }
@@ -98,17 +98,17 @@ impl SteppedFlight {
         self.hasher.digest()
     }
 
-    /// What our controller answers to [`Self::sensors`]; it is asked at most once a step.
+    /// Our controller's command for [`Self::sensors`]; it is computed at most once per step.
     pub fn controller_command(&mut self) -> CommandFrame {
         let sensors = self.sensors.canonical();
         self.link.controller_mut().own(&sensors)
     }
 
-    /// Flies one step with `duty`, fraction by rotor, or with our controller's. A controller that is not asked in a step does not see it:
-    /// its integrators stand still.
+    /// Flies one step with `duty`, fraction by rotor, or with our controller's command. A controller not called in a step does not see
+    /// it: its integrators are frozen.
     ///
     /// # Errors
-    /// The flight is over, a duty is no number, or the state of the plant is none any more; the flight cannot go on then.
+    /// The flight is over, a duty is NaN, or the state of the plant is no longer valid; the flight cannot continue then.
     pub fn step(&mut self, duty: Option<&[f32]>) -> Result<Sample, Failure> {
         if let Some(duty) = duty {
             if duty.len() != self.rotor_count() {
@@ -146,13 +146,13 @@ impl SteppedFlight {
     }
 }
 
-/// The caller's command where there is one, else our controller's.
+/// The caller's command if there is one, otherwise our controller's.
 #[derive(Default)]
 struct Steered {
     own: PidPeer,
-    /// Our controller's answer to the step that its stamp names.
+    /// Our controller's command for the step in its stamp.
     answered: Option<CommandFrame>,
-    /// The caller's, for the next step.
+    /// The caller's command for the next step.
     chosen: Option<CommandFrame>,
 }
 
@@ -199,7 +199,7 @@ mod tests {
 
         let mut flight = SteppedFlight::new(&scenario, 3).expect("it flies");
         while !flight.done() {
-            // Asking first, or giving the same back, changes nothing.
+            // Querying first, or returning the same command, changes nothing.
             if flight.steps().is_multiple_of(3) {
                 let duty = flight.controller_command().duty;
                 assert_eq!(flight.controller_command().duty, duty);

@@ -1,4 +1,4 @@
-//! Flights side by side give the samples and run hashes of the one-flight loop.
+//! Flights side by side give the samples and run hashes of the single-flight loop.
 
 use rotortwin_flight::batch::{Alone, BatchFlight, fly_batch};
 use rotortwin_flight::lockstep::{self, FlightEnd, FlightObserver, NoObserver, StopReason};
@@ -21,7 +21,7 @@ fn changed(name: &str, change: impl FnOnce(&mut Documents)) -> Scenario {
     Scenario::from_documents(&documents).expect("a good scenario")
 }
 
-/// Run hash, steps and end of one flight by the one-flight loop.
+/// Run hash, steps and end of one flight in the single-flight loop.
 fn single(scenario: &Scenario, seed: u64) -> (String, u64, FlightEnd) {
     let mut simulation = scenario.simulation(seed).expect("a good scenario");
     let setup = setup::run_setup(scenario, &simulation, 1);
@@ -33,7 +33,8 @@ fn single(scenario: &Scenario, seed: u64) -> (String, u64, FlightEnd) {
 #[test]
 fn scenario_mixed_flights_have_the_hashes_of_single_ones() {
     let scenarios = [
-        // Three rotor counts; faults, mismatch, wind; networks; flights of different length, more than there are lanes.
+        // Three rotor counts; faults, mismatch, wind; networks; flights of different lengths, more than there are
+        // lanes.
         shipped("reference-flight"),
         shipped("realistic-reference-flight"),
         shipped("windy-hover"),
@@ -46,7 +47,7 @@ fn scenario_mixed_flights_have_the_hashes_of_single_ones() {
         shipped("motors-off"),
         // Has a sensor fault: not in lanes.
         shipped("gyro-bias"),
-        // The battery runs empty on the way: not in lanes.
+        // The battery runs empty in flight: not in lanes.
         changed("hover", |documents| {
             documents.scenario.duration_s = 20.0;
             documents.vehicle.battery.capacity_ah = 0.06;
@@ -85,7 +86,7 @@ fn scenario_mixed_flights_have_the_hashes_of_single_ones() {
     }
 }
 
-/// Remembers what it saw; stops after some samples.
+/// Records the samples it sees; stops after some of them.
 struct Witness {
     steps: Vec<u64>,
     codes: Vec<i32>,

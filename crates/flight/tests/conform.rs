@@ -1,4 +1,4 @@
-//! A controller that is deliberately wrong in one way is found out, and named; a right one is never blamed.
+//! A controller with one deliberate error is detected and the error identified; a correct one is never faulted.
 
 use rotortwin_flight::conform::{Demands, Fault, Report, conform};
 use rotortwin_proto::ControllerSetup;
@@ -18,7 +18,7 @@ fn scenario(vehicle: &str) -> Scenario {
     Scenario::load_with(path, &["duration_s=60", &vehicle]).expect("a good scenario")
 }
 
-/// A PD controller that is not ours, with gains of its own: position and attitude around the hover duty, mixed by levers.
+/// An independent PD controller with its own gains: position and attitude around the hover duty, mixed by levers.
 #[derive(Clone)]
 struct Pd {
     position: (f32, f32),
@@ -92,7 +92,7 @@ impl ControllerPeer for Pd {
     }
 }
 
-/// What a wrong controller does to the sensors before it computes, or to its command after.
+/// Modification of the sensors before a wrong controller computes, or of its command afterwards.
 type Before = Box<dyn FnMut(&mut SensorFrame)>;
 type After = Box<dyn FnMut(&mut CommandFrame, u64)>;
 
@@ -142,7 +142,7 @@ fn enu(v: &mut [f32; 3]) {
     *v = [v[1], v[0], -v[2]];
 }
 
-/// A name, what is made wrong, what has to be said: kind, and words of field and sentence.
+/// Name, modification, expected finding: kind, and words of field and sentence.
 type Case = (&'static str, (Before, After), Fault, &'static str, &'static str);
 
 fn faults() -> Vec<Case> {
@@ -309,7 +309,7 @@ fn faults() -> Vec<Case> {
     add(
         "spin",
         of_command(|command, _| {
-            // What each rotor adds to the yaw: alternately more and less than the mean of its neighbours.
+            // Yaw contribution of each rotor: alternately above and below the mean of its neighbours.
             let yaw = (0..6)
                 .map(|i| command.duty[i] * if i % 2 == 0 { 1.0 } else { -1.0 })
                 .sum::<f32>()
@@ -402,7 +402,7 @@ fn faults() -> Vec<Case> {
     add(
         "yaw is not wrapped",
         of_sensors(|s| {
-            // Seen from a controller that wraps: a long way is the short way round, so it is shortened to what does not wrap.
+            // A controller that wraps takes the short way round, so the error is shortened to what does not wrap.
             let error = s.reference_yaw_rad - s.attitude_rad[2];
             if error.abs() > std::f32::consts::PI {
                 s.reference_yaw_rad = s.attitude_rad[2] + error.signum() * 3.0;

@@ -1,4 +1,4 @@
-//! Controllers that break the protocol between processes: repeated answers, steps left out, steps never asked, refusals.
+//! Controllers that violate the link protocol: repeated answers, skipped steps, steps never requested, refusals.
 
 use rotortwin_flight::conform::{Demands, Fault, Report, conform};
 use rotortwin_links::endpoint::{Delivery, Endpoint, EndpointLink, Packet};
@@ -14,7 +14,7 @@ use std::time::Duration;
 
 const RUN_ID: u64 = 7;
 
-/// What the controller does otherwise than a good one.
+/// Deviation from a correct controller.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Breach {
     None,
@@ -22,17 +22,17 @@ enum Breach {
     Repeats(u64),
     /// Answers each step twice.
     Echoes,
-    /// Leaves this step out.
+    /// Skips this step.
     Skips(u64),
     /// Answers this step as if it were five later.
     RunsAhead(u64),
-    /// Ends at this step.
+    /// Exits at this step.
     Dies(u64),
     Refuses,
     OldVersion,
 }
 
-/// The plant's end of a link at whose other end our controller sits, in this thread.
+/// The plant's end of a link with our controller at the other end, in this thread.
 struct Scripted {
     breach: Breach,
     inbox: VecDeque<Packet>,

@@ -1,4 +1,4 @@
-//! Autopilots on the stand whose motors are swapped or reversed: each is named, right ones are not blamed.
+//! Autopilots with swapped or reversed motors on the stand: each is identified, correct ones are not faulted.
 
 use rotortwin_flight::conform::{SpinReport, spin_test};
 use rotortwin_flight_core::MAX_ROTORS;
@@ -19,16 +19,16 @@ fn scenario(vehicle: &str) -> Scenario {
     Scenario::parse(&text, folder).expect("a good scenario")
 }
 
-/// Our PID in the place of an autopilot, which takes the motors to stand and to turn as it likes.
+/// Our PID in place of an autopilot, with its own assumptions about motor places and directions.
 struct Believer {
     controller: Controller,
     wanted: Wanted,
-    /// `order[i]`: our rotor that gets what is meant for rotor i.
+    /// `order[i]`: our rotor that receives the duty meant for rotor i.
     order: Vec<usize>,
-    /// Exchanges by which its duties are late.
+    /// Delay of its duties, in exchanges.
     late: usize,
     queue: VecDeque<[f64; MAX_ROTORS]>,
-    /// Does not answer tilts.
+    /// Does not respond to tilts.
     numb: bool,
 }
 
@@ -37,7 +37,7 @@ impl Believer {
         Self::with_spins(scenario, gain, late, &[])
     }
 
-    /// Takes these rotors, from 0, to turn the other way.
+    /// Assumes that these rotors, from 0, turn the other way.
     fn with_spins(scenario: &Scenario, gain: f32, late: usize, reversed: &[usize]) -> Self {
         let mut config: ControllerConfig = scenario.controller_config();
         let mut rotors = config.geometry.rotors().to_vec();
@@ -120,7 +120,7 @@ fn examine(
     spin_test(autopilot, scenario, seed, rotor_of_channel, &mut |_, _| {})
 }
 
-/// Hexa X of ArduPilot, as our rotors from 0.
+/// ArduPilot's hexa X, as our rotors from 0.
 const CHANNELS: [usize; 6] = [1, 4, 5, 2, 0, 3];
 
 #[test]
@@ -188,7 +188,7 @@ fn scenario_reversed_motors_are_named() {
 
 #[test]
 fn scenario_an_order_of_another_autopilot_is_named() {
-    // Our rotors in the order of Betaflight's HEX6X, taken for ArduPilot's.
+    // Our rotors in the order of Betaflight's HEX6X, mistaken for ArduPilot's.
     let scenario = scenario("f550-skids");
     let betaflight = [2, 0, 3, 5, 1, 4];
     let mut autopilot = Believer::new(&scenario, 0.7, 1);

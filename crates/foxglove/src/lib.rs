@@ -1,13 +1,13 @@
-//! Flights shown live in Foxglove and Lichtblick, over Foxglove's WebSocket protocol.
+//! Live display of flights in Foxglove and Lichtblick, over Foxglove's WebSocket protocol.
 //!
 //! ```text
 //!  LiveSample ─▶ Encoder ─▶ Row ─┬─▶ Server: one thread a viewer ─▶ WebSocket         rotortwin fly --foxglove
 //!                                └─▶ Viewer (subscriptions, frames) in a task         GET /api/v1/runs/{id}/foxglove
 //! ```
-//! The flight waits for nobody: a viewer who is too slow loses rows and is told how many, one who is gone is forgotten.
+//! The flight never waits: a slow viewer loses rows and is informed of their number, a disconnected one is removed.
 //!
-//! It is our own server, and not that of Foxglove's library for Rust, because that brings an asynchronous runtime and forty packages for
-//! three messages of text and two of bytes: docs/decisions/0073.
+//! This is our own server, not that of Foxglove's Rust library, because that brings an asynchronous runtime and forty packages for three
+//! text messages and two binary ones: docs/decisions/0073.
 
 pub mod protocol;
 pub mod server;

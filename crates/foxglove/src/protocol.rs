@@ -1,4 +1,4 @@
-//! What is said on the WebSocket, without the socket.
+//! The WebSocket messages, independent of the socket.
 //!
 //! | from | message | here |
 //! |---|---|---|
@@ -7,7 +7,7 @@
 //! | viewer | `subscribe`, `unsubscribe` (JSON) | [`Viewer::hear`] |
 //!
 //! Source: the protocol's specification (github.com/foxglove/ws-protocol, docs/spec.md). Times are simulated. Parameters, services, assets
-//! and messages of the viewer are not offered: whoever sends one all the same is told so by a `status`.
+//! and messages from the viewer are not supported: a viewer that sends one gets a `status` reply.
 
 use base64::Engine as _;
 use base64::engine::general_purpose::STANDARD;
@@ -18,11 +18,11 @@ use serde::Deserialize;
 use serde_json::json;
 use std::convert::Infallible;
 
-/// Of Foxglove, and of Lichtblick and older versions; what is used here is the same in both.
+/// Subprotocols of Foxglove, and of Lichtblick and older versions; the part used here is the same in both.
 pub const SUBPROTOCOLS: [&str; 2] = ["foxglove.sdk.v1", "foxglove.websocket.v1"];
-/// A viewer says no more at once.
+/// Maximum size of a viewer's message.
 pub const LONGEST_MESSAGE: usize = 64 << 10;
-/// Subscriptions of a viewer.
+/// Maximum subscriptions per viewer.
 const MOST_SUBSCRIPTIONS: usize = 1000;
 
 /// The messages of one row of telemetry.
@@ -30,21 +30,21 @@ const MOST_SUBSCRIPTIONS: usize = 1000;
 pub struct Row {
     /// Simulated time, ns.
     pub time_ns: u64,
-    /// Encoded with protobuf.
+    /// Protobuf-encoded.
     pub messages: Vec<(Topic, Vec<u8>)>,
 }
 
-/// Rows from samples.
+/// Encodes samples as rows.
 #[derive(Debug)]
 pub struct Encoder(Streams);
 
 impl Encoder {
-    /// * `header`: of the run whose samples will come
+    /// * `header`: of the run of the samples
     pub fn new(header: &SpoolHeader) -> Self {
         Self(Streams::new(header, &telemetry_columns(header.rotor_count)))
     }
 
-    /// What is to be shown of a sample.
+    /// The messages of a sample.
     pub fn row(&mut self, sample: &LiveSample) -> Row {
         let mut messages = Vec::new();
         let at = |place: usize| sample.values.get(place).copied().flatten().unwrap_or(f64::NAN);
@@ -59,7 +59,7 @@ impl Encoder {
 
 /// The first message of a server.
 ///
-/// * `session`: another one for each run, so that a viewer who comes back begins anew
+/// * `session`: different for each run, so that a reconnecting viewer starts anew
 pub fn server_info(name: &str, session: &str) -> String {
     json!({
         "op": "serverInfo", "name": name, "capabilities": ["time"], "supportedEncodings": [], "metadata": {}, "sessionId": session,
@@ -67,7 +67,7 @@ pub fn server_info(name: &str, session: &str) -> String {
     .to_string()
 }
 
-/// The second one: which topics there are, with what their messages look like.
+/// The second one: the available topics, with their message schemas.
 pub fn advertise() -> String {
     let channels = Topic::ALL.map(|topic| {
         let (schema_name, descriptors) = topic.schema();
@@ -79,13 +79,13 @@ pub fn advertise() -> String {
     json!({ "op": "advertise", "channels": channels }).to_string()
 }
 
-/// A sentence that the viewer shows as a warning.
+/// A text that the viewer shows as a warning.
 pub fn status(sentence: &str) -> String {
     const WARNING: u8 = 1;
     json!({ "op": "status", "level": WARNING, "message": sentence }).to_string()
 }
 
-/// What a viewer says.
+/// A viewer's message.
 #[derive(Deserialize)]
 #[serde(tag = "op", rename_all = "camelCase", rename_all_fields = "camelCase")]
 enum Said {
@@ -100,17 +100,17 @@ struct Subscription {
     channel_id: usize,
 }
 
-/// What one viewer wants.
+/// Subscriptions of one viewer.
 #[derive(Debug, Default)]
 pub struct Viewer {
     wanted: Vec<(u32, Topic)>,
 }
 
 impl Viewer {
-    /// Takes what a viewer says; gives the topics that are new to it.
+    /// Processes a viewer's message; returns the newly subscribed topics.
     ///
     /// # Errors
-    /// One sentence for the viewer ([`status`]); all stays as it was.
+    /// A message for the viewer ([`status`]); the subscriptions are unchanged.
     pub fn hear(&mut self, text: &str) -> Result<Vec<Topic>, String> {
         match serde_json::from_str(text).map_err(|error| format!("this is not understood here: {error}"))? {
             Said::Subscribe { subscriptions } => {
@@ -147,7 +147,7 @@ impl Viewer {
         }
     }
 
-    /// The binary messages that this viewer gets of a row: the time, and what it has subscribed to.
+    /// The binary messages of a row for this viewer: the time, and its subscribed topics.
     pub fn frames(&self, row: &Row) -> Vec<Vec<u8>> {
         const TIME: u8 = 2;
         let mut time = vec![TIME];
@@ -178,7 +178,7 @@ impl Viewer {
 mod tests {
     use super::*;
 
-    /// Bytes and words by hand after the specification.
+    /// Encoding by hand according to the specification.
     #[test]
     fn val_frames_are_those_of_the_specification() {
         let mut viewer = Viewer::default();

@@ -1,7 +1,8 @@
-//! A WebSocket server for the viewers of one flight: one thread waits for them, and one writes to each.
+//! A WebSocket server for the viewers of one flight: one thread accepts them, and one thread writes to each.
 //!
-//! Each viewer has a queue of [`QUEUE`] rows. What does not fit is lost to it, and it is told how many rows that were. A viewer that takes
-//! nothing for [`PATIENCE`] is let go. Who flies never waits, but for [`FAREWELL`] at the end, so that the last rows arrive.
+//! Each viewer has a queue of [`QUEUE`] rows. Rows that do not fit are lost to it, and it is informed of their number. A viewer that
+//! accepts nothing for [`PATIENCE`] is disconnected. The flight never waits, except up to [`FAREWELL`] at the end, so that the last rows
+//! arrive.
 
 use crate::protocol::{self, Encoder, LONGEST_MESSAGE, Row, SUBPROTOCOLS, Viewer};
 use rotortwin_store::SpoolHeader;
@@ -19,19 +20,19 @@ use tungstenite::http::{HeaderValue, StatusCode};
 use tungstenite::protocol::WebSocketConfig;
 use tungstenite::{Message, WebSocket};
 
-/// Rows that wait for a viewer: 5 s at the usual rate.
+/// Queue length of a viewer: 5 s at the usual rate.
 const QUEUE: usize = 256;
-/// For the hand-shake, and for each write.
+/// Timeout of the handshake, and of each write.
 const PATIENCE: Duration = Duration::from_secs(2);
-/// How often it is looked whether a viewer says something.
+/// Polling interval for messages from a viewer.
 const LOOK: Duration = Duration::from_millis(20);
-/// One look.
+/// Timeout of one poll.
 const GLANCE: Duration = Duration::from_millis(1);
-/// For the last rows of all viewers together.
+/// Time for the last rows of all viewers together.
 const FAREWELL: Duration = Duration::from_secs(1);
-/// At the same time.
+/// Maximum simultaneous viewers.
 const MOST_VIEWERS: usize = 16;
-/// Lines of the log that are kept for who comes later.
+/// Log lines kept for later viewers.
 const KEPT_LINES: usize = 200;
 
 /// Serves one flight.
@@ -57,7 +58,7 @@ struct Inside {
     log: VecDeque<(u64, Vec<u8>)>,
 }
 
-/// The end of a viewer's queue that the flight holds.
+/// The flight's end of a viewer's queue.
 #[derive(Debug)]
 struct Queue {
     rows: SyncSender<Arc<Row>>,
@@ -66,12 +67,12 @@ struct Queue {
 }
 
 impl Server {
-    /// Listens; viewers may come and go from now on.
+    /// Listens; viewers may connect and disconnect from now on.
     ///
-    /// * `at`: port 0 takes a free one   * `name`: what viewers show   * `session`: of this run alone
+    /// * `at`: port 0 chooses a free one   * `name`: shown by viewers   * `session`: unique to this run
     ///
     /// # Errors
-    /// One sentence: the address cannot be had.
+    /// The address is not available.
     pub fn listen(at: SocketAddr, name: &str, session: &str, header: &SpoolHeader) -> Result<Self, String> {
         let refuse = |error: std::io::Error| format!("{at}: viewers cannot be served there: {error}");
         let listener = TcpListener::bind(at).map_err(refuse)?;
@@ -95,12 +96,12 @@ impl Server {
         })
     }
 
-    /// Where it listens.
+    /// Listening address.
     pub const fn address(&self) -> SocketAddr {
         self.address
     }
 
-    /// Shows a sample to everybody who has a place for it.
+    /// Sends a sample to every viewer with space in its queue.
     pub fn show(&mut self, sample: &LiveSample) {
         let row = Arc::new(self.encoder.row(sample));
         let lines = row.messages.iter().filter(|(topic, _)| *topic == Topic::Log);
@@ -143,7 +144,7 @@ fn wait_for_viewers(listener: &TcpListener, shared: &Arc<Shared>) {
             Ok((stream, from)) => welcome(stream, from, shared),
             Err(error) if error.kind() == ErrorKind::WouldBlock => std::thread::sleep(LOOK),
             Err(error) => {
-                // Too many open files, or a viewer that was gone at once.
+                // Too many open files, or a viewer that disconnected at once.
                 tracing::debug!(%error, "a viewer could not be let in");
                 std::thread::sleep(LOOK);
             }
@@ -165,7 +166,7 @@ fn welcome(stream: TcpStream, from: SocketAddr, shared: &Arc<Shared>) {
         lost: Arc::clone(&lost),
         alive: Arc::clone(&alive),
     });
-    // What was logged before; the rest comes with its rows.
+    // Earlier log messages; the rest arrives with its rows.
     let log: Vec<(u64, Vec<u8>)> = inside.log.iter().cloned().collect();
     drop(inside);
     let ours = Arc::clone(shared);
@@ -185,9 +186,9 @@ fn welcome(stream: TcpStream, from: SocketAddr, shared: &Arc<Shared>) {
     }
 }
 
-/// One viewer, from its hand-shake to its end or that of the flight.
+/// One viewer, from its handshake to its end or that of the flight.
 ///
-/// * `log`: lines that are older than the rows of the queue
+/// * `log`: lines older than the rows of the queue
 fn serve(
     stream: TcpStream,
     shared: &Shared,
@@ -238,7 +239,7 @@ fn serve(
             )?;
         }
         if over {
-            // The viewer hears a close, or has closed itself.
+            // The viewer receives a close, or has closed itself.
             drop(socket.close(None));
             drop(socket.flush());
             return Ok(());
@@ -279,7 +280,7 @@ fn say(socket: &mut WebSocket<TcpStream>, message: Message) -> Result<(), String
     socket.send(message).map_err(|error| error.to_string())
 }
 
-/// All that a viewer has said meanwhile.
+/// Processes all messages received from a viewer meanwhile.
 fn listen_to(socket: &mut WebSocket<TcpStream>, viewer: &mut Viewer, log: &[(u64, Vec<u8>)]) -> Result<(), String> {
     loop {
         let text = match socket.read() {

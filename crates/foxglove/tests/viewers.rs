@@ -1,4 +1,4 @@
-//! Who flies never waits for who looks on.
+//! The flight never waits for viewers.
 #![expect(clippy::unwrap_used, reason = "a test that cannot connect has failed")]
 
 use rotortwin_foxglove::Server;
@@ -68,7 +68,7 @@ fn scenario_a_viewer_that_reads_nothing_loses_rows_and_holds_nobody_up() {
             }
         }
     });
-    // 2 minutes of a flight at twenty times its speed: more bytes than sockets hold.
+    // 2 minutes of a flight at twenty times its speed: more bytes than sockets buffer.
     let start = Instant::now();
     let mut longest = Duration::ZERO;
     for step in 0..6_000 {
@@ -79,7 +79,7 @@ fn scenario_a_viewer_that_reads_nothing_loses_rows_and_holds_nobody_up() {
             std::thread::sleep(Duration::from_millis(20));
         }
     }
-    // A wait for the stuck one would be 2 s at least.
+    // Waiting for the stuck one would take at least 2 s.
     assert!(longest < Duration::from_secs(1), "one row took {longest:?}");
     let end = Instant::now();
     drop(server);
@@ -105,7 +105,7 @@ fn scenario_a_viewer_that_reads_nothing_loses_rows_and_holds_nobody_up() {
 fn scenario_who_was_slow_is_told_what_it_lost() {
     let mut server = Server::listen("127.0.0.1:0".parse().unwrap(), "test", "1", &header()).unwrap();
     let mut slow = connect(server.address());
-    // Until its wish has arrived.
+    // Until its subscription has arrived.
     let mut step = 0;
     let mut show = |server: &mut Server, count: u64| {
         for _ in 0..count {

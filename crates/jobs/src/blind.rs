@@ -1,4 +1,4 @@
-//! Blind benches: logs with hidden effects from a foreign simulator, each diagnosed, and the answers scored.
+//! Blind benches: logs with hidden effects from an independent simulator, each diagnosed, and the answers scored.
 
 use crate::span::Span;
 use rotortwin_blind::bench::cases::Preset;
@@ -12,7 +12,7 @@ use utoipa::ToSchema;
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
 #[schema(as = BlindBenchJob)]
 pub struct BlindBench {
-    /// What is to be shown: one after the other.
+    /// Presets to run, one after another.
     pub presets: Vec<Preset>,
     /// Cases of each preset.
     pub n: usize,

@@ -18,11 +18,11 @@ pub struct Campaign {
     /// Folder of the campaign; one that holds a part of it is continued.
     #[schema(value_type = String)]
     pub out: PathBuf,
-    /// Only these shards of 32 flights, which are left as they are; unset: the whole campaign.
+    /// Only these shards of 32 flights, without combining results; unset: the whole campaign.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     #[schema(value_type = Option<Span>)]
     pub shards: Option<Range<u64>>,
-    /// Stop after about this many flights; the same job continues.
+    /// Stop after about this many flights; the same job resumes.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub limit: Option<u64>,
     /// Threads; unset: as many as the machine has.

@@ -1,4 +1,4 @@
-//! What a job says while it is done: a line of JSON each. Those of a flight are `rotortwin_wire::events`.
+//! Events of a running job, one line of JSON each. Those of a flight are `rotortwin_wire::events`.
 
 use rotortwin_blind::bench::cases::Preset;
 use rotortwin_blind::bench::score::Outcome;
@@ -9,7 +9,7 @@ use utoipa::ToSchema;
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(tag = "event", rename_all = "kebab-case")]
 pub enum JobEvent {
-    /// How far it is.
+    /// Progress of the job.
     Progress(Progress),
     /// A case of a blind bench is done.
     Case(CaseDone),
@@ -20,22 +20,22 @@ pub enum JobEvent {
 #[schema(as = JobProgress)]
 #[serde(untagged)]
 pub enum Progress {
-    /// By share of its work.
+    /// By fraction of its work.
     Share {
-        /// Done, of 1.
+        /// Completed fraction.
         share: f64,
-        /// What is done now.
+        /// Current activity.
         text: String,
     },
     /// By flights of a campaign.
     Flights {
         /// Flights that did not reach their end.
         failed: u64,
-        /// Alarms while nothing was wrong.
+        /// False alarms.
         false_alarms: u64,
-        /// Flights that are there, with those that were there before.
+        /// Existing flights, including earlier ones.
         flights: u64,
-        /// Flights that are wanted.
+        /// Requested flights.
         of: u64,
     },
 }
@@ -46,13 +46,13 @@ pub enum Progress {
 pub struct CaseDone {
     /// Number within its preset.
     pub case: usize,
-    /// What was named.
+    /// The effect named.
     pub named: String,
-    /// What that is worth.
+    /// Score of the answer.
     pub outcome: Outcome,
-    /// What the case belongs to.
+    /// Preset of the case.
     pub preset: Preset,
-    /// What was hidden.
+    /// The hidden effect.
     pub truth: String,
 }
 
@@ -60,7 +60,7 @@ pub struct CaseDone {
 mod tests {
     use super::*;
 
-    /// As earlier versions have written them: they stand in databases, and clients read them.
+    /// As written by earlier versions: they are stored in databases, and clients read them.
     #[test]
     fn val_events_are_written_as_clients_read_them() {
         let share = JobEvent::Progress(Progress::Share {

@@ -1,10 +1,10 @@
-//! A job as a file, for the process that does it: `rotortwin job FILE`.
+//! A job as a file, for the process that executes it: `rotortwin job FILE`.
 //!
 //! ```json
 //! {"version": 2, "job": {"job": "diagnosis", "logs": ["hover.parquet"], "model": "f550.toml", "models": "models"}}
 //! ```
-//! A worker writes one for each job. `here` is what only the machine knows that does the job; whatever is left out there is as if somebody had
-//! typed the command.
+//! A worker writes one for each job. `here` contains what only the executing machine knows; keys omitted there default to those of the
+//! command line.
 
 use crate::Job;
 use crate::error::NotUnderstood;
@@ -15,15 +15,15 @@ use std::path::PathBuf;
 use utoipa::openapi::{RefOr, Schema};
 use utoipa::{PartialSchema, ToSchema};
 
-/// The version that is written.
+/// Version written.
 const VERSION: u64 = 2;
 
-/// A job, and what belongs to the machine that does it. Paths are relative to the folder in which the process is started.
+/// A job, and the settings of the machine that executes it. Paths are relative to the folder in which the process is started.
 #[derive(Debug, Clone, PartialEq)]
 pub struct JobFile {
-    /// What is to be done.
+    /// The job.
     pub job: Job,
-    /// Where.
+    /// Settings of the machine.
     pub here: Here,
 }
 
@@ -32,7 +32,7 @@ pub struct JobFile {
 #[schema(as = JobPlace)]
 #[serde(deny_unknown_fields)]
 pub struct Here {
-    /// Whoever started the process holds its standard input open: it ends when that does.
+    /// The process ends when its standard input is closed; the parent process holds it open.
     #[serde(default)]
     pub until_input_ends: bool,
     /// For a flight.
@@ -49,13 +49,13 @@ pub struct FlightHere {
     #[serde(default, skip_serializing_if = "Option::is_none")]
     #[schema(value_type = Option<String>)]
     pub out: Option<PathBuf>,
-    /// Samples of the telemetry to tell, a second of simulated time; unset: none.
+    /// Telemetry samples to report per second of simulated time; unset: none.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub live_hz: Option<f64>,
-    /// Where processes on other hosts meet the plant; unset: a free port of this host's loopback address.
+    /// Where processes on other hosts connect to the plant; unset: a free port of this host's loopback address.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub meeting: Option<Meeting>,
-    /// Where the autopilot is that the job names.
+    /// Address of the autopilot named by the job.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub autopilot: Option<AutopilotHere>,
 }
@@ -77,7 +77,7 @@ pub enum Meeting {
 pub struct AutopilotHere {
     /// `ardupilot:ADDR`, `px4:ADDR` or `betaflight:ADDR`.
     pub address: String,
-    /// Where it takes commands, or `none`; unset: where such an autopilot usually does.
+    /// Its command address, or `none`; unset: the default of such an autopilot.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub pilot: Option<String>,
 }
@@ -119,7 +119,7 @@ struct Beside {
 }
 
 impl JobFile {
-    /// As a text: a JSON object.
+    /// As a JSON object.
     ///
     /// # Errors
     /// A path is not UTF-8.
@@ -131,10 +131,10 @@ impl JobFile {
         })
     }
 
-    /// Reads a file of any version up to this one's, or a row of the queue that needs nothing laid out.
+    /// Reads a file of any version up to this one's, or a row of the queue without inputs to be laid out.
     ///
     /// # Errors
-    /// It is none, or a later version's, or names inputs that only a worker can lay out.
+    /// It is invalid, has a later version, or names inputs that only a worker can lay out.
     pub fn parse(text: &str) -> Result<Self, NotUnderstood> {
         let StoredJob { job, inputs } = StoredJob::parse(text)?;
         if let Some(input) = inputs.first() {

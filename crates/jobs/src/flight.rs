@@ -7,26 +7,26 @@ use utoipa::ToSchema;
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 #[schema(as = FlightJob)]
 pub struct Flight {
-    /// Scenario, vehicle, blades, classifier in full (TOML): whatever becomes of files and of the library, the flight is the same.
+    /// Scenario, vehicle, blades and classifier in full (TOML), so that the flight does not depend on files or the library.
     pub documents: String,
-    /// u64; a text, because JSON numbers of other programs end at 2⁵³.
+    /// u64 as text, because JSON numbers of other programs are exact only up to 2⁵³.
     pub seed: String,
     /// How the processes are connected.
     pub link: Link,
-    /// How fast.
+    /// Pace of the flight.
     pub pace: Pace,
-    /// Who the controller is.
+    /// Controller.
     #[serde(default)]
     pub controller: Controller,
-    /// Who the FDI engine is.
+    /// FDI engine.
     #[serde(default)]
     pub fdi: Place,
-    /// How long peers from outside are waited for, ms.
+    /// How long to wait for external peers, ms.
     #[serde(default = "join_timeout")]
     pub join_timeout_ms: u64,
 }
 
-/// How long peers from outside are waited for where nothing is said, ms.
+/// Default time to wait for external peers, ms.
 pub const fn join_timeout() -> u64 {
     60_000
 }
@@ -45,7 +45,7 @@ pub enum Link {
 }
 
 impl Link {
-    /// As documents and the command line have it.
+    /// Name in documents and on the command line.
     pub const fn as_str(self) -> &'static str {
         match self {
             Self::InProcess => "in-process",
@@ -67,7 +67,7 @@ pub enum Pace {
 }
 
 impl Pace {
-    /// As documents and the command line have it.
+    /// Name in documents and on the command line.
     pub const fn as_str(self) -> &'static str {
         match self {
             Self::Fast => "fast",
@@ -92,7 +92,7 @@ pub enum Controller {
 }
 
 impl Controller {
-    /// Where it is; `None`: it is an autopilot.
+    /// Where it runs; `None` for an autopilot.
     pub const fn place(&self) -> Option<Place> {
         match self {
             Self::Beside => Some(Place::Beside),
@@ -128,7 +128,7 @@ pub enum Place {
 mod tests {
     use super::*;
 
-    /// Rows that were queued before there were autopilots are read as they are.
+    /// Rows queued before autopilots were supported are still read.
     #[test]
     fn val_a_controller_is_a_word_or_a_named_autopilot() {
         let read = |text: &str| serde_json::from_str::<Controller>(text);

@@ -1,13 +1,13 @@
-//! What a job reads, where it is done on another machine than it was asked for.
+//! Inputs of a job that is executed on a different machine from where it was requested.
 
 use serde::{Deserialize, Serialize};
 
 /// A file or folder that a job reads.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Input {
-    /// Where it is to be, relative to the folder in which the job is done. The job names it by this path.
+    /// Its path relative to the folder in which the job is executed. The job refers to it by this path.
     pub path: String,
-    /// What is to be there.
+    /// Its content.
     pub content: Content,
 }
 
@@ -36,7 +36,7 @@ impl Input {
         }
     }
 
-    /// What the parts of the job have left.
+    /// The output of the parts of the job.
     pub fn parts(path: impl Into<String>) -> Self {
         Self {
             path: path.into(),
@@ -45,7 +45,7 @@ impl Input {
     }
 }
 
-/// Where an input comes from.
+/// Source of an input.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Content {
@@ -55,6 +55,6 @@ pub enum Content {
     File(String),
     /// Everything below this key of the artifact store.
     Folder(String),
-    /// For a job that waits for parts: everything that each part has left, merged into one folder.
+    /// For a job that waits for parts: the output of all parts, merged into one folder.
     Parts,
 }

@@ -1,11 +1,11 @@
-//! Jobs of the queue, as data: what a server stores and a worker does. This crate does nothing itself.
+//! Jobs of the queue, as data: stored by a server, executed by a worker. This crate executes nothing itself.
 //!
 //! ```text
 //!  HTTP body ─▶ Job ─▶ StoredJob (a row) ─▶ worker: lays out the inputs, writes a JobFile ─▶ `rotortwin job FILE` ─▶ runner
 //!  command line ─▶ Job ──────────────────────────────────────────────────────────────────────────────────────────▶ runner
 //! ```
-//! While it is done, a job tells [`JobEvent`]s. It names files by path. Where those are on the machine that does it, and what is in them, is said by the [`Input`]s of the
-//! [`StoredJob`], which a worker lays out first.
+//! While running, a job emits [`JobEvent`]s. It refers to files by path. The [`Input`]s of the [`StoredJob`] define their location and
+//! content on the executing machine; a worker lays them out first.
 
 pub mod blind;
 pub mod campaign;
@@ -47,32 +47,32 @@ use utoipa::ToSchema;
 pub enum Job {
     /// One flight.
     Run(Flight),
-    /// Many flights, or some of a campaign's, or their results put together.
+    /// Many flights, some shards of a campaign, or the combination of their results.
     Campaign(Campaign),
-    /// Logs with hidden effects, or some of a bench's, or their rows put together.
+    /// Logs with hidden effects, some cases of a bench, or the combination of their results.
     BlindBench(BlindBench),
-    /// A flight log is imported.
+    /// Import of a flight log.
     LogImport(LogImport),
-    /// A flight log is made as an example.
+    /// Creation of an example flight log.
     LogExample(LogExample),
-    /// Models compared with flights.
+    /// Comparison of models with flights.
     Comparison(Comparison),
     /// Which effects a model lacks.
     Diagnosis(Diagnosis),
     /// Compare, diagnose, add, compare again.
     Improvement(Improvement),
-    /// A vehicle from flight logs.
+    /// A vehicle identified from flight logs.
     Identification(Identification),
     /// What to fly next.
     NextFlight(NextFlight),
-    /// A classifier is trained.
+    /// Training of a classifier.
     Training(Training),
-    /// A run is flown again.
+    /// Replay of a run.
     Verification(Verification),
 }
 
 impl Job {
-    /// Sets how many threads it may take, where it can take several and does not say so itself.
+    /// Sets its number of threads, if it supports several and does not set it itself.
     #[must_use]
     pub fn with_threads(mut self, threads: NonZeroUsize) -> Self {
         let slot = match &mut self {
@@ -87,7 +87,7 @@ impl Job {
         self
     }
 
-    /// Files in its folder that nobody needs once it has ended.
+    /// Files in its folder that are useless after it has ended.
     pub const fn leftovers(&self) -> &'static [&'static str] {
         match self {
             Self::Campaign(_) => &["campaign.lock"],

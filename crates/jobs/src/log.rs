@@ -1,4 +1,4 @@
-//! Flight logs are imported, or made as examples.
+//! Import and creation of flight logs.
 
 use rotortwin_blind::example::Example;
 use serde::{Deserialize, Serialize};
@@ -15,24 +15,24 @@ pub struct LogImport {
     /// Folder for them.
     #[schema(value_type = String)]
     pub out: PathBuf,
-    /// Take what can be read of a file whose checksum is wrong.
+    /// Accept the readable part of a file with a wrong checksum.
     #[serde(default)]
     pub damaged: bool,
-    /// Of a simulated run, take the truth instead of what was sensed.
+    /// For a simulated run, use the truth instead of the sensed values.
     #[serde(default)]
     pub truth: bool,
-    /// Vehicle document to hold the log against: number and order of the rotors.
+    /// Vehicle document to check the log against: number and order of the rotors.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     #[schema(value_type = Option<String>)]
     pub vehicle: Option<PathBuf>,
-    /// Mapping file whose rows go before the built-in ones.
+    /// Mapping file that takes precedence over the built-in ones.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     #[schema(value_type = Option<String>)]
     pub mapping: Option<PathBuf>,
-    /// Bring every column to this constant rate, Hz.
+    /// Resample every column to this constant rate, Hz.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub rate_hz: Option<f64>,
-    /// Take the estimated delays out of attitude, velocity and position.
+    /// Remove the estimated delays from attitude, velocity and position.
     #[serde(default)]
     pub align: bool,
 }
@@ -44,15 +44,15 @@ pub struct LogExample {
     /// Vehicle document.
     #[schema(value_type = String)]
     pub vehicle: PathBuf,
-    /// What it is to show; unset: `effect`.
+    /// Preset; unset: `effect`.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub preset: Option<Example>,
-    /// What is hidden: an id, or `id:parameter=value,…`.
+    /// Hidden effect: an id, or `id:parameter=value,…`.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub effect: Option<String>,
-    /// Of every random stream, and of what is drawn.
+    /// Seed of every random stream and draw.
     pub seed: u64,
-    /// s.
+    /// Length, s.
     pub duration_s: f64,
     /// A case of a blind bench, flown again with its seed; unset: an excitation flight with what `preset` or `effect` says.
     #[serde(default, skip_serializing_if = "Option::is_none")]

@@ -1,54 +1,55 @@
-//! A part of a job that is done by a node of somebody else's cluster: what the node fetches from the server, and what it gives back.
+//! Part of a job executed by a node of a third-party cluster: what the node fetches from the server, and what it returns.
 //!
 //! ```text
 //!  server ──GET order, inputs──▶ node: `rotortwin part` ──starts──▶ `rotortwin job FILE`
 //!     ◀── events, files, end ─────┘
 //! ```
-//! Both sides are of one build; a node of another version reads [`PartOrder::program`] first, and says so in its [`PartEnd`].
+//! Both sides come from one build; a node of another version reads [`PartOrder::program`] first, and reports the mismatch in its
+//! [`PartEnd`].
 
 use serde::{Deserialize, Serialize};
 
-/// Variable of the node's process: where its part is, such as `https://bench:8443/executor/v1/parts/ID/ATTEMPT`.
+/// Environment variable of the node's process: URL of its part, such as `https://bench:8443/executor/v1/parts/ID/ATTEMPT`.
 pub const URL_VARIABLE: &str = "ROTORTWIN_PART_URL";
-/// Variable of the node's process: the secret of this attempt.
+/// Environment variable of the node's process: the secret of this attempt.
 pub const TICKET_VARIABLE: &str = "ROTORTWIN_PART_TICKET";
-/// Variable of the node's process: certificates that are believed (PEM), if the server has one of its own authority.
+/// Environment variable of the node's process: trusted certificates (PEM), if the server uses a private CA.
 pub const CA_VARIABLE: &str = "ROTORTWIN_PART_CA";
 
-/// What a node is to do.
+/// Instructions for a node.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct PartOrder {
     /// The server's version of the program.
     pub program: String,
-    /// For people.
+    /// Display name.
     pub name: String,
     /// The job, as [`JobFile`](crate::JobFile) writes it.
     pub file: String,
-    /// What is to be laid out in the folder in which the job is done.
+    /// Files to lay out in the folder in which the job is executed.
     pub inputs: Vec<PartInput>,
-    /// Folder below that one whose files are wanted.
+    /// Subfolder whose files are to be returned.
     pub out: String,
-    /// Files there that nobody wants.
+    /// Files there that are not to be returned.
     pub leftovers: Vec<String>,
-    /// It is stopped after so long, s of wall time.
+    /// It is stopped after this wall time, s.
     pub wall_limit_s: u64,
-    /// Memory that its process may take, bytes.
+    /// Memory limit of its process, bytes.
     pub memory: u64,
-    /// Processor time that its process may take, s.
+    /// Processor time limit of its process, s.
     pub cpu_s: u64,
 }
 
 /// A file that a part reads.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct PartInput {
-    /// Where it is to be.
+    /// Its path.
     pub path: String,
-    /// What is in it; unset: it is fetched by its path, being long or no text.
+    /// Its content; unset: to be fetched by its path, because it is long or not text.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub text: Option<String>,
 }
 
-/// A file that a part leaves.
+/// An output file of a part.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct PartFile {
     /// Below [`PartOrder::out`].
@@ -57,10 +58,10 @@ pub struct PartFile {
     pub size: u64,
 }
 
-/// What a part says on its way: lines that its process wrote, each a JSON object with a key `event`.
+/// Progress of a part: lines written by its process, each a JSON object with a key `event`.
 #[derive(Debug, Clone, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct PartEvents {
-    /// In order; none: it lives.
+    /// In order; an empty list is a heartbeat.
     pub lines: Vec<String>,
 }
 
@@ -69,26 +70,26 @@ pub struct PartEvents {
 pub struct PartEnd {
     /// Name of the node.
     pub node: String,
-    /// The node's process would do another part.
+    /// The node's process can take another part.
     #[serde(default)]
     pub wants_more: bool,
-    /// How.
+    /// Result.
     #[serde(flatten)]
     pub how: PartHow,
 }
 
-/// What the server says to a [`PartEnd`].
+/// The server's reply to a [`PartEnd`].
 #[derive(Debug, Clone, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct PartAccepted {
-    /// The next part of this process, if it wants one and there is one.
+    /// The next part for this process, if it can take one and there is one.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub next: Option<NextPart>,
 }
 
-/// Another part for a process that has done one.
+/// Another part for a process that has finished one.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct NextPart {
-    /// Where it is on the same server: `/executor/v1/parts/ID/ATTEMPT`.
+    /// Its path on the same server: `/executor/v1/parts/ID/ATTEMPT`.
     pub path: String,
     /// The secret of its attempt.
     pub ticket: String,
@@ -98,21 +99,21 @@ pub struct NextPart {
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(tag = "how", rename_all = "kebab-case")]
 pub enum PartHow {
-    /// All is done, and its files are there.
+    /// Completed, with its files.
     Done {
-        /// JSON, as its process printed it.
+        /// JSON, as printed by its process.
         result: String,
-        /// All of them.
+        /// All output files.
         files: Vec<PartFile>,
     },
-    /// Another try would end alike.
+    /// A retry would fail the same way.
     Refused {
-        /// One sentence.
+        /// Error message.
         why: String,
     },
-    /// Another try may end well.
+    /// A retry may succeed.
     Failed {
-        /// One sentence.
+        /// Error message.
         why: String,
     },
 }

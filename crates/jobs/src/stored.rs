@@ -1,11 +1,11 @@
-//! A job as a row of the queue, in every form that a version of rotortwin has written.
+//! A job as a row of the queue, in every form written by any version of rotortwin.
 //!
 //! | Version | Row | Written by |
 //! |---|---|---|
 //! | 1 | a flight's fields, or `args` of a command with its `inputs` | rotortwin before jobs had types |
 //! | 2 | `{"version": 2, "job": …, "inputs": …}` | this one |
 //!
-//! Whatever was queued is read; only the newest form is written. A new field of a job gets a default (`#[serde(default)]`); anything that
+//! All queued rows can be read; only the newest form is written. A new field of a job gets a default (`#[serde(default)]`); anything that
 //! changes the meaning of a row gets a new version here.
 
 use crate::error::NotUnderstood;
@@ -13,15 +13,15 @@ use crate::{Input, Job, version_1};
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
-/// The version that is written.
+/// Version written.
 const VERSION: u64 = 2;
 
-/// A job with what it reads.
+/// A job with its inputs.
 #[derive(Debug, Clone, PartialEq)]
 pub struct StoredJob {
-    /// What is to be done, in a folder of its own. Paths are relative to that folder; its files go to `out` there.
+    /// The job, executed in its own folder. Paths are relative to that folder; its files go to `out` there.
     pub job: Job,
-    /// What is to be laid out there first.
+    /// Inputs to lay out there first.
     pub inputs: Vec<Input>,
 }
 
@@ -32,7 +32,7 @@ struct Written<'a> {
     inputs: &'a [Input],
 }
 
-/// Other keys, such as that of a trace, are somebody else's.
+/// Other keys, such as that of a trace, belong to other components.
 #[derive(Deserialize)]
 struct Read {
     job: Job,
@@ -41,7 +41,7 @@ struct Read {
 }
 
 impl StoredJob {
-    /// A job that reads nothing but itself.
+    /// A job without inputs.
     pub const fn alone(job: Job) -> Self {
         Self {
             job,
@@ -64,7 +64,7 @@ impl StoredJob {
     /// Reads a row of any version up to this one's.
     ///
     /// # Errors
-    /// It is none, or a later version's.
+    /// It is invalid or has a later version.
     pub fn parse(text: &str) -> Result<Self, NotUnderstood> {
         let told = |error: serde_json::Error| NotUnderstood(error.to_string());
         let value: Value = serde_json::from_str(text).map_err(told)?;
@@ -106,7 +106,7 @@ mod tests {
     fn val_a_row_is_read_as_it_was_written() {
         let text = job().to_json().unwrap();
         assert_eq!(StoredJob::parse(&text), Ok(job()));
-        // A trace puts its own key first.
+        // A trace inserts its own key first.
         let traced = text.replacen('{', "{\"traceparent\":\"00-1\",", 1);
         assert_eq!(StoredJob::parse(&traced), Ok(job()));
     }

@@ -1,4 +1,4 @@
-//! Classifiers are trained.
+//! Training of classifiers.
 
 use serde::{Deserialize, Serialize};
 use std::num::NonZeroUsize;
@@ -9,7 +9,7 @@ use utoipa::ToSchema;
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 #[schema(as = TrainingJob)]
 pub struct Training {
-    /// What the network reads and how it is trained.
+    /// Inputs and training of the network.
     pub method: Method,
     /// Scenario that gives vehicle, controller, sensors and detector settings.
     #[schema(value_type = String)]
@@ -39,7 +39,7 @@ pub enum Method {
 }
 
 impl Method {
-    /// As JSON and the command line have it.
+    /// Name in JSON and on the command line.
     pub const fn as_str(self) -> &'static str {
         match self {
             Self::Paper => "paper",

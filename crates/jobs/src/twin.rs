@@ -1,7 +1,7 @@
-//! A model compared with flights.
+//! Comparison of a model with flights.
 //!
-//! `logs` are flight logs of any source, or run folders; `LOG@35:65` takes only these seconds, `LOG@NAME` a segment. A model is named as on
-//! the command line: `MODEL`, `MODEL@BRANCH` or `MODEL@v2` of the folder `models`, or the path of a version or vehicle file.
+//! `logs` are flight logs of any source, or run folders; `LOG@35:65` selects only these seconds, `LOG@NAME` a segment. A model is named as
+//! on the command line: `MODEL`, `MODEL@BRANCH` or `MODEL@v2` in the folder `models`, or the path of a version or vehicle file.
 
 use serde::{Deserialize, Serialize};
 use std::path::PathBuf;
@@ -16,13 +16,13 @@ pub struct Comparison {
     pub logs: Vec<PathBuf>,
     /// The models.
     pub model: Vec<String>,
-    /// What to call them in the result, one for each; empty: their names.
+    /// Labels in the result, one per model; empty: their names.
     #[serde(default)]
     pub label: Vec<String>,
     /// Folder of the models.
     #[schema(value_type = String)]
     pub models: PathBuf,
-    /// Folder for the report and its files.
+    /// Output folder for the report and its files.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     #[schema(value_type = Option<String>)]
     pub out: Option<PathBuf>,
@@ -40,19 +40,19 @@ pub struct Diagnosis {
     /// Folder of the models.
     #[schema(value_type = String)]
     pub models: PathBuf,
-    /// Effect documents of the caller's own that may be named, too.
+    /// Additional effect documents of the caller that may be named.
     #[serde(default)]
     #[schema(value_type = Vec<String>)]
     pub effects: Vec<PathBuf>,
-    /// Healthy flights of the same vehicle; none, or three at least.
+    /// Healthy flights of the same vehicle; none, or at least three.
     #[serde(default)]
     #[schema(value_type = Vec<String>)]
     pub baseline: Vec<PathBuf>,
-    /// Folder for the diagnosis and what it proposes.
+    /// Output folder for the diagnosis and the proposed model.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     #[schema(value_type = Option<String>)]
     pub out: Option<PathBuf>,
-    /// Seconds after which the search begins nothing further, and answers with what it has proved until then; absent: ten minutes.
+    /// Seconds after which the search starts nothing new and returns what it has proved so far; absent: ten minutes.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub time_limit_s: Option<u32>,
 }
@@ -64,20 +64,20 @@ pub struct Improvement {
     /// Flights of one vehicle to learn from.
     #[schema(value_type = Vec<String>)]
     pub logs: Vec<PathBuf>,
-    /// Flights of the same vehicle that no fit sees.
+    /// Held-out flights of the same vehicle, not used in any fit.
     #[serde(default)]
     #[schema(value_type = Vec<String>)]
     pub held_out: Vec<PathBuf>,
-    /// `MODEL` or `MODEL@BRANCH`; a vehicle file begins a model of its name.
+    /// `MODEL` or `MODEL@BRANCH`; a vehicle file starts a model with its name.
     pub model: String,
     /// Folder of the models; accepted versions are kept there.
     #[schema(value_type = String)]
     pub models: PathBuf,
-    /// What is really missing, where it is known.
+    /// The effects that are truly missing, if known.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     #[schema(value_type = Option<String>)]
     pub truth: Option<PathBuf>,
-    /// Folder for the report and its files.
+    /// Output folder for the report and its files.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     #[schema(value_type = Option<String>)]
     pub out: Option<PathBuf>,
@@ -94,17 +94,17 @@ pub struct Identification {
     /// Flights of one vehicle.
     #[schema(value_type = Vec<String>)]
     pub logs: Vec<PathBuf>,
-    /// With battery, kg.
+    /// Mass including battery, kg.
     pub mass_kg: f64,
-    /// From the centre to the furthest rotor, m.
+    /// Distance from the centre to the farthest rotor, m.
     pub arm_m: f64,
-    /// Frame, where the log does not say it.
+    /// Frame, if the log does not contain it.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub frame: Option<String>,
-    /// Also where the motion contradicts it.
+    /// Even if the motion contradicts it.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     pub trust_frame: bool,
-    /// Of the battery, A h.
+    /// Battery capacity, A h.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub capacity_ah: Option<f64>,
     /// Cells in series.
@@ -117,7 +117,7 @@ pub struct Identification {
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     #[schema(value_type = Vec<String>)]
     pub bench: Vec<PathBuf>,
-    /// `NAME.toml`, the document of the vehicle; its blades, intervals and report stand beside it; unset: nothing is written.
+    /// `NAME.toml`, the document of the vehicle, with its blades, intervals and report in the same folder; unset: nothing is written.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     #[schema(value_type = Option<String>)]
     pub out: Option<PathBuf>,
@@ -127,7 +127,7 @@ pub struct Identification {
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 #[schema(as = NextFlightJob)]
 pub struct NextFlight {
-    /// The model as it stands.
+    /// The current model.
     pub model: String,
     /// Folder of the models.
     #[schema(value_type = String)]

@@ -1,4 +1,4 @@
-//! A run that was done is flown again.
+//! Replay of a recorded run.
 
 use serde::{Deserialize, Serialize};
 use std::path::PathBuf;

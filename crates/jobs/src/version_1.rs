@@ -1,5 +1,4 @@
-//! Rows of version 1: a flight, or the words of a command line. The words are those that the server wrote then, not those of today's command
-//! line, which may change.
+//! Rows of version 1: a flight, or a command line. The options are those that the server wrote then, not today's, which may change.
 
 use crate::campaign::Campaign;
 use crate::error::NotUnderstood;
@@ -14,7 +13,7 @@ use serde_json::Value;
 use std::ops::Range;
 use std::path::PathBuf;
 
-/// In words: as many threads as the worker gives to one job.
+/// Placeholder: the number of threads that the worker assigns to one job.
 const THREADS: &str = "{threads}";
 
 #[derive(Deserialize)]
@@ -23,7 +22,7 @@ struct Task {
     inputs: Vec<Input>,
 }
 
-/// Reads a row of version 1: the job, and what it reads.
+/// Reads a row of version 1: the job and its inputs.
 pub(crate) fn read(value: Value) -> Result<(Job, Vec<Input>), NotUnderstood> {
     let told = |error: serde_json::Error| NotUnderstood(error.to_string());
     if value.get("documents").is_some() {
@@ -37,12 +36,12 @@ pub(crate) fn read(value: Value) -> Result<(Job, Vec<Input>), NotUnderstood> {
     Ok((Words::parse(&task.args).job()?, task.inputs))
 }
 
-/// A command line, taken apart.
+/// A parsed command line.
 struct Words<'a> {
     all: &'a [String],
-    /// Before the first option.
+    /// Arguments before the first option.
     plain: Vec<&'a str>,
-    /// Names without dashes, each with the words that follow.
+    /// Names without dashes, each with its arguments.
     options: Vec<(&'a str, Vec<&'a str>)>,
 }
 
@@ -70,7 +69,7 @@ impl<'a> Words<'a> {
         self.options.iter().any(|(name, _)| *name == option)
     }
 
-    /// All words after an option, over all places where it stands.
+    /// All arguments of an option, over all its occurrences.
     fn all_of<T: From<&'a str>>(&self, option: &str) -> Vec<T> {
         let named = self.options.iter().filter(|(name, _)| *name == option);
         named.flat_map(|(_, values)| values).map(|word| T::from(word)).collect()
@@ -85,7 +84,7 @@ impl<'a> Words<'a> {
             .ok_or_else(|| self.refused(&format!("--{option} is missing")))
     }
 
-    /// A number, or a name of a list of names.
+    /// A number, or one of a list of names.
     fn value<T: DeserializeOwned>(&self, option: &str) -> Result<T, NotUnderstood> {
         let word = self.one(option)?;
         let number = serde_json::from_str(word);
@@ -107,7 +106,7 @@ impl<'a> Words<'a> {
         }
     }
 
-    /// Only the placeholder was written.
+    /// Only the placeholder was ever written.
     fn check_threads(&self, option: &str) -> Result<(), NotUnderstood> {
         match self.maybe(option) {
             None | Some(THREADS) => Ok(()),

@@ -1,8 +1,8 @@
-//! One process's end of a link between processes, and everything that does not depend on what carries the messages.
+//! One process's end of a link between processes, independent of the transport.
 //!
 //! An [`Endpoint`] moves [`Packet`]s: it has one inbox, can be waited on with a time-out, and notices when another end
-//! disappears. On top of it stand, once for all transports, the plant's side ([`EndpointLink`]) and the peers' side
-//! ([`serve_controller`], [`serve_fdi`]): hand-shake, order of steps, checks, time-outs, and who is named when something dies.
+//! disappears. The plant's side ([`EndpointLink`]) and the peers' side ([`serve_controller`], [`serve_fdi`]) are built on it
+//! once for all transports: handshake, step order, checks, time-outs, and attribution of failures.
 //!
 //! ```text
 //!   EndpointLink: PlantLink        serve_controller        serve_fdi          this module
@@ -12,8 +12,8 @@
 //!           iox2::Iox2Endpoint            zenoh::ZenohEndpoint                one file per transport
 //! ```
 //! # Limits
-//! A peer joins a run once; one that died is not replaced within the run. Clocks are read only to bound how long somebody may
-//! be silent.
+//! A peer joins a run once; one that died is not replaced within the run. Clocks are read only to bound how long a peer may be
+//! silent.
 
 use crate::watch::{ProcessWatch, host_name, process_space};
 use rotortwin_proto::{Finish, Join, Ready, Role, Setup, setup::Parameters};
@@ -27,33 +27,33 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
-/// Most steps that an FDI engine may trail behind: the queues between the processes are as long as this needs.
+/// Maximum number of steps that an FDI engine may trail; determines the length of the queues between the processes.
 pub const MAX_FDI_WINDOW: u64 = 256;
 
-/// Longest sleep before the life of the others is looked at again.
+/// Longest sleep before the other processes' liveness is checked again.
 const LIFE_CHECK: Duration = Duration::from_millis(50);
 
-/// The news that somebody is gone may overtake its last words: they have this time to come.
+/// The news that a peer is gone may overtake its last messages: they have this long to arrive.
 const LAST_WORDS: Duration = Duration::from_millis(50);
 
-/// How long a plant that gives up before the first step still answers those who come.
+/// How long a plant that gives up before the first step still answers latecomers.
 const LATECOMERS: Duration = Duration::from_millis(80);
 
-/// A peer says again that it is there after this time without an answer.
+/// A peer repeats its join request after this time without an answer.
 const JOIN_PERIOD: Duration = Duration::from_millis(100);
 
-/// Everything that one process says to another.
+/// All messages between processes.
 #[derive(Clone, Debug, PartialEq)]
 #[expect(
     clippy::large_enum_variant,
     reason = "a box would cost an allocation per step; packets are moved one at a time, never stored in numbers"
 )]
 pub enum Packet {
-    /// Peer to plant: here I am.
+    /// Peer to plant: join request.
     Join(Join),
     /// Plant to one peer: its parameters.
     Setup(Box<Setup>),
-    /// Peer to plant: understood, or refused.
+    /// Peer to plant: accepted or rejected.
     Ready(Ready),
     /// Plant to both peers.
     Sensors(SensorFrame),
@@ -65,21 +65,21 @@ pub enum Packet {
     Finish(Finish),
 }
 
-/// How far a packet got.
+/// Result of sending a packet.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Delivery {
-    /// It is on its way to everybody whom it concerns, as far as the transport can tell.
+    /// On its way to all recipients, as far as the transport can tell.
     Complete,
-    /// Somebody whom it concerns is not there or takes nothing more.
+    /// A recipient is missing or its queue is full.
     Partial,
 }
 
-/// One process's end of a link: an inbox, and ways to the inboxes of the others.
+/// One process's end of a link: an inbox, and routes to the inboxes of the others.
 ///
-/// Packets from one sender of one kind arrive in order, once, unless [`Delivery::Partial`] said otherwise. Nothing is promised
-/// about the order between senders.
+/// Packets of one kind from one sender arrive in order, once, unless [`Delivery::Partial`] was reported. The order between
+/// senders is not guaranteed.
 pub trait Endpoint {
-    /// Who speaks here.
+    /// Role of this end.
     fn role(&self) -> Role;
 
     /// The run that this end belongs to.
@@ -88,24 +88,24 @@ pub trait Endpoint {
     /// "iceoryx2" or "zenoh".
     fn transport(&self) -> &'static str;
 
-    /// Where the others are met, for messages to people.
+    /// Address where the others are met, for messages.
     fn address(&self) -> String;
 
-    /// Puts a packet into the inboxes that it concerns. Their owners may sleep on until they are woken.
+    /// Puts a packet into its recipients' inboxes. Their owners may stay asleep until they are woken.
     fn send(&mut self, packet: &Packet) -> Result<Delivery, LinkError>;
 
-    /// Makes the owner of an inbox look into it.
+    /// Wakes the owner of an inbox.
     fn wake(&mut self, role: Role) -> Result<(), LinkError>;
 
     /// The next packet of the inbox, if there is one.
     fn poll(&mut self) -> Result<Option<Packet>, LinkError>;
 
-    /// Sleeps until something may have come, at most for so long.
+    /// Sleeps until something may have arrived, at most for this long.
     fn wait(&mut self, at_most: Duration) -> Result<(), LinkError>;
 
-    /// True if the end of this role was there and is not any more.
+    /// True if the end of this role was connected and has disappeared.
     ///
-    /// * `thorough`: may take a millisecond; asked where the kernel cannot be asked about the process
+    /// * `thorough`: may take a millisecond; used where the kernel cannot be asked about the process
     fn is_gone(&mut self, role: Role, thorough: bool) -> bool;
 }
 
@@ -152,9 +152,9 @@ fn now() -> Instant {
     Instant::now()
 }
 
-/// How much longer somebody may be silent.
+/// How much longer a peer may be silent.
 ///
-/// Time that this process did not live through (stopped by Ctrl-Z, together with the others) is not counted against anybody.
+/// Time during which this process itself was stopped (by Ctrl-Z, together with the others) does not count.
 #[derive(Clone, Copy, Debug)]
 struct Patience {
     left: Duration,
@@ -169,7 +169,7 @@ impl Patience {
         }
     }
 
-    /// Looked at after every sleep of at most [`LIFE_CHECK`].
+    /// Called after every sleep of at most [`LIFE_CHECK`].
     fn is_over(&mut self, at: Instant) -> bool {
         let slept = at.saturating_duration_since(self.last_look);
         self.last_look = at;
@@ -182,12 +182,12 @@ impl Patience {
 #[derive(Debug)]
 struct Other {
     role: Role,
-    /// Program, process and host, for messages to people.
+    /// Program, process and host, for messages.
     program: String,
     present: bool,
     ready: bool,
     watch: Option<ProcessWatch>,
-    /// Its process, where it can be watched.
+    /// Its process, if observable.
     pid: Option<u32>,
     last_step: Option<u64>,
     last_heard: Instant,
@@ -215,9 +215,9 @@ impl Other {
         self.last_heard = now();
     }
 
-    /// True if it was there and is not any more.
+    /// True if it was connected and has disappeared.
     ///
-    /// * `thorough`: ask the kernel too (a system call), not only the transport
+    /// * `thorough`: also ask the kernel (a system call), not only the transport
     fn is_gone(&self, endpoint: &mut impl Endpoint, thorough: bool) -> bool {
         if !self.present {
             return false;
@@ -268,23 +268,23 @@ pub struct EndpointLink<E: Endpoint> {
     fdi: Other,
     /// Steps sent; also the number of the next one.
     sent: u64,
-    /// The command of the step in flight, once it is there.
+    /// The command of the current step, once received.
     command: Option<CommandFrame>,
-    /// Reports that came; also the step of the next one.
+    /// Reports received; also the step of the next one.
     reported: u64,
-    /// Those of them that nobody has taken yet.
+    /// Received reports not yet taken.
     reports: VecDeque<FdiReport>,
-    /// Beginning of the step in flight, or of the wait in progress.
+    /// Start of the current step or wait.
     clock: Instant,
     last_life_check: Instant,
-    /// Set by somebody else to end every wait.
+    /// Set externally to end every wait.
     stop: Option<Arc<AtomicBool>>,
     finished: bool,
     strays: Strays,
 }
 
 impl<E: Endpoint> EndpointLink<E> {
-    /// The plant's side over `endpoint`. The window is cut to [`MAX_FDI_WINDOW`], the batch to the window.
+    /// The plant's side over `endpoint`. The window is clamped to [`MAX_FDI_WINDOW`], the batch to the window.
     pub fn new(endpoint: E, timing: LinkTiming) -> Self {
         let fdi_window = timing.fdi_window.min(MAX_FDI_WINDOW);
         let fdi_batch = timing.fdi_batch.clamp(1, fdi_window.max(1));
@@ -318,17 +318,17 @@ impl<E: Endpoint> EndpointLink<E> {
         self
     }
 
-    /// The timing in force, after the cuts of [`EndpointLink::new`].
+    /// The timing in force, after the clamping in [`EndpointLink::new`].
     pub fn timing(&self) -> LinkTiming {
         self.timing
     }
 
-    /// Steps sent whose reports nobody has taken yet.
+    /// Steps sent whose reports have not been taken yet.
     fn untaken(&self) -> u64 {
         self.sent - self.reported + self.reports.len() as u64
     }
 
-    /// Takes everything out of the inbox until the command of the step in flight is there, or nothing is left.
+    /// Empties the inbox until the command of the current step has arrived, or nothing is left.
     fn drain(&mut self) -> Result<(), LinkError> {
         while self.command.is_none() {
             match self.endpoint.poll()? {
@@ -402,7 +402,7 @@ impl<E: Endpoint> EndpointLink<E> {
                 peer.ready = true;
                 peer.last_heard = now();
             }
-            // Of another run, or from somebody who plays the plant.
+            // From another run, or from another process acting as the plant.
             Packet::Ready(_) | Packet::Setup(_) | Packet::Sensors(_) | Packet::Finish(_) => {}
         }
         Ok(())
@@ -416,7 +416,7 @@ impl<E: Endpoint> EndpointLink<E> {
         }
     }
 
-    /// A peer says that it is there, perhaps again because it has not seen its Setup.
+    /// Handles a join request, possibly repeated because the Setup has not arrived.
     fn meet(&mut self, join: &Join) -> Result<(), LinkError> {
         let role = join.role();
         if join.run_id != self.endpoint.run_id() || self.sent > 0 {
@@ -458,12 +458,12 @@ impl<E: Endpoint> EndpointLink<E> {
             plant_process_space: process_space(),
             parameters: Some(parameters),
         }));
-        // A partial delivery is no failure here: the peer asks again until it has its Setup.
+        // A partial delivery is not a failure here: the peer asks again until it has its Setup.
         self.endpoint.send(&packet)?;
         self.endpoint.wake(role)
     }
 
-    /// Fails if a peer is dead, or a stop was asked for. Asks the kernel at most once in [`LIFE_CHECK`] unless `at_once`.
+    /// Fails if a peer is dead, or a stop was requested. Asks the kernel at most once per [`LIFE_CHECK`] unless `at_once`.
     fn check_life(&mut self, at: Instant, at_once: bool) -> Result<(), LinkError> {
         let thorough = at_once || at.saturating_duration_since(self.last_life_check) >= LIFE_CHECK;
         if thorough {
@@ -476,7 +476,7 @@ impl<E: Endpoint> EndpointLink<E> {
             .into_iter()
             .find_map(|peer| peer.is_gone(&mut self.endpoint, thorough).then(|| peer.died()));
         let Some(died) = gone else { return Ok(()) };
-        // Before the first step it may have said why.
+        // Before the first step it may have sent a reason.
         let begin = now();
         while self.sent == 0 && begin.elapsed() < LAST_WORDS {
             while let Some(packet) = self.endpoint.poll()? {
@@ -487,7 +487,7 @@ impl<E: Endpoint> EndpointLink<E> {
         Err(died)
     }
 
-    /// Peers that join while the run is being given up would wait for their Setup.
+    /// Peers that join while the run is being aborted would otherwise wait for their Setup.
     fn tell_latecomers(&mut self, finish: &Packet) {
         let begin = now();
         while let Some(left) = LATECOMERS.checked_sub(begin.elapsed()) {
@@ -505,7 +505,7 @@ impl<E: Endpoint> EndpointLink<E> {
         }
     }
 
-    /// A peer took nothing: dead, or its queue is full.
+    /// A peer accepted nothing: dead, or its queue is full.
     #[cold]
     fn undelivered(&mut self, what: &str, step: u64) -> LinkError {
         if let Err(dead) = self.check_life(now(), true) {
@@ -618,7 +618,7 @@ impl<E: Endpoint> PlantLink for EndpointLink<E> {
         let must_wait = wait || self.untaken() > self.timing.fdi_window;
         let mut patience: Option<Patience> = None;
         loop {
-            // Not `drain`: one report is enough, the others stay where they are.
+            // Not `drain`: one report is enough, the others stay queued.
             while let Some(packet) = self.endpoint.poll()? {
                 self.take_in(packet)?;
                 if let Some(report) = self.reports.pop_front() {
@@ -628,7 +628,7 @@ impl<E: Endpoint> PlantLink for EndpointLink<E> {
             if !must_wait {
                 return Ok(None);
             }
-            // The first sleep is begun without a look at the clock or at the peers' lives.
+            // The first sleep starts without checking the clock or the peers' liveness.
             match &mut patience {
                 None => {
                     patience = Some(Patience::new(self.timing.step, now()));
@@ -657,7 +657,7 @@ impl<E: Endpoint> PlantLink for EndpointLink<E> {
     }
 
     fn controller(&self) -> Option<Identity> {
-        // Its process and host are for messages about this one execution.
+        // Its process and host identify only this execution.
         let program = self.controller.program.split(", process ").next()?;
         self.controller.present.then(|| Identity::of_program(program))
     }
@@ -700,27 +700,27 @@ impl<E: Endpoint> PlantLink for EndpointLink<E> {
     }
 }
 
-/// A plant that goes without a word would leave its peers waiting.
+/// A plant that exits silently would leave its peers waiting.
 impl<E: Endpoint> Drop for EndpointLink<E> {
     fn drop(&mut self) {
         self.finish(self.sent, Some("the plant gave up before the end of the run"));
     }
 }
 
-/// Who serves, and how long it waits for the plant.
+/// Program name and time-outs of a peer.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct PeerOptions {
-    /// Program and version, for messages to people, e.g. "rotortwin-controller 0.1.0".
+    /// Program and version, for messages, e.g. "rotortwin-controller 0.1.0".
     pub program: String,
-    /// For the plant to answer, and for its first step.
+    /// For the plant's answer and its first step.
     pub join: Duration,
-    /// For the next step of a plant that is alive. Longer than the plant's own time-out for a step, so that the plant, which
-    /// knows who is to blame, speaks first.
+    /// For the next step of a live plant. Longer than the plant's own time-out for a step, so that the plant, which knows who
+    /// is at fault, reports first.
     pub idle: Duration,
 }
 
 impl PeerOptions {
-    /// Options that fit a plant with this timing.
+    /// Options matching a plant with this timing.
     pub fn new(program: impl Into<String>, timing: &LinkTiming) -> Self {
         let margin = Duration::from_millis(500);
         Self {
@@ -736,9 +736,9 @@ struct Peer<'a, E: Endpoint> {
     endpoint: &'a mut E,
     options: &'a PeerOptions,
     plant: Other,
-    /// The plant has said something since the last sleep.
+    /// The plant has sent something since the last sleep.
     heard: bool,
-    /// Since when the plant is gone.
+    /// When the plant disappeared.
     gone: Option<Instant>,
     /// Steps answered; also the number of the next one.
     steps: u64,
@@ -763,7 +763,7 @@ impl<'a, E: Endpoint> Peer<'a, E> {
         }
     }
 
-    /// Joins the run and hands the parameters to `accept`, which gives them or a refusal.
+    /// Joins the run and passes the parameters to `accept`, which returns its result or a rejection.
     fn join(&mut self, accept: impl FnOnce(Option<&Parameters>) -> Result<(), String>) -> Result<Setup, LinkError> {
         let role = self.endpoint.role();
         let run_id = self.endpoint.run_id();
@@ -781,7 +781,7 @@ impl<'a, E: Endpoint> Peer<'a, E> {
         let setup = 'answered: loop {
             let at = now();
             if at >= next_join {
-                // Nobody may be there yet.
+                // The plant may not be there yet.
                 self.endpoint.send(&join)?;
                 self.endpoint.wake(Role::Plant)?;
                 next_join = at + JOIN_PERIOD;
@@ -837,7 +837,7 @@ impl<'a, E: Endpoint> Peer<'a, E> {
         Ok(packet)
     }
 
-    /// Sleeps until something may have come; the inbox is empty. Fails if the plant is dead or silent for too long.
+    /// Sleeps until something may have arrived; the inbox is empty. Fails if the plant is dead or silent for too long.
     fn wait(&mut self) -> Result<(), LinkError> {
         let before = now();
         if let Some(since) = self.gone {
@@ -852,7 +852,7 @@ impl<'a, E: Endpoint> Peer<'a, E> {
             self.options.idle
         };
         if std::mem::take(&mut self.heard) {
-            // It came during the last sleep, at the earliest.
+            // It arrived during the last sleep, at the earliest.
             self.plant.last_heard = self.last_sleep;
             self.patience = Patience::new(limit, before);
         }
@@ -871,7 +871,7 @@ impl<'a, E: Endpoint> Peer<'a, E> {
         self.endpoint.wait(LIFE_CHECK)
     }
 
-    /// Sends an answer. That somebody else than the plant does not take it is the plant's business.
+    /// Sends an answer. Incomplete delivery to peers other than the plant is the plant's concern.
     fn answer(&mut self, packet: &Packet) -> Result<(), LinkError> {
         if self.endpoint.send(packet)? == Delivery::Partial
             && self.gone.is_none()
@@ -882,7 +882,7 @@ impl<'a, E: Endpoint> Peer<'a, E> {
         Ok(())
     }
 
-    /// What to do with the sensors of a step: answer, or drop a repetition.
+    /// Whether to answer the sensors of a step or drop a repetition.
     fn is_due(&self, what: &str, frame_run: u64, step: u64, expected: u64, sender: Role) -> Result<bool, LinkError> {
         if frame_run != self.endpoint.run_id() || step < expected {
             return Ok(false);
@@ -894,7 +894,7 @@ impl<'a, E: Endpoint> Peer<'a, E> {
     }
 }
 
-/// The plant's last word, as a result.
+/// The plant's final message, as a result.
 fn ended(finish: Finish) -> LinkError {
     let failure = if finish.failure.is_empty() {
         "no reason given".to_owned()
@@ -907,12 +907,12 @@ fn ended(finish: Finish) -> LinkError {
     }
 }
 
-/// Refusal of a Setup without the right parameters.
+/// Rejection of a Setup without the right parameters.
 fn wrong_parameters(role: Role) -> String {
     format!("the Setup for the {} holds no parameters for it", role_name(role))
 }
 
-/// Runs a controller until the plant ends the run. Returns the number of steps if the plant ended it well.
+/// Runs a controller until the plant ends the run. Returns the number of steps if the run succeeded.
 pub fn serve_controller<E: Endpoint>(
     endpoint: &mut E,
     controller: &mut impl ControllerPeer,
@@ -938,7 +938,7 @@ pub fn serve_controller<E: Endpoint>(
                 peer.steps += 1;
                 peer.plant.last_step = Some(step);
                 peer.answer(&Packet::Command(command))?;
-                // The FDI engine first: on one core it runs while the plant computes, not instead of it.
+                // The FDI engine first: on a single core it then runs while the plant waits, not instead of it.
                 if peer.steps.is_multiple_of(batch) || peer.steps >= setup.step_count {
                     peer.endpoint.wake(Role::Fdi)?;
                 }
@@ -957,7 +957,7 @@ pub fn serve_controller<E: Endpoint>(
     }
 }
 
-/// Runs an FDI engine until the plant ends the run. Returns the number of steps if the plant ended it well.
+/// Runs an FDI engine until the plant ends the run. Returns the number of steps if the run succeeded.
 pub fn serve_fdi<E: Endpoint>(
     endpoint: &mut E,
     fdi: &mut impl FdiPeer,
@@ -973,7 +973,7 @@ pub fn serve_fdi<E: Endpoint>(
         _ => Err(wrong_parameters(Role::Fdi)),
     })?;
     let batch = u64::from(setup.fdi_batch).max(1);
-    // Sensors and commands come from different senders: whichever is first waits for the other.
+    // Sensors and commands come from different senders: whichever arrives first waits for the other.
     let mut sensors_waiting: VecDeque<SensorFrame> = VecDeque::new();
     let mut commands_waiting: VecDeque<CommandFrame> = VecDeque::new();
     let mut unannounced = 0;
@@ -1032,7 +1032,7 @@ pub fn serve_fdi<E: Endpoint>(
     }
 }
 
-/// A message that could not be decoded, blamed on its sender.
+/// A message that could not be decoded, attributed to its sender.
 pub fn malformed(sender: Role, step: u64, error: &ConvertError) -> LinkError {
     nonsense(sender, step, error)
 }

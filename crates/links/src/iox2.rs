@@ -6,21 +6,22 @@
 //!  v1/command                       controller           plant, fdi         CommandFrame
 //!  v1/report                        fdi                  plant              FdiReport
 //!  to-plant, to-peers               peers / plant        plant / peers      one byte of kind, then the prost message
-//!  wake/plant, …/controller, …/fdi  whoever has reason   that process       event
+//!  wake/plant, …/controller, …/fdi  any other process    that process       event
 //! ```
-//! A process sleeps in `Listener::timed_wait` of its own event service; nothing spins unless [`Iox2Options::spin`] asks for it.
-//! Queues do not overflow and publishers do not block: a queue that is full shows as [`Delivery::Partial`].
+//! A process sleeps in `Listener::timed_wait` of its own event service; nothing spins unless [`Iox2Options::spin`] is set. Queues do
+//! not overflow and publishers do not block: a full queue is reported as [`Delivery::Partial`].
 //!
 //! # Files
-//! iceoryx2 keeps files in a root folder and segments in `/dev/shm`. The root is below `/dev/shm` too, so that one can never be
-//! lost (or be private to a container) without the other. No configuration file is read and no signal handler is installed.
+//! iceoryx2 keeps files in a root folder and segments in `/dev/shm`. The root is below `/dev/shm` too, so that neither can be lost
+//! (or be private to a container) without the other. No configuration file is read and no signal handler is installed.
 //!
-//! What a killed process left is removed by the next start on the same root and prefix: by iceoryx2 itself where it can, and
-//! wholly by an end that finds itself alone there. A lock on a file tells: every end holds it shared as long as it lives.
+//! Leftovers of killed processes are removed by the next start on the same root and prefix: by iceoryx2 itself where it can, and
+//! completely by an end that finds itself alone there. Liveness is tracked by a file lock that every end holds shared while it
+//! lives.
 //!
 //! # Limits
-//! All processes of a run need the same user, `/dev/shm` and release of iceoryx2. There is no authentication below that: whoever
-//! has the user id can take part.
+//! All processes of a run need the same user, `/dev/shm` and iceoryx2 release. There is no authentication below that: any process
+//! with the user id can take part.
 
 use crate::endpoint::{Delivery, Endpoint, MAX_FDI_WINDOW, Packet};
 use crate::shared_frame::{Named, SharedFrame};
@@ -48,39 +49,39 @@ const TRANSPORT: &str = "iceoryx2";
 /// Where iceoryx2 keeps its segments on Linux.
 const SHARED_MEMORY: &str = "/dev/shm";
 
-/// Free space asked for before a run. One run needs less than 1 MB; a full file system kills processes (SIGBUS).
+/// Free space required before a run. One run needs less than 1 MB; a full file system kills processes (SIGBUS).
 const FREE_SPACE: u64 = 4 << 20;
 
-/// Samples of a queue of the 400 Hz loop: the whole window, and a few for repetitions.
+/// Samples in a queue of the 400 Hz loop: the whole window, and a few for repetitions.
 const QUEUE: usize = MAX_FDI_WINDOW as usize + 16;
 
-/// Samples of a queue of the hand-shake.
+/// Samples in a queue of the handshake.
 const CONTROL_QUEUE: usize = 16;
 
-/// Most bytes of a message of the hand-shake: the largest network is 13 kB. The memory is there from the start, because a
-/// segment added later is lost, with the last words in it, if its owner goes before everybody has seen it.
+/// Maximum bytes of a handshake message: the largest network is 13 kB. The memory is allocated from the start, because a segment
+/// added later is lost, with the last messages in it, if its owner exits before every receiver has seen it.
 const CONTROL_BYTES: usize = 32 << 10;
 
-/// Ends of the names of iceoryx2's segments.
+/// Suffixes of the names of iceoryx2's segments.
 const SEGMENT_SUFFIXES: [&str; 5] = ["data", "dynamic", "connection", "event_mgmt", "global_mgmt"];
 
-/// How long to try again while another process creates or removes the same service.
+/// How long to retry while another process creates or removes the same service.
 const OPEN_RETRY: Duration = Duration::from_secs(1);
 
-/// Event of a packet that waits in the inbox.
+/// Event: a packet is in the inbox.
 const PACKET: usize = 0;
 
-/// Event of a notifier that disappears in an orderly way.
+/// Event: a notifier was dropped in an orderly way.
 const LEFT: usize = 1;
 
 /// Where the processes of a host meet, and how they wait.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Iox2Options {
-    /// Folder for iceoryx2's files; the same for all processes of a run. Created if it is not there.
+    /// Folder for iceoryx2's files; the same for all processes of a run. Created if missing.
     pub root: PathBuf,
-    /// Beginning of every file name, three characters or more; processes with different prefixes do not see each other.
+    /// Prefix of every file name, three characters or more; processes with different prefixes do not see each other.
     pub prefix: String,
-    /// Looks at the inbox before going to sleep. 0 unless every process of the run has a core of its own, then about 200.
+    /// Number of inbox checks before going to sleep. 0 unless every process of the run has its own core, then about 200.
     pub spin: u32,
 }
 
@@ -110,17 +111,17 @@ impl Iox2Options {
         Ok(config)
     }
 
-    /// Where iceoryx2's own files are: nothing else is in there.
+    /// Folder that contains iceoryx2's own files only.
     fn files(&self) -> PathBuf {
         self.root.join("iceoryx2")
     }
 
-    /// Removes what killed processes left, if nobody lives here. Every start does that too.
+    /// Removes leftovers of killed processes, if none is alive here. Every start does that too.
     pub fn tidy(&self) -> Result<(), LinkError> {
         self.enter().map(drop)
     }
 
-    /// Takes the shared lock that says "somebody lives here", after removing what is left over if nobody did.
+    /// Takes the shared lock that marks the folder as in use, after removing leftovers if it was unused.
     fn enter(&self) -> Result<File, LinkError> {
         let problem = |error: std::io::Error| LinkError::Transport {
             transport: TRANSPORT,
@@ -143,23 +144,23 @@ impl Iox2Options {
             .map_err(problem)?;
         match flock(&lock, FlockOperation::NonBlockingLockExclusive) {
             Ok(()) => self.remove_leftovers(),
-            // Somebody lives here, or is just tidying up.
+            // In use, or another process is just tidying up.
             Err(Errno::WOULDBLOCK) => {}
             Err(error) => return Err(problem(error.into())),
         }
-        // Between the two locks another may come, find itself alone and tidy up: nothing of ours exists yet.
+        // Between the two locks another process may find itself alone and tidy up: nothing of ours exists yet.
         flock(&lock, FlockOperation::LockShared).map_err(|error| problem(error.into()))?;
         std::fs::create_dir_all(self.prefixes()).map_err(problem)?;
         File::create(self.prefixes().join(&self.prefix)).map_err(problem)?;
         Ok(lock)
     }
 
-    /// Where every prefix that was used under this root has an empty file of its name.
+    /// Folder with an empty file for every prefix used under this root.
     fn prefixes(&self) -> PathBuf {
         self.root.join("prefixes")
     }
 
-    /// Removes the files of killed processes, whatever their prefix. Nobody may live here.
+    /// Removes the files of killed processes of any prefix. No process may be alive here.
     fn remove_leftovers(&self) {
         let remove_folder = |folder: PathBuf| match std::fs::remove_dir_all(&folder) {
             Err(error) if error.kind() != std::io::ErrorKind::NotFound => {
@@ -191,7 +192,7 @@ fn failed(action: &str, reason: impl std::fmt::Debug) -> LinkError {
     }
 }
 
-/// Repeats what fails while another process creates or removes the same thing.
+/// Retries operations that fail while another process creates or removes the same object.
 fn retried<T, E: std::fmt::Debug>(
     action: impl Fn() -> String,
     mut attempt: impl FnMut() -> Result<T, E>,
@@ -206,7 +207,7 @@ fn retried<T, E: std::fmt::Debug>(
     }
 }
 
-/// The names in a folder; none if it is not there.
+/// The names in a folder; empty if it does not exist.
 fn names(folder: &std::path::Path) -> Vec<String> {
     std::fs::read_dir(folder).map_or_else(
         |_| Vec::new(),
@@ -219,8 +220,8 @@ fn names(folder: &std::path::Path) -> Vec<String> {
     )
 }
 
-/// True for the name of a segment that iceoryx2 made under this very prefix: prefix, hash of 40 digits, identity, suffix. (Another
-/// prefix may begin with this one.)
+/// True for the name of a segment that iceoryx2 created under exactly this prefix: prefix, hash of 40 digits, identity, suffix.
+/// (Another prefix may start with this one.)
 fn is_segment(name: &str, prefix: &str) -> bool {
     let Some((stem, suffix)) = name.rsplit_once('.') else {
         return false;
@@ -233,14 +234,14 @@ fn is_segment(name: &str, prefix: &str) -> bool {
         && hash.is_some_and(|hash| hash.len() == 40 && hash.bytes().all(|digit| digit.is_ascii_hexdigit()))
 }
 
-/// Bytes that are free for shared memory.
+/// Bytes available for shared memory.
 fn free_space() -> Result<u64, LinkError> {
     let status = rustix::fs::statvfs(SHARED_MEMORY)
         .map_err(|error| failed(&format!("looking at the free space of {SHARED_MEMORY}"), error))?;
     Ok(status.f_bavail * status.f_frsize)
 }
 
-/// A full `/dev/shm` gives no error but SIGBUS: look before.
+/// A full `/dev/shm` causes SIGBUS, not an error: check first.
 fn check_free_space(free: u64) -> Result<(), LinkError> {
     if free < FREE_SPACE {
         return Err(LinkError::Transport {
@@ -261,13 +262,13 @@ type Topic<T> = publish_subscribe::PortFactory<Service, T, ()>;
 
 /// One process's ports. Not `Send`: create it in the thread that uses it.
 ///
-/// Fields are dropped in order: the notifiers tell the others before the ports go.
+/// Fields are dropped in order: the notifiers inform the others before the ports are closed.
 #[derive(Debug)]
 pub struct Iox2Endpoint {
     role: Role,
     run_id: u64,
     options: Iox2Options,
-    /// By [`slot`]: whom this process may wake.
+    /// By [`slot`]: processes that this one may wake.
     notifiers: [Option<Notifier<Service>>; 3],
     listener: Listener<Service>,
     sensors_out: Option<Publisher<Service, SharedFrame<SensorFrame>, ()>>,
@@ -278,17 +279,17 @@ pub struct Iox2Endpoint {
     report_in: Option<Subscriber<Service, SharedFrame<FdiReport>, ()>>,
     control_out: Publisher<Service, [u8], ()>,
     control_in: Subscriber<Service, [u8], ()>,
-    /// The hand-shake is looked at once after each sleep, not in each step.
+    /// The handshake is checked once after each sleep, not in each step.
     control_due: bool,
     sensors: Topic<SharedFrame<SensorFrame>>,
     command: Topic<SharedFrame<CommandFrame>>,
     report: Topic<SharedFrame<FdiReport>>,
     node: Node<Service>,
-    /// Shared: tells others that somebody lives here.
+    /// Shared: marks the folder as in use.
     _lock: File,
 }
 
-/// Place of a role in an array.
+/// Array index of a role.
 fn slot(role: Role) -> Option<usize> {
     match role {
         Role::Plant => Some(0),
@@ -312,7 +313,7 @@ fn node_name(run_id: u64, role: Role) -> String {
 }
 
 impl Iox2Endpoint {
-    /// Creates the ports of `role` in the run `run_id`, after removing what killed processes left.
+    /// Creates the ports of `role` in the run `run_id`, after removing leftovers of killed processes.
     pub fn new(role: Role, run_id: u64, options: Iox2Options) -> Result<Self, LinkError> {
         static LOG_LEVEL: Once = Once::new();
         LOG_LEVEL.call_once(|| set_log_level_from_env_or(LogLevel::Fatal));
@@ -393,7 +394,7 @@ impl Iox2Endpoint {
                     || event.listener_builder().create(),
                 )?);
             } else if let Some(slot) = slot(other) {
-                // The FDI engine has nothing to say to the controller.
+                // The FDI engine sends nothing to the controller.
                 if (role, other) != (Role::Fdi, Role::Controller) {
                     let notifier = retried(
                         || port_action("notifier", "event", role),
@@ -469,7 +470,7 @@ impl Iox2Endpoint {
         Ok(None)
     }
 
-    /// True if a frame waits in the inbox.
+    /// True if a frame is in the inbox.
     fn has_frames(&self) -> bool {
         fn any<T: ZeroCopySend + std::fmt::Debug>(port: &Option<Subscriber<Service, T, ()>>) -> bool {
             port.as_ref().is_some_and(|port| port.has_samples().unwrap_or(false))
@@ -662,7 +663,7 @@ impl Endpoint for Iox2Endpoint {
             std::hint::spin_loop();
         }
         match self.listener.timed_wait(|_| {}, at_most) {
-            // A signal that the program handles: look around and come back.
+            // A signal that the program handles: check and come back.
             Ok(_) | Err(iceoryx2::port::listener::ListenerWaitError::InterruptSignal) => Ok(()),
             Err(error) => Err(failed("waiting", error)),
         }
@@ -676,14 +677,14 @@ impl Endpoint for Iox2Endpoint {
             Role::Unspecified => return false,
         };
         if publishers == 0 {
-            // Its last words may wait.
+            // Its last messages may be waiting.
             self.control_due = true;
             return true;
         }
         if !thorough {
             return false;
         }
-        // Somebody of another PID namespace: iceoryx2 knows by a file lock.
+        // A process in another PID namespace: iceoryx2 checks a file lock.
         let wanted = node_name(self.run_id, role);
         let mut is_dead = false;
         let listed = Node::<Service>::list(self.node.config(), |state| {
@@ -721,7 +722,7 @@ mod tests {
         assert!(free_space().is_ok_and(|free| free > 0));
     }
 
-    /// Tidies until `file` is gone: a process that another test starts at this moment holds our locks until it runs its own program.
+    /// Tidies until `file` is gone: a process being spawned by another test holds our locks until it executes its own program.
     fn until_gone(options: &Iox2Options, file: &std::path::Path) {
         let gone = (0..500).any(|_| {
             options.tidy().expect("a place that can be entered");
@@ -731,7 +732,7 @@ mod tests {
         assert!(gone, "{} was not removed", file.display());
     }
 
-    /// Only what has our prefix and is a segment, and only if nobody lives there.
+    /// Removes only segments with our prefix, and only if no process is alive there.
     #[test]
     fn scenario_leftovers_are_removed_by_the_first_who_comes() {
         let prefix = format!("rttidy{}_", std::process::id());
@@ -761,7 +762,7 @@ mod tests {
         drop(options.enter().expect("a shared place"));
         assert!(stale.exists(), "somebody still lives here");
         drop(second);
-        // Left by somebody with another prefix under this root.
+        // Left by a process with another prefix under this root.
         let elsewhere = Iox2Options {
             prefix: format!("{}else_", options.prefix),
             ..options.clone()

@@ -1,62 +1,62 @@
-//! Who is let in over zenoh, and what each may say and hear.
+//! Authentication and access control over zenoh.
 //!
 //! ```text
-//!  stranger ──▶ TLS: a certificate that our CA has signed? ──▶ user and password? ──▶ access control: role, space, run ──▶ topics
+//!  client ──▶ TLS: a certificate signed by our CA? ──▶ user and password? ──▶ access control: role, space, run ──▶ topics
 //! ```
-//! Whoever listens (the plant, or a router) checks all three; whoever connects checks the listener's certificate. The first two end a
-//! connection; the third drops single messages: a controller can publish its commands and nothing else.
+//! The listener (the plant, or a router) checks all three; a connecting process checks the listener's certificate. The first two end
+//! a connection; the third drops individual messages: a controller can publish its commands and nothing else.
 //!
-//! | Role | publishes below `SPACE/v1/RUN/` | hears |
+//! | Role | publishes below `SPACE/v1/RUN/` | receives |
 //! |---|---|---|
 //! | plant | sensors, steps, setup/…, finish | command, reports, join/…, ready/… |
 //! | controller | command, join/controller, ready/controller | sensors, setup/controller, finish |
 //! | fdi | reports, join/fdi, ready/fdi | steps, setup/fdi, finish |
 //!
-//! All of a run see who of it is alive. A plant that listens lets nobody near another run than its own; a router does not know the
-//! runs: there a space is what keeps tenants apart.
+//! All participants of a run see which others are alive. A listening plant only admits its own run; a router does not know the
+//! runs: there, spaces separate the tenants.
 //!
-//! # Limits
-//! * A connecting process also believes in certificates of the public authorities that zenoh carries with it.
-//! * Within one run and role nobody is told apart unless a grant names him.
+//! * A connecting process also trusts the public certificate authorities built into zenoh.
+//! * Within one run and role, clients are not distinguished unless a grant names them.
+//! * User and password without TLS authenticate (the password itself is not sent) but encrypt nothing.
 //! * User and password without TLS prove who it is (the password itself is not sent) and encrypt nothing.
 
 use rotortwin_proto::Role;
 use std::fmt;
 use std::path::PathBuf;
 
-/// First part of all keys where no other is asked for.
+/// Default first part of all keys.
 pub const DEFAULT_SPACE: &str = "rotortwin";
 
-/// How this process reaches the others.
+/// How this process connects to the others.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Attachment {
-    /// It waits for them and routes between them: the plant, where there is no router.
+    /// Listens and routes between the others: the plant, if there is no router.
     Listen,
-    /// It connects to whoever listens: the peers, and everybody where there is a router.
+    /// Connects to the listener: the peers, and every process if there is a router.
     Connect,
 }
 
-/// Credentials of a process, and what it lets others do if it listens.
+/// Credentials of a process, and the access it grants as a listener.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Security {
     /// First part of all keys: letters, digits, `-` and `_`.
     pub space: String,
     /// For endpoints `tls/…`.
     pub tls: Option<Tls>,
-    /// Who this process says it is.
+    /// This process's login.
     pub login: Option<Login>,
-    /// Listener: users and passwords, `user:password` a line; everybody must be one of them.
+    /// Listener: users and passwords, one `user:password` per line; every client must be one of them.
     pub users_file: Option<PathBuf>,
-    /// Listener: only certificates that the CA has signed.
+    /// Listener: require certificates signed by the CA.
     pub demand_certificate: bool,
-    /// Listener: who may do what; empty: everybody who was let in may play every role.
+    /// Listener: access grants; empty: every admitted client may play every role.
     pub grants: Vec<Grant>,
 }
 
-/// Files of a process's TLS, PEM.
+/// TLS files of a process, PEM.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Tls {
-    /// Certificates that are believed.
+    /// Trusted certificates.
     pub ca: PathBuf,
     /// Own certificate and its private key.
     pub certificate: Option<(PathBuf, PathBuf)>,
@@ -77,7 +77,7 @@ impl fmt::Debug for Login {
     }
 }
 
-/// What some of those who were let in may do.
+/// Access granted to some of the admitted clients.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Grant {
     /// Common names of certificates, any of them; empty: any certificate.
@@ -86,11 +86,11 @@ pub struct Grant {
     pub users: Vec<String>,
     /// Roles; empty: all.
     pub roles: Vec<Role>,
-    /// First part of the keys that they may touch.
+    /// First part of the keys that they may access.
     pub space: String,
 }
 
-/// Runs that a listener lets others take part in.
+/// Runs that a listener admits.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Runs {
     /// The plant's own.
@@ -100,7 +100,7 @@ pub enum Runs {
 }
 
 impl Security {
-    /// A sentence if an endpoint cannot be used with this.
+    /// Returns an error message if an endpoint cannot be used with these settings.
     pub fn check(&self, endpoint: &str, attachment: &Attachment) -> Result<(), String> {
         let listens = *attachment == Attachment::Listen;
         if !is_name(&self.space) {
@@ -154,7 +154,7 @@ impl Security {
         Ok(())
     }
 
-    /// Settings of zenoh: key and JSON.
+    /// zenoh settings: key and JSON.
     pub fn settings(&self, attachment: &Attachment, runs: Runs) -> Vec<(&'static str, String)> {
         let listens = *attachment == Attachment::Listen;
         let mut settings = Vec::new();
@@ -197,7 +197,7 @@ impl Security {
         settings
     }
 
-    /// What zenoh calls access control: everything that is not allowed is denied.
+    /// zenoh's access control: everything not allowed is denied.
     fn access_control(&self, runs: Runs) -> String {
         let everybody = [Grant {
             certificates: Vec::new(),
@@ -222,7 +222,7 @@ impl Security {
             let roles = [Role::Plant, Role::Controller, Role::Fdi];
             let may_be = |role: &Role| {
                 (grant.roles.is_empty() || grant.roles.contains(role))
-                    // Where the plant listens, nobody else is the plant.
+                    // Where the plant listens, no other process is the plant.
                     && (runs == Runs::All || *role != Role::Plant)
             };
             let mut own = Vec::new();
@@ -263,7 +263,7 @@ impl Security {
         )
     }
 
-    /// What was shown at a door that stayed shut.
+    /// Credentials presented in a rejected connection.
     pub fn shown(&self) -> String {
         let certificate = match &self.tls {
             Some(Tls {
@@ -284,7 +284,7 @@ impl Security {
     }
 }
 
-/// Rules of a role as seen by whoever listens: name, direction, messages, keys.
+/// Rules of a role from the listener's point of view: name, direction, messages, keys.
 type Rule = (
     &'static str,
     &'static str,
@@ -319,14 +319,14 @@ fn rules_of(role: Role) -> [Rule; 8] {
     };
     [
         ("says", "ingress", &["put"], says),
-        // So that it learns that somebody hears.
+        // So that it learns that it has subscribers.
         ("is-heard", "egress", &["declare_subscriber"], says),
         ("asks", "ingress", &["declare_subscriber"], hears),
         ("hears", "egress", &["put"], hears),
         ("lives", "ingress", &["liveliness_token"], alive),
         ("looks", "ingress", &["declare_liveliness_subscriber"], &["alive/*"]),
         ("is-seen", "egress", &["declare_liveliness_subscriber"], &["alive/*"]),
-        // Out only: the other way it would speak for others.
+        // Outgoing only: incoming, it would speak for others.
         (
             "sees",
             "egress",
@@ -336,7 +336,7 @@ fn rules_of(role: Role) -> [Rule; 8] {
     ]
 }
 
-/// A role as a part of keys.
+/// A role as part of a key.
 pub fn slug(role: Role) -> &'static str {
     match role {
         Role::Plant => "plant",

@@ -3,9 +3,9 @@
 use iceoryx2::prelude::ZeroCopySend;
 use rotortwin_wire::frames::{CommandFrame, FdiReport, SensorFrame};
 
-/// A frame with the name by which processes recognise its layout.
+/// A frame with the name by which processes identify its layout.
 pub(crate) trait Named: Copy + std::fmt::Debug + 'static {
-    /// The name; another layout needs another one.
+    /// The name; must change with the layout.
     const NAME: &'static str;
 }
 

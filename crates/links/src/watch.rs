@@ -1,14 +1,14 @@
-//! Is the process on the other side alive? Answered by the kernel, where it can be asked.
+//! Is the process on the other side alive? Answered by the kernel where possible.
 //!
-//! A process id means something only inside one PID namespace of one running kernel. Peers therefore tell each other the
+//! A process id is meaningful only inside one PID namespace of one running kernel. Peers therefore exchange the
 //! [`process_space`] that their id belongs to, and watch each other only if it is their own; between hosts and containers a
-//! death shows through the transport, or as silence.
+//! death is noticed through the transport, or as silence.
 
 use rustix::event::{PollFd, PollFlags, poll};
 use rustix::fd::OwnedFd;
 use rustix::process::{Pid, PidfdFlags, pidfd_open};
 
-/// A handle on a process that stays with this process even if its id is given to another one later.
+/// A handle that keeps referring to the same process even if its id is reused.
 #[derive(Debug)]
 pub(super) struct ProcessWatch {
     state: State,
@@ -18,12 +18,12 @@ pub(super) struct ProcessWatch {
 enum State {
     /// Readable once the process has ended.
     Watched(OwnedFd),
-    /// It had already ended when we looked.
+    /// It had already ended when first checked.
     Ended,
 }
 
 impl ProcessWatch {
-    /// Watches a process; `None` if it is this process, or in another process space, or the kernel does not tell.
+    /// Watches a process; `None` if it is this process, or in another process space, or the kernel cannot provide a handle.
     pub(super) fn open(pid: u32, space: u64) -> Option<Self> {
         if space == 0 || space != process_space() || pid == std::process::id() {
             return None;
@@ -37,7 +37,7 @@ impl ProcessWatch {
         Some(Self { state })
     }
 
-    /// True if the process has ended (also if nobody has waited for it yet).
+    /// True if the process has ended (even if it has not been reaped).
     pub(super) fn has_ended(&self) -> bool {
         match &self.state {
             State::Ended => true,
@@ -60,7 +60,7 @@ pub(super) fn process_space() -> u64 {
     }
 }
 
-/// Name of this host, for messages to people.
+/// Name of this host, for messages.
 pub fn host_name() -> String {
     std::fs::read_to_string("/proc/sys/kernel/hostname")
         .map_or_else(|_| "unknown host".to_owned(), |name| name.trim().to_owned())

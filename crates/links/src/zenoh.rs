@@ -1,7 +1,7 @@
-//! Links over zenoh as far as they can be told without it: where the processes meet, and who opens such a link.
+//! The zenoh-independent part of links over zenoh: endpoints, and the hook that opens such a link.
 //!
-//! zenoh takes as long to compile as all that a flight over shared memory needs, so it is in a crate of its own, `rotortwin-zenoh`. A program
-//! that has it says so with [`provide`]; in one that has not, [`open`] says which program does.
+//! zenoh takes as long to compile as everything else that a flight over shared memory needs, so it lives in its own crate, `rotortwin-zenoh`.
+//! A program with that crate registers it with [`provide`]; in others, [`open`] returns an error that names a suitable program.
 
 use crate::endpoint::Endpoint;
 use crate::security::{Attachment, DEFAULT_SPACE, Security};
@@ -16,12 +16,12 @@ pub type Opener = fn(Role, u64, ZenohOptions) -> Result<Box<dyn Endpoint + Send>
 
 static OPENER: OnceLock<Opener> = OnceLock::new();
 
-/// From now on links over zenoh are opened by `opener`; the first one stays.
+/// Registers `opener` for links over zenoh; the first registration wins.
 pub fn provide(opener: Opener) {
     OPENER.get_or_init(|| opener);
 }
 
-/// True if this program speaks zenoh.
+/// True if this program supports zenoh.
 pub fn is_provided() -> bool {
     OPENER.get().is_some()
 }
@@ -29,7 +29,7 @@ pub fn is_provided() -> bool {
 /// Opens the end of `role` in the run `run_id`.
 ///
 /// # Errors
-/// This program does not speak zenoh, or what the opener says.
+/// This program does not support zenoh, or the opener's error.
 pub fn open(role: Role, run_id: u64, options: ZenohOptions) -> Result<Box<dyn Endpoint + Send>, LinkError> {
     match OPENER.get() {
         Some(open) => open(role, run_id, options),
@@ -50,9 +50,9 @@ pub struct ZenohOptions {
     pub endpoint: String,
     /// How this process uses it.
     pub attachment: Attachment,
-    /// How long a connecting process tries.
+    /// How long a connecting process retries.
     pub connect_timeout: Duration,
-    /// Credentials; none: whoever reaches the endpoint is let in.
+    /// Credentials; `None`: every client that reaches the endpoint is admitted.
     pub security: Option<Security>,
 }
 
@@ -75,8 +75,7 @@ impl ZenohOptions {
         }
     }
 
-    /// "tcp/127.0.0.1:port" with a port that was free a moment ago, below the range that the kernel gives to outgoing
-    /// connections.
+    /// "tcp/127.0.0.1:port" with a port that was free a moment ago, below the range that the kernel uses for outgoing connections.
     pub fn free_loopback_endpoint() -> std::io::Result<String> {
         static NEXT: AtomicU32 = AtomicU32::new(0);
         let mut last = std::io::Error::other("no port tried");

@@ -1,35 +1,35 @@
-//! A report: one HTML file with the components of the web page and a result inside, which works from a disk, without network.
+//! Reports: one HTML file with the components of the web page and embedded data, which works from disk, without network.
 //!
 //! ```text
 //! web/src/report ─ vite ─▶ web/dist-report/report.html ─┐
 //! result ─ JSON ────────────────────────────────────────┼─▶ report.html of a run, a comparison, a campaign …
 //! title, summary as text ───────────────────────────────┘
 //! ```
-//! What it shows and how stands in `web/src/shown`; here is only where title, summary and JSON go. The summary stays readable in a
-//! browser that runs no scripts, and to programs that search text.
+//! The display logic is in `web/src/shown`; this crate only inserts title, summary and JSON. The summary stays readable in a
+//! browser without scripts, and to programs that search text.
 //!
 //! Assumes that the page is built from the same sources as this program, so that it knows the kind and the shape of the data.
 
 use serde::Serialize;
 use serde::ser::Error as _;
 
-/// The built page, with a place for title, summary and data.
+/// The built page, with placeholders for title, summary and data.
 const TEMPLATE: &str = include_str!("../../../web/dist-report/report.html");
-/// Where these go; in this order in the page.
+/// The placeholders, in the order of the page.
 const PLACES: [&str; 3] = ["{{title}}", "{{summary}}", "{{report}}"];
 
-/// What a report is made of.
+/// Content of a report.
 #[derive(Clone, Copy, Debug)]
 pub struct Report<'a, T> {
-    /// Which result it is: the page chooses by it how `data` is shown.
+    /// Kind of result: selects how the page shows `data`.
     pub kind: &'static str,
     /// Title, plain text.
     pub title: &'a str,
-    /// What the result says, plain text.
+    /// Summary, plain text.
     pub summary: &'a str,
-    /// Program and version that made it.
+    /// Program and version that created it.
     pub program: &'a str,
-    /// The result, as the server answers it.
+    /// The result, as the server returns it.
     pub data: &'a T,
 }
 
@@ -45,7 +45,7 @@ impl<T: Serialize> Report<'_, T> {
     /// The file.
     ///
     /// # Errors
-    /// The data is no JSON: a map whose keys are no texts.
+    /// The data is not valid JSON: a map with non-string keys.
     pub fn render(&self) -> Result<String, serde_json::Error> {
         let data = serde_json::to_string(&Content {
             kind: self.kind,
@@ -70,7 +70,7 @@ impl<T: Serialize> Report<'_, T> {
     }
 }
 
-/// JSON inside of a script element: no sequence in it ends the element or opens a comment (`<` is escaped), and it stays JSON.
+/// JSON inside a script element: nothing in it ends the element or opens a comment (`<` is escaped), and it stays valid JSON.
 /// U+2028 and U+2029 end a line in old scripts, so they are escaped as well.
 fn script(json: &str) -> String {
     let mut out = String::with_capacity(json.len());
@@ -99,7 +99,7 @@ fn text(plain: &str) -> String {
     out
 }
 
-/// A number to six significant digits: what a picture can show, in fewer bytes. `None`: it is not finite.
+/// A number to six significant digits: plot resolution, in fewer bytes. `None` if it is not finite.
 pub fn rounded(value: f64) -> Option<f64> {
     if !value.is_finite() {
         return None;
@@ -125,7 +125,7 @@ mod tests {
         .unwrap()
     }
 
-    /// The JSON as a browser reads it: the text of the element `#report`.
+    /// The JSON as parsed by a browser: the text of the element `#report`.
     fn inside(page: &str) -> serde_json::Value {
         let (_, rest) = page
             .split_once("<script type=\"application/json\" id=\"report\">")

@@ -1,4 +1,4 @@
-//! An autopilot that is to fly: where it is waited for, and who commands it.
+//! Autopilots of flights: where to listen for them, and who commands them.
 
 use crate::failure::Failure;
 use rotortwin_bridge::autopilot::address::{AutopilotAddress, Protocol};
@@ -13,12 +13,12 @@ use rotortwin_scenario::autopilot_frame::{AutopilotFrame, AutopilotKind};
 use std::path::Path;
 use std::time::Duration;
 
-/// Who commands an autopilot.
+/// Commander of an autopilot.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum PilotChoice {
-    /// Somebody else.
+    /// An external program.
     Nobody,
-    /// We do, there.
+    /// Our pilot, at this address.
     At(PilotAddress),
 }
 
@@ -33,7 +33,7 @@ impl std::str::FromStr for PilotChoice {
     }
 }
 
-/// An autopilot that is waited for, and what can stop the waiting.
+/// A port opened for an autopilot, with a way to stop waiting.
 pub enum OpenedAutopilot {
     /// ArduPilot's JSON build.
     ArduPilot(Box<Piloted<ArduPilot>>, Supervisor),
@@ -43,7 +43,7 @@ pub enum OpenedAutopilot {
     Betaflight(Box<Betaflight>, Supervisor),
 }
 
-/// How long an autopilot is waited for.
+/// Time-outs for an autopilot.
 #[derive(Clone, Copy, Debug)]
 pub struct Waits {
     /// For its first message.
@@ -52,18 +52,18 @@ pub struct Waits {
     pub step: Duration,
 }
 
-/// Why an autopilot is not waited for; one sentence.
+/// Why an autopilot cannot be used; the message is one sentence.
 pub enum Refused {
-    /// The scenario cannot be flown with it.
+    /// The scenario is not suitable.
     Scenario(String),
-    /// An argument is wrong.
+    /// An argument is invalid.
     Argument(String),
-    /// Its port is taken, or the like.
+    /// Its port is in use, or the like.
     Place(String),
 }
 
 impl Refused {
-    /// Says it, of this scenario.
+    /// The error for this scenario.
     pub fn told(self, scenario: &Path) -> Failure {
         match self {
             Self::Scenario(sentence) => Failure::Input(format!("{}: {sentence}", scenario.display())),
@@ -73,7 +73,7 @@ impl Refused {
     }
 }
 
-/// Whose frames they are.
+/// Autopilot of the output frames.
 pub fn autopilot_kind(protocol: Protocol) -> AutopilotKind {
     match protocol {
         Protocol::ArduPilot => AutopilotKind::ArduPilot,
@@ -82,10 +82,10 @@ pub fn autopilot_kind(protocol: Protocol) -> AutopilotKind {
     }
 }
 
-/// Opens the port where an autopilot is waited for that is to fly this scenario, and finds out who commands it.
+/// Opens the port for an autopilot to fly this scenario, and determines its commander.
 ///
 /// # Errors
-/// The scenario cannot be flown with it, its pilot is no such autopilot's, or its port is taken.
+/// The scenario is not suitable, its pilot does not support this autopilot, or its port is in use.
 pub fn open_autopilot(
     autopilot: &AutopilotAddress,
     pilot: Option<PilotChoice>,

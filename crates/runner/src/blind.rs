@@ -1,4 +1,4 @@
-//! A blind bench, or some of its cases, or the score of what is there.
+//! Execution of a blind bench, of some of its cases, or of its scoring.
 
 use crate::Tell;
 use crate::failure::Failure;
@@ -14,7 +14,7 @@ use rotortwin_jobs::{BlindBench as Job, CaseDone, JobEvent};
 use serde::Serialize;
 use std::ops::Range;
 
-/// A bench that can begin.
+/// A bench ready to start.
 pub struct Prepared {
     bench: Bench,
     diagnosis: DiagnosisCommand,
@@ -23,10 +23,10 @@ pub struct Prepared {
     part: bool,
 }
 
-/// What came of a bench.
+/// Result of a bench.
 #[derive(Debug)]
 pub enum Benched {
-    /// The cases that were asked for are left as they are.
+    /// The requested cases, without scoring.
     Part(CasesDone),
     /// All of them, scored.
     Whole(Sheet),
@@ -35,13 +35,13 @@ pub enum Benched {
 /// The result of some cases.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 pub struct CasesDone {
-    /// That were asked for.
+    /// Number requested.
     pub cases: usize,
-    /// That are there.
+    /// Number of existing rows.
     pub rows: usize,
 }
 
-/// What is asked for.
+/// The request of a job.
 ///
 /// # Errors
 /// It cannot be run.
@@ -58,10 +58,10 @@ pub fn request(job: &Job) -> Result<Request, BlindError> {
     Ok(request)
 }
 
-/// A command of this program, which ends with us.
+/// A command of this program, which ends with this process.
 ///
 /// # Errors
-/// Nobody knows which program this is.
+/// The path of this program is unknown.
 pub fn of_this_program(words: &[&str], cores: usize) -> std::io::Result<Program> {
     let program = std::env::current_exe()?.display().to_string();
     let all = [&program, "--end-with-stdin"].into_iter().chain(words.iter().copied());
@@ -74,10 +74,10 @@ pub fn of_this_program(words: &[&str], cores: usize) -> std::io::Result<Program>
 
 /// Opens the folder of the bench and draws its cases.
 ///
-/// * `diagnosis`: another diagnosis, a command line with `{log}` and `{vehicle}`; none: ours
+/// * `diagnosis`: alternative diagnosis, a command line with `{log}` and `{vehicle}`; `None`: ours
 ///
 /// # Errors
-/// It cannot be run, or its folder is another bench's.
+/// It cannot be run, or its folder belongs to another bench.
 pub fn prepare(job: &Job, diagnosis: Option<&str>) -> Result<Prepared, Failure> {
     let rotor_counts = job
         .vehicles
@@ -122,20 +122,20 @@ pub fn prepare(job: &Job, diagnosis: Option<&str>) -> Result<Prepared, Failure> 
 }
 
 impl Prepared {
-    /// Cases that are wanted.
+    /// Number of requested cases.
     pub fn wanted(&self) -> usize {
         self.cases.len()
     }
 
-    /// Of these, there already.
+    /// Number of existing ones among them.
     pub fn present(&self) -> usize {
         self.bench.rows(&self.cases).len()
     }
 
-    /// Does the cases that are missing.
+    /// Executes the missing cases.
     ///
     /// # Errors
-    /// A case cannot be flown or diagnosed, or a file not be written.
+    /// A case cannot be flown or diagnosed, or a file cannot be written.
     pub fn run(&self, tell: Tell<'_>) -> Result<Benched, Failure> {
         let told = |row: &Row| tell(&JobEvent::Case(case_done(row)));
         let rows = self.bench.run(&self.cases, &self.diagnosis, &told)?;
@@ -151,7 +151,7 @@ impl Prepared {
     }
 }
 
-/// The cases of a range that was asked for.
+/// The cases of a requested range.
 fn part_of<'a>(cases: &'a [Case], range: &Range<u64>) -> Result<&'a [Case], Failure> {
     let end = |number: u64| usize::try_from(number).unwrap_or(usize::MAX);
     cases.get(end(range.start)..end(range.end)).ok_or_else(|| {

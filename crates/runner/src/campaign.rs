@@ -1,4 +1,4 @@
-//! Many flights of a campaign, or some of its shards, or the results of what is there.
+//! Execution of a campaign, of some of its shards, or of its evaluation.
 
 use crate::Tell;
 use crate::failure::Failure;
@@ -17,7 +17,7 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::time::Instant;
 
-/// Flights that can begin.
+/// Flights ready to start.
 #[derive(Debug)]
 pub struct Prepared<'a> {
     campaign: &'a Campaign,
@@ -26,23 +26,23 @@ pub struct Prepared<'a> {
     plan: Plan,
 }
 
-/// How the flights went.
+/// Result of flying.
 #[derive(Debug)]
 pub struct Flown {
-    /// All that were wanted, or stopped before.
+    /// Complete, or stopped before.
     pub end: RunEnd,
-    /// Flights that were flown now.
+    /// Flights flown now.
     pub flights: u64,
     /// Their steps.
     pub steps: u64,
-    /// On so many threads.
+    /// Number of threads.
     pub threads: NonZeroUsize,
-    /// Since then.
+    /// Start time.
     pub start: Instant,
 }
 
 impl Flown {
-    /// What is there was flown elsewhere.
+    /// For shards flown elsewhere.
     pub fn nothing() -> Self {
         Self {
             end: RunEnd::Complete,
@@ -53,7 +53,7 @@ impl Flown {
         }
     }
 
-    /// The result of some shards, which are left as they are.
+    /// The result of some shards, without evaluation.
     pub fn of_shards(&self) -> ShardsFlown {
         ShardsFlown {
             complete: self.end == RunEnd::Complete,
@@ -66,9 +66,9 @@ impl Flown {
 /// The result of some shards.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 pub struct ShardsFlown {
-    /// Whether all that were wanted are there.
+    /// Whether all requested shards exist.
     pub complete: bool,
-    /// Flights that were flown now.
+    /// Flights flown now.
     pub flights: u64,
     /// Their steps.
     pub steps: u64,
@@ -77,7 +77,7 @@ pub struct ShardsFlown {
 /// Opens the folder of the campaign.
 ///
 /// # Errors
-/// It is another campaign's, or another program began it.
+/// It belongs to another campaign, or was started by another program.
 pub fn prepare<'a>(job: &Job, campaign: &'a Campaign) -> Result<Prepared<'a>, Failure> {
     let folder = CampaignFolder::open(&job.out, campaign).map_err(Failure::Input)?;
     let place = folder.path().display().to_string();
@@ -85,7 +85,7 @@ pub fn prepare<'a>(job: &Job, campaign: &'a Campaign) -> Result<Prepared<'a>, Fa
     Ok(prepare_in(job, campaign, folder, BTreeSet::new()))
 }
 
-/// As [`prepare`], where shards pass through a `folder` on their way to an object store, which has some of them already (`elsewhere`).
+/// As [`prepare`], for shards that pass through a `folder` to an object store, which already has some of them (`elsewhere`).
 pub fn prepare_in<'a>(
     job: &Job,
     campaign: &'a Campaign,
@@ -108,22 +108,22 @@ pub fn prepare_in<'a>(
 }
 
 impl Prepared<'_> {
-    /// Where the shards are.
+    /// Folder of the shards.
     pub fn folder(&self) -> &CampaignFolder {
         &self.folder
     }
 
-    /// Flights that are wanted.
+    /// Number of requested flights.
     pub fn wanted(&self) -> u64 {
         self.plan.wanted_flights
     }
 
-    /// Of these, there already.
+    /// Number of existing ones among them.
     pub fn present(&self) -> u64 {
         self.plan.present_flights
     }
 
-    /// Flies what is missing, until `stop` is set.
+    /// Flies the missing shards, until `stop` is set.
     ///
     /// # Errors
     /// A shard cannot be written.
@@ -131,10 +131,10 @@ impl Prepared<'_> {
         self.fly_and_keep(stop, tell, &|_shard| Ok(()))
     }
 
-    /// As [`fly`](Self::fly); `keep` takes each shard to its place as soon as it is in the folder.
+    /// As [`fly`](Self::fly); `keep` stores each shard as soon as it is in the folder.
     ///
     /// # Errors
-    /// A shard cannot be written or kept.
+    /// A shard cannot be written or stored.
     pub fn fly_and_keep(&self, stop: &AtomicBool, tell: Tell<'_>, keep: &runner::Keep<'_>) -> Result<Flown, Failure> {
         let (flights, steps) = (AtomicU64::new(0), AtomicU64::new(0));
         let (failed, alarms) = (AtomicU64::new(0), AtomicU64::new(0));
@@ -172,7 +172,7 @@ impl Prepared<'_> {
     }
 }
 
-/// Makes the results of the shards that are there, with their report.
+/// Creates the results of the existing shards, with a report.
 ///
 /// # Errors
 /// They cannot be read or written.
@@ -187,7 +187,7 @@ pub fn sum_up(campaign: &Campaign, folder: &CampaignFolder) -> Result<Totals, Fa
     summed_up().map_err(|sentence: String| Failure::writing(folder.path(), sentence))
 }
 
-/// Where a campaign is flown, if no folder is named.
+/// Default folder of a campaign.
 pub fn folder_of(out: Option<&Path>, campaign: &Campaign) -> PathBuf {
     out.map_or_else(
         || Path::new("runs").join(format!("campaign-{}", campaign.document().name)),
@@ -195,14 +195,14 @@ pub fn folder_of(out: Option<&Path>, campaign: &Campaign) -> PathBuf {
     )
 }
 
-/// Set by Ctrl-C and by a polite end; the second Ctrl-C ends the process at once.
+/// Set by SIGINT and SIGTERM; a second Ctrl-C ends the process at once.
 ///
 /// # Errors
 /// Signals cannot be caught.
 pub fn stop_flag() -> Result<Arc<AtomicBool>, String> {
     let stop = Arc::new(AtomicBool::new(false));
     let caught = |error: std::io::Error| format!("signals cannot be caught: {error}");
-    // In this order: the first one finds the flag down.
+    // In this order: on the first signal the flag is still unset.
     signal_hook::flag::register_conditional_default(signal_hook::consts::SIGINT, Arc::clone(&stop)).map_err(caught)?;
     for signal in [signal_hook::consts::SIGINT, signal_hook::consts::SIGTERM] {
         signal_hook::flag::register(signal, Arc::clone(&stop)).map_err(caught)?;

@@ -1,4 +1,4 @@
-//! Models compared with flights.
+//! Comparison of models with flights.
 
 use crate::destination::{ResultFolder, write_text};
 use crate::failure::Failure;
@@ -13,19 +13,19 @@ use rotortwin_twin::improve::report::short;
 use rotortwin_twin::log::RotorOrder;
 use rotortwin_twin::model::ModelStore;
 
-/// Models compared with flights, with the same as text.
+/// A comparison, with its text form.
 #[derive(Debug)]
 pub struct Compared {
     /// The result.
     pub comparison: Comparison,
-    /// For people: verdict first.
+    /// Human-readable: verdict first.
     pub text: String,
 }
 
-/// Holds models against flights; what it finds is also in the job's folder.
+/// Compares models with flights; the result is also written to the job's folder.
 ///
 /// # Errors
-/// A model or a log cannot be used, or the folder not be written.
+/// A model or a log cannot be used, or the folder cannot be written.
 pub fn compare(job: &Job) -> Result<Compared, Failure> {
     if !job.label.is_empty() && job.label.len() != job.model.len() {
         return Err(Failure::input(format!(
@@ -73,7 +73,7 @@ pub fn compare(job: &Job) -> Result<Compared, Failure> {
     Ok(Compared { comparison, text })
 }
 
-/// The models that texts name.
+/// The models named by texts.
 fn named_models(store: &ModelStore, texts: &[String]) -> Result<Vec<NamedModel>, Failure> {
     texts
         .iter()

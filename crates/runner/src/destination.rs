@@ -1,18 +1,18 @@
-//! Where results go: looked at before the work, so that nothing computed is lost, and named when the disk is full.
+//! Output locations: checked before the work, so that no result is lost, with an explicit error for a full disk.
 
 use rotortwin_store::run_folder::RunFolder;
 use std::os::unix::fs::MetadataExt as _;
 use std::path::{Path, PathBuf};
 
-/// Less than this is no room for anything.
+/// Less free space than this counts as full.
 const FULL_BELOW_BYTES: u64 = 64 * 1024;
 
-/// A folder for results, made before the work: it must not exist or be empty, as that of a run. Dropped without [`keep`](Self::keep), it is
-/// removed again, as bad input leaves nothing.
+/// An output folder, created before the work: like that of a run, it must not exist or be empty. If dropped without [`keep`](Self::keep),
+/// it is removed again, so that bad input leaves nothing behind.
 pub struct ResultFolder(Option<RunFolder>);
 
 impl ResultFolder {
-    /// Makes it, and makes sure that files can be written there.
+    /// Creates it, and makes sure that it is writable.
     pub fn create(path: &Path) -> Result<Self, String> {
         let folder = RunFolder::create(path).map_err(|error| error.to_string())?;
         let probe = folder.spool_path();
@@ -24,13 +24,13 @@ impl ResultFolder {
         Ok(Self(Some(folder)))
     }
 
-    /// As [`create`](Self::create), where a folder was asked for.
+    /// As [`create`](Self::create), if a folder was requested.
     pub fn of_option(path: Option<&PathBuf>) -> Result<Option<Self>, String> {
         path.map(|path| Self::create(path)).transpose()
     }
 
-    /// As [`of_option`](Self::of_option); `None` also for a folder that holds `inside`, or the way to it, and nothing else: the results
-    /// go beside it.
+    /// As [`of_option`](Self::of_option); also `None` for a folder that contains only `inside`, or the path to it: the results go next to
+    /// it.
     pub fn beside(path: Option<&Path>, inside: &Path) -> Result<Option<Self>, String> {
         match path {
             Some(path) if holds_only(path, inside) => Ok(None),
@@ -38,7 +38,7 @@ impl ResultFolder {
         }
     }
 
-    /// The work is done: from now on it stays.
+    /// The work is done: keeps the folder.
     pub fn keep(mut self) -> RunFolder {
         self.0.take().expect("only this takes it")
     }
@@ -64,7 +64,7 @@ fn holds_only(path: &Path, inside: &Path) -> bool {
     matches!(names.as_slice(), [name] if Some(name.as_os_str()) == first)
 }
 
-/// Tries whether a file can be written, and leaves everything as it was.
+/// Checks that a file can be written, without leaving any change.
 pub fn writable_file(path: &Path) -> Result<(), String> {
     let existed = path.exists();
     std::fs::File::options()
@@ -88,7 +88,7 @@ pub fn write_text(path: &Path, text: &str) -> Result<(), String> {
     std::fs::write(path, text).map_err(|error| format!("{}: cannot be written: {error}", path.display()))
 }
 
-/// A sentence about the disk that holds `place`, if it is full.
+/// An error message about a full disk at `place`, if it is full.
 pub(crate) fn full_disk(place: &Path) -> Option<String> {
     let place = place.ancestors().find(|place| place.exists())?.canonicalize().ok()?;
     let space = rustix::fs::statvfs(&place).ok()?;

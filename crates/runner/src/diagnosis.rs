@@ -1,4 +1,4 @@
-//! Which physical effect a model lacks.
+//! Diagnosis: which physical effect a model lacks.
 
 use crate::Tell;
 use crate::destination::ResultFolder;
@@ -21,28 +21,28 @@ use rotortwin_twin::over_time::OverTime;
 use std::path::Path;
 use std::time::Instant;
 
-/// Rows of the ranking that are told.
+/// Number of reported rows of the ranking.
 const RANKING_ROWS: usize = 8;
-/// Seconds after which a search begins nothing further, if nobody says otherwise.
+/// Default time limit after which a search starts nothing new, s.
 pub const TIME_LIMIT_S: u32 = 600;
 /// Effect document of a proposal.
 pub const PROPOSAL_FILE: &str = "proposed-effect.toml";
 
-/// What a model lacks, with the same as text where somebody reads that.
+/// A diagnosis, with its text form if needed.
 #[derive(Debug)]
 pub struct Diagnosed {
     /// The result.
     pub diagnosis: Diagnosis,
-    /// For people, with what to fly next where the diagnosis cannot tell.
+    /// Human-readable, with advice on what to fly next if the diagnosis is undecided.
     pub text: String,
 }
 
-/// Names the effects that a model lacks; what it finds is also in the job's folder.
+/// Identifies the effects that a model lacks; the result is also written to the job's folder.
 ///
-/// * `advise`: fly manoeuvres in the simulator to say what to fly next; done for a folder in any case
+/// * `advise`: simulate manoeuvres to determine what to fly next; always done if there is a folder
 ///
 /// # Errors
-/// The model, a log or an effect document cannot be used, or the folder not be written.
+/// The model, a log or an effect document cannot be used, or the folder cannot be written.
 pub fn diagnose(job: &Job, advise: bool, tell: Tell<'_>) -> Result<Diagnosed, Failure> {
     let start = Instant::now();
     let found = ModelStore::new(&job.models).find(&job.model)?;
@@ -76,7 +76,7 @@ pub fn diagnose(job: &Job, advise: bool, tell: Tell<'_>) -> Result<Diagnosed, Fa
     Ok(Diagnosed { diagnosis, text })
 }
 
-/// How far a search is.
+/// Progress of a search.
 pub(crate) fn share_done(text: &str, share: f64) -> JobEvent {
     JobEvent::Progress(Progress::Share {
         share,
@@ -84,17 +84,17 @@ pub(crate) fn share_done(text: &str, share: f64) -> JobEvent {
     })
 }
 
-/// As it is printed and kept.
+/// As printed and stored.
 pub fn json(diagnosis: &Diagnosis) -> String {
     serde_json::to_string_pretty(diagnosis).expect("text and numbers are JSON")
 }
 
-/// The document that a proposal is, where the error is in no catalogue.
+/// The effect document of a proposal, if the error is outside the catalogue.
 pub fn proposed(diagnosis: &Diagnosis) -> Option<&EffectDocument> {
     diagnosis.proposal.as_ref()?.document.as_ref()
 }
 
-/// The model that was diagnosed, and, where something was found, the model with it: what a report draws of the flights.
+/// The diagnosed model and, if something was found, the model including it: for the plots of a report.
 fn compared_models(label: &str, version: &ModelVersion, diagnosis: &Diagnosis) -> Vec<NamedModel> {
     let mut models = vec![NamedModel {
         label: label.to_owned(),
@@ -127,7 +127,7 @@ fn write(folder: &Path, text: &str, diagnosis: &Diagnosis, over_time: &OverTime)
     }
 }
 
-/// What the page of a diagnosis holds.
+/// Embedded data of a diagnosis page.
 #[derive(serde::Serialize)]
 struct Inside<'a> {
     diagnosis: &'a Diagnosis,
@@ -169,7 +169,7 @@ fn finding(found: &Finding) -> String {
     text
 }
 
-/// What changed against healthy flights.
+/// Changes relative to healthy flights.
 fn trim(trim: &Trim) -> String {
     let changes: Vec<String> = trim
         .thrust_change
@@ -213,7 +213,7 @@ fn trim(trim: &Trim) -> String {
     )
 }
 
-/// What a finding may be called under a verdict: only what is believed is missing.
+/// Wording for a finding under a verdict: "missing" only if established.
 fn called(verdict: &Verdict) -> &'static str {
     match verdict {
         Verdict::Missing { .. } | Verdict::PartlyMissing { .. } => "Missing",
@@ -304,7 +304,7 @@ fn text(diagnosis: &Diagnosis) -> String {
     text
 }
 
-/// Effects that could not be considered, those for the same reason together.
+/// Effects that could not be considered, grouped by reason.
 fn not_considered(all: &[NotConsidered]) -> String {
     let mut reasons: Vec<(&str, Vec<&str>)> = Vec::new();
     for one in all {

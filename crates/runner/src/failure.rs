@@ -1,4 +1,4 @@
-//! Why a job is not done.
+//! Why a job failed.
 
 use crate::destination::full_disk;
 use rotortwin_blind::error::BlindError;
@@ -6,12 +6,12 @@ use rotortwin_twin::model::StoreError;
 use std::fmt::Display;
 use std::path::Path;
 
-/// Why a job is not done, in one sentence.
+/// Why a job failed; the message is one sentence.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Failure {
-    /// What was asked for cannot be done: another try would end alike.
+    /// The request is invalid: a retry would fail the same way.
     Input(String),
-    /// It can, but not here or not now.
+    /// The request is valid, but failed here and now.
     Failed(String),
 }
 
@@ -26,7 +26,7 @@ impl Failure {
         Self::Failed(sentence.to_string())
     }
 
-    /// Something could not be written to `place`; a full disk is named.
+    /// A write error at `place`; a full disk is named.
     pub fn writing(place: &Path, sentence: impl Display) -> Self {
         match full_disk(place) {
             Some(disk) => Self::Failed(format!("{sentence}; {disk}")),

@@ -1,4 +1,4 @@
-//! One flight: in this process, in three, with a board, or with an autopilot.
+//! Execution of one flight: in this process, in three, with a board, or with an autopilot.
 
 use crate::autopilot::{OpenedAutopilot, PilotChoice, Waits, open_autopilot};
 use crate::destination::ResultFolder;
@@ -28,68 +28,68 @@ use std::time::Duration;
 
 /// In the run folder: scenario, vehicle, models and blades as flown, for the plant's process.
 const DOCUMENTS_FILE: &str = "documents.toml";
-/// Where a job's flight is written if no other folder is named.
+/// Default output folder of a job's flight.
 const OUT: &str = "out";
-/// How long peers are waited for that are started here, ms, where nothing is said.
+/// Default time-out for peers started here to join, ms.
 const OWN_JOIN_TIMEOUT_MS: u64 = 10_000;
-/// How long parts that are started by hand are waited for where nothing is said, ms.
+/// Default time-out for parts started by hand to join, ms.
 pub const EXTERNAL_JOIN_TIMEOUT_MS: u64 = 600_000;
-/// Longest wait for the answer of a peer that is alive, ms, where nothing else is said.
+/// Default time-out for the answer of a live peer, ms.
 pub const STEP_TIMEOUT_MS: u64 = 5_000;
 
-/// A flight, settled in every detail.
+/// A flight with all its settings.
 pub struct Order<'a> {
-    /// What is flown.
+    /// Scenario.
     pub scenario: &'a Scenario,
-    /// Where it stands, for messages and the summary.
+    /// Its path, for messages and the summary.
     pub path: &'a Path,
-    /// The file there says less than what is flown: the plant's process gets all documents.
+    /// The file there differs from what is flown: the plant's process gets all documents.
     pub whole_documents: bool,
     /// Seed of all noise and random draws.
     pub seed: u64,
-    /// How fast.
+    /// Pace.
     pub pace: Pace,
     /// Real-time priority of all processes of the flight (`rotortwin_process::priority`), with their memory locked.
     pub priority: Option<u8>,
-    /// Samples to tell, a second of simulated time.
+    /// Samples to report per second of simulated time.
     pub live_hz: Option<f64>,
-    /// Longest wait for the peers to join, ms; unset: as long as their kind usually takes.
+    /// Time-out for the peers to join, ms; unset: the default of their kind.
     pub join_timeout_ms: Option<u64>,
-    /// Longest wait for the answer of a peer that is alive, ms.
+    /// Time-out for the answer of a live peer, ms.
     pub step_timeout_ms: u64,
-    /// Who stands in the places of controller and FDI engine.
+    /// Controller and FDI engine.
     pub peers: Peers,
 }
 
-/// Who stands in the places of controller and FDI engine.
+/// Controller and FDI engine.
 pub enum Peers {
     /// Ours, as function calls in this process.
     Here,
-    /// Processes of their own.
+    /// Separate processes.
     Processes(Processes),
     /// A flight board.
     Board(Board),
-    /// An autopilot in the place of the controller.
+    /// An autopilot in place of the controller.
     Autopilot(AutopilotAddress, OpenedAutopilot),
 }
 
-/// Processes of their own; this one watches.
+/// Separate processes, supervised by this one.
 pub struct Processes {
     /// Name of the link, for the summary.
     pub link: &'static str,
-    /// Where they meet.
+    /// Their meeting point.
     pub address: LinkAddress,
-    /// Started by somebody else.
+    /// Started externally.
     pub external: BTreeSet<External>,
     /// Steps that the FDI engine may trail behind the plant.
     pub fdi_window: u64,
-    /// On which processors.
+    /// Processors to run on.
     pub placement: Placement,
 }
 
 /// A flight board, opened.
 pub struct Board {
-    /// Which.
+    /// Address.
     pub address: BoardAddress,
     /// The line to it.
     pub line: AnyLine,
@@ -99,7 +99,7 @@ pub struct Board {
     pub compare: bool,
 }
 
-/// A process that somebody else starts.
+/// An externally started process.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum External {
     /// The controller.
@@ -109,7 +109,7 @@ pub enum External {
 }
 
 impl External {
-    /// As commands and events have it.
+    /// Name in commands and events.
     pub const fn name(self) -> &'static str {
         match self {
             Self::Controller => "controller",
@@ -118,25 +118,25 @@ impl External {
     }
 }
 
-/// What goes on in a flight.
+/// Event of a flight.
 #[derive(Debug)]
 pub enum FlightEvent<'a> {
     /// These processes can join now.
     Join(Vec<Invited>),
-    /// Something is waited for.
+    /// Waiting for something.
     Waiting(String),
     /// Of the plant.
     Run(&'a RunEvent),
 }
 
-/// A process that is started elsewhere, and all that it needs to know.
+/// An externally started process, with everything it needs to know.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
 pub struct Invited {
-    /// The command that starts ours in that place.
+    /// The command that starts our own program in its place.
     pub command: String,
-    /// How long it is waited for, ms.
+    /// Time-out for it to join, ms.
     pub join_timeout_ms: u64,
-    /// Where to meet.
+    /// Link address.
     pub link: String,
     /// Version of the messages.
     pub messages: u32,
@@ -144,29 +144,29 @@ pub struct Invited {
     pub role: &'static str,
     /// Number of the run, 16 hexadecimal digits.
     pub run_id: String,
-    /// How long an answer is waited for, ms.
+    /// Time-out for an answer, ms.
     pub step_timeout_ms: u64,
 }
 
-/// Who is told what goes on.
+/// Receiver of events.
 pub type Tell<'a> = &'a dyn Fn(&FlightEvent<'_>);
 
-/// How a flight ended.
+/// Result of a flight.
 pub struct Flown {
-    /// What it left.
+    /// Its summary.
     pub summary: Summary,
-    /// What a board said.
+    /// Session report of a board.
     pub board: Option<(SessionReport, BoardAddress)>,
-    /// On which processors it ran.
+    /// Processors it ran on.
     pub placed: Option<String>,
 }
 
-/// Does the flight of a job.
+/// Executes the flight of a job.
 ///
-/// * `folder`: where the job is done; the summary names the scenario as a file there
+/// * `folder`: working folder of the job; the summary names the scenario as a file there
 ///
 /// # Errors
-/// The documents cannot be flown, peers cannot be met, or the run folder not be written.
+/// The documents cannot be flown, peers cannot connect, or the run folder cannot be written.
 pub fn perform(job: &Flight, here: &FlightHere, folder: &Path, tell: Tell<'_>) -> Result<Flown, Failure> {
     let path = folder.join(DOCUMENTS_FILE);
     let documents = Documents::from_toml(&path.display().to_string(), &job.documents).map_err(Failure::input)?;
@@ -197,7 +197,7 @@ pub fn perform(job: &Flight, here: &FlightHere, folder: &Path, tell: Tell<'_>) -
         },
         priority: None,
         live_hz: here.live_hz,
-        // Ours are there at once, or never.
+        // Ours connect at once, or never.
         join_timeout_ms: (!own).then_some(job.join_timeout_ms),
         step_timeout_ms: STEP_TIMEOUT_MS,
         peers,
@@ -260,10 +260,10 @@ fn peers(job: &Flight, here: &FlightHere, scenario: &Scenario, seed: u64, path: 
     }))
 }
 
-/// Flies, and leaves a run folder.
+/// Flies, and writes a run folder.
 ///
 /// # Errors
-/// The run folder cannot be written, or a process not be started. That a peer fails is a result.
+/// The run folder cannot be written, or a process cannot be started. The failure of a peer is a result.
 pub fn fly(order: Order<'_>, folder: &RunFolder, tell: Tell<'_>) -> Result<Flown, Failure> {
     fly_with(order, folder, tell).map_err(|sentence| Failure::writing(folder.path(), sentence))
 }
@@ -321,7 +321,7 @@ fn fly_with(order: Order<'_>, folder: &RunFolder, tell: Tell<'_>) -> Result<Flow
     }
 }
 
-/// How the processes of a flight are connected, as its summary says it.
+/// Name of the link in the summary.
 fn link_name(peers: &Peers) -> String {
     match peers {
         Peers::Here => Link::InProcess.as_str().to_owned(),
@@ -343,7 +343,7 @@ fn address_text(address: Option<std::net::SocketAddr>) -> String {
     address.map_or_else(|| "an unknown address".to_owned(), |address| address.to_string())
 }
 
-/// A TCP port of the loopback address that nobody listens on now.
+/// A currently free TCP port of the loopback address.
 ///
 /// # Errors
 /// There is none.
@@ -354,7 +354,7 @@ pub fn free_port() -> Result<u16, String> {
         .map_err(|error| format!("no free TCP port on 127.0.0.1: {error}"))
 }
 
-/// A number that no other execution has; 0 is kept for "none".
+/// A unique run id; 0 is reserved for "none".
 pub fn new_run_id() -> u64 {
     rand::random::<u64>().max(1)
 }
@@ -363,7 +363,7 @@ fn watched() -> Result<Supervisor, String> {
     Supervisor::watch(false).map_err(|error| format!("Ctrl-C cannot be handled: {error}"))
 }
 
-/// A flight that goes on.
+/// A running flight.
 struct Running<'a> {
     scenario: &'a Scenario,
     whole_documents: bool,
@@ -384,7 +384,7 @@ impl Running<'_> {
         self.over(&mut session::in_process_link())
     }
 
-    /// The plant in this process, its peers behind a link.
+    /// The plant in this process, with its peers over a link.
     fn over(&self, link: &mut impl PlantLink) -> Result<Summary, String> {
         let supervisor = watched()?;
         session::fly(
@@ -398,7 +398,7 @@ impl Running<'_> {
         .map_err(|error| error.to_string())
     }
 
-    /// The flight in this process, with an autopilot of its own clock in the place of the controller.
+    /// The flight in this process, with an autopilot that has its own clock in place of the controller.
     fn with_autopilot(&self, autopilot: &mut impl Autopilot, supervisor: &Supervisor) -> Result<Summary, String> {
         let mut show = |event: RunEvent| self.show(&event);
         let mut stop = || session::stop_reason(supervisor);
@@ -413,7 +413,7 @@ impl Running<'_> {
         .map_err(|error| error.to_string())
     }
 
-    /// The flight in this process, with a board in the place of controller and FDI engine.
+    /// The flight in this process, with a board in place of controller and FDI engine.
     fn with_board(&self, board: Board) -> Result<Flown, String> {
         let Board { address, line, .. } = board;
         let mut options = SessionOptions {
@@ -423,7 +423,7 @@ impl Running<'_> {
             ..SessionOptions::default()
         };
         options.board.fdi = board.with_fdi;
-        // A slow line carries the four numbers behind the residuals; the bits are the same.
+        // A slow line transmits the four numbers behind the residuals; the result is bit-identical.
         options.board.residuals = address.baud().is_none();
         let mut link = BoardLink::new(line, &address.to_string(), options);
         let summary = self.over(&mut link)?;
@@ -434,10 +434,10 @@ impl Running<'_> {
         })
     }
 
-    /// The flight in three processes; this one watches.
+    /// The flight in three processes, supervised by this one.
     fn in_processes(&self, mut processes: Processes) -> Result<Flown, String> {
         if self.whole_documents {
-            // The plant's process reads the scenario by itself, and the file knows nothing of the models.
+            // The plant's process reads the scenario itself, and the file does not contain the models.
             let path = self.folder.path().join(DOCUMENTS_FILE);
             std::fs::write(&path, self.scenario.documents().to_toml())
                 .map_err(|error| format!("{}: cannot be written: {error}", path.display()))?;
@@ -462,7 +462,7 @@ impl Running<'_> {
         .map_err(|error| format!("{error:#}"))?;
         let summary = match load_summary(self.folder.path()) {
             Ok(summary) => summary,
-            // The plant could not write it: it died, or it stalled and was killed.
+            // The plant could not write it: it died, or stalled and was killed.
             Err(_) => {
                 let dead = DeadPlant {
                     how: ending.plant_text(),
@@ -496,7 +496,7 @@ impl Running<'_> {
             .option("--join-timeout", join_timeout.to_string())
             .option("--step-timeout", self.step_timeout_ms.to_string());
         if let Some(priority) = self.config.priority {
-            // Its value is optional, and so stands in the same word.
+            // Its value is optional, and must therefore be in the same argument.
             common.plain(format!("--priority={priority}"));
         }
         let mut sim = common.clone();
@@ -535,7 +535,7 @@ impl Running<'_> {
         parts
     }
 
-    /// All that those need to know who start a part by themselves.
+    /// Everything needed to start a part externally.
     fn invited(&self, processes: &Processes) -> Vec<Invited> {
         let link = processes.address.for_peers(&host_name()).to_string();
         let invited = |who: &External| {

@@ -1,7 +1,7 @@
-//! Tables that fit the terminal: words are never cut, numbers never leave their unit.
+//! Tables that fit the terminal: words are never broken, numbers never separated from their unit.
 //!
-//! What is too wide has its headings folded first, then the longest texts; what is too wide then is printed in blocks of columns, each with the
-//! first column again.
+//! If a table is too wide, its headings are wrapped first, then the longest texts; if that is not enough, it is printed in blocks of columns,
+//! each repeating the first column.
 
 use crate::text;
 use comfy_table::{CellAlignment, ContentLineStyle, LineStyle, Table, TableStyle};
@@ -16,13 +16,13 @@ const STYLE: TableStyle = TableStyle::new()
     .content_lines(ContentLineStyle::none())
     .bottom_border(LineStyle::new('─', '─', '─', '─'));
 
-/// Blanks beside a cell, both sides together, and the place of the line after it: the style draws none, but its place stays.
+/// Spaces next to a cell, both sides together, and the position of the following separator: the style draws none, but reserves its space.
 const PADDING: usize = 3;
 
-/// The place of the line before the first column.
+/// The position of the separator before the first column.
 const EDGE: usize = 1;
 
-/// A table: texts on the left of their columns, numbers on the right.
+/// A table: texts left-aligned, numbers right-aligned.
 #[derive(Clone, Debug)]
 pub struct Grid {
     header: Vec<String>,
@@ -40,14 +40,14 @@ impl Grid {
         }
     }
 
-    /// These columns hold numbers.
+    /// Marks these columns as numeric.
     #[must_use]
     pub fn numbers(mut self, columns: impl IntoIterator<Item = usize>) -> Self {
         self.numbers.extend(columns);
         self
     }
 
-    /// These and all further columns hold numbers.
+    /// Marks these and all further columns as numeric.
     #[must_use]
     pub fn numbers_from(self, first: usize) -> Self {
         let columns = self.header.len();
@@ -66,7 +66,7 @@ impl Grid {
             .map(move |row| row.get(column).map_or("", String::as_str))
     }
 
-    /// Width of a column that is not folded.
+    /// Width of an unwrapped column.
     fn whole(&self, column: usize) -> usize {
         self.cells(column)
             .chain([self.header[column].as_str()])
@@ -75,7 +75,7 @@ impl Grid {
             .unwrap_or(0)
     }
 
-    /// Width that a column cannot do without.
+    /// Minimum width of a column.
     fn least(&self, column: usize) -> usize {
         let heading = widest_word(&self.header[column]);
         let cells = if self.numbers.contains(&column) {
@@ -86,7 +86,7 @@ impl Grid {
         heading.max(cells.unwrap_or(0))
     }
 
-    /// The table in lines of at most `width` letters, if no single column is wider.
+    /// The table in lines of at most `width` characters, unless a single column is wider.
     fn laid_out(&self, width: usize) -> String {
         let width = width.saturating_sub(EDGE);
         let blocks = self.blocks(width);
@@ -94,7 +94,7 @@ impl Grid {
         blocks.join("\n")
     }
 
-    /// Columns that stand beside each other: the first one in each block.
+    /// Groups of columns per block, each with the first one.
     fn blocks(&self, width: usize) -> Vec<Vec<usize>> {
         let needs = |column: usize| self.least(column) + PADDING;
         let mut blocks = vec![vec![0]];
@@ -110,7 +110,7 @@ impl Grid {
         blocks
     }
 
-    /// Some columns, the widest of them folded until all fit.
+    /// Some columns, the widest of them wrapped until all fit.
     fn block(&self, columns: &[usize], width: usize) -> String {
         let mut widths: Vec<usize> = columns.iter().map(|column| self.whole(*column)).collect();
         while widths.iter().map(|width| width + PADDING).sum::<usize>() > width {
@@ -158,7 +158,7 @@ fn widest_word(text: &str) -> usize {
         .unwrap_or(0)
 }
 
-/// Lines of at most `width` letters, broken between words.
+/// Lines of at most `width` characters, broken between words.
 pub fn fold(text: &str, width: usize) -> String {
     let mut lines: Vec<String> = Vec::new();
     for line in text.lines() {

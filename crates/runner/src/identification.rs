@@ -1,4 +1,4 @@
-//! A vehicle of one's own from flight logs, mass and arm.
+//! Identification of a user's own vehicle from flight logs, mass and arm.
 
 use crate::destination::{self, write_text};
 use crate::failure::Failure;
@@ -15,7 +15,7 @@ use rotortwin_twin::model::ModelVersion;
 use rotortwin_twin::over_time::OverTime;
 use std::path::{Path, PathBuf};
 
-/// Identifies a vehicle, and writes its files where the job names one.
+/// Identifies a vehicle, and writes its files if requested by the job.
 ///
 /// # Errors
 /// A log cannot be used, the files exist already, or they cannot be written.
@@ -36,14 +36,14 @@ pub fn identify(job: &Job) -> Result<Found, Failure> {
     Ok(found)
 }
 
-/// A vehicle, how well it predicts, and where it was written.
+/// A vehicle, its prediction accuracy, and its files.
 pub struct Found {
     vehicle: Identified,
     scores: Vec<HeldOut>,
     texts: Files,
-    /// What the report draws of the logs; only where it is written.
+    /// Plot data of the logs for the report; only if it is written.
     over_time: Option<OverTime>,
-    /// Name and paths of the files, where they are written.
+    /// Name and paths of the files, if written.
     targets: Option<(String, [PathBuf; 4])>,
 }
 
@@ -109,7 +109,7 @@ impl Found {
         page.render().expect("text and numbers are JSON")
     }
 
-    /// As it is printed.
+    /// As printed.
     pub fn json(&self) -> serde_json::Value {
         let written: Vec<String> = self
             .targets
@@ -126,7 +126,7 @@ impl Found {
         serde_json::to_value(found).expect("text and numbers are JSON")
     }
 
-    /// For people.
+    /// Human-readable.
     pub fn text(&self) -> String {
         let mut text = vehicle_text(&self.vehicle);
         for scores in &self.scores {
@@ -162,7 +162,7 @@ fn targets(out: &Path) -> Result<(String, [PathBuf; 4]), String> {
     Ok((name.to_owned(), paths))
 }
 
-/// Four digits, in the notation that is shorter.
+/// Four digits, in the shorter notation.
 fn number(value: f64) -> String {
     if value == 0.0 {
         "0".to_owned()

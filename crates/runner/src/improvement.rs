@@ -1,4 +1,5 @@
-//! Compare, diagnose, propose, add, compare again, until the model agrees or the reason why it does not is known.
+//! Compare, diagnose, propose, add and compare again, until the model agrees or the reason for the disagreement is
+//! known.
 
 use crate::Tell;
 use crate::destination::{self, ResultFolder, write_text};
@@ -20,34 +21,34 @@ use rotortwin_twin::log::RotorOrder;
 use rotortwin_twin::model::{ModelStore, ModelVersion};
 use std::time::Instant;
 
-/// The way to a better model, with the same as text.
+/// An improvement of a model, with its text form.
 #[derive(Debug)]
 pub struct Improved {
     /// The result.
     pub improvement: Improvement,
-    /// For people: the waterfall, and why it ended.
+    /// Human-readable: the waterfall, and why it ended.
     pub text: String,
 }
 
-/// Who is shown each step and agrees to it.
+/// Confirms each step.
 pub trait Companion {
-    /// A version is compared with the flights. `false`: go no further.
+    /// A version was compared with the flights. `false`: stop.
     ///
     /// # Errors
-    /// Nobody can be asked.
+    /// No confirmation is possible.
     fn compared(&mut self, row: &Row) -> Result<bool, String>;
 
-    /// `next` has one effect more. `false`: go no further.
+    /// `next` has one more effect. `false`: stop.
     ///
     /// # Errors
-    /// Nobody can be asked.
+    /// No confirmation is possible.
     fn proposed(&mut self, next: &ModelVersion, finding: &Finding, diagnosis: &Diagnosis) -> Result<bool, String>;
 
-    /// The version is kept under this name.
+    /// The version was stored under this name.
     fn added(&mut self, label: &str);
 }
 
-/// Takes every step without asking.
+/// Confirms every step without asking.
 #[derive(Debug)]
 pub struct Always;
 
@@ -63,10 +64,10 @@ impl Companion for Always {
     fn added(&mut self, _: &str) {}
 }
 
-/// Improves a model step by step; accepted versions are kept in the folder of the models.
+/// Improves a model step by step; accepted versions are stored in the folder of the models.
 ///
 /// # Errors
-/// The model or a log cannot be used, the companion cannot be asked, or a file not be written.
+/// The model or a log cannot be used, no confirmation is possible, or a file cannot be written.
 pub fn improve(job: &Job, companion: &mut impl Companion, tell: Tell<'_>) -> Result<Improved, Failure> {
     let store = ModelStore::new(&job.models);
     let (version, branch) = find_or_begin(&store, &job.model)?;
@@ -127,12 +128,12 @@ pub fn improve(job: &Job, companion: &mut impl Companion, tell: Tell<'_>) -> Res
     Ok(Improved { improvement, text })
 }
 
-/// As it is printed.
+/// As printed.
 pub fn json(improvement: &Improvement) -> String {
     serde_json::to_string_pretty(improvement).expect("text and numbers are JSON")
 }
 
-/// Keeps accepted versions.
+/// Stores accepted versions.
 struct Keeper<'a, C> {
     store: &'a ModelStore,
     branch: &'a str,

@@ -1,12 +1,12 @@
-//! Does one job on this machine.
+//! Executes one job on this machine.
 //!
 //! ```text
-//!  words of a command line ─┐
-//!                           ├─▶ Job ─▶ one function a kind ─▶ typed result (and its text, and its files)
-//!  `rotortwin job FILE` ────┘              └─▶ JobEvent, while it goes on
+//!  command-line arguments ──┐
+//!                           ├─▶ Job ─▶ one function per kind ─▶ typed result (and its text, and its files)
+//!  `rotortwin job FILE` ────┘              └─▶ JobEvent, while running
 //! ```
-//! A command gives its words as a [`Job`] and prints what comes back; a worker writes the job into a file for a process that does the same.
-//! Nothing here reads arguments, prints, or knows of servers.
+//! A command converts its arguments to a [`Job`] and prints the result; a worker writes the job to a file for a process that does the same.
+//! This crate does not parse arguments or print, and does not know servers.
 
 pub mod autopilot;
 pub mod blind;
@@ -33,5 +33,5 @@ pub mod versions;
 
 use rotortwin_jobs::JobEvent;
 
-/// Who is told what goes on.
+/// Receiver of events.
 pub type Tell<'a> = &'a (dyn Fn(&JobEvent) + Sync);

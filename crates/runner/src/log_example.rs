@@ -1,4 +1,4 @@
-//! A log with something hidden in it, by the independent simulator, imported like any other.
+//! Creates a log with a hidden effect, from the independent simulator, imported like any other.
 
 use crate::failure::Failure;
 use rotortwin_blind::command::GenerateArgs;
@@ -11,18 +11,18 @@ use rotortwin_jobs::LogExample as Job;
 use rotortwin_twin::log::FlightLog;
 use std::path::Path;
 
-/// What stands in the log's name where nobody gives another.
+/// Default name of the log.
 pub const NAME: &str = "log";
-/// What is hidden, beside the log.
+/// The hidden effect, next to the log.
 const TRUTH: &str = "truth.json";
 
-/// Flights of a preset that are drawn before it is given up: what is hidden may tip a vehicle over, and nobody asked for that one.
+/// Maximum draws of a preset: the hidden effect may tip a vehicle over, which was not requested.
 const DRAWS: u64 = 8;
 
-/// Flies, hides and imports.
+/// Flies with a hidden effect and imports the log.
 ///
 /// # Errors
-/// What is to be hidden or the vehicle cannot be used, the flight is lost, or the files not be written.
+/// The effect or the vehicle cannot be used, the flight is lost, or the files cannot be written.
 pub fn make(job: &Job) -> Result<FlightLog, Failure> {
     let disk = |error: &dyn std::fmt::Display| Failure::writing(&job.out, error);
     let scratch = tempfile::tempdir().map_err(|error| disk(&format!("a folder cannot be made: {error}")))?;
@@ -108,7 +108,7 @@ mod tests {
             "the truth is that of the flight"
         );
         assert!(rows.len() > 20_000, "{}", rows.len());
-        // What was asked for by its name is told as it ended.
+        // An explicitly requested effect is reported as it ended.
         let hidden = &Example::HiddenEffect.effects(6, 60.0, job.seed)[0];
         let values = hidden
             .parameters

@@ -1,4 +1,4 @@
-//! A flight log is brought into canonical form.
+//! Import of a flight log into canonical form.
 
 use crate::failure::Failure;
 use rotortwin_jobs::LogImport as Job;
@@ -7,32 +7,32 @@ use rotortwin_twin::identify::in_the_order_of;
 use rotortwin_twin::log::{FlightLog, ReadOptions, RotorOrder};
 use std::path::{Path, PathBuf};
 
-/// A log that was imported.
+/// An imported log.
 #[derive(Debug)]
 pub struct Imported {
-    /// As it is now.
+    /// In canonical form.
     pub log: FlightLog,
-    /// Where.
+    /// Its path.
     pub path: PathBuf,
 }
 
-/// What is to be minded when a log is read.
+/// Options for reading a log.
 #[derive(Debug, Default)]
 pub struct Reading<'a> {
-    /// Mapping file whose rows go before the built-in ones.
+    /// Mapping file that takes precedence over the built-in ones.
     pub mapping: Option<&'a Path>,
-    /// Of a simulated run, take the truth instead of what was sensed.
+    /// For a simulated run, use the truth instead of the sensed values.
     pub truth: bool,
-    /// Vehicle document to hold the log against.
+    /// Vehicle document to check the log against.
     pub vehicle: Option<&'a Path>,
-    /// Take what can be read of a file whose checksum is wrong.
+    /// Accept the readable part of a file with a wrong checksum.
     pub damaged: bool,
 }
 
 /// Imports the job's file under `name`.
 ///
 /// # Errors
-/// The log cannot be used, or not be stored.
+/// The log cannot be used or stored.
 pub fn import(job: &Job, name: &str) -> Result<Imported, Failure> {
     let reading = Reading {
         mapping: job.mapping.as_deref(),
@@ -56,7 +56,7 @@ pub fn import(job: &Job, name: &str) -> Result<Imported, Failure> {
 /// Reads a log, or a part of it.
 ///
 /// # Errors
-/// One sentence: what is wrong with it, or with what it is to be compared with.
+/// An error in it, or in what it is to be compared with.
 pub fn read(file: &Path, reading: &Reading<'_>) -> Result<FlightLog, String> {
     let vehicle = reading
         .vehicle
@@ -69,7 +69,7 @@ pub fn read(file: &Path, reading: &Reading<'_>) -> Result<FlightLog, String> {
     };
     let mut log = FlightLog::read_part_with(file, &options)?;
     if let Some((vehicle, path)) = vehicle.transpose()?.zip(reading.vehicle) {
-        // The file keeps the numbers of the autopilot; whoever holds it against a vehicle reads it as this does.
+        // The file keeps the autopilot's numbering; whoever compares it with a vehicle reorders it as done here.
         let ordered = in_the_order_of(log.clone(), &vehicle.vehicle);
         log.report
             .findings
@@ -82,7 +82,7 @@ pub fn read(file: &Path, reading: &Reading<'_>) -> Result<FlightLog, String> {
     Ok(log)
 }
 
-/// File names without extension; where files share one, as many of their folders go before it as it takes.
+/// File names without extension; duplicates are prefixed with as many of their folders as necessary.
 pub fn unique_names(files: &[PathBuf]) -> Vec<String> {
     let parts = |file: &Path, folders: usize| -> String {
         let stem = file

@@ -1,4 +1,4 @@
-//! Flights that a job reads.
+//! Reading of a job's flights.
 
 use crate::failure::Failure;
 use rotortwin_plant::vehicle::model::VehicleModel;
@@ -6,7 +6,7 @@ use rotortwin_twin::identify::read_for;
 use rotortwin_twin::log::{FlightLog, ReadOptions};
 use std::path::PathBuf;
 
-/// The logs at these paths, or parts of them.
+/// Reads the logs at these paths, or parts of them.
 pub(crate) fn read_logs(paths: &[PathBuf]) -> Result<Vec<FlightLog>, Failure> {
     paths
         .iter()
@@ -14,7 +14,7 @@ pub(crate) fn read_logs(paths: &[PathBuf]) -> Result<Vec<FlightLog>, Failure> {
         .collect()
 }
 
-/// The same, each in the rotor order of a vehicle that it is to be held against.
+/// The same, each in the rotor order of the vehicle to compare with.
 pub(crate) fn read_logs_for(paths: &[PathBuf], vehicle: &VehicleModel) -> Result<Vec<FlightLog>, Failure> {
     paths
         .iter()
@@ -22,7 +22,7 @@ pub(crate) fn read_logs_for(paths: &[PathBuf], vehicle: &VehicleModel) -> Result
         .collect()
 }
 
-/// Refuses the first log that must be mended before a diagnosis against this vehicle.
+/// Rejects the first log that must be fixed before a diagnosis with this vehicle.
 pub(crate) fn refused(logs: &[FlightLog], vehicle: &VehicleModel) -> Result<(), Failure> {
     match logs.iter().find_map(|log| log.refusal_before_diagnosis(vehicle)) {
         Some(sentence) => Err(Failure::input(sentence)),

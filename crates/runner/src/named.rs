@@ -1,4 +1,4 @@
-//! Documents that a job names: by path, or by the name that 'rotortwin list' shows.
+//! Documents referenced by a job: by path, or by the name shown by 'rotortwin list'.
 
 use crate::failure::Failure;
 use rotortwin_jobs::Job;
@@ -6,7 +6,7 @@ use rotortwin_scenario::names::{Kind, NameError, find, is_name};
 use std::ffi::OsStr;
 use std::path::{Path, PathBuf};
 
-/// A path as it is, a name as the file that it stands for.
+/// A path unchanged, a name as the path of its file.
 ///
 /// # Errors
 /// No document has this name.
@@ -14,12 +14,12 @@ pub fn resolved(kind: Kind, text: &OsStr) -> Result<PathBuf, NameError> {
     let path = Path::new(text);
     match text.to_str() {
         Some(name) if is_name(name) && !path.exists() => find(kind, name),
-        // Paths may be no text at all.
+        // Paths may not be UTF-8.
         _ => Ok(path.to_owned()),
     }
 }
 
-/// The job with a path in place of every name, as the command line does with its words.
+/// The job with paths in place of names, as the command line does with its arguments.
 pub(crate) fn with_paths(mut job: Job) -> Result<Job, Failure> {
     let set = |kind: Kind, path: &mut PathBuf| -> Result<(), Failure> {
         *path = resolved(kind, path.as_os_str()).map_err(Failure::input)?;

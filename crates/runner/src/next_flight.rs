@@ -1,4 +1,4 @@
-//! The manoeuvre that would tell two effects apart, and the simulated flights that say so.
+//! The manoeuvre that would distinguish two effects, determined by simulated flights.
 
 use crate::destination;
 use crate::failure::Failure;
@@ -24,21 +24,21 @@ use std::collections::BTreeMap;
 use std::io::Write as _;
 use std::path::{Path, PathBuf};
 
-/// What to fly next, with the same as text.
+/// Proposals for the next flight, with their text form.
 #[derive(Debug)]
 pub struct Proposed {
     /// Manoeuvres, best first.
     pub proposals: Vec<Proposal>,
-    /// For people.
+    /// Human-readable.
     pub text: String,
-    /// Vehicle of the scenario that was written, if one was.
+    /// Vehicle file written with the scenario, if any.
     pub vehicle: Option<String>,
 }
 
-/// Looks for the manoeuvre that would tell two effects apart; the best is also written as a scenario where the job names a file.
+/// Finds the manoeuvre that would distinguish two effects; the best is also written as a scenario if the job names a file.
 ///
 /// # Errors
-/// The model or an effect cannot be used, or the file not be written.
+/// The model or an effect cannot be used, or the file cannot be written.
 pub fn propose(job: &Job) -> Result<Proposed, Failure> {
     let found = ModelStore::new(&job.models).find(&job.model)?;
     between(job, &found).map_err(Failure::Input)
@@ -74,22 +74,22 @@ fn between(job: &Job, found: &Found) -> Result<Proposed, String> {
     })
 }
 
-/// As it is printed.
+/// As printed.
 pub fn json(proposals: &[Proposal]) -> String {
     serde_json::to_string_pretty(proposals).expect("text and numbers are JSON")
 }
 
-/// The effects that a model knows.
+/// The effects available to a model.
 ///
 /// # Errors
-/// One of its own cannot be used: which key, and why.
+/// One of its own cannot be used: names the key and the reason.
 pub fn catalogue_of(model: &ModelVersion) -> Result<Catalogue, String> {
     model
         .catalogue()
         .map_err(|refusal| format!("model {}, key `{}`: {}", model.name, refusal.key, refusal.reason))
 }
 
-/// Manoeuvres for a pair, best first: each flown in the simulator with the model as it stands.
+/// Manoeuvres for a pair, best first: each simulated with the current model.
 fn proposals(model: &ModelVersion, a: &Rival, b: &Rival, catalogue: &Catalogue) -> Result<Vec<Proposal>, String> {
     let model = with_companions(model, a, b, catalogue);
     let sensitivities = sensitivities(&model, catalogue);
@@ -99,7 +99,7 @@ fn proposals(model: &ModelVersion, a: &Rival, b: &Rival, catalogue: &Catalogue) 
     weigh(&sensitivities, a, b)
 }
 
-/// The model with what a pair of effects needs to act.
+/// The model with the preconditions of a pair of effects.
 pub fn with_companions(model: &ModelVersion, a: &Rival, b: &Rival, catalogue: &Catalogue) -> ModelVersion {
     let companions = companions([a, b], model, catalogue);
     if companions.is_empty() {
@@ -116,7 +116,7 @@ pub fn with_companions(model: &ModelVersion, a: &Rival, b: &Rival, catalogue: &C
     model.with_effects(effects, "what the pair needs to act")
 }
 
-/// What each manoeuvre tells of each effect; none where it cannot be flown.
+/// Information from each manoeuvre about each effect; none where it cannot be flown.
 pub fn sensitivities(model: &ModelVersion, catalogue: &Catalogue) -> Vec<Option<Sensitivity>> {
     MANOEUVRES
         .iter()
@@ -127,7 +127,7 @@ pub fn sensitivities(model: &ModelVersion, catalogue: &Catalogue) -> Vec<Option<
         .collect()
 }
 
-/// What a person should do, in a sentence.
+/// Advice, as a sentence.
 fn advice(proposals: &[Proposal], a: &Rival, b: &Rival) -> String {
     /// The diagnosis's threshold.
     const ENOUGH: f64 = 10.0;
@@ -146,7 +146,7 @@ fn advice(proposals: &[Proposal], a: &Rival, b: &Rival) -> String {
     }
 }
 
-/// What to fly next where a diagnosis cannot tell; nothing where it can.
+/// What to fly next if a diagnosis is undecided; `None` otherwise.
 pub(crate) fn after(diagnosis: &Diagnosis, model: &ModelVersion) -> Option<String> {
     if !matches!(diagnosis.verdict, Verdict::CannotTell { .. }) {
         return None;

@@ -1,4 +1,4 @@
-//! Any job but a flight, from its type to its typed result.
+//! Execution of any job except flights: from its type to its typed result.
 
 use crate::failure::Failure;
 use crate::{
@@ -18,31 +18,31 @@ use rotortwin_twin::next_flight::Proposal;
 use std::path::PathBuf;
 use std::sync::atomic::{AtomicU64, Ordering};
 
-/// What a job has found.
+/// Result of a job.
 pub enum JobResult {
     /// Flights of some shards.
     Shards(campaign::ShardsFlown),
     /// Statistics of a campaign; `complete`: over all its flights.
     Campaign {
-        /// As its summary says.
+        /// Its summary.
         summary: Box<CampaignSummary>,
-        /// Nothing was stopped.
+        /// It was not stopped.
         complete: bool,
     },
     /// A blind bench, or some of its cases.
     BlindBench(blind::Benched),
     /// A flight log, imported or made.
     Log {
-        /// As it is now.
+        /// In canonical form.
         log: Box<FlightLog>,
-        /// The account of its import.
+        /// Its import report.
         account: PathBuf,
     },
     /// Models compared with flights.
     Comparison(Box<Comparison>),
-    /// What a model lacks.
+    /// Missing effects of a model.
     Diagnosis(Box<Diagnosis>),
-    /// The way to a better model.
+    /// Improvement of a model.
     Improvement(Box<Improvement>),
     /// A vehicle.
     Identification(Box<identification::Found>),
@@ -55,7 +55,7 @@ pub enum JobResult {
 }
 
 impl JobResult {
-    /// Whether all of it was done; a campaign can be stopped in between.
+    /// Whether it is complete; a campaign can be stopped.
     pub const fn is_complete(&self) -> bool {
         match self {
             Self::Shards(shards) => shards.complete,
@@ -64,10 +64,10 @@ impl JobResult {
         }
     }
 
-    /// As JSON, the same that the command prints.
+    /// As JSON, identical to the command's output.
     ///
     /// # Errors
-    /// One sentence: a file that holds it cannot be read.
+    /// A file with the result cannot be read.
     pub fn json(&self) -> Result<String, Failure> {
         let written = |text: serde_json::Result<String>| text.map_err(Failure::failed);
         match self {
@@ -91,10 +91,10 @@ impl JobResult {
     }
 }
 
-/// Does any job but a flight, without asking anybody.
+/// Executes any job except flights, without interaction.
 ///
 /// # Errors
-/// It cannot be done, and why.
+/// It fails, with the reason.
 pub fn perform(job: Job, tell: Tell<'_>) -> Result<JobResult, Failure> {
     Ok(match named::with_paths(job)? {
         Job::Run(_) => return Err(Failure::input("a flight is no job of this kind")),

@@ -1,4 +1,4 @@
-//! What an effect of the catalogue does to a flight of a vehicle: the flight that shows it best, flown in the simulator.
+//! Effect of a catalogue entry on a flight of a vehicle: the flight that shows it best, simulated.
 
 use crate::next_flight::{fly, with_companions};
 use rotortwin_plant::effects::{Catalogue, EffectClass, EffectInstance};
@@ -6,15 +6,15 @@ use rotortwin_twin::model::ModelVersion;
 use rotortwin_twin::next_flight::{MANOEUVRES, Manoeuvre, Rival};
 use rotortwin_twin::sandbox::{EffectPicture, MovedChannel, left, moved};
 
-/// Seed of the flights: the same question has the same answer.
+/// Fixed seed, for reproducible results.
 const SEED: u64 = 1;
 
 /// The picture of an effect on a vehicle.
 ///
-/// * `flight`: name of a manoeuvre; without one all are flown and the one that shows the effect best is taken
+/// * `flight`: name of a manoeuvre; if absent, all are flown and the one that shows the effect best is used
 ///
 /// # Errors
-/// One sentence: no such effect, parameter, rotor or manoeuvre; a vehicle that cannot fly it.
+/// Unknown effect, parameter, rotor or manoeuvre; a vehicle that cannot fly it.
 pub fn picture(
     model: &ModelVersion,
     catalogue: &Catalogue,
@@ -158,11 +158,11 @@ mod tests {
             .iter()
             .find(|one| one.condition == "forward_speed")
             .expect("speed");
-        // a_x = −k_d/m Σ Ω_i/(n Ω_h) v_x: in manoeuvres the rotors turn as fast as in hover in the mean, or up to a quarter faster (half as much thrust).
+        // a_x = −k_d/m Σ Ω_i/(n Ω_h) v_x: in manoeuvres the mean rotor speed is that of hover, or up to a quarter higher (half as much thrust again).
         let slope = (speed.does.last().unwrap() - speed.does[0]) / (speed.at.last().unwrap() - speed.at[0]);
         let of_hover = slope / (-0.25 / model.vehicle.body.mass_kg);
         assert!((0.97..1.25).contains(&of_hover), "{of_hover}");
-        // The rest is how fast the rotors turn.
+        // The rest is due to the rotor speed.
         assert!(speed.explained > 0.7, "{}", speed.explained);
     }
 }

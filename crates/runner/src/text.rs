@@ -1,9 +1,9 @@
-//! Numbers and widths of texts for people.
+//! Formatting of numbers, and text widths.
 
-/// Below this nothing is laid out any more.
+/// Minimum layout width.
 const NARROWEST: usize = 40;
 
-/// Letters in a line of the terminal: `COLUMNS` if it is set, otherwise what the terminal says; none where there is no terminal.
+/// Characters per terminal line: `COLUMNS` if set, otherwise the terminal's width; none without a terminal.
 pub fn width() -> Option<usize> {
     let set = std::env::var("COLUMNS").ok().and_then(|text| text.parse().ok());
     let asked = || {
@@ -16,7 +16,7 @@ pub fn width() -> Option<usize> {
         .map(|width| width.max(NARROWEST))
 }
 
-/// Four significant digits at most, without trailing zeros.
+/// At most four significant digits, without trailing zeros.
 pub fn significant(value: f64) -> String {
     if value == 0.0 || !value.is_finite() {
         return value.to_string();

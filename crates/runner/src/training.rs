@@ -1,4 +1,4 @@
-//! A classifier is trained.
+//! Training of classifiers.
 
 use crate::destination;
 use crate::failure::Failure;
@@ -13,10 +13,10 @@ use serde_json::Value;
 use std::collections::BTreeSet;
 use std::path::Path;
 
-/// Vehicle, controller and detectors of the data set, unless another scenario is named.
+/// Default scenario: vehicle, controller and detectors of the data set.
 pub const BASE_SCENARIO: &str = "reference-flight";
 
-/// A training that can begin.
+/// A training ready to start.
 #[derive(Debug)]
 pub struct Prepared<'a> {
     job: &'a Job,
@@ -24,10 +24,10 @@ pub struct Prepared<'a> {
     options: Options,
 }
 
-/// Looks at everything that can be looked at before the work.
+/// Checks everything possible before the work.
 ///
 /// # Errors
-/// The scenario cannot be used, or the file not be written.
+/// The scenario cannot be used, or the file cannot be written.
 pub fn prepare(job: &Job) -> Result<Prepared<'_>, Failure> {
     let base = Scenario::load_without_classifier(&job.scenario).map_err(Failure::input)?;
     let parent = job.out.parent().filter(|parent| !parent.as_os_str().is_empty());
@@ -60,7 +60,7 @@ impl Prepared<'_> {
     /// Trains, and writes the classifier's file; `tick` is called after each part.
     ///
     /// # Errors
-    /// No flight can be trained on, or the file not be written.
+    /// No flight is usable for training, or the file cannot be written.
     pub fn train(&self, tick: &(dyn Fn() + Sync)) -> Result<Classifier, Failure> {
         let trained = || {
             let result = reproduction::run(&self.base, &self.options, tick)?;
@@ -86,13 +86,13 @@ const fn method(asked: Asked) -> Method {
     }
 }
 
-/// As the classifier's file says how it was made.
+/// The command recorded in the classifier's file.
 pub fn command_line(method: Asked, seeds: u32, first_seed: u64, scenario: &Path) -> String {
     let (method, data_set) = (method.as_str(), data_set(seeds, first_seed, scenario));
     format!("rotortwin train --method {method}{data_set} --out FILE")
 }
 
-/// The arguments that decide the numbers of a data set, as they would be typed.
+/// The arguments that determine a data set, as typed.
 pub fn data_set(seeds: u32, first_seed: u64, scenario: &Path) -> String {
     let mut line = format!(" --seeds {seeds} --first-seed {first_seed}");
     if scenario != Path::new(BASE_SCENARIO) {
@@ -104,7 +104,7 @@ pub fn data_set(seeds: u32, first_seed: u64, scenario: &Path) -> String {
 /// Trains on all flights of one seed and writes the classifier's file.
 ///
 /// # Errors
-/// There is no flight to train on, or the file cannot be written.
+/// No flight is usable for training, or the file cannot be written.
 pub fn save_classifier(
     base: &Scenario,
     result: &Reproduction,
@@ -121,7 +121,7 @@ pub fn save_classifier(
     Ok(classifier)
 }
 
-/// The result: where the classifier is, and what it was trained on.
+/// The result: path of the classifier, and its training data.
 pub fn json(classifier: &Classifier, out: &Path) -> Value {
     let trained = TrainedClassifier {
         file: out,

@@ -1,4 +1,4 @@
-//! A run that was done is flown again.
+//! Replay of a recorded run.
 
 use crate::failure::Failure;
 use rotortwin_flight::lockstep::{self, FlightEnd, NoObserver};
@@ -14,7 +14,7 @@ use std::path::Path;
 /// Two executions of one run.
 #[derive(Debug)]
 pub struct Verified {
-    /// What the first one left.
+    /// Summary of the first one.
     pub summary: Summary,
     /// Run hash of the second.
     pub hash: String,
@@ -26,8 +26,7 @@ impl Verified {
         self.hash == self.summary.run_hash
     }
 
-    /// Why the two may differ, if somebody else's controller flew the first one: the second is flown by ours, as the other one is not here.
-    /// One sentence.
+    /// Why the two may differ if a third-party controller flew the first one: ours flies the second. One sentence.
     pub fn note(&self) -> Option<String> {
         let controller = self.summary.controller.as_ref()?;
         if self.same() || session::was_flown_by_autopilot(&self.summary) || peers::is_our_controller(&controller.peer) {
@@ -42,7 +41,7 @@ impl Verified {
         ))
     }
 
-    /// As it is printed.
+    /// As printed.
     pub fn verdict(&self) -> rotortwin_jobs::Verified {
         rotortwin_jobs::Verified {
             recorded: self.summary.run_hash.clone(),
@@ -53,10 +52,10 @@ impl Verified {
     }
 }
 
-/// Executes the recorded scenario again, in this process.
+/// Repeats the recorded scenario in this process.
 ///
 /// # Errors
-/// The run was not done or cannot be read, or it cannot be flown again.
+/// The run was not completed or cannot be read, or it cannot be flown again.
 pub fn verify(job: &Job) -> Result<Verified, Failure> {
     let run = job.run.as_path();
     let summary = load_summary(run).map_err(Failure::input)?;

@@ -1,38 +1,38 @@
-//! Which version of a model a text names.
+//! Resolution of model version names.
 
 use rotortwin_twin::model::store::{MAIN, Place};
 use rotortwin_twin::model::{ModelStore, ModelVersion, StoreError};
 use std::path::Path;
 
-/// The version that a text names.
+/// The version named by a text.
 pub fn find(store: &ModelStore, text: &str) -> Result<ModelVersion, StoreError> {
     store.find(text).map(|found| found.version)
 }
 
-/// MODEL and BRANCH of a text that must not name a version by number.
+/// MODEL and BRANCH of a text that must not contain a version number.
 pub fn model_and_branch(text: &str) -> (&str, &str) {
     text.split_once('@').unwrap_or((text, MAIN))
 }
 
-/// A model of the store at the head of a branch; a vehicle or version file begins one of its name.
+/// A model of the store at the head of a branch; a vehicle or version file creates one with its name.
 pub fn find_or_begin(store: &ModelStore, text: &str) -> Result<(ModelVersion, String), StoreError> {
     let head = Head::find(store, text)?;
     head.begin(store)?;
     Ok((head.version, head.branch))
 }
 
-/// Where a model stands, or would begin.
+/// Position of an existing or new model.
 pub struct Head {
     /// The version.
     pub version: ModelVersion,
     /// Its branch.
     pub branch: String,
-    /// The store does not have the model yet.
+    /// The store does not contain the model yet.
     is_new: bool,
 }
 
 impl Head {
-    /// Begins the model if it is new.
+    /// Creates the model if it is new.
     pub fn begin(&self, store: &ModelStore) -> Result<(), StoreError> {
         if self.is_new {
             store.create(&self.version)?;
@@ -54,14 +54,14 @@ impl Head {
             .collect())
     }
 
-    /// Looks it up, and writes nothing.
+    /// Looks it up without writing anything.
     pub fn find(store: &ModelStore, text: &str) -> Result<Self, StoreError> {
         let named = store.vehicle_named(text);
         let path = named.as_deref().unwrap_or(Path::new(text));
         if path.is_file() {
             let version = ModelVersion::load(path)?;
             let mut first = ModelVersion::first(version.name.clone(), version.documents());
-            // A vehicle from a log begins with the intervals beside it.
+            // A vehicle from a log starts with its accompanying intervals.
             first.constant.clone_from(&version.constant);
             if version != first {
                 return Err(StoreError::Refused(format!(

@@ -1,8 +1,8 @@
-//! What one step of 2.5 ms costs on one core: plant and sensors alone, with the controller, with controller and detectors.
+//! Cost of one 2.5 ms step on one core: plant and sensors alone, with the controller, with controller and detectors.
 //!
 //! `cargo run --release -p rotortwin-scenario --example step_cost config/scenarios/reference-flight.toml`
 //!
-//! Best of several flights; the machine's other work shows in the rest.
+//! Best of several flights, to suppress the influence of other load on the machine.
 
 use std::time::Instant;
 

@@ -1,4 +1,4 @@
-//! Frames of autopilots: which of its outputs drives which motor (`config/autopilots/*.toml`), and what that means for a vehicle.
+//! Autopilot frames: which output drives which motor (`config/autopilots/*.toml`), and the mapping to a vehicle's rotors.
 
 use rotortwin_plant::error::{Refusal, in_range};
 use rotortwin_plant::vehicle::model::{SpinDirection, VehicleModel};
@@ -7,10 +7,10 @@ use serde::{Deserialize, Serialize};
 use crate::error::ConfigError;
 use crate::toml_document::Document;
 
-/// A motor and a rotor that are farther apart than this, degrees, are not the same.
+/// A motor matches a rotor within this azimuth difference, degrees.
 const TOLERANCE_DEG: f64 = 5.0;
 
-/// Whose outputs.
+/// The autopilot that the outputs belong to.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum AutopilotKind {
@@ -23,7 +23,7 @@ pub enum AutopilotKind {
 }
 
 impl AutopilotKind {
-    /// As people write it.
+    /// Display name.
     pub fn name(self) -> &'static str {
         match self {
             Self::ArduPilot => "ArduPilot",
@@ -37,11 +37,11 @@ impl AutopilotKind {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct AutopilotFrame {
-    /// Name of the file without its ending.
+    /// File name without extension.
     pub name: String,
-    /// Text for people: which settings of the autopilot mean this frame.
+    /// Human-readable text: which autopilot settings select this frame.
     pub description: String,
-    /// Whose outputs.
+    /// The autopilot that the outputs belong to.
     pub autopilot: AutopilotKind,
     /// Its own name of the frame.
     pub frame: String,
@@ -55,7 +55,7 @@ pub struct AutopilotFrame {
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct PulseRange {
-    /// The motor stands, µs.
+    /// Motor stopped, µs.
     pub min_us: f64,
     /// Full duty, µs.
     pub max_us: f64,
@@ -73,7 +73,7 @@ pub struct Motor {
     pub spin: SpinDirection,
 }
 
-/// Documents that are built in.
+/// Built-in documents.
 const BUILT_IN: [(&str, &str); 14] = [
     (
         "ardupilot-hexa-x",
@@ -125,10 +125,10 @@ const BUILT_IN: [(&str, &str); 14] = [
 ];
 
 impl AutopilotFrame {
-    /// Reads and checks a text that errors call `name`.
+    /// Reads and checks a text that errors refer to as `name`.
     ///
     /// # Errors
-    /// With file, line and key.
+    /// Reports file, line and key.
     pub fn parse(name: &str, text: &str) -> Result<Self, ConfigError> {
         let document = Document::from_text(name, text)?;
         let frame: Self = document.parse()?;
@@ -145,7 +145,7 @@ impl AutopilotFrame {
     /// The built-in frame of an autopilot that fits a vehicle, and our rotor, from 0, of each of its channels.
     ///
     /// # Errors
-    /// One sentence: why none fits.
+    /// Explains why none fits.
     pub fn of_vehicle(autopilot: AutopilotKind, vehicle: &VehicleModel) -> Result<(Self, Vec<usize>), String> {
         let mut reasons = Vec::new();
         for frame in Self::built_in()
@@ -168,7 +168,7 @@ impl AutopilotFrame {
     /// Our rotor, from 0, of each channel.
     ///
     /// # Errors
-    /// One clause: the first motor that the vehicle lacks, or that turns the other way on it.
+    /// Names the first motor that the vehicle lacks, or that turns the other way on it.
     pub fn rotors(&self, vehicle: &VehicleModel) -> Result<Vec<usize>, String> {
         let placements = vehicle.rotors.layout.placements();
         if placements.len() != self.motor.len() {

@@ -1,14 +1,15 @@
-//! Classifier files: a trained network together with what it reads, where it comes from and how well it did.
+//! Classifier files: a trained network with its inputs, provenance and accuracy.
 //!
-//! JSON, one file a classifier (`config/classifiers/*.json`), named by `[fdi] network` of a scenario. A file is written by training
-//! (`rotortwin train`), never by hand. It is refused as a whole if its format version is unknown, its numbers do not make a network, or
-//! it reads other residuals than the scenario's detectors give: the scale of a residual depends on rotor model, gain and window.
+//! JSON, one file per classifier (`config/classifiers/*.json`), referenced by `[fdi] network` of a scenario. Files are written by
+//! training (`rotortwin train`), never by hand. A file is rejected as a whole if its format version is unknown, its numbers do not form a
+//! network, or its inputs differ from what the scenario's detectors provide: the scale of a residual depends on rotor model, gain and
+//! window.
 //!
-//! Weights are f32 and written so that they read back to the same bits; what was flown with them is in the file's own words, since
+//! Weights are f32 and written so that they read back bit-identically; the record of a flight contains them in full, since
 //! [`Documents`](crate::Documents) carries the whole classifier, not its path.
 //!
-//! The model hash says which vehicle the network was trained on. It is a record, not a condition: whether a network still works on a
-//! vehicle that has changed is a thing to fly and see.
+//! The model hash identifies the vehicle that the network was trained on. It is a record, not a condition: whether a network still works
+//! on a modified vehicle has to be tested in flight.
 
 use std::path::Path;
 
@@ -20,10 +21,10 @@ use crate::settings::{FdiSettings, NominalThrustModel};
 use crate::toml_document::{Document, no_file, plain};
 use rotortwin_plant::error::Refusal;
 
-/// The format that this program writes and reads.
+/// The format that this program reads and writes.
 pub const FORMAT_VERSION: u32 = 1;
 
-/// Larger files are refused unread: a network for 16 rotors takes 60 kB.
+/// Larger files are rejected without reading: a network for 16 rotors takes 60 kB.
 const MAX_FILE_BYTES: u64 = 1 << 20;
 
 /// A classifier file.
@@ -32,21 +33,21 @@ const MAX_FILE_BYTES: u64 = 1 << 20;
 pub struct Classifier {
     /// [`FORMAT_VERSION`] of the program that wrote it.
     pub format_version: u32,
-    /// Name shown to people.
+    /// Display name.
     pub name: String,
-    /// What it is for.
+    /// Purpose.
     pub description: String,
-    /// What it reads.
+    /// Inputs of the network.
     pub inputs: ClassifierInputs,
     /// z-score of the inputs.
     pub normalisation: Normalisation,
     /// Weights of the network.
     pub weights: Weights,
-    /// Where it comes from.
+    /// Origin.
     pub provenance: Provenance,
 }
 
-/// What a classifier reads: window means of the 3 n_a residuals, rotor by rotor, arm, lever, yaw.
+/// Inputs of a classifier: window means of the 3 n_a residuals, rotor by rotor, arm, lever, yaw.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct ClassifierInputs {
@@ -58,7 +59,7 @@ pub struct ClassifierInputs {
     pub observer_gain_1_s: f64,
     /// Rotor model of the residual generators.
     pub nominal_thrust: NominalThrustModel,
-    /// The mean of the calibration time is taken off before; there is no verdict until then.
+    /// The calibration mean is subtracted first; there is no verdict until then.
     pub self_calibrated: bool,
 }
 
@@ -171,7 +172,7 @@ impl Classifier {
         Self::parse(&name, &text)
     }
 
-    /// Reads the classifier at `path`, which the value of `key` in `document` names; if there is none, that is told where the key stands.
+    /// Reads the classifier at `path`, the value of `key` in `document`; if it is missing, the error points to the key.
     pub(crate) fn named(document: &Document, key: &str, path: &Path) -> Result<Self, ConfigError> {
         if path.is_file() {
             return Self::read(path);
@@ -179,7 +180,7 @@ impl Classifier {
         Err(document.refuse(Refusal::new(key, no_file("classifier", path))))
     }
 
-    /// As [`Classifier::read`], from a text that errors call `name`.
+    /// As [`Classifier::read`], from a text that errors refer to as `name`.
     pub fn parse(name: &str, text: &str) -> Result<Self, ConfigError> {
         let refuse = |line, key, reason: String| ConfigError::new(name, line, key, reason);
         // The version first: a newer format may have other keys.
@@ -203,7 +204,7 @@ impl Classifier {
         Ok(classifier)
     }
 
-    /// The file's text; reads back to the same bits.
+    /// The file's text; reads back bit-identically.
     pub fn to_json(&self) -> String {
         let mut text = serde_json::to_string_pretty(self).expect("numbers and texts are JSON");
         text = compact_lists(&text);
@@ -211,7 +212,7 @@ impl Classifier {
         text
     }
 
-    /// The parameters as flight code takes them.
+    /// The parameters in the form that flight code uses.
     pub fn network_weights(&self) -> NetworkWeights<'_> {
         NetworkWeights {
             mean: &self.normalisation.mean,
@@ -242,7 +243,7 @@ impl Classifier {
             .map_err(|error| Refusal::new("weights", format!("expected a network that can be run: {error}")))
     }
 
-    /// Checks that the detectors of a scenario give what this classifier reads; the refusal is about `fdi.network`.
+    /// Checks that the detectors of a scenario provide this classifier's inputs; the error refers to `fdi.network`.
     pub(crate) fn check_fits(&self, settings: &FdiSettings, rotor_count: usize) -> Result<(), Refusal> {
         let name = &self.name;
         let inputs = &self.inputs;
@@ -279,7 +280,7 @@ fn wrong_version(version: u64) -> String {
     format!("expected format version {FORMAT_VERSION}, got {version}; train the classifier again with this program")
 }
 
-/// Writes lists of numbers on one line each: a file of 500 weights stays readable, and a change of one shows as one line.
+/// Writes lists of numbers on one line each: a file of 500 weights stays readable, and a single change shows as one line.
 fn compact_lists(text: &str) -> String {
     let mut out = String::with_capacity(text.len());
     let mut list: Option<Vec<&str>> = None;
@@ -301,7 +302,7 @@ fn compact_lists(text: &str) -> String {
                 list = None;
             }
             Some(items) if code.starts_with(['{', '"', '[']) => {
-                // Not a list of numbers: as it was.
+                // Not a list of numbers: unchanged.
                 out.push('\n');
                 for item in items.drain(..) {
                     out.push_str(item);

@@ -1,8 +1,8 @@
-//! All that is wrong with a document at once, where reading it stops at the first.
+//! Collects all errors of a document, where reading it stops at the first.
 //!
-//! The reader is asked again and again: each time the value that it complained about is put right, with that of a document known to be
-//! good, or is left out. What it says then is about the user's other values. A complaint that the repair itself could have caused (the
-//! same key again) is not listed; where nothing can be put right, the list ends, and more may be found later.
+//! The reader is run repeatedly: each time, the value that it rejected is replaced by that of a known good document, or removed.
+//! Further errors then concern the user's other values. An error that the repair itself could have caused (the same key again) is not
+//! listed; where no repair is possible, the list ends, and more errors may appear later.
 
 use crate::error::ConfigError;
 use crate::toml_document::{Document, at, index, join};
@@ -10,12 +10,12 @@ use rotortwin_plant::error::Refusal;
 use std::collections::{BTreeMap, BTreeSet};
 use toml::{Table, Value};
 
-/// A list of complaints ends here.
+/// Maximum length of the list.
 const MOST_COMPLAINTS: usize = 50;
 
-/// Every complaint about a text that `check` has, in the order of checking; empty: it is good.
+/// All errors that `check` reports about a text, in the order of checking; empty if it is valid.
 ///
-/// `name` is what the complaints of `check` call the text; `good` is a document of the same kind whose values may stand in.
+/// `name` is the name of the text in the errors of `check`; `good` is a document of the same kind that provides replacement values.
 pub fn complaints(
     name: &str,
     text: &str,
@@ -57,18 +57,18 @@ pub fn complaints(
     found
 }
 
-/// A document that is being put right.
+/// A document under repair.
 struct Patient {
     root: Value,
     good: Value,
-    /// Entries of lists that were left out, by the list's path: indices as the user wrote them.
+    /// Removed list entries, by the list's path: indices as the user wrote them.
     left_out: BTreeMap<String, BTreeSet<usize>>,
-    /// Paths that were put right; complained about again, what holds them is left out.
+    /// Paths already repaired; if rejected again, the table or list that contains them is removed.
     treated: BTreeSet<String>,
 }
 
 impl Patient {
-    /// Puts the value at a path right; `false`: it cannot be.
+    /// Repairs the value at a path; `false` if that is impossible.
     fn treat(&mut self, path: &[String]) -> bool {
         for length in (1..=path.len()).rev() {
             let (holder, last) = (&path[..length - 1], &path[length - 1]);
@@ -83,7 +83,7 @@ impl Patient {
                 && let Some(Value::Table(table)) = at(&mut self.root, holder)
             {
                 table.insert(last.clone(), stand_in);
-                // Should it be complained about again, it is left out.
+                // If it is rejected again, it is removed.
                 return true;
             }
             if here.is_some() && self.leave_out(holder, last) {
@@ -107,7 +107,7 @@ impl Patient {
         }
     }
 
-    /// A path in the changed document, as it was in the user's.
+    /// Maps a path in the modified document to the user's original.
     fn as_written(&self, path: &[String]) -> Vec<String> {
         let mut written: Vec<String> = Vec::with_capacity(path.len());
         for part in path {

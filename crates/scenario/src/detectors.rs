@@ -1,12 +1,12 @@
-//! Detectors without a scenario: what a flight that somebody else flies is watched with.
+//! Detectors without a scenario, for flights flown elsewhere.
 //!
 //! ```text
 //!  vehicle, blades ──┐
 //!  [fdi] settings  ──┼─▶ Detectors (checked together) ─▶ FdiConfig ─▶ flight-core's engine
 //!  classifier      ──┘
 //! ```
-//! The same checks and the same numbers as in a [`Scenario`](crate::Scenario) with this vehicle, this `[fdi]` table and this classifier,
-//! so that an engine made here says the same of the same measurements, bit for bit.
+//! The same checks and numbers as in a [`Scenario`](crate::Scenario) with this vehicle, `[fdi]` table and classifier, so that the engine
+//! gives bit-identical results for the same measurements.
 
 use rotortwin_flight_core::fdi::{FdiConfig, FdiEngine};
 use serde::{Deserialize, Serialize};
@@ -17,7 +17,8 @@ use crate::settings::{FdiSettings, Holder, NominalThrustModel, fdi_refusal};
 use crate::vehicle_documents::VehicleDocuments;
 use rotortwin_plant::error::Refusal;
 
-/// The `[fdi]` table of a scenario, every key optional. What is absent is as the classifier was trained, else as in a scenario.
+/// The `[fdi]` table of a scenario, every key optional. Missing keys default to the classifier's training, otherwise to a scenario's
+/// defaults.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct DetectorSettings {
@@ -74,10 +75,10 @@ pub struct Detectors {
 }
 
 impl Detectors {
-    /// * `vehicle`: the healthy one, with its blades   * `classifier`: without one the network gives no verdict
+    /// * `vehicle`: the healthy one, with its blades   * `classifier`: if absent, the network gives no verdict
     ///
     /// # Errors
-    /// The key (`vehicle.…`, `fdi.…`) and what was expected of it.
+    /// The key (`vehicle.…`, `fdi.…`) and what was expected.
     pub fn new(
         vehicle: VehicleDocuments,
         settings: &DetectorSettings,
@@ -108,7 +109,7 @@ impl Detectors {
         })
     }
 
-    /// What the engine is configured with.
+    /// Configuration of the engine.
     pub fn config(&self) -> &FdiConfig {
         &self.config
     }

@@ -1,4 +1,4 @@
-//! Effects of a scenario against each other and against the flight: an effect that cannot have an effect is refused.
+//! Checks effects of a scenario against each other and the flight: an effect that can have no influence is rejected.
 
 use crate::scenario_document::ScenarioDocument;
 use rotortwin_plant::effects::{Catalogue, Constants, EffectInstance, EffectSet, Requirement, Strategy, Wiring};
@@ -7,12 +7,12 @@ use rotortwin_plant::vehicle::mismatch::Size;
 use rotortwin_plant::vehicle::model::VehicleModel;
 use rotortwin_plant::{STEP_RATE_HZ, nearest_step};
 
-/// Above this many rotor radii the ground adds less than a ten-thousandth of the thrust.
+/// Above this many rotor radii, ground effect adds less than a ten-thousandth of the thrust.
 const GROUND_REACH_RADII: f64 = 25.0;
-/// Times of the trajectory at which the height is looked at.
+/// Number of times on the trajectory at which the height is checked.
 const LOOKS: u32 = 2000;
 
-/// Checks every `[[effect]]` of the scenario; keys of refusals are `effect[i]…`.
+/// Checks every `[[effect]]` of the scenario; errors refer to keys `effect[i]…`.
 pub(crate) fn check(document: &ScenarioDocument, vehicle: &VehicleModel, catalogue: &Catalogue) -> Result<(), Refusal> {
     if document.effect.is_empty() {
         return match &document.ground {

@@ -1,4 +1,4 @@
-//! Effect documents: effects of users, as files and as a scenario names them.
+//! Effect documents: user-defined effects, in files that a scenario references.
 
 use std::path::Path;
 
@@ -13,7 +13,7 @@ pub fn load(path: impl AsRef<Path>) -> Result<EffectDocument, ConfigError> {
     checked(&Document::read(path.as_ref())?)
 }
 
-/// As [`load`], from a text that errors call `name`.
+/// As [`load`], from a text that errors refer to as `name`.
 pub fn parse(name: &str, text: &str) -> Result<EffectDocument, ConfigError> {
     checked(&Document::from_text(name, text)?)
 }
@@ -24,7 +24,7 @@ fn checked(document: &Document) -> Result<EffectDocument, ConfigError> {
     Ok(parsed)
 }
 
-/// The documents that `effect_files` of a scenario names, relative to `directory`.
+/// The documents listed in `effect_files` of a scenario, relative to `directory`.
 pub(crate) fn named(
     scenario: &Document,
     files: &[String],

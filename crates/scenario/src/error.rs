@@ -1,4 +1,4 @@
-//! A bad document, told in one sentence with file, line and key.
+//! An invalid document, reported in one sentence with file, line and key.
 
 use std::fmt;
 
@@ -28,12 +28,12 @@ impl ConfigError {
         }
     }
 
-    /// The document, as the caller named it.
+    /// The document, as named by the caller.
     pub fn file(&self) -> &str {
         &self.file
     }
 
-    /// Line of the key, from 1; absent where the document as a whole is meant.
+    /// Line of the key, from 1; absent if the document as a whole is concerned.
     pub fn line(&self) -> Option<usize> {
         self.line
     }

@@ -1,4 +1,4 @@
-//! Documents: what a flight is, written by people, checked as a whole and turned into plain configurations.
+//! Documents: descriptions of a flight, written by hand, checked as a whole and converted to plain configurations.
 //!
 //! ```text
 //!  scenario.toml ─▶ vehicle.toml ─▶ blades.toml          ┌─▶ SimulationConfig ─▶ plant
@@ -6,8 +6,8 @@
 //!        └───────▶ effect.toml …                         └─▶ FdiConfig        ─▶ flight-core
 //! ```
 //!
-//! A document that cannot be flown is refused with file, line and key ([`ConfigError`]); [`complaints`] finds all that is wrong at once.
-//! The physics is `rotortwin-plant`'s, which knows no documents.
+//! A document that cannot be flown is rejected with file, line and key ([`ConfigError`]); [`complaints`] finds all errors at once.
+//! The physics lives in `rotortwin-plant`, which knows no documents.
 //!
 //! ```no_run
 //! use rotortwin_flight_core::control::Controller;

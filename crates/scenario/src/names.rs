@@ -1,40 +1,40 @@
-//! Shipped and own configuration, found by name: `reference-flight` is a scenario wherever the program runs.
+//! Shipped and user configuration, found by name: `reference-flight` is a scenario wherever the program runs.
 //!
-//! A name is looked up in the folders of [`search_path`], the first that has it wins, then among the files of `config/` that are part of the
-//! program. Those are laid out as files on demand ([`shipped`]), so that a name and a path are the same thing from there on.
+//! A name is looked up in the folders of [`search_path`], first match wins, then among the files of `config/` embedded in the program.
+//! Those are extracted on demand ([`shipped`]), so that a name is equivalent to a path from there on.
 
 use std::fmt;
 use std::path::{Path, PathBuf};
 
 use crate::shipped;
 
-/// Environment variable with folders laid out as `config/`, separated as in `PATH`.
+/// Environment variable with additional folders laid out as `config/`, separated as in `PATH`.
 pub const SEARCH_PATH_VARIABLE: &str = "ROTORTWIN_CONFIG";
 
-/// Below this similarity (Jaro–Winkler, 0 to 1) a name is no likely misspelling of another.
+/// Below this similarity (Jaro–Winkler, 0 to 1) a name is not suggested as a misspelling of another.
 const SIMILAR: f64 = 0.75;
 
 /// A folder of the configuration.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Kind {
-    /// What is flown.
+    /// Scenarios.
     Scenario,
-    /// Who flies.
+    /// Vehicles.
     Vehicle,
-    /// Sets of blades.
+    /// Blade sets.
     Blades,
-    /// Effects of a user.
+    /// User-defined effects.
     Effect,
-    /// Grids and draws of flights.
+    /// Campaigns: grids and random draws of flights.
     Campaign,
-    /// Columns of log formats.
+    /// Column mappings of log formats.
     LogMapping,
     /// Trained networks.
     Classifier,
 }
 
 impl Kind {
-    /// All, in the order in which they are told.
+    /// All kinds, in display order.
     pub const ALL: [Self; 7] = [
         Self::Scenario,
         Self::Vehicle,
@@ -45,7 +45,7 @@ impl Kind {
         Self::Classifier,
     ];
 
-    /// Its folder below `config/`; also the word of `rotortwin list`.
+    /// Its folder below `config/`; also its argument of `rotortwin list`.
     pub const fn folder(self) -> &'static str {
         match self {
             Self::Scenario => "scenarios",
@@ -58,7 +58,7 @@ impl Kind {
         }
     }
 
-    /// One of it, in a sentence.
+    /// Singular noun.
     pub const fn word(self) -> &'static str {
         match self {
             Self::Scenario => "scenario",
@@ -71,7 +71,7 @@ impl Kind {
         }
     }
 
-    /// Ending of its files.
+    /// File extension.
     pub const fn extension(self) -> &'static str {
         match self {
             Self::Classifier => "json",
@@ -80,30 +80,30 @@ impl Kind {
     }
 }
 
-/// A file that a name stands for.
+/// A file found by name.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Named {
-    /// Without folder and ending.
+    /// Without folder and extension.
     pub name: String,
-    /// Where it lies.
+    /// Its path.
     pub path: PathBuf,
-    /// It is part of the program: no folder of the search path has one of this name.
+    /// Embedded in the program: no folder of the search path has a file with this name.
     pub shipped: bool,
 }
 
-/// Why a name stands for no file.
+/// Why a name could not be resolved.
 #[derive(Debug)]
 pub enum NameError {
-    /// Nothing of this kind is called so.
+    /// Nothing of this kind has this name.
     Unknown {
-        /// What was looked for.
+        /// Kind requested.
         kind: Kind,
-        /// As it was given.
+        /// Name requested.
         name: String,
-        /// The likeliest that there is.
+        /// The closest existing name.
         nearest: Option<String>,
     },
-    /// The program's own files cannot be laid out.
+    /// The embedded files cannot be extracted.
     Shipped(std::io::Error),
 }
 
@@ -124,8 +124,8 @@ impl fmt::Display for NameError {
 
 impl std::error::Error for NameError {}
 
-/// Folders that are searched before the program's own files: `config` here, those of [`SEARCH_PATH_VARIABLE`], the user's
-/// (`$XDG_CONFIG_HOME/rotortwin`, else `~/.config/rotortwin`). Some may not exist.
+/// Folders searched before the embedded files: `./config`, those of [`SEARCH_PATH_VARIABLE`], the user's
+/// (`$XDG_CONFIG_HOME/rotortwin`, otherwise `~/.config/rotortwin`). Some may not exist.
 pub fn search_path() -> Vec<PathBuf> {
     let listed = std::env::var_os(SEARCH_PATH_VARIABLE);
     let user =
@@ -141,15 +141,15 @@ pub fn search_path() -> Vec<PathBuf> {
         .collect()
 }
 
-/// Whether a text is a name, and no path: neither folders nor an ending.
+/// Whether a text is a name rather than a path: no folder and no extension.
 pub fn is_name(text: &str) -> bool {
     !text.is_empty() && !text.contains(['/', '\\', '.', '@'])
 }
 
-/// The file that `name` stands for.
+/// The file with this name.
 ///
 /// # Errors
-/// Nothing of this kind is called so, or the program's files cannot be laid out.
+/// Nothing of this kind has this name, or the embedded files cannot be extracted.
 pub fn find(kind: Kind, name: &str) -> Result<PathBuf, NameError> {
     find_in(&search_path(), kind, name)
 }
@@ -174,10 +174,10 @@ fn find_in(folders: &[PathBuf], kind: Kind, name: &str) -> Result<PathBuf, NameE
     })
 }
 
-/// What there is of a kind, by name.
+/// All files of a kind, by name.
 ///
 /// # Errors
-/// The program's files cannot be laid out.
+/// The embedded files cannot be extracted.
 pub fn list(kind: Kind) -> Result<Vec<Named>, NameError> {
     list_in(&search_path(), kind)
 }
@@ -207,14 +207,14 @@ fn list_in(folders: &[PathBuf], kind: Kind) -> Result<Vec<Named>, NameError> {
     Ok(known)
 }
 
-/// What a document means by `text`: a path relative to its `directory`, or else a name. A name that there is not stays a path, for the
-/// refusal to be told where the key stands.
+/// Resolves `text` in a document: a path relative to its `directory`, or otherwise a name. An unknown name stays a path, so that the
+/// error can point to its key.
 pub fn meant(kind: Kind, directory: &Path, text: &str) -> PathBuf {
     let path = directory.join(text);
     if path.exists() || !is_name(text) {
         return path;
     }
-    // What stands beside the document goes first: a folder laid out as `config/` is closed in itself.
+    // Files next to the document take precedence: a folder laid out as `config/` is self-contained.
     let beside = directory
         .join("..")
         .join(kind.folder())
@@ -226,13 +226,13 @@ pub fn meant(kind: Kind, directory: &Path, text: &str) -> PathBuf {
     find(kind, text).unwrap_or(path)
 }
 
-/// The likeliest of a kind that a misspelt `name` means.
+/// The closest match of a kind for a misspelt `name`.
 pub fn nearest_of(kind: Kind, name: &str) -> Option<String> {
     let known = list(kind).ok()?;
     nearest(name, known.iter().map(|named| named.name.as_str())).map(str::to_owned)
 }
 
-/// The likeliest of `known` that a misspelt `name` means.
+/// The closest match in `known` for a misspelt `name`.
 pub fn nearest<'a>(name: &str, known: impl Iterator<Item = &'a str>) -> Option<&'a str> {
     known
         .map(|other| (strsim::jaro_winkler(name, other), other))
@@ -280,7 +280,7 @@ mod tests {
             told("zzz"),
             "there is no scenario 'zzz' ('rotortwin list scenarios' shows all)"
         );
-        // A name never leads out of the folders.
+        // A name never escapes the folders.
         assert!(find_in(&[], Kind::Vehicle, "../vehicles/f550").is_err());
     }
 

@@ -1,6 +1,6 @@
-//! The nominal vehicle in f32: configurations of the flight code from checked documents.
+//! The nominal vehicle in f32: configurations of the flight code, from checked documents.
 //!
-//! They come from the documents, never from the mismatched truth.
+//! They are derived from the documents, never from the mismatched truth.
 
 use rotortwin_flight_core::control::{ControllerConfig, PidGains, ThrustToDuty};
 use rotortwin_flight_core::fdi::{FdiConfig, NominalThrust, SequentialConfig, TTestConfig};

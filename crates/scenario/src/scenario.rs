@@ -1,8 +1,8 @@
-//! Scenarios: which vehicle flies what, with which faults, seen by which controller and detector settings.
+//! Scenarios: vehicle, trajectory, faults, controller and detector settings of a flight.
 //!
-//! A scenario names its vehicle document, that one its blade document, each by a path relative to itself; it may name a classifier
-//! file as well. [`Scenario::load`] reads and checks all as a whole; what it returns can be flown. [`Documents`] is the effective configuration with every default
-//! filled in: it serialises to one TOML text that [`Documents::from_toml`] reads back to the same bits.
+//! A scenario names its vehicle document, and that its blade document, each by a path relative to itself; it may also name a classifier
+//! file. [`Scenario::load`] reads and checks everything as a whole; its result can be flown. [`Documents`] is the effective configuration
+//! with all defaults filled in: it serialises to one TOML text that [`Documents::from_toml`] reads back bit-identically.
 
 use std::path::Path;
 
@@ -41,24 +41,24 @@ pub struct Documents {
     pub vehicle: VehicleModel,
     /// The vehicle's blades.
     pub blades: BladeSet,
-    /// The classifier that `fdi.network` of the scenario names, in full: the path alone would not tell what was flown.
+    /// The full classifier named by `fdi.network` of the scenario: the path alone would not identify what was flown.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub classifier: Option<Classifier>,
-    /// The effect documents that `effect_files` of the scenario names, in full.
+    /// The full effect documents listed in `effect_files` of the scenario.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub effects: Vec<EffectDocument>,
-    /// The vehicle that the detectors assume, where it is another than the one of the scenario's document.
+    /// The vehicle assumed by the detectors, if it differs from the scenario's.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub fdi_vehicle: Option<VehicleDocuments>,
 }
 
 impl Documents {
-    /// One TOML text. Numbers are written so that they read back to the same bits.
+    /// One TOML text. Numbers read back bit-identically.
     pub fn to_toml(&self) -> String {
         toml::to_string(self).expect("documents hold nothing that TOML cannot")
     }
 
-    /// The classifier is there if and only if the scenario names one, and fits.
+    /// The classifier must be present if and only if the scenario names one, and must fit.
     fn check_classifier(&self) -> Result<(), Refusal> {
         let settings = &self.scenario.fdi;
         match (&settings.network, &self.classifier) {
@@ -83,7 +83,7 @@ impl Documents {
         }
     }
 
-    /// Reads a text of [`Documents::to_toml`]; `name` is what errors call it.
+    /// Reads a text from [`Documents::to_toml`]; errors refer to it as `name`.
     pub fn from_toml(name: &str, text: &str) -> Result<Self, ConfigError> {
         Document::from_text(name, text)?.parse()
     }
@@ -102,7 +102,7 @@ impl Scenario {
         Self::load_with(path, &[])
     }
 
-    /// [`Scenario::load`] with keys of the scenario document set before it is checked: `key=value`, the key a dotted path, the
+    /// [`Scenario::load`] with keys of the scenario document overridden before it is checked: `key=value`, the key a dotted path, the
     /// value in TOML (a bare word counts as text), such as `initial.state_of_charge=0.4`.
     pub fn load_with(path: impl AsRef<Path>, overrides: &[&str]) -> Result<Self, ConfigError> {
         let path = path.as_ref();
@@ -111,7 +111,7 @@ impl Scenario {
         Self::resolve(document.with_overrides(overrides)?, directory, true)
     }
 
-    /// [`Scenario::load`] as if `fdi.network` were absent: for training, which must work without the file that it is to write.
+    /// [`Scenario::load`] as if `fdi.network` were absent: for training, which must work without the file that it will write.
     pub fn load_without_classifier(path: impl AsRef<Path>) -> Result<Self, ConfigError> {
         let path = path.as_ref();
         Self::resolve(Document::read(path)?, path.parent().unwrap_or(Path::new("")), false)
@@ -122,7 +122,7 @@ impl Scenario {
         Self::resolve(Document::from_text("scenario", text)?, directory.as_ref(), true)
     }
 
-    /// All that is wrong with a text that [`Scenario::parse`] refuses; empty: it can be flown.
+    /// All errors of a text that [`Scenario::parse`] rejects; empty if it can be flown.
     pub fn complaints(text: &str, directory: impl AsRef<Path>) -> Vec<ConfigError> {
         const GOOD: &str = include_str!("../../../config/scenarios/reference-flight.toml");
         complaints("scenario", text, GOOD, |text| {
@@ -130,7 +130,7 @@ impl Scenario {
         })
     }
 
-    /// Checks documents that are in memory already, such as those of a recorded run.
+    /// Checks documents already in memory, such as those of a recorded run.
     pub fn from_documents(documents: &Documents) -> Result<Self, ConfigError> {
         let text = |value: Result<String, toml::ser::Error>| value.expect("documents hold nothing that TOML cannot");
         let render = |name: &str, text: String| Document::from_text(name, text);
@@ -150,10 +150,10 @@ impl Scenario {
         }
     }
 
-    /// The same scenario with detectors that assume another vehicle than the one of its document.
+    /// The same scenario with detectors that assume a different vehicle.
     ///
     /// # Errors
-    /// The vehicle has another number of rotors, or cannot fly.
+    /// The vehicle has a different number of rotors, or cannot fly.
     pub fn with_fdi_vehicle(mut self, vehicle: VehicleDocuments) -> Result<Self, Refusal> {
         vehicle.check()?;
         if vehicle.rotor_count() != self.vehicle().rotor_count() {
@@ -242,7 +242,7 @@ impl Scenario {
         };
         trim(&simulation).map_err(refuse)?;
         if simulation.ground_contact.is_some() {
-            // Without the random numbers of a flight: whether the vehicle has feet, and stands.
+            // Without random numbers: whether the vehicle has feet, and stands.
             Simulation::new(&simulation, document.seed).map_err(refuse)?;
         }
         let checked = Self { documents, simulation };
@@ -262,7 +262,7 @@ impl Scenario {
         &self.simulation.catalogue
     }
 
-    /// What is allowed but most likely not meant, one sentence each.
+    /// Valid but probably unintended settings, one sentence each.
     pub fn warnings(&self) -> Vec<String> {
         let document = &self.documents.scenario;
         let end_s = document.fdi.calibration_end_s;
@@ -312,12 +312,12 @@ impl Scenario {
         &self.documents.blades.blade[&self.documents.vehicle.rotors.nominal_blade]
     }
 
-    /// Name shown to people.
+    /// Display name.
     pub fn name(&self) -> &str {
         &self.documents.scenario.name
     }
 
-    /// Seed to use where the caller gives none.
+    /// Default seed.
     pub fn seed(&self) -> u64 {
         self.documents.scenario.seed
     }
@@ -340,7 +340,7 @@ impl Scenario {
     /// The flight with the random numbers of `seed`, at step 0.
     ///
     /// # Errors
-    /// The effects leave no vehicle of the one that this seed draws.
+    /// The effects yield an invalid configuration of the vehicle drawn by this seed.
     pub fn simulation(&self, seed: u64) -> Result<Simulation, ConfigError> {
         Simulation::new(&self.simulation, seed)
             .map_err(|refusal| ConfigError::new(self.name(), None, Some(refusal.key), refusal.reason))
@@ -356,7 +356,7 @@ impl Scenario {
         nominal::controller_config(self.vehicle(), self.nominal_blade(), &self.document().controller)
     }
 
-    /// Configuration of `flight-core`'s detectors for the nominal vehicle, or for the one of [`Scenario::with_fdi_vehicle`].
+    /// Configuration of `flight-core`'s detectors for the nominal vehicle, or for that of [`Scenario::with_fdi_vehicle`].
     pub fn fdi_config(&self) -> FdiConfig {
         let own = self.documents().fdi_vehicle.as_ref();
         let (vehicle, blade) = own.map_or((self.vehicle(), self.nominal_blade()), |own| {
@@ -366,7 +366,7 @@ impl Scenario {
     }
 }
 
-/// Names the document and the key that a controller is refused for.
+/// Maps a controller's rejection to the document and key responsible.
 fn controller_refusal(error: &ControllerConfigError, scenario: &Scenario) -> (Holder, Refusal) {
     let linear = scenario.document().controller.thrust_to_duty == ThrustToDutyMap::Linear;
     match error {

@@ -1,4 +1,4 @@
-//! The scenario document: its keys, their defaults, and what can be said of them with the vehicle alone.
+//! The scenario document: its keys, their defaults, and the checks that need only the vehicle.
 
 use rotortwin_plant::body::environment::WindModel;
 use rotortwin_plant::body::ground::GroundContact;
@@ -23,15 +23,15 @@ const MAX_DURATION_S: f64 = 86_400.0;
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct ScenarioDocument {
-    /// Name shown to people and used for run folders.
+    /// Display name, also used for run folders.
     pub name: String,
-    /// What the flight shows.
+    /// Purpose of the flight.
     pub description: String,
     /// Path of the vehicle document, relative to the scenario document.
     pub vehicle: String,
     /// Length of the flight, s; rounded to steps of 2.5 ms.
     pub duration_s: f64,
-    /// Seed of every random stream, unless the caller gives another.
+    /// Seed of every random stream, unless overridden by the caller.
     #[serde(default = "first_seed")]
     pub seed: u64,
     /// Runge–Kutta steps per 2.5 ms.
@@ -40,7 +40,7 @@ pub struct ScenarioDocument {
     /// State at take-over.
     #[serde(default)]
     pub initial: Initial,
-    /// What to follow.
+    /// Trajectory to follow.
     pub trajectory: Trajectory,
     /// Gains of the controller.
     #[serde(default)]
@@ -48,13 +48,13 @@ pub struct ScenarioDocument {
     /// Settings of the detectors.
     #[serde(default)]
     pub fdi: FdiSettings,
-    /// How far the true vehicle is from its document.
+    /// Deviation of the true vehicle from its document.
     #[serde(default)]
     pub mismatch: MismatchModel,
     /// Sensor noise.
     #[serde(default)]
     pub sensors: SensorModel,
-    /// Instruments of a vehicle that an autopilot of its own flies.
+    /// Instruments of a vehicle flown by an external autopilot.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub instruments: Option<InstrumentModel>,
     /// Wind; still air if absent.
@@ -63,7 +63,7 @@ pub struct ScenarioDocument {
     /// Ground; none in reach if absent.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub ground: Option<Ground>,
-    /// Paths of effect documents whose effects the scenario may name, relative to the scenario document.
+    /// Paths of effect documents available to the scenario, relative to the scenario document.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub effect_files: Vec<String>,
     /// Effects that the nominal vehicle lacks.
@@ -85,13 +85,13 @@ fn one() -> u32 {
     1
 }
 
-/// `[ground]`: where the ground is. Effects feel it; it carries a vehicle only with `[ground.contact]`.
+/// `[ground]`: position of the ground. Effects depend on it; it carries a vehicle only with `[ground.contact]`.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Ground {
     /// z of the ground below the origin, m, NED: 0 is the height of the origin.
     pub down_m: f64,
-    /// How it carries the vehicle; absent: a vehicle falls through.
+    /// Contact model; absent: a vehicle falls through.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub contact: Option<GroundContact>,
 }
@@ -115,7 +115,7 @@ impl Default for Initial {
     }
 }
 
-/// How a flight begins: at rest at the first point of the trajectory, or on the ground below it.
+/// Start of a flight: at rest at the first point of the trajectory, or on the ground below it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Start {
@@ -134,7 +134,7 @@ impl ScenarioDocument {
     }
 
     pub(crate) fn check(&self, vehicle: &VehicleModel) -> Result<(), Refusal> {
-        // It becomes the name of a folder.
+        // It becomes a folder name.
         let plain = |c: char| c.is_ascii_alphanumeric() || matches!(c, '-' | '_' | '.');
         let starts_well = self.name.starts_with(|c: char| c.is_ascii_alphanumeric());
         if self.name.len() > 64 || !starts_well || !self.name.chars().all(plain) {
@@ -202,7 +202,7 @@ impl ScenarioDocument {
         Ok(())
     }
 
-    /// True if an effect of the scenario is a drag: one that an effect on the air declares to act through.
+    /// True if an effect of the scenario is a drag, which some effects on the air act through.
     fn has_drag_effect(&self) -> bool {
         let on_the_air = catalogue()
             .iter()

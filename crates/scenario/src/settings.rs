@@ -1,4 +1,4 @@
-//! `[controller]` and `[fdi]` of a scenario, and which key a refusal of the flight code is about.
+//! `[controller]` and `[fdi]` of a scenario, and the mapping of flight-code errors to their keys.
 
 use rotortwin_flight_core::fdi::{FdiConfigError, SequentialConfigError};
 use rotortwin_plant::error::{Refusal, in_range};
@@ -23,7 +23,7 @@ pub struct ControllerSettings {
     pub yaw: Gains,
     /// Largest tilt of the commanded thrust, degrees.
     pub tilt_limit_deg: f64,
-    /// How a thrust becomes a duty.
+    /// How a thrust is converted to a duty.
     pub thrust_to_duty: ThrustToDutyMap,
 }
 
@@ -65,7 +65,7 @@ pub struct Gains {
     pub derivative: f64,
 }
 
-/// How the controller turns a thrust into a duty.
+/// How the controller converts a thrust to a duty.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum ThrustToDutyMap {
@@ -112,7 +112,7 @@ pub struct FdiSettings {
     pub calibration_start_s: f64,
     /// End of the calibration, s; verdicts follow.
     pub calibration_end_s: f64,
-    /// Classifier file of the network, relative to the scenario document; without one the network gives no verdict.
+    /// Classifier file of the network, relative to the scenario document; if absent, the network gives no verdict.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub network: Option<String>,
 }
@@ -137,9 +137,9 @@ impl Default for FdiSettings {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum NominalThrustModel {
-    /// Eq. 19 at once, as in the paper.
+    /// Static Eq. 19, as in the paper.
     Static,
-    /// Eq. 19 through the vehicle's lag.
+    /// Eq. 19 through the vehicle's rotor lag.
     Lagged,
     /// `rotors.full_thrust_n` times duty: no battery compensation, as in the paper's ablation.
     Linear,
@@ -175,13 +175,13 @@ impl FdiSettings {
     }
 }
 
-/// The document that holds a refused value.
+/// The document that contains a rejected value.
 pub(crate) enum Holder {
     Scenario,
     Vehicle,
 }
 
-/// Names the document and the key that detectors are refused for.
+/// Maps a detector's rejection to the document and key responsible.
 pub(crate) fn fdi_refusal(error: &FdiConfigError) -> (Holder, Refusal) {
     let (holder, key, reason) = match error {
         FdiConfigError::Sequential(SequentialConfigError { field, expected }) => {

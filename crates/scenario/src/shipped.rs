@@ -1,4 +1,4 @@
-//! The files of `config/`, part of the program, as a folder that every reader of files can use.
+//! The embedded files of `config/`, extracted to a folder that every file reader can use.
 
 use include_dir::{Dir, include_dir};
 use std::io;
@@ -14,8 +14,8 @@ pub(crate) fn has(file: &str) -> bool {
     CONFIG.get_file(file).is_some()
 }
 
-/// A folder with the files of `config/` as this program was built: in the user's cache, or a temporary folder where that cannot be written.
-/// What somebody changed there is put right.
+/// A folder with the files of `config/` as this program was built: in the user's cache, or a temporary folder if that is not writable.
+/// Modified files are restored.
 ///
 /// # Errors
 /// Neither can be written.
@@ -35,7 +35,7 @@ pub fn folder() -> io::Result<PathBuf> {
             let user = rustix::process::getuid().as_raw();
             let folder = std::env::temp_dir().join(format!("rotortwin-{user}-{name}"));
             lay_out(&folder)?;
-            // Where everybody may write, somebody else may have made it.
+            // In a world-writable place, another user may have created it.
             if std::fs::metadata(&folder)?.uid() != user {
                 let reason = format!("{} belongs to another user", folder.display());
                 return Err(io::Error::new(io::ErrorKind::PermissionDenied, reason));
@@ -46,7 +46,7 @@ pub fn folder() -> io::Result<PathBuf> {
     Ok(FOLDER.get_or_init(|| folder).clone())
 }
 
-/// Of all paths and contents, so that two versions of the program do not share a folder.
+/// Hash of all paths and contents, so that two versions of the program do not share a folder.
 fn digest() -> u64 {
     let mut hash = Xxh3::new();
     for file in every_file(&CONFIG) {
@@ -60,7 +60,7 @@ fn every_file<'a>(folder: &'a Dir<'a>) -> Box<dyn Iterator<Item = &'a include_di
     Box::new(folder.files().chain(folder.dirs().flat_map(every_file)))
 }
 
-/// Writes what is not there as it should be; several programs may do so at once.
+/// Writes missing or modified files; safe with several programs at once.
 fn lay_out(folder: &Path) -> io::Result<()> {
     for file in every_file(&CONFIG) {
         let path = folder.join(file.path());
@@ -76,7 +76,7 @@ fn lay_out(folder: &Path) -> io::Result<()> {
     Ok(())
 }
 
-/// An absolute path that a variable holds; others are ignored, as the XDG specification wants it.
+/// An absolute path from a variable; others are ignored, as the XDG specification requires.
 pub(crate) fn variable_path(variable: &str) -> Option<PathBuf> {
     std::env::var_os(variable)
         .map(PathBuf::from)

@@ -1,11 +1,11 @@
-//! One scenario document flown with many settings: what a campaign varies.
+//! One scenario document flown with varying settings, as in a campaign.
 //!
 //! ```text
 //!  base scenario ─▶ ScenarioTemplate ── table() ─▶ set_value, set_value, … ─▶ scenario() ─▶ Scenario
 //! ```
 //!
-//! The files that a scenario names (vehicle, blades, classifier) are read once for each path and kept, so that making the scenario of
-//! a flight costs less than a millisecond. Every scenario is checked as a whole, as [`Scenario::load`] does.
+//! The files that a scenario names (vehicle, blades, classifier) are read once per path and cached, so that creating the scenario of
+//! a flight takes less than a millisecond. Every scenario is checked as a whole, as [`Scenario::load`] does.
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -24,7 +24,7 @@ use crate::toml_document::{Document, plain};
 use rotortwin_plant::error::Refusal;
 use rotortwin_plant::vehicle::model::VehicleModel;
 
-/// A TOML file of another kind than a scenario, with errors that name file, line and key as those of scenarios do.
+/// A TOML file other than a scenario, with the same error reporting: file, line and key.
 #[derive(Debug, Clone)]
 pub struct TomlFile(Document);
 
@@ -34,12 +34,12 @@ impl TomlFile {
         Document::read(path).map(Self)
     }
 
-    /// A text that errors call `name`.
+    /// A text that errors refer to as `name`.
     pub fn from_text(name: &str, text: &str) -> Result<Self, ConfigError> {
         Document::from_text(name, text).map(Self)
     }
 
-    /// The file as `T`; unknown keys, missing keys and wrong types are errors if `T` says so.
+    /// Deserialises the file as `T`; unknown keys, missing keys and wrong types are errors if `T` is declared so.
     pub fn parse<T: DeserializeOwned>(&self) -> Result<T, ConfigError> {
         self.0.parse()
     }
@@ -65,7 +65,7 @@ struct Files {
     classifiers: BTreeMap<PathBuf, Classifier>,
 }
 
-/// See the module.
+/// See the module documentation.
 #[derive(Debug)]
 pub struct ScenarioTemplate {
     name: String,
@@ -75,10 +75,10 @@ pub struct ScenarioTemplate {
 }
 
 impl ScenarioTemplate {
-    /// Reads the scenario at `path`. It is flown only after [`ScenarioTemplate::scenario`] has checked it.
+    /// Reads the scenario at `path`. It must be checked by [`ScenarioTemplate::scenario`] before it is flown.
     pub fn read(path: &Path) -> Result<Self, ConfigError> {
         let document = Document::read(path)?;
-        // For the line of what is not a scenario document at all.
+        // For the line number if it is not a scenario document at all.
         let _: ScenarioDocument = document.parse()?;
         Ok(Self {
             name: plain(path),
@@ -88,7 +88,7 @@ impl ScenarioTemplate {
         })
     }
 
-    /// The document as written: what [`set_value`] changes copies of.
+    /// The document as written, for [`set_value`] to modify copies of.
     pub fn table(&self) -> &Table {
         &self.table
     }
@@ -98,7 +98,7 @@ impl ScenarioTemplate {
         &self.directory
     }
 
-    /// Checks `table`, a changed copy of [`ScenarioTemplate::table`], as a scenario. Errors name no line: the text is nobody's.
+    /// Checks `table`, a modified copy of [`ScenarioTemplate::table`], as a scenario. Errors name no line, as no file has this text.
     pub fn scenario(&self, table: &Table) -> Result<Scenario, ConfigError> {
         let document = self.document(table)?;
         let parsed: ScenarioDocument = document.parse()?;
@@ -185,8 +185,8 @@ fn parts(path: &str) -> Result<Vec<Part<'_>>, String> {
     Ok(parts)
 }
 
-/// Sets the value at a dotted path such as `mismatch.rotor_gain` or `fault[0].rotor`; tables on the way are made where they are
-/// missing, list entries must exist. An error is one sentence.
+/// Sets the value at a dotted path such as `mismatch.rotor_gain` or `fault[0].rotor`; missing tables on the way are created, list
+/// entries must exist. The error is a message.
 pub fn set_value(table: &mut Table, path: &str, value: Value) -> Result<(), String> {
     let parts = parts(path)?;
     let (Some(Part::Key(first)), rest) = (parts.first(), &parts[1..]) else {
@@ -240,8 +240,8 @@ pub fn value_at<'a>(table: &'a Table, path: &str) -> Option<&'a Value> {
     })
 }
 
-/// Lays `overlay` over `table`: tables are joined key by key, everything else is replaced. A table with a `kind` replaces the old one
-/// as a whole, because its other keys depend on the kind. Keys with dots or brackets are paths as of [`set_value`].
+/// Merges `overlay` into `table`: tables are merged key by key, everything else is replaced. A table with a `kind` replaces the old
+/// one as a whole, because its other keys depend on the kind. Keys with dots or brackets are paths as in [`set_value`].
 pub fn overlay(table: &mut Table, overlay_table: &Table) -> Result<(), String> {
     for (key, value) in overlay_table {
         if key.contains(['.', '[']) {

@@ -1,7 +1,7 @@
-//! Reading one TOML document with errors that name file, line and key.
+//! Reads one TOML document with errors that name file, line and key.
 //!
-//! serde says *what* is wrong, the spanned tree of the same text says *where*; this module joins the two. Public, because the
-//! model versions of the twin are documents of the same kind.
+//! serde reports *what* is wrong, the spanned tree of the same text *where*; this module combines the two. Public, because
+//! the model versions of the twin are documents of the same kind.
 
 use std::ops::Range;
 use std::path::{Component, Path, PathBuf};
@@ -12,23 +12,23 @@ use toml::de::{DeArray, DeTable, DeValue};
 use crate::error::ConfigError;
 use rotortwin_plant::error::Refusal;
 
-/// Larger documents are refused unread: a vehicle or scenario takes a few kilobytes.
+/// Larger documents are rejected without reading: a vehicle or scenario takes a few kilobytes.
 const MAX_DOCUMENT_BYTES: u64 = 1 << 20;
 
-/// Keys or entries of one table or list that are tried one by one to find where serde's complaint comes from.
+/// Maximum number of keys or entries of one table or list tried one by one to locate a serde error.
 const MAX_SUSPECTS: usize = 256;
 
-/// A TOML text and the name under which errors speak of it.
+/// A TOML text and the name that errors use for it.
 #[derive(Debug, Clone)]
 pub struct Document {
     name: String,
     text: String,
-    /// False where the text is not the one that the user wrote, so that line numbers would mislead.
+    /// False if the text is not what the user wrote, so that line numbers would mislead.
     as_written: bool,
 }
 
 impl Document {
-    /// A text that errors call `name`; refused if it is larger than a mebibyte.
+    /// A text that errors refer to as `name`; rejected if larger than a mebibyte.
     pub fn from_text(name: impl Into<String>, text: impl Into<String>) -> Result<Self, ConfigError> {
         let (name, text) = (name.into(), text.into());
         if text.len() as u64 > MAX_DOCUMENT_BYTES {
@@ -41,7 +41,7 @@ impl Document {
         })
     }
 
-    /// A text that stands for a changed document: errors name no line of it.
+    /// The text of a modified document: errors name no line of it.
     pub(crate) fn rewritten(name: &str, text: String) -> Result<Self, ConfigError> {
         Ok(Self {
             as_written: false,
@@ -102,7 +102,7 @@ impl Document {
         })
     }
 
-    /// Reads the document at `path`, which the value of `key` names; a failure is told where the key stands.
+    /// Reads the document at `path`, the value of `key`; failures point to the key.
     pub fn follow(&self, key: &str, path: &Path) -> Result<Self, ConfigError> {
         if path.is_file() {
             return Self::read(path);
@@ -110,12 +110,12 @@ impl Document {
         Err(self.refuse(Refusal::new(key, no_file("TOML", path))))
     }
 
-    /// The document as `T`; unknown keys, missing keys and wrong types are errors.
+    /// Deserialises the document as `T`; unknown keys, missing keys and wrong types are errors.
     pub fn parse<T: DeserializeOwned>(&self) -> Result<T, ConfigError> {
         toml::from_str(&self.text).map_err(|error| self.explain::<T>(&error))
     }
 
-    /// Gives a refused value its file and line.
+    /// Adds file and line to a rejected value.
     pub fn refuse(&self, refusal: Refusal) -> ConfigError {
         let line = self
             .span_of(&refusal.key)
@@ -125,12 +125,12 @@ impl Document {
         ConfigError::new(&self.name, line, key, refusal.reason)
     }
 
-    /// Whether the document is a TOML table with this key at its top.
+    /// Whether the document is a TOML table with this top-level key.
     pub fn has_key(&self, key: &str) -> bool {
         DeTable::parse(&self.text).is_ok_and(|root| root.get_ref().iter().any(|(name, _)| name.get_ref() == key))
     }
 
-    /// What errors call the document.
+    /// Name used in errors.
     pub fn name(&self) -> &str {
         &self.name
     }
@@ -142,7 +142,7 @@ impl Document {
             .count()
     }
 
-    /// Where the longest existing prefix of the dotted path `key` stands.
+    /// Position of the longest existing prefix of the dotted path `key`.
     fn span_of(&self, key: &str) -> Option<Range<usize>> {
         let root = DeTable::parse(&self.text).ok()?;
         let mut found = None;
@@ -174,7 +174,7 @@ impl Document {
         found
     }
 
-    /// Turns a serde error into the sentence of a [`ConfigError`].
+    /// Converts a serde error into a [`ConfigError`].
     fn explain<T: DeserializeOwned>(&self, error: &toml::de::Error) -> ConfigError {
         let message = error.message();
         let span = error.span();
@@ -206,7 +206,7 @@ impl Document {
             }
             key = join(&path);
         } else if path.len() == depth {
-            // Tables with a `kind` are buffered by serde, which forgets where their values stood.
+            // serde buffers tables with a `kind` and loses the positions of their values.
             self.search::<T>(&mut path, message);
             key = join(&path);
             line = self.span_of(&key).map(|found| self.line_at(found.start)).or(line);
@@ -215,7 +215,7 @@ impl Document {
         ConfigError::new(&self.name, line, (!key.is_empty()).then_some(key), reason)
     }
 
-    /// Extends `path` to the value whose removal changes the complaint.
+    /// Extends `path` to the value whose removal changes the error.
     fn search<T: DeserializeOwned>(&self, path: &mut Vec<String>, message: &str) {
         let whole_list = message.starts_with("invalid length");
         let Ok(root) = self.text.parse::<toml::Table>() else {
@@ -225,7 +225,7 @@ impl Document {
         loop {
             let Some(holder) = at(&mut root, path) else { return };
             let parts: Vec<String> = match holder {
-                // The `kind` decides what else is expected: last to be suspected.
+                // The `kind` determines what else is expected: check it last.
                 toml::Value::Table(table) => {
                     let (kind, mut keys): (Vec<_>, Vec<_>) = table.keys().cloned().partition(|key| key == "kind");
                     keys.extend(kind);
@@ -289,7 +289,7 @@ pub(crate) fn plain(path: &Path) -> String {
     parts.iter().collect::<PathBuf>().display().to_string()
 }
 
-/// Why `path` is no file of a kind: nothing there, or a folder.
+/// Why `path` is not a file of a kind: missing, or a folder.
 pub(crate) fn no_file(kind: &str, path: &Path) -> String {
     let found = if path.is_dir() {
         format!("{} is a folder", plain(path))
@@ -318,7 +318,8 @@ fn one_line(message: &str) -> String {
     message.split_whitespace().collect::<Vec<_>>().join(" ")
 }
 
-/// Walks to the innermost table that holds `span`, noting the keys on the way; returns that table and the length of its path.
+/// Walks to the innermost table that contains `span`, noting the keys on the way; returns that table and the length of its
+/// path.
 fn descend<'a, 'i>(
     mut table: &'a DeTable<'i>,
     span: &Range<usize>,
@@ -352,7 +353,7 @@ fn descend<'a, 'i>(
                 }
                 return (table, depth);
             }
-            // `[header]` tables: the span of the value is that of the header, their keys lie outside of it.
+            // `[header]` tables: the span of the value is that of the header, their keys lie outside it.
             if let DeValue::Table(inner) = value
                 && holds(inner, span)
             {
@@ -387,7 +388,7 @@ fn holds(table: &DeTable<'_>, span: &Range<usize>) -> bool {
     })
 }
 
-/// The key that a serde message names, if any, and the message in the words of [`ConfigError`].
+/// The key that a serde message names, if any, and the message in the wording of [`ConfigError`].
 fn reword(message: &str) -> (Option<&str>, String) {
     let quoted = message.split('`').nth(1);
     if message.starts_with("unknown field") {
@@ -437,7 +438,7 @@ fn reword(message: &str) -> (Option<&str>, String) {
     (None, one_line(message))
 }
 
-/// The expected key whose name agrees with `name` but for the unit at its end.
+/// The expected key that equals `name` except for the unit suffix.
 fn same_stem<'a>(name: &str, expected: &[&'a str]) -> Option<&'a str> {
     let stem = name.split('_').next().filter(|stem| stem.len() > 2)?;
     let shared = |candidate: &str| {

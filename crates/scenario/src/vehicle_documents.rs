@@ -1,6 +1,6 @@
-//! A vehicle without a scenario: the vehicle document and the blades that it names, read and checked together.
+//! A vehicle without a scenario: the vehicle document and its blades, read and checked together.
 //!
-//! What the twin holds against flight logs; a [`crate::Scenario`] checks the same pair with the same function.
+//! Used by the twin to compare with flight logs; a [`crate::Scenario`] checks the same pair with the same function.
 
 use std::path::Path;
 
@@ -32,12 +32,13 @@ impl VehicleDocuments {
         Self::resolve(&Document::read(path)?, path.parent().unwrap_or(Path::new("")))
     }
 
-    /// As [`VehicleDocuments::load`], from a text that errors call "vehicle"; the blades' path is relative to `directory`.
+    /// As [`VehicleDocuments::load`], from a text that errors refer to as "vehicle"; the blades' path is relative to
+    /// `directory`.
     pub fn parse(text: &str, directory: impl AsRef<Path>) -> Result<Self, ConfigError> {
         Self::resolve(&Document::from_text("vehicle", text)?, directory.as_ref())
     }
 
-    /// All that is wrong with a text that [`VehicleDocuments::parse`] refuses; empty: it can fly.
+    /// All errors of a text that [`VehicleDocuments::parse`] rejects; empty if it can fly.
     pub fn complaints(text: &str, directory: impl AsRef<Path>) -> Vec<ConfigError> {
         const GOOD: &str = include_str!("../../../config/vehicles/f550-skids.toml");
         complaints("vehicle", text, GOOD, |text| {
@@ -57,7 +58,7 @@ impl VehicleDocuments {
         })
     }
 
-    /// Checks documents that are in memory already; keys are relative to this pair, such as `vehicle.body.mass_kg`.
+    /// Checks documents already in memory; keys are relative to this pair, such as `vehicle.body.mass_kg`.
     pub fn check(&self) -> Result<(), Refusal> {
         self.blades.check().map_err(|r| r.under("blades"))?;
         self.vehicle.check(&self.blades).map_err(|r| r.under("vehicle"))?;
@@ -77,7 +78,7 @@ impl VehicleDocuments {
     }
 }
 
-/// Reads and checks a blade document from a text that errors call `name`.
+/// Reads and checks a blade document from a text that errors refer to as `name`.
 pub fn parse_blades(name: &str, text: &str) -> Result<BladeSet, ConfigError> {
     let document = Document::from_text(name, text)?;
     let set: BladeSet = document.parse()?;
@@ -85,7 +86,7 @@ pub fn parse_blades(name: &str, text: &str) -> Result<BladeSet, ConfigError> {
     Ok(set)
 }
 
-/// Eq. 19 of the nominal blade; the refusal is relative to the blade document.
+/// Eq. 19 of the nominal blade; errors are relative to the blade document.
 fn nominal_map(vehicle: &VehicleModel, blades: &BladeSet) -> Result<ThrustMap, Refusal> {
     let nominal = &vehicle.rotors.nominal_blade;
     let blade = blades.blade[nominal];
@@ -93,7 +94,7 @@ fn nominal_map(vehicle: &VehicleModel, blades: &BladeSet) -> Result<ThrustMap, R
         .map_err(|error| Refusal::new(format!("blade.{nominal}"), error.to_string()))
 }
 
-/// Checks a vehicle and its blades; each complaint is told with the document it concerns.
+/// Checks a vehicle and its blades; each error names the document concerned.
 pub(crate) fn check_together(
     vehicle: &VehicleModel,
     vehicle_document: &Document,

@@ -87,7 +87,7 @@ fn val_channels_of_an_octorotor_x_are_those_of_the_frames_tables() {
 
 #[test]
 fn val_a_vehicle_without_a_frame_is_named() {
-    // Its rotors turn the other way round.
+    // Its rotors turn the other way.
     let sentence = AutopilotFrame::of_vehicle(AutopilotKind::Px4, &vehicle("octo-x")).unwrap_err();
     assert_eq!(
         sentence,

@@ -1,4 +1,4 @@
-//! Documents that must be refused, each with the sentence that the user reads.
+//! Documents that must be rejected, each with its error message.
 #![expect(clippy::unwrap_used, reason = "a test that cannot write its documents has failed")]
 
 use std::fs;
@@ -25,18 +25,18 @@ kind = 'hover'
 position_ned_m = [0.0, 0.0, -5.0]
 ";
 
-/// What the user reads for the scenario `text`.
+/// Error message for the scenario `text`.
 fn refusal(text: &str) -> String {
     Scenario::parse(text, config().join("scenarios")).map_or_else(|e| e.to_string(), |_| "accepted".to_owned())
 }
 
-/// What the user reads when `from` is replaced by `to` in a scenario that is in order.
+/// Error message after replacing `from` by `to` in a valid scenario.
 fn swapped(from: &str, to: &str) -> String {
     assert!(BASE.contains(from), "nothing to replace");
     refusal(&BASE.replace(from, to))
 }
 
-/// What the user reads when lines are added to a scenario that is in order; they start at line 8.
+/// Error message after adding lines to a valid scenario, starting at line 8.
 fn with(lines: &str) -> String {
     refusal(&format!("{BASE}{lines}\n"))
 }
@@ -49,8 +49,8 @@ fn with_sensor_fault(lines: &str) -> String {
     with(&format!("[[sensor_fault]]\n{lines}"))
 }
 
-/// What the user reads about a vehicle or blade document in which `from` is replaced by `to`. The folder's name is cut off and the
-/// line of the change reads `line #`, so that a new comment in a document breaks no test.
+/// Error message for a vehicle or blade document with `from` replaced by `to`. The folder's name is cut off and the line of the
+/// change reads `line #`, so that a new comment in a document breaks no test.
 fn spoilt(file: &str, from: &str, to: &str) -> String {
     let folder = tempfile::tempdir().unwrap();
     let mut line = 0;
@@ -394,7 +394,7 @@ fn val_vehicle_and_blades() {
         spoilt("f550.toml", "\"../blades/t9545.toml\"", "\"../blades\""),
         "vehicles/f550.toml, line #, key `rotors.blades`: expected the path of a TOML file, blades is a folder"
     );
-    // The map that the controller believes in stands in the vehicle's file.
+    // The controller's thrust map is in the vehicle's file.
     assert_eq!(
         spoilt("f550.toml", "full_thrust_n = 12.0059", "full_thrust_n = 2.0"),
         "vehicles/f550.toml, line #, key `rotors.full_thrust_n`: expected more than any rotor gives in hover (2.534 N in the \
@@ -413,7 +413,7 @@ fn val_vehicle_and_blades() {
         "scenarios/bad.toml, line 3, key `vehicle`: this vehicle cannot hover at a charge of 0.9: rotor 1 would have to lift \
          14.715 N, it lifts 0 to 11.506 N"
     );
-    // Eq. 19 with the duty as a fraction: coefficients of the wrong unit do not rise with duty.
+    // Eq. 19 with the duty as a fraction: coefficients in the wrong unit do not increase with duty.
     assert_eq!(
         spoilt("t9545.toml", "1.0350e-4, -1.7318e-7", "1.0350e-4, -1.7318e-3"),
         "blades/t9545.toml, line #, key `blade.a.coefficients`: expected a lift that rises with duty from 10 % to 100 % \
@@ -511,7 +511,7 @@ fn val_effective_configuration_reads_back() {
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(64))]
 
-    /// Whatever is cut out of a document or put into it: an answer, no panic; and a refusal is one line.
+    /// Whatever is cut out of a document or inserted: a result, no panic; and the error is one line.
     #[test]
     fn prop_mangled_documents_are_answered(at in 0.0..1.0f64, cut in 0usize..40, put in "[-a-z0-9_\\[\\]{}=.,'\"# \n]{0,12}") {
         let text = read("scenarios/reference-flight.toml");

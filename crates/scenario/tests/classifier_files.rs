@@ -1,4 +1,4 @@
-//! Classifier files: what is written reads back to the same bits; what does not fit is refused in one sentence.
+//! Classifier files: round trips are bit-identical; a file that does not fit is rejected with an error message.
 #![expect(clippy::unwrap_used, reason = "a test that cannot read the configuration has failed")]
 
 use std::path::{Path, PathBuf};
@@ -32,7 +32,7 @@ fn prop_any_weight_passes_through_file_and_documents() {
         .documents()
         .clone();
     for _ in 0..64 {
-        // Any finite f32 whatever, by its bits.
+        // Any finite f32, by its bits.
         for weight in &mut classifier.weights.hidden_weight {
             *weight = std::iter::repeat_with(|| f32::from_bits((random.unit() * 4_294_967_296.0) as u32))
                 .find(|weight| weight.is_finite())
@@ -69,7 +69,7 @@ fn scenario_documents_carry_the_network_itself() {
     );
 }
 
-/// What the user reads when the reference flight's `from` is replaced by `to` and its classifier changed by `spoil`.
+/// Error message after replacing `from` by `to` in the reference flight and modifying its classifier with `spoil`.
 fn refusal(from: &str, to: &str, spoil: impl Fn(&str) -> String) -> String {
     let folder = tempfile::tempdir().unwrap();
     for path in [
@@ -97,7 +97,7 @@ fn refusal(from: &str, to: &str, spoil: impl Fn(&str) -> String) -> String {
     }
     let text = Scenario::load(folder.path().join("scenarios/reference-flight.toml"))
         .map_or_else(|e| e.to_string(), |_| "accepted".to_owned());
-    // Line numbers of the scenario are those of a text that people edit.
+    // The scenario's line numbers change whenever its text is edited.
     let text = text.replace(&format!("{}/", folder.path().display()), "");
     match text.split_once(", line ") {
         Some((file, rest)) if file.ends_with(".toml") => format!("{file}, {}", rest.split_once(", ").unwrap().1),

@@ -1,4 +1,4 @@
-//! Flights with effects: the step with effects against the step without, every effect in flight, refusals.
+//! Flights with effects: the step with effects compared with the step without, every effect in flight, rejections.
 
 use std::path::{Path, PathBuf};
 
@@ -88,12 +88,12 @@ fn scenario_every_effect_flies_and_changes_the_flight() {
         for p in entry.parameters {
             let value = match (p.kind, p.name) {
                 (ParameterKind::Shape, "partner") => 2.0,
-                // Ceiling and wall stand where the flight passes.
+                // Ceiling and wall are in the flight path.
                 (ParameterKind::Shape, "height_m") => 1.0,
                 (ParameterKind::Shape, "distance_m") => 0.5,
-                // The flight needs little of its duty: a saturation that it reaches.
+                // The flight needs little of its duty range: use a saturation that it reaches.
                 (ParameterKind::Size, "lost_duty") => 0.55,
-                // Swapped or reversed rotors crash the vehicle within the second; a share of them flies.
+                // Swapped or reversed rotors crash the vehicle within a second; a fraction of them flies.
                 (ParameterKind::Size, "share") if entry.catalogue_number == Some(35) => 0.1,
                 _ => p.typical,
             };

@@ -1,4 +1,4 @@
-//! The plant's equations and the closed loop against reference vectors of an independent implementation in f64.
+//! The plant's equations and the closed loop compared with reference vectors of an independent implementation in f64.
 #![expect(clippy::unwrap_used, reason = "a test that cannot read its vectors has failed")]
 
 use std::path::PathBuf;
@@ -8,16 +8,17 @@ use rotortwin_plant::powertrain::battery::Battery;
 use rotortwin_plant::vehicle::model::Layout;
 use rotortwin_scenario::Scenario;
 
-/// Relative, of the vectors' README; values below 1 N count absolutely, since Eq. 19 cancels near 7 % duty.
+/// Relative, from the vectors' README; values below 1 N count absolutely, since Eq. 19 cancels near 7 % duty.
 const LIFT_TOLERANCE: f64 = 1e-12;
-/// Of the vectors' README: the duty comes from a bisection.
+/// From the vectors' README: the duty comes from a bisection.
 const LIFT_INVERSE_TOLERANCE: f64 = 1e-9;
-/// Relative, of the vectors' README.
+/// Relative, from the vectors' README.
 const BATTERY_TOLERANCE: f64 = 1e-12;
-/// Of the vectors' README.
+/// From the vectors' README.
 const GEOMETRY_TOLERANCE: f64 = 1e-14;
-/// Position m, velocity m/s, attitude rad, body rates rad/s, thrust N of 12 s of flight. Controller and signals are f32: a position
-/// of 6 m is known to 2e-7 m and drives duties through gains of up to 242, so 1e-6 (the f64 tolerance) is out of reach.
+/// Position m, velocity m/s, attitude rad, body rates rad/s, thrust N over 12 s of flight. Controller and signals are f32: a
+/// position of 6 m has a resolution of 2e-7 m and drives duties through gains of up to 242, so 1e-6 (the f64 tolerance) is out of
+/// reach.
 const CLOSED_LOOP_TOLERANCE: [f64; 5] = [5e-6, 5e-6, 5e-7, 2e-6, 5e-6];
 
 fn root() -> PathBuf {

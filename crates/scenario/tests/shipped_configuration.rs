@@ -1,4 +1,4 @@
-//! Every document under `config/`: explained key by key, accepted, and flown to its end with the shipped controller.
+//! Every document under `config/`: every key documented, accepted, and flown to its end with the shipped controller.
 #![expect(clippy::unwrap_used, reason = "a test that cannot read the configuration has failed")]
 
 use std::path::{Path, PathBuf};
@@ -6,8 +6,8 @@ use std::path::{Path, PathBuf};
 use rotortwin_flight_core::control::Controller;
 use rotortwin_scenario::Scenario;
 
-/// Largest distance from the position reference, m, over a whole flight of each scenario with its own seed; about twice what was
-/// measured. Every scenario must be listed.
+/// Largest distance from the position reference, m, over a whole flight of each scenario with its own seed; about twice the
+/// measured value. Every scenario must be listed.
 const LARGEST_ERROR_M: [(&str, f64); 18] = [
     ("autopilot-hover-octo", 4.0),
     ("autopilot-hover-quad", 4.0),
@@ -113,14 +113,14 @@ fn scenario_every_shipped_vehicle_hovers() {
 
 #[test]
 fn scenario_loss_of_a_rotor_stays_defined() {
-    // A hexarotor with alternating spins cannot keep its attitude without a rotor: it tumbles, in numbers that stay numbers.
+    // A hexarotor with alternating spins cannot hold its attitude without a rotor: it tumbles, with finite numbers.
     let path = config("scenarios/hover.toml");
     let fault = "fault=[{ time_s = 5.0, rotor = 3, rotor_lost = true }]";
     let scenario = Scenario::load_with(path, &[fault, "duration_s=60.0"]).unwrap();
     assert!(largest_error(&scenario) > 1.0, "the vehicle should not survive this");
 }
 
-/// Keys of the shipped documents stand beside or below a comment; a table may be explained at its head.
+/// Keys of the shipped documents have a comment next to or above them; a table may be documented at its head.
 #[test]
 fn scenario_every_key_of_the_annotated_documents_has_a_comment() {
     let mut annotated = vec![config("scenarios/reference-flight.toml")];
@@ -135,7 +135,7 @@ fn scenario_every_key_of_the_annotated_documents_has_a_comment() {
             let key = code
                 .split_once('=')
                 .is_some_and(|(key, _)| !key.contains(['#', '{', '"']));
-            // A comment on its own line explains the lines below it up to the next empty one.
+            // A comment on its own line documents the lines below it up to the next empty one.
             explained = !code.is_empty() && (explained || code.starts_with('#') || (code.starts_with('[') && comment));
             assert!(
                 !key || comment || explained,

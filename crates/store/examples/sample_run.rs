@@ -1,4 +1,5 @@
-//! Writes a made-up run, to look at a run folder without a simulator: `cargo run --example sample_run -- FOLDER [done|failed|empty]`.
+//! Writes a synthetic run, to inspect a run folder without a simulator: `cargo run --example sample_run -- FOLDER
+//! [done|failed|empty]`.
 
 use rotortwin_store::summary::{Failure, RealTime, ScenarioRecord, Status};
 use rotortwin_store::{RunFolder, SpoolHeader, SpoolWriter, Summary, finalise};
@@ -10,7 +11,7 @@ use std::time::{Duration, Instant};
 #[expect(unreachable_pub, reason = "shared with the unit tests of the library")]
 mod synthetic;
 
-/// Rows that are made before they are written.
+/// Number of rows generated before they are written.
 const BLOCK: usize = 20;
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
@@ -33,7 +34,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let mut spool = SpoolWriter::create(&folder.spool_path(), &header)?;
     let mut took = Duration::ZERO;
     for first in (0..steps).step_by(BLOCK) {
-        // The signals are made up front, so that the clock sees the spool only, and few at a time, as in a run.
+        // Generated up front, so that the clock measures the spool only, and a few at a time, as in a run.
         let rows: Vec<_> = (first..steps.min(first + BLOCK as u64)).map(synthetic::row).collect();
         let start = Instant::now();
         for row in &rows {

@@ -1,23 +1,23 @@
-//! The numbers of a flight, computed from its telemetry: intervals of the fault schedule, verdict table, residual statistics,
+//! Statistics of a flight, computed from its telemetry: intervals of the fault schedule, verdict table, residual statistics,
 //! tracking, battery.
 //!
 //! One pass over the rows; the summary, the report and every other table take their numbers from here.
 //!
-//! * **Interval**: a stretch, as long as possible, in which `fault_label`, all `rotor_condition_i` and `sensor_faults` stay the same.
+//! * **Interval**: a maximal stretch in which `fault_label`, all `rotor_condition_i` and `sensor_faults` are constant.
 //! * **Window**: verdicts are counted where `window_end` is 1; between window ends they are held and not counted. A window that
 //!   straddles the onset of a fault counts in the interval in which it ends, although part of its samples are older.
-//! * **False alarm**: a window with a fault verdict (a rotor or "unknown") that ends while no rotor is faulty. Windows in a row
-//!   are one event, also across two intervals without a fault.
+//! * **False alarm**: a window with a fault verdict (a rotor or "unknown") that ends while no rotor is faulty. Consecutive windows
+//!   are one event, even across two intervals without a fault.
 
 use crate::spool::{Chunk, SpoolHeader};
 use crate::summary::{BatteryUse, Evaluator, Interval, LossRecord, Severity, Tracking};
 use crate::telemetry::Column;
 use rotortwin_flight_core::fdi::verdict_code::{AMBIGUOUS, HEALTHY, NOT_READY, UNKNOWN};
 
-/// Observers with the paper's gain of 5 /s have forgotten the state before after this, s.
+/// After this time, observers with the paper's gain of 5 /s have forgotten their initial state, s.
 const SETTLE_S: f64 = 1.0;
 
-/// Place of a column; the schema was checked when the spool was opened.
+/// Index of a column; the schema was checked when the spool was opened.
 pub(crate) fn column(columns: &[Column], name: &str) -> usize {
     columns
         .iter()
@@ -25,14 +25,14 @@ pub(crate) fn column(columns: &[Column], name: &str) -> usize {
         .expect("the schema has this column for every rotor count")
 }
 
-/// What [`Analysis`] finds.
+/// Results of [`Analysis`].
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Findings {
-    /// Absent if there is no row.
+    /// Absent if there are no rows.
     pub tracking: Option<Tracking>,
-    /// Absent if there is no row.
+    /// Absent if there are no rows.
     pub battery: Option<BatteryUse>,
-    /// In order of time, without gaps.
+    /// In chronological order, without gaps.
     pub intervals: Vec<Interval>,
 }
 
@@ -82,7 +82,7 @@ impl Moments {
     }
 }
 
-/// What makes two rows belong to the same interval.
+/// Rows with equal keys belong to the same interval.
 #[derive(Clone, Debug, PartialEq)]
 struct Key {
     label: i32,
@@ -90,7 +90,7 @@ struct Key {
     sensor_faults: u64,
 }
 
-/// The interval that is being read.
+/// The interval being read.
 struct Open {
     key: Key,
     interval: Interval,
@@ -101,7 +101,7 @@ struct Open {
     settled_from_s: f64,
 }
 
-/// Places of the columns that are read.
+/// Indices of the columns read.
 struct Places {
     time: usize,
     label: usize,
@@ -124,14 +124,14 @@ struct Places {
     current: usize,
 }
 
-/// Reads rows, chunk by chunk, and gives [`Findings`].
+/// Reads rows, chunk by chunk, and produces [`Findings`].
 pub struct Analysis {
     header: SpoolHeader,
     places: Places,
     step_s: f64,
     open: Option<Open>,
     done: Vec<Interval>,
-    /// Per evaluator: the window before this one was a false alarm.
+    /// Per evaluator: the previous window was a false alarm.
     alarm: [bool; 3],
     rows: u64,
     last_s: f64,
@@ -184,7 +184,7 @@ impl Analysis {
         }
     }
 
-    /// Reads the next rows.
+    /// Processes the next rows.
     pub fn push(&mut self, chunk: &Chunk) {
         for row in 0..chunk.len {
             self.push_row(chunk, row);
@@ -263,7 +263,7 @@ impl Analysis {
             let right = is_right(verdict, suspects, &open.interval);
             let pair = pair_code(&open.interval.faulty_rotors);
             let score = open.interval.scores.of_mut(evaluator);
-            // A vehicle that has landed is not judged any more: what was said in the air stands.
+            // A vehicle that has landed is no longer evaluated: the last verdict in the air stands.
             if verdict != NOT_READY || open.rows == 0 {
                 score.verdict_at_end = verdict;
                 score.right_at_end = right;
@@ -391,7 +391,7 @@ impl Analysis {
         self.done.push(interval);
     }
 
-    /// What the rows gave.
+    /// Results of all rows.
     pub fn finish(mut self) -> Findings {
         self.close(self.last_s + self.step_s);
         if self.rows == 0 {
@@ -430,8 +430,8 @@ fn pair_code(faulty_rotors: &[u32]) -> i32 {
     }
 }
 
-/// True of the expected verdict, of both names of two faulty rotors, and of an ambiguous verdict that leaves all of several faulty
-/// rotors open.
+/// True for the expected verdict, for both names of two faulty rotors, and for an ambiguous verdict whose suspects include all of several
+/// faulty rotors.
 fn is_right(verdict: i32, suspects: u64, interval: &Interval) -> bool {
     let several = interval.fault_label == UNKNOWN;
     let faulty = || {
@@ -445,7 +445,7 @@ fn is_right(verdict: i32, suspects: u64, interval: &Interval) -> bool {
         || several && verdict == AMBIGUOUS && faulty()
 }
 
-/// * `losses`: N, ends, share, ends; of the first and the second rotor named
+/// * `losses`: N, ends, fraction, ends; of the first and the second rotor named
 fn severity(verdict: i32, suspects: u64, hypothesis_count: u32, losses: [[f64; 6]; 2]) -> Severity {
     let suspect_rotors = rotors_of(suspects);
     let named = match verdict {
@@ -510,7 +510,7 @@ mod tests {
         analysis.finish()
     }
 
-    /// `window` gives the T-test's verdict and the faulty rotors (mask) of each window.
+    /// `window` returns the T-test's verdict and the faulty rotors (mask) of each window.
     fn rows(windows: &[(i32, u32)]) -> Vec<TelemetryRow> {
         let mut rows = Vec::new();
         for (verdict, faulty) in windows {

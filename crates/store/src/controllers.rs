@@ -1,12 +1,12 @@
-//! Controllers compared: one row a flight, from its summary and its telemetry.
+//! Comparison of controllers: one row per flight, from its summary and telemetry.
 //!
 //! ```text
 //! summary.json ──────▶ who flew, scenario, fault, verdicts ─┐
 //! telemetry.parquet ─▶ errors, tilt, energy, recovery ──────┴▶ ControllerRow ─▶ `rotortwin controllers`, GET /api/v1/controllers
 //! ```
-//! All errors are of the true state against the reference of the scenario, which is the same for every controller. Roll and pitch have no
-//! reference there: they are compared with what the controller itself asked of its inner loop, where it told that; an autopilot does not.
-//! Whether flights can be compared at all is said by [`differences`].
+//! All errors are those of the true state relative to the scenario's reference, which is the same for every controller. Roll and pitch
+//! have no reference there: they are compared with the controller's own setpoint of its inner loop, if reported; an autopilot does not
+//! report one. [`differences`] states whether flights are comparable at all.
 
 use crate::analysis::wrapped;
 use crate::files::TELEMETRY_FILE;
@@ -16,10 +16,10 @@ use serde::{Deserialize, Serialize};
 use std::path::Path;
 use utoipa::ToSchema;
 
-/// Within so far of the reference a vehicle has recovered where nobody says another distance, m.
+/// Default recovery distance: a vehicle within this distance of the reference has recovered, m.
 pub const WITHIN_M: f64 = 0.5;
 
-/// What is read of each step.
+/// Columns read at each step.
 const COLUMNS: [&str; 15] = [
     "time_s",
     "true_position_north_m",
@@ -111,7 +111,7 @@ pub struct FaultResponse {
 }
 
 impl ControllerRow {
-    /// Of a run folder; a vehicle has recovered when it stays within `within_m` of its reference.
+    /// Row of a run folder; a vehicle has recovered when it stays within `within_m` of its reference.
     ///
     /// # Errors
     /// The telemetry cannot be read.
@@ -121,7 +121,7 @@ impl ControllerRow {
         Self::new(folder.display().to_string(), summary, telemetry, within_m)
     }
 
-    /// Of a run whose telemetry is in this file; none: it recorded nothing.
+    /// Row of a run whose telemetry is in this file; `None`: nothing was recorded.
     ///
     /// # Errors
     /// The telemetry cannot be read.
@@ -161,7 +161,7 @@ impl ControllerRow {
     }
 }
 
-/// What is summed over all steps, and when the vehicle was last too far away.
+/// Sums over all steps, and the last time at which the vehicle was too far away.
 struct Sums {
     onset_s: Option<f64>,
     within_m: f64,
@@ -175,7 +175,7 @@ struct Sums {
     told_setpoints: bool,
     energy_j: f64,
     farthest_m: f64,
-    /// Time of the last step outside of the bound from the onset on.
+    /// Time of the last step outside the bound, from the onset on.
     last_outside_s: Option<f64>,
     outside: bool,
 }
@@ -231,7 +231,7 @@ impl Sums {
             (&mut self.tilt, tilt),
         ] {
             sums[0] += error * error;
-            // NaN stays: a flight that diverged has no largest error.
+            // NaN is kept: a flight that diverged has no largest error.
             if error > sums[1] || error.is_nan() {
                 sums[1] = error;
             }
@@ -283,7 +283,7 @@ impl Sums {
     }
 }
 
-/// What keeps flights from being compared: in what they differ beside the controller, one sentence each.
+/// Reasons why flights are not comparable: differences other than the controller, one sentence each.
 pub fn differences(rows: &[ControllerRow]) -> Vec<String> {
     let Some((first, others)) = rows.split_first() else {
         return Vec::new();

@@ -1,21 +1,21 @@
-//! What can go wrong with a run folder; each error is one sentence that names the file.
+//! Errors of run folders; each message is one sentence that names the file.
 
 use std::path::{Path, PathBuf};
 
 /// Error of this crate.
 #[derive(Debug, thiserror::Error)]
 pub enum StoreError {
-    /// The operating system refused.
+    /// An operating system error.
     #[error("{}: {action}: {source}", path.display())]
     Io {
         /// File or folder.
         path: PathBuf,
-        /// What was being done, "cannot …".
+        /// Attempted action, "cannot …".
         action: &'static str,
         /// Why.
         source: std::io::Error,
     },
-    /// The folder for a new run has something in it.
+    /// The folder for a new run is not empty.
     #[error("{}: the folder is not empty; name a new or empty one for this run", path.display())]
     FolderNotEmpty {
         /// The folder.
@@ -27,7 +27,7 @@ pub enum StoreError {
         /// The path.
         path: PathBuf,
     },
-    /// There is no run here.
+    /// No run found here.
     #[error("{}: no run here ({expected} is missing)", path.display())]
     NoRun {
         /// The folder.
@@ -35,7 +35,7 @@ pub enum StoreError {
         /// The file that was expected.
         expected: &'static str,
     },
-    /// The run of this folder ended without being finished: only its spool is there.
+    /// The run in this folder was interrupted: only its spool exists.
     #[error("{}: this run was interrupted before it could be written; only its spool is left", path.display())]
     Interrupted {
         /// The folder.
@@ -49,13 +49,13 @@ pub enum StoreError {
         /// What is wrong with it.
         reason: String,
     },
-    /// A rotor count that no row can hold.
+    /// Rotor count above the maximum of a row.
     #[error("a run cannot be recorded with {count} rotors; 1 to {max} are possible", max = rotortwin_flight_core::MAX_ROTORS)]
     RotorCount {
         /// The count.
         count: usize,
     },
-    /// The summary is not what this program writes.
+    /// The summary is invalid.
     #[error("{}: not a summary that this program can read: {source}", path.display())]
     Summary {
         /// The file.
@@ -63,14 +63,14 @@ pub enum StoreError {
         /// Why.
         source: serde_json::Error,
     },
-    /// A summary of another format version.
+    /// A summary with another format version.
     #[error("{}: summary format {found}; this program reads format {expected}", path.display())]
     SummaryVersion {
         /// The file.
         path: PathBuf,
         /// Version in the file.
         found: u64,
-        /// Version that is read.
+        /// Supported version.
         expected: u32,
     },
     /// The telemetry could not be read for the report.
@@ -99,7 +99,7 @@ pub enum StoreError {
     },
 }
 
-/// `map_err` helper: an I/O error with its file and what was being done.
+/// `map_err` helper: an I/O error with its file and the attempted action.
 pub(crate) fn io<'a>(path: &'a Path, action: &'static str) -> impl FnOnce(std::io::Error) -> StoreError + 'a {
     move |source| StoreError::Io {
         path: path.to_path_buf(),

@@ -1,8 +1,8 @@
-//! A whole run in one file of a format that other programs read.
+//! Exports a whole run to one file in a format that other programs read.
 //!
 //! | format | from | for |
 //! |---|---|---|
-//! | `parquet`, `mcap` | is in the folder already | pandas, Polars, DuckDB; Foxglove, Lichtblick |
+//! | `parquet`, `mcap` | already in the folder | pandas, Polars, DuckDB; Foxglove, Lichtblick |
 //! | `ulog` | written from `telemetry.parquet` | Flight Review, PlotJuggler, pyulog |
 //! | `csv` | the same | everything else |
 //!
@@ -16,7 +16,7 @@ use std::fs::File;
 use std::io::BufWriter;
 use std::path::{Path, PathBuf};
 
-/// What a run is exported as.
+/// Export format.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum ExportFormat {
@@ -31,7 +31,7 @@ pub enum ExportFormat {
 }
 
 impl ExportFormat {
-    /// File that the run's folder has of it; `None`: it must be written.
+    /// Corresponding file of the run folder; `None`: it must be written.
     pub const fn file(self) -> Option<&'static str> {
         match self {
             Self::Mcap => Some(MCAP_FILE),
@@ -40,7 +40,7 @@ impl ExportFormat {
         }
     }
 
-    /// How names of such files end.
+    /// File extension.
     pub const fn extension(self) -> &'static str {
         match self {
             Self::Ulog => "ulg",
@@ -60,12 +60,12 @@ impl ExportFormat {
     }
 }
 
-/// Writes telemetry as ULog or CSV into an open file, or copies what needs no writing.
+/// Writes telemetry as ULog or CSV into an open file, or copies formats that already exist.
 ///
-/// * `telemetry`: a run's `telemetry.parquet`; MCAP is taken from beside it
+/// * `telemetry`: a run's `telemetry.parquet`; MCAP is taken from the same folder
 ///
 /// # Errors
-/// A file that is not there or damaged, or that cannot be written.
+/// A file is missing or damaged, or cannot be written.
 pub fn export(telemetry: &Path, format: ExportFormat, out: &File) -> Result<(), QueryError> {
     let mut buffered = BufWriter::new(out);
     match format {
@@ -81,7 +81,7 @@ pub fn export(telemetry: &Path, format: ExportFormat, out: &File) -> Result<(), 
     flushed.map(drop).map_err(|source| QueryError::Output { source })
 }
 
-/// Exports a run into `out`, which appears when it is whole; a file that is there is replaced.
+/// Exports a run into `out`, which appears only when complete; an existing file is replaced.
 ///
 /// * `run`: the run's folder, or its `telemetry.parquet`
 ///
@@ -103,7 +103,7 @@ pub fn export_to(run: &Path, format: ExportFormat, out: &Path) -> Result<(), Que
     let file = File::create(&part).map_err(refused(&part))?;
     let written = export(&telemetry, format, &file).and_then(|()| std::fs::rename(&part, out).map_err(refused(out)));
     if written.is_err() {
-        // What is half-written is of no use; that it may stay is no further harm.
+        // The partial file is useless; failing to remove it does no further harm.
         drop(std::fs::remove_file(&part));
     }
     written

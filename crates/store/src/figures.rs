@@ -1,7 +1,7 @@
-//! `figures/*.svg`: the paper's figures 9 to 14 of this run as still pictures, for documents and slides.
+//! `figures/*.svg`: the paper's figures 9 to 14 for this run as static images, for documents and slides.
 //!
-//! Drawn from the same thinned-out numbers as the report, on white, with the fault intervals shaded. Lines, text and rectangles
-//! only, so that every program that reads SVG shows them alike.
+//! Drawn from the same decimated data as the report, on white, with the fault intervals shaded. Only lines, text and
+//! rectangles, so that every SVG program renders them alike.
 
 use crate::plots::{Plots, Sample, Verdicts, normal_grid, normal_line, scale_from_s};
 use crate::summary::{Evaluator, Interval, Summary};
@@ -13,7 +13,7 @@ const LEFT: f64 = 62.0;
 const RIGHT: f64 = 14.0;
 const TOP: f64 = 24.0;
 const GAP: f64 = 16.0;
-/// Under the lowest panel: numbers and label of the axis.
+/// Below the lowest panel: axis numbers and label.
 const BOTTOM: f64 = 40.0;
 
 const TEXT: &str = "#1b2430";
@@ -146,7 +146,7 @@ impl Panel {
     }
 
     fn line(&self, svg: &mut String, points: impl Iterator<Item = (f64, f64)>, style: &str) {
-        // What leaves the panel runs along its edge.
+        // Points outside the panel are clamped to its edge.
         let (low, high) = (self.y[0].min(self.y[1]), self.y[0].max(self.y[1]));
         let mut path = String::new();
         let mut pen_down = false;
@@ -167,10 +167,10 @@ impl Panel {
         put!(svg, "<path d=\"{path}\" fill=\"none\" {style}/>");
     }
 
-    /// What each fault is, above the panel.
+    /// Fault labels above the panel.
     fn names(&self, svg: &mut String, intervals: &[Interval]) {
         for interval in intervals.iter().filter(|interval| interval.fault_label != HEALTHY) {
-            // About 6 px a letter; a name that does not fit is left out.
+            // About 6 px per letter; a label that does not fit is omitted.
             if self.px(interval.end_s) - self.px(interval.start_s) > 6.0 * interval.description.len() as f64 {
                 put!(
                     svg,
@@ -191,7 +191,7 @@ fn ticks(range: [f64; 2], count: f64) -> Vec<(f64, String)> {
         return Vec::new();
     }
     let power = 10f64.powf(raw.log10().floor());
-    // A little finer than asked for rather than much coarser.
+    // Rather a little finer than requested than much coarser.
     let step = [1.0, 2.0, 5.0, 10.0]
         .map(|factor| factor * power)
         .into_iter()
@@ -210,7 +210,7 @@ fn ticks(range: [f64; 2], count: f64) -> Vec<(f64, String)> {
         .collect()
 }
 
-/// Range of some series with air around it; at least `least` wide.
+/// Range of some series with margins; at least `least` wide.
 fn range<'a>(series: impl Iterator<Item = &'a [f32]>, least: f64) -> [f64; 2] {
     let (mut low, mut high) = (f64::INFINITY, f64::NEG_INFINITY);
     for value in series
@@ -231,17 +231,17 @@ fn range<'a>(series: impl Iterator<Item = &'a [f32]>, least: f64) -> [f64; 2] {
 /// A line of [`lines`].
 #[derive(Clone, Debug, PartialEq)]
 pub struct Line {
-    /// Beside it.
+    /// Label.
     pub name: String,
     /// CSS colour.
     pub colour: &'static str,
     /// Dashed or solid.
     pub dashed: bool,
-    /// x, y; y ascending in the picture.
+    /// x, y; y increases upwards.
     pub points: Vec<(f64, f64)>,
 }
 
-/// Lines over one pair of axes, from 0 on both, with their names in a list: an SVG document.
+/// Lines on one pair of axes, both starting at 0, with a legend: an SVG document.
 pub fn lines(title: &str, x_label: &str, y_label: &str, lines: &[Line]) -> String {
     let largest = |value: fn(&(f64, f64)) -> f64| {
         let all = lines.iter().flat_map(|line| &line.points);
@@ -304,7 +304,7 @@ struct Row {
     flipped: bool,
 }
 
-/// Panels over time, one under the other.
+/// Panels over time, stacked vertically.
 fn stack(plots: &Plots, summary: &Summary, rows: &[Row], title: &str) -> String {
     const HEIGHT: f64 = 130.0;
     let mut svg = String::new();
@@ -612,7 +612,7 @@ fn verdicts(plots: &Plots, summary: &Summary) -> String {
                 if from >= to {
                     continue;
                 }
-                // Bit (code + 2); "not ready" leaves no mark.
+                // Bit (code + 2); "not ready" is not drawn.
                 for code in (UNKNOWN..=plots.rotor_count as i32).filter(|code| seen.codes >> (code + 2) & 1 == 1) {
                     let colour = match code {
                         code if code == interval.expected_verdict => GOOD,

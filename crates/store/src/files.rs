@@ -4,11 +4,11 @@
 pub const TELEMETRY_FILE: &str = "telemetry.parquet";
 /// The run as streams.
 pub const MCAP_FILE: &str = "run.mcap";
-/// Facts and numbers.
+/// Facts and statistics.
 pub const SUMMARY_FILE: &str = "summary.json";
-/// What to look at first.
+/// The report.
 pub const REPORT_FILE: &str = "report.html";
 /// Folder of the figures as SVG.
 pub const FIGURES_FOLDER: &str = "figures";
-/// Working file while the run goes on.
+/// Working file during the run.
 pub const SPOOL_FILE: &str = "telemetry.spool";

@@ -1,4 +1,4 @@
-//! What a run leaves behind: a folder that other programs can open and that explains itself.
+//! Output of a run: a self-describing folder that other programs can open.
 //!
 //! ```text
 //! step by step                at the end of the run, done or failed
@@ -9,12 +9,12 @@
 //!                        └─▶ summary.json        facts, verdict table        (analysis, summary)
 //! ```
 //!
-//! [`streams`] makes the messages of `run.mcap`, which a flight can show live as well.
+//! [`streams`] creates the messages of `run.mcap`, which a flight can also publish live.
 //!
-//! [`query`] answers questions about `telemetry.parquet`: channels, an interval, as many rows as a picture needs.
+//! [`query`] answers queries on `telemetry.parquet`: channels, an interval, as many rows as a plot needs.
 //!
-//! [`RunFolder`] makes the folder, [`SpoolWriter`] takes the rows, [`finalise`] writes the rest. The crate knows no link, no
-//! scenario and no clock: facts about those come in as text and numbers.
+//! [`RunFolder`] creates the folder, [`SpoolWriter`] appends the rows, [`finalise`] writes the rest. The crate knows no
+//! link, no scenario and no clock: facts about those are passed in as text and numbers.
 
 pub mod analysis;
 pub mod controllers;

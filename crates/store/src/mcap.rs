@@ -1,6 +1,7 @@
-//! Telemetry → `run.mcap`: the run as streams, for Foxglove, Lichtblick and everything else that reads MCAP.
+//! Telemetry → `run.mcap`: the run as streams, for Foxglove, Lichtblick and other MCAP readers.
 //!
-//! Topics and messages: [`crate::streams`]. The log time is simulated time, ns since the start of the run, so that equal runs give equal files.
+//! Topics and messages: [`crate::streams`]. The log time is simulated time, ns since the start of the run, so that equal runs produce equal
+//! files.
 
 use crate::error::{Result, StoreError};
 use crate::spool::{Chunk, SpoolHeader};
@@ -18,14 +19,14 @@ pub(crate) struct McapSink<W: Write + Seek> {
     writer: Writer<W>,
     path: PathBuf,
     streams: Streams,
-    /// Numbers of the topics' channels.
+    /// Channel ids of the topics.
     channels: [u16; Topic::ALL.len()],
     failure: Option<String>,
     last_time_ns: u64,
 }
 
 impl<W: Write + Seek> McapSink<W> {
-    /// Begins a file.
+    /// Starts a file.
     ///
     /// * `path`: for error messages
     pub(crate) fn new(
@@ -75,7 +76,7 @@ impl<W: Write + Seek> McapSink<W> {
         Ok(())
     }
 
-    /// Ends the file.
+    /// Completes the file.
     pub(crate) fn finish(mut self) -> Result<W> {
         let path = self.path.clone();
         let wrap = |source| StoreError::Mcap { path, source };

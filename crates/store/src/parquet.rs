@@ -3,7 +3,7 @@
 //! One row group per chunk of the spool, all columns required (never null), zstd. Floating-point columns are split into byte
 //! streams before compression, which suits noise; codes and masks go through a dictionary.
 //!
-//! Parquet has no place for units, so the file's key-value metadata has, beside the facts of the run, one entry
+//! Parquet has no field for units, so the file's key-value metadata contains, in addition to the facts of the run, one entry
 //! `rotortwin.columns`: a JSON object column → {unit, description}.
 
 use crate::error::{Result, StoreError};
@@ -94,7 +94,7 @@ mod erased {
 }
 
 impl<W: Write + Send> ParquetSink<W> {
-    /// Begins a file; `path` is for error messages.
+    /// Starts a file; `path` is for error messages.
     pub(crate) fn new(
         writer: W,
         path: &Path,
@@ -169,7 +169,7 @@ impl<W: Write + Send> ParquetSink<W> {
         Ok(())
     }
 
-    /// Ends the file.
+    /// Completes the file.
     pub(crate) fn finish(self) -> Result<W> {
         let wrap = |source| StoreError::Parquet {
             path: self.path,

@@ -1,9 +1,9 @@
-//! What the figures are drawn from: telemetry thinned out to what a screen can show, without hiding anything.
+//! Plot data: telemetry decimated to screen resolution, without hiding anything.
 //!
 //! * [`Envelope`]: a bucket of rows becomes its lowest and its highest value, in the order in which they occurred. A spike of a
 //!   single step stays visible however long the flight. All series of one envelope share their time axis, exact to half a bucket.
-//! * [`Means`]: a bucket becomes its mean; for series whose noise would cover them.
-//! * [`Verdicts`]: a bucket becomes the set of verdicts that were in force in it, so that no isolated false alarm disappears.
+//! * [`Means`]: a bucket becomes its mean; for series otherwise covered by noise.
+//! * [`Verdicts`]: a bucket becomes the set of verdicts in force during it, so that no isolated false alarm disappears.
 //! * [`Sample`]: every k-th sample of a stretch, for the normal plot.
 
 use crate::analysis::column;
@@ -12,24 +12,24 @@ use crate::summary::Evaluator;
 use crate::telemetry::Column;
 use rotortwin_flight_core::fdi::verdict_code::{AMBIGUOUS, HEALTHY, NOT_READY, UNKNOWN};
 
-/// Buckets of the full-width plots: at most twice as many points.
+/// Buckets of the full-width plots: at most twice this many points.
 const WIDE_BUCKETS: u64 = 1950;
 /// Buckets of the small residual plots.
 const SMALL_BUCKETS: u64 = 900;
 /// Buckets of the means.
 const MEAN_BUCKETS: u64 = 360;
-/// Samples kept for one line of the normal plot, at least half of it.
+/// Maximum number of samples for one line of the normal plot; at least half of it are kept.
 const SAMPLE_LIMIT: usize = 8192;
-/// Left out at the beginning of a stretch, s: the observers settle.
+/// Omitted at the beginning of a stretch, s: the observers settle.
 const SETTLE_S: f64 = 1.0;
 
-/// From when on samples count for the scale of the residual plots, s: in a flight of some length, the transient of its start would
-/// otherwise be the only thing to be seen.
+/// Start of the samples that determine the scale of the residual plots, s: otherwise, in a flight of some length, the transient at its
+/// start would be the only visible feature.
 pub(crate) fn scale_from_s(end_s: f64) -> f64 {
     if end_s > 8.0 { 2.0 } else { 0.0 }
 }
 
-/// A column, maybe less another one, and the factor that brings it into the unit of its plot.
+/// A column, optionally minus another one, and the conversion factor to the unit of its plot.
 #[derive(Clone, Copy, Debug)]
 struct Source {
     place: usize,
@@ -103,7 +103,7 @@ impl Envelope {
         }
     }
 
-    /// Ends a bucket whose last row is at `end_s`.
+    /// Closes a bucket whose last row is at `end_s`.
     fn close(&mut self, end_s: f64) {
         // A bucket of one row is one point.
         let count = if self.in_bucket > 1 { 2 } else { 1 };
@@ -204,12 +204,12 @@ pub(crate) struct Seen {
     pub(crate) codes: u32,
 }
 
-/// Which verdicts of one evaluator were in force when.
+/// Which verdicts of one evaluator were in force at which time.
 #[derive(Debug)]
 pub(crate) struct Verdicts {
     place: usize,
     open: u32,
-    /// In order of time, without gaps.
+    /// In chronological order, without gaps.
     pub(crate) seen: Vec<Seen>,
 }
 
@@ -269,7 +269,7 @@ impl Sample {
     }
 }
 
-/// Where the collection of samples for the normal plot stands.
+/// Progress in collecting samples for the normal plot.
 #[derive(Debug, PartialEq)]
 enum Stage {
     Healthy {
@@ -283,7 +283,7 @@ enum Stage {
     Over,
 }
 
-/// Everything that the figures of one run are drawn from.
+/// Data of all figures of one run.
 #[derive(Debug)]
 pub(crate) struct Plots {
     pub(crate) rotor_count: usize,
@@ -387,7 +387,7 @@ impl Plots {
         }
     }
 
-    /// Takes the next rows.
+    /// Processes the next rows.
     pub(crate) fn push(&mut self, chunk: &Chunk) {
         self.wide.push(chunk);
         self.residuals.push(chunk);
@@ -424,7 +424,7 @@ impl Plots {
         self.in_bucket = 0;
     }
 
-    /// Takes the buckets that are not full.
+    /// Flushes incomplete buckets.
     pub(crate) fn finish(&mut self) {
         let last_s = self.end_s - self.step_s;
         self.wide.finish(last_s);
@@ -462,7 +462,7 @@ impl Plots {
             Stage::Faulty { from_s, .. } if time >= *from_s => &mut self.faulty,
             _ => return,
         };
-        // A vehicle has at least four rotors wherever residuals exist; a made-up one with a single rotor repeats its first.
+        // Every real vehicle has at least four rotors; a synthetic one with a single rotor repeats its first.
         let value =
             |at: usize| chunk.columns[self.residual_place + if at < 3 * self.rotor_count { at } else { at - 3 }][row];
         sample.push([0, 1, 2, 3, 4, 5].map(value));
@@ -578,7 +578,7 @@ mod tests {
 
     #[test]
     fn val_extremes_stand_in_their_order() {
-        // Rising: in each bucket the low value comes first. Falling: the high one.
+        // Increasing: in each bucket the low value comes first. Decreasing: the high one.
         for (sign, first_is_lower) in [(1.0, true), (-1.0, false)] {
             let data = chunk(40_000, |row| sign * row as f64);
             let mut plots = Plots::new(&header(), &telemetry_columns(6), 40_000);

@@ -1,5 +1,5 @@
-//! `report.html` of a run: the components of the web page, the summary, and the telemetry as the server gives it, thinned to lowest and
-//! highest samples, so that no spike disappears.
+//! `report.html` of a run: the components of the web page, the summary, and the telemetry as the server returns it, decimated to lowest
+//! and highest samples, so that no spike disappears.
 
 use crate::error::{Result, StoreError};
 use crate::plots::{Plots, Sample, normal_grid, normal_line};
@@ -11,9 +11,9 @@ use serde::Serialize;
 use std::collections::BTreeMap;
 use std::path::Path;
 
-/// Rows of the telemetry inside.
+/// Rows of the embedded telemetry.
 const POINTS: usize = 1600;
-/// What the plots show.
+/// Channels of the plots.
 const CHANNELS: [&str; 26] = [
     "fault_label",
     "verdict_sequential",
@@ -43,7 +43,7 @@ const CHANNELS: [&str; 26] = [
     "true_yaw_rad",
 ];
 
-/// What is inside of the page.
+/// Embedded data of the page.
 #[derive(Serialize)]
 struct Inside<'a> {
     summary: &'a Summary,
@@ -51,7 +51,7 @@ struct Inside<'a> {
     normal: Option<NormalPlot>,
 }
 
-/// Samples by channel, as the server answers them.
+/// Samples by channel, as the server returns them.
 #[derive(Serialize)]
 struct Telemetry {
     data: BTreeMap<String, Vec<Option<f64>>>,
@@ -121,7 +121,7 @@ fn samples(path: &Path) -> Result<Telemetry> {
     Ok(found)
 }
 
-/// The run in a few lines.
+/// Summary of the run in a few lines.
 fn words(summary: &Summary) -> String {
     let mut lines = vec![format!(
         "{}: {} after {} steps, {:.2} s simulated; run hash {}",
@@ -146,7 +146,7 @@ fn words(summary: &Summary) -> String {
     lines.join("\n")
 }
 
-/// What a detector achieved in an interval.
+/// Performance of a detector in an interval.
 fn achievement(summary: &Summary, interval: &Interval, evaluator: Evaluator) -> String {
     if summary.is_absent(evaluator) && evaluator == Evaluator::Network {
         return "no network loaded".to_owned();

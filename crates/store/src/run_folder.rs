@@ -1,13 +1,13 @@
-//! The folder of one run: made before the first step, completed after the last.
+//! The folder of one run: created before the first step, completed after the last.
 //!
 //! ```text
 //! RunFolder::create ─▶ telemetry.spool grows ─▶ finalise ─▶ telemetry.parquet, run.mcap, report.html, figures/, summary.json
 //! ```
 //!
-//! Every file is written under a temporary name and renamed when it is whole, `summary.json` last: a folder with a summary is
-//! complete. A run that failed is finalised like any other, with as many rows as it has, also none.
+//! Every file is written under a temporary name and renamed when complete, `summary.json` last: a folder with a summary is
+//! complete. A failed run is finalised like any other, with as many rows as it has, possibly none.
 //!
-//! Nothing is synchronised to the disk; a loss of power may cost the latest files.
+//! Nothing is synced to disk; a power failure may lose the latest files.
 
 use crate::analysis::{Analysis, Findings};
 use crate::error::{Result, StoreError, io};
@@ -31,10 +31,10 @@ pub struct RunFolder {
 }
 
 impl RunFolder {
-    /// Makes the folder, with its parents.
+    /// Creates the folder, with its parents.
     ///
-    /// Refuses a path that is a file or a folder with something in it, so that no run is ever mixed with another or overwritten.
-    /// Call it only when the input is known to be good: then nothing half-written is left behind by bad input.
+    /// Rejects a path that is a file or a non-empty folder, so that no run is ever mixed with another or overwritten. Call it
+    /// only when the input has been validated: then bad input leaves nothing half-written behind.
     pub fn create(path: &Path) -> Result<Self> {
         let created = match std::fs::read_dir(path) {
             Ok(mut entries) => {
@@ -62,7 +62,7 @@ impl RunFolder {
         })
     }
 
-    /// A folder that somebody else made for this run, e.g. the supervisor of the process that flies it.
+    /// Opens a folder created for this run by another process, e.g. the supervisor of the flight's process.
     pub fn open(path: &Path) -> Result<Self> {
         if !path.is_dir() {
             return Err(StoreError::NotAFolder {
@@ -80,12 +80,12 @@ impl RunFolder {
         &self.path
     }
 
-    /// Where the spool stands while the run goes on.
+    /// Path of the spool during the run.
     pub fn spool_path(&self) -> PathBuf {
         self.path.join(SPOOL_FILE)
     }
 
-    /// Undoes [`create`](Self::create): removes the spool, and the folder if it was made here and nothing else is in it.
+    /// Undoes [`create`](Self::create): removes the spool, and the folder if it was created here and is otherwise empty.
     pub fn discard(self) -> Result<()> {
         let spool = self.spool_path();
         match std::fs::remove_file(&spool) {
@@ -101,12 +101,12 @@ impl RunFolder {
     }
 }
 
-/// What [`finalise`] wrote.
+/// Files written by [`finalise`].
 #[derive(Clone, Debug)]
 pub struct Outputs {
     /// The summary, completed.
     pub summary: Summary,
-    /// `telemetry.parquet`; absent if the run ended before its spool was made.
+    /// `telemetry.parquet`; absent if the run ended before its spool was created.
     pub telemetry: Option<PathBuf>,
     /// `run.mcap`; absent as above.
     pub mcap: Option<PathBuf>,
@@ -114,15 +114,15 @@ pub struct Outputs {
     pub report: PathBuf,
     /// `summary.json`.
     pub summary_file: PathBuf,
-    /// `figures/*.svg`; none if there is no row.
+    /// `figures/*.svg`; empty if there are no rows.
     pub figures: Vec<PathBuf>,
 }
 
-/// Writes everything that a run leaves behind and removes its spool.
+/// Writes all output of a run and removes its spool.
 ///
-/// * `summary`: the facts of the run; all that can be computed from the telemetry is computed here
+/// * `summary`: the facts of the run; everything computable from the telemetry is computed here
 ///
-/// The spool's writer must be finished or dropped before. If this fails, the spool stays and it can be called again.
+/// The spool's writer must have been finished or dropped. If this fails, the spool is kept and it can be called again.
 pub fn finalise(folder: &RunFolder, mut summary: Summary) -> Result<Outputs> {
     let path = folder.path();
     summary.schema_version = SUMMARY_VERSION;
@@ -267,7 +267,7 @@ impl PartFile {
 impl Drop for PartFile {
     fn drop(&mut self) {
         if !self.kept {
-            // Best effort: the error that led here is the one to be told.
+            // Best effort: report the error that led here instead.
             drop(std::fs::remove_file(&self.part));
         }
     }

@@ -1,15 +1,15 @@
-//! The spool: an append-only file that takes one row per step while the run goes on.
+//! The spool: an append-only file with one row per step, written during the run.
 //!
 //! ```text
 //! "RTSPOOL1" · format version u32 · header length u32 · header (JSON, [`SpoolHeader`]) · row · row · row …
 //! ```
 //!
-//! All numbers are little-endian. A row has a fixed size and holds each column in its own kind (an f32 stays an f32), which
-//! halves the bytes against rows of f64 and with them the cost of a row.
+//! All numbers are little-endian. A row has a fixed size and holds each column in its own type (an f32 stays an f32), which
+//! halves the size compared with rows of f64, and with it the cost of a row.
 //!
 //! Crash safety: rows are appended through a buffer of 256 KiB, so a killed process loses at most the rows in that buffer (about
 //! 0.5 s of a hexarotor's flight at 400 Hz; [`SpoolWriter::flush`] shortens that). A file that ends within a row is read up to
-//! the last whole one. Nothing is synchronised to the disk: a loss of power may cost more.
+//! the last complete one. Nothing is synced to disk: a power failure may lose more.
 //!
 //! The spool is a working file. It has no index and no compression, its format may change with any version of the program, and
 //! [`finalise`](crate::run_folder::finalise) removes it.
@@ -27,35 +27,35 @@ const MAGIC: [u8; 8] = *b"RTSPOOL1";
 const VERSION: u32 = 1;
 /// Magic, version, header length.
 const PREFIX_BYTES: usize = 16;
-/// Largest header that is believed; a real one has about 15 KiB.
+/// Maximum plausible header size; a real one has about 15 KiB.
 const HEADER_LIMIT: usize = 16 << 20;
 /// One write to the kernel per this many bytes.
 const BUFFER_BYTES: usize = 256 << 10;
 /// Rows of one [`Chunk`]: one row group in Parquet, about 50 MB of numbers for a hexarotor.
 const CHUNK_ROWS: usize = 65_536;
 
-/// What a spool says about itself.
+/// Metadata in a spool.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct SpoolHeader {
     /// Number of rotors of the vehicle, 1 to [`MAX_ROTORS`].
     pub rotor_count: usize,
     /// Length of a step, ns.
     pub step_ns: u64,
-    /// What the codes of `rotor_condition_i` mean, e.g. 1 → "blade b"; 0 is healthy and needs no entry.
+    /// Meaning of the codes of `rotor_condition_i`, e.g. 1 → "blade b"; 0 is healthy and needs no entry.
     #[serde(default)]
     pub conditions: BTreeMap<i32, String>,
-    /// What the bits of `sensor_faults` mean, from bit 0.
+    /// Meaning of the bits of `sensor_faults`, from bit 0.
     #[serde(default)]
     pub sensor_faults: Vec<String>,
-    /// Hubs of the rotors against the centre of mass, FRD, m: the vehicle as it is drawn. Empty: unknown.
+    /// Rotor hubs relative to the centre of mass, FRD, m, for drawing the vehicle. Empty: unknown.
     #[serde(default)]
     pub rotor_positions_body_m: Vec<[f64; 3]>,
-    /// Thrust of a rotor at hover, N: arrows have their length from it. 0: unknown.
+    /// Hover thrust of a rotor, N: scales the arrows. 0: unknown.
     #[serde(default)]
     pub hover_thrust_n: f64,
 }
 
-/// The header as it stands in the file.
+/// The header as stored in the file.
 #[derive(Serialize, Deserialize)]
 struct FileHeader {
     run: SpoolHeader,
@@ -72,12 +72,12 @@ pub struct SpoolWriter {
     buffer: Vec<u8>,
     filled: usize,
     rows: u64,
-    /// A write failed, maybe half-way through a row: nothing may follow it.
+    /// A write failed, possibly half-way through a row: nothing may follow it.
     broken: bool,
 }
 
 impl SpoolWriter {
-    /// A new spool at `path`; an existing file is refused.
+    /// Creates a spool at `path`; fails if the file exists.
     pub fn create(path: &Path, header: &SpoolHeader) -> Result<Self> {
         if header.rotor_count == 0 || header.rotor_count > MAX_ROTORS {
             return Err(StoreError::RotorCount {
@@ -126,7 +126,7 @@ impl SpoolWriter {
         Ok(())
     }
 
-    /// Hands the buffered rows to the kernel: they survive the death of this process.
+    /// Passes the buffered rows to the kernel: they survive the death of this process.
     pub fn flush(&mut self) -> Result<()> {
         const ACTION: &str = "cannot write the spool";
         if self.broken {
@@ -143,7 +143,7 @@ impl SpoolWriter {
         self.rows
     }
 
-    /// Ends the spool, telling an error that dropping it would swallow.
+    /// Completes the spool, returning an error that dropping it would swallow.
     pub fn finish(mut self) -> Result<u64> {
         self.flush()?;
         Ok(self.rows)
@@ -152,7 +152,7 @@ impl SpoolWriter {
 
 impl Drop for SpoolWriter {
     fn drop(&mut self) {
-        // Best effort: `finish` is the way to learn of an error.
+        // Best effort: call `finish` to get the error.
         drop(self.flush());
     }
 }
@@ -181,7 +181,7 @@ pub struct SpoolReader {
 }
 
 impl SpoolReader {
-    /// Opens a spool; rows appended after this are not seen.
+    /// Opens a spool; rows appended later are not seen.
     pub fn open(path: &Path) -> Result<Self> {
         let bad = |reason: String| StoreError::NotASpool {
             path: path.to_path_buf(),
@@ -233,7 +233,7 @@ impl SpoolReader {
         })
     }
 
-    /// What the spool says about itself.
+    /// Metadata of the spool.
     pub fn header(&self) -> &SpoolHeader {
         &self.header
     }
@@ -243,12 +243,12 @@ impl SpoolReader {
         &self.columns
     }
 
-    /// Whole rows.
+    /// Complete rows.
     pub fn rows(&self) -> u64 {
         self.rows
     }
 
-    /// Hands all rows to `take`, in order, in chunks of bounded size; not called if there is no row.
+    /// Passes all rows to `take`, in order, in chunks of bounded size; not called if there are no rows.
     pub fn for_each_chunk(&mut self, mut take: impl FnMut(&Chunk) -> Result<()>) -> Result<()> {
         self.file
             .seek(SeekFrom::Start(self.first_row_at))
@@ -274,7 +274,7 @@ impl SpoolReader {
     }
 }
 
-/// Rows of bytes to columns of numbers, in blocks of rows that stay in the cache.
+/// Converts rows of bytes to columns of numbers, in blocks of rows that fit in the cache.
 fn transpose(bytes: &[u8], row_bytes: usize, schema: &[Column], columns: &mut [Vec<f64>]) {
     const BLOCK_ROWS: usize = 512;
     columns.iter_mut().for_each(Vec::clear);
@@ -319,7 +319,7 @@ mod tests {
         assert_eq!(spool.finish().unwrap(), rows);
     }
 
-    /// Row `at` of the spool must hold exactly what `synthetic::row(at)` says.
+    /// Row `at` of the spool must contain exactly `synthetic::row(at)`.
     fn assert_rows(path: &Path, expected: u64) {
         let mut spool = SpoolReader::open(path).unwrap();
         assert_eq!(spool.rows(), expected);

@@ -1,16 +1,16 @@
-//! A row of telemetry → the messages that Foxglove, Lichtblick and PlotJuggler draw: in [`run.mcap`](crate::mcap), and live.
+//! A row of telemetry → messages for Foxglove, Lichtblick and PlotJuggler: in [`run.mcap`](crate::mcap), and live.
 //!
 //! | topic | message (protobuf) | rate |
 //! |---|---|---|
 //! | `/nav` `/reference` `/command` `/truth` `/battery` `/fdi` | `rotortwin.v1.*Telemetry` (`proto/rotortwin/v1/telemetry.proto`) | each row |
 //! | `/tf` | `foxglove.FrameTransform`: `world` → `vehicle`, `world` → `reference` | 40 Hz |
-//! | `/pose` `/reference_pose` | `foxglove.PoseInFrame` in `world`: true pose of the vehicle, pose that it is to have | 40 Hz |
+//! | `/pose` `/reference_pose` | `foxglove.PoseInFrame` in `world`: true pose of the vehicle, reference pose | 40 Hz |
 //! | `/scene` | `foxglove.SceneUpdate` in `vehicle`: arms, rotors, thrust, verdict | 20 Hz |
-//! | `/trail` | `foxglove.SceneUpdate` in `world`: where it flew in the last 15 s | 2 Hz |
-//! | `/log` | `foxglove.Log`: start and end of faults, every change of the sequential detector's verdict | when it happens |
+//! | `/trail` | `foxglove.SceneUpdate` in `world`: path flown in the last 15 s | 2 Hz |
+//! | `/log` | `foxglove.Log`: start and end of faults, every change of the sequential detector's verdict | on occurrence |
 //!
-//! 3-D panels want z up: these messages are in north-west-up, the body frame is forward-left-up; the `rotortwin.v1` messages are NED and FRD.
-//! A pose that is not finite is not sent: the viewer shows the last one. Without the rotors' places (a spool of an older version) there is
+//! 3-D panels expect z up: these messages are in north-west-up, the body frame is forward-left-up; the `rotortwin.v1` messages are NED and
+//! FRD. A pose that is not finite is not sent: the viewer keeps the last one. Without rotor positions (a spool of an older version) there is
 //! no `/scene`.
 
 use crate::analysis::column;
@@ -32,15 +32,15 @@ use std::collections::VecDeque;
 
 /// Time between two poses, ns.
 const POSE_EVERY_NS: u64 = 25_000_000;
-/// Between two scenes.
+/// Time between two scenes, ns.
 const SCENE_EVERY_NS: u64 = 50_000_000;
-/// Between two points of the trail, and how many it has: 15 s.
+/// Time between two points of the trail, ns, and their number: 15 s.
 const TRAIL_POINT_EVERY_NS: u64 = 100_000_000;
 const TRAIL_POINTS: usize = 150;
-/// Between two messages of the trail.
+/// Time between two messages of the trail, ns.
 const TRAIL_EVERY_NS: u64 = 500_000_000;
 
-/// A healthy rotor, a faulty one (the truth), thrust, thrust of a rotor that the sequential detector suspects, arms and body, trail.
+/// Colours: a healthy rotor, a faulty one (the truth), thrust, thrust of a rotor suspected by the sequential detector, arms and body, trail.
 const HEALTHY_ROTOR: Color = color(0.45, 0.50, 0.55, 0.55);
 const FAULTY_ROTOR: Color = color(0.84, 0.15, 0.16, 0.85);
 const THRUST: Color = color(0.12, 0.47, 0.71, 0.9);
@@ -55,13 +55,13 @@ const fn color(r: f64, g: f64, b: f64, a: f64) -> Color {
 /// A stream.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Topic {
-    /// What the vehicle sensed.
+    /// Sensed state.
     Nav,
-    /// What it was asked to follow.
+    /// Trajectory reference.
     Reference,
-    /// What the controller answered.
+    /// Controller command.
     Command,
-    /// What only the simulator knows.
+    /// Simulated truth.
     Truth,
     /// Battery.
     Battery,
@@ -71,18 +71,18 @@ pub enum Topic {
     Transform,
     /// Pose of the vehicle.
     Pose,
-    /// Pose that it is to have.
+    /// Reference pose.
     ReferencePose,
-    /// The vehicle, drawn.
+    /// Drawing of the vehicle.
     Scene,
-    /// Where it was.
+    /// Path flown.
     Trail,
-    /// Lines of text.
+    /// Text messages.
     Log,
 }
 
 impl Topic {
-    /// All, in the order of their numbers.
+    /// All topics, in the order of their channel ids.
     pub const ALL: [Self; 12] = [
         Self::Nav,
         Self::Reference,
@@ -98,7 +98,7 @@ impl Topic {
         Self::Log,
     ];
 
-    /// Its name.
+    /// Name of the topic.
     pub const fn name(self) -> &'static str {
         match self {
             Self::Nav => "/nav",
@@ -116,7 +116,7 @@ impl Topic {
         }
     }
 
-    /// Full name of its protobuf message, and a serialized `FileDescriptorSet` that has it.
+    /// Full name of its protobuf message, and a serialized `FileDescriptorSet` that contains it.
     pub const fn schema(self) -> (&'static str, &'static [u8]) {
         let name = match self {
             Self::Nav => "rotortwin.v1.NavTelemetry",
@@ -139,7 +139,7 @@ impl Topic {
     }
 }
 
-/// Places of the columns that are read.
+/// Indices of the columns read.
 #[derive(Clone, Copy, Debug)]
 struct Places {
     time: usize,
@@ -153,7 +153,7 @@ struct Places {
     residuals: usize,
 }
 
-/// Fires at most once in a period of simulated time.
+/// Fires at most once per period of simulated time.
 #[derive(Debug)]
 struct Every {
     period_ns: u64,
@@ -171,7 +171,7 @@ impl Every {
     }
 
     fn is_due(&mut self, now_ns: u64) -> bool {
-        // A run that is flown again starts anew.
+        // A repeated run restarts the clock.
         let due = now_ns >= self.due_ns || now_ns < self.last_ns;
         if due {
             self.due_ns = (now_ns / self.period_ns + 1) * self.period_ns;
@@ -181,13 +181,13 @@ impl Every {
     }
 }
 
-/// Makes the messages of one run.
+/// Creates the messages of one run.
 #[derive(Debug)]
 pub struct Streams {
     header: SpoolHeader,
     places: Places,
     buffer: Vec<u8>,
-    /// Truth and sequential verdict of the row before, for the log.
+    /// Truth and sequential verdict of the previous row, for the log.
     before: Option<(Vec<i32>, u64, i32)>,
     pose: Every,
     scene: Every,
@@ -198,7 +198,7 @@ pub struct Streams {
 }
 
 impl Streams {
-    /// * `columns`: of the rows that will come: [`telemetry_columns`](crate::telemetry::telemetry_columns)
+    /// * `columns`: columns of the rows to come: [`telemetry_columns`](crate::telemetry::telemetry_columns)
     pub fn new(header: &SpoolHeader, columns: &[Column]) -> Self {
         let place = |name: &str| column(columns, name);
         Self {
@@ -224,12 +224,12 @@ impl Streams {
         }
     }
 
-    /// The messages of a row, in order; gives its simulated time, ns.
+    /// Writes the messages of a row, in order; returns its simulated time, ns.
     ///
-    /// * `at`: value of a column, by its place   * `write`: takes topic, simulated time and encoded message
+    /// * `at`: value of a column, by its index   * `write`: receives topic, simulated time and encoded message
     ///
     /// # Errors
-    /// The first of `write`; the rest of the row is left out.
+    /// The first error of `write`; the rest of the row is skipped.
     pub fn row<E>(
         &mut self,
         at: impl Fn(usize) -> f64,
@@ -398,10 +398,10 @@ impl Streams {
         Ok(time_ns)
     }
 
-    /// The last line of a run that failed.
+    /// The last message of a failed run.
     ///
     /// # Errors
-    /// Those of `write`.
+    /// Errors of `write`.
     pub fn end<E>(
         &mut self,
         time_ns: u64,
@@ -486,7 +486,7 @@ fn stamp(time_ns: u64) -> Option<Timestamp> {
     })
 }
 
-/// The pose in north-west-up of a forward-left-up body, from a position in NED and ZYX Euler angles of an FRD body; none if it is not finite.
+/// Pose in north-west-up of a forward-left-up body, from a position in NED and ZYX Euler angles of an FRD body; `None` if not finite.
 fn flu_in_nwu([north, east, down]: [f64; 3], [roll, pitch, yaw]: [f64; 3]) -> Option<Pose> {
     if ![north, east, down, roll, pitch, yaw]
         .iter()
@@ -521,7 +521,7 @@ fn transform(child: &str, time_ns: u64, pose: Pose) -> FrameTransform {
     }
 }
 
-/// What is drawn of a rotor.
+/// Drawing of a rotor.
 struct DrawnRotor {
     thrust_n: f64,
     faulty: bool,
@@ -550,8 +550,8 @@ const fn pose(x: f64, y: f64, z: f64, orientation: Quaternion) -> Option<Pose> {
     })
 }
 
-/// The vehicle in its own frame: arms, a disc a rotor (red while it is faulty), an arrow as long as its thrust (an arm at hover; orange while
-/// the sequential detector suspects it), the verdict in words.
+/// The vehicle in its own frame: arms, a disc per rotor (red while faulty), an arrow proportional to its thrust (one arm length at hover;
+/// orange while suspected by the sequential detector), the verdict as text.
 fn scene(header: &SpoolHeader, time_ns: u64, rotors: &[DrawnRotor], sequential: i32, probability: f64) -> SceneUpdate {
     // FRD → FLU.
     let places: Vec<[f64; 3]> = header
@@ -608,7 +608,7 @@ fn scene(header: &SpoolHeader, time_ns: u64, rotors: &[DrawnRotor], sequential: 
     };
     let size = |x: f64, y: f64, z: f64| Some(Vector3 { x, y, z });
     let body = [
-        // The nose is drawn out.
+        // The nose is elongated.
         (0.0, size(0.35 * arm, 0.35 * arm, 0.2 * arm)),
         (0.2 * arm, size(0.3 * arm, 0.1 * arm, 0.1 * arm)),
     ];

@@ -1,7 +1,7 @@
-//! `summary.json`: what a run was, how it ended and what it gave, for people and programs.
+//! `summary.json`: what a run was, how it ended and its results, for people and programs.
 //!
-//! Whoever executed the run fills in the facts (scenario, seed, status, hashes, wall time); the numbers of the flight are computed
-//! from the spool by [`analysis`](crate::analysis), so that the command line, the report and later programs all show the same ones.
+//! The caller provides the facts (scenario, seed, status, hashes, wall time); the statistics of the flight are computed from the spool by
+//! [`analysis`](crate::analysis), so that the command line, the report and other programs all show the same values.
 //!
 //! A number that is not finite (a flight that diverged) is `null` in the file and NaN in the type.
 //!
@@ -15,10 +15,10 @@ use std::collections::BTreeMap;
 use std::path::Path;
 use utoipa::ToSchema;
 
-/// Format of `summary.json`; changes whenever a field changes its meaning or goes.
+/// Format version of `summary.json`; increased whenever a field changes its meaning or is removed.
 pub const SUMMARY_VERSION: u32 = 1;
 
-/// `null` is how JSON has NaN.
+/// JSON represents NaN as `null`.
 fn number<'de, D: Deserializer<'de>>(deserializer: D) -> std::result::Result<f64, D::Error> {
     Ok(Option::deserialize(deserializer)?.unwrap_or(f64::NAN))
 }
@@ -541,7 +541,7 @@ pub fn load_summary(path: &Path) -> Result<Summary> {
         path: file.clone(),
         source,
     };
-    // The version first: a summary of another format would otherwise be reported as a missing field.
+    // Check the version first: a summary in another format would otherwise be reported as having a missing field.
     let value: serde_json::Value = serde_json::from_str(&text).map_err(bad)?;
     if let Some(found) = value.get("schema_version").and_then(serde_json::Value::as_u64)
         && found != u64::from(SUMMARY_VERSION)

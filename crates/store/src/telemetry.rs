@@ -1,4 +1,4 @@
-//! The schema of one run: which columns a row of telemetry has, and the row itself.
+//! The telemetry schema of a run: the columns of a row, and the row itself.
 //!
 //! One row per 2.5 ms step, filled by the loop of the run and written to the spool:
 //!
@@ -6,15 +6,15 @@
 //! sensors, command, FDI report, truth ─▶ TelemetryRow ─▶ spool ─▶ telemetry.parquet · run.mcap · report.html
 //! ```
 //!
-//! A row holds what the vehicle sensed and commanded under the canonical names of a flight log (`position_north_m`, `duty_1`, …),
-//! so that a run can be read wherever a measured flight can, then what only the simulator knows (`true_…`, `fault_label`), then
-//! what the FDI engine said. Units are SI, world frame NED, body frame FRD, rotors in the order of the vehicle file, from 1.
+//! A row contains the sensed and commanded signals under the canonical names of a flight log (`position_north_m`, `duty_1`, …), so
+//! that a run can be read wherever a flight log can, then the simulated truth (`true_…`, `fault_label`), then the output of the FDI
+//! engine. Units are SI, world frame NED, body frame FRD, rotors in the order of the vehicle file, from 1.
 //!
-//! Name, unit, kind and value of a column stand in one line of [`TelemetryRow::visit`]; schema, spool and every exporter are
-//! driven by it, so that they cannot disagree about the order.
+//! Name, unit, kind and value of a column are defined in one line of [`TelemetryRow::visit`], which drives the schema, the spool and
+//! every exporter, so that they cannot disagree about the order.
 //!
-//! Limits: the schema depends on the rotor count only. Signals that some runs lack (network verdict, wind) are there with their
-//! neutral value, not left out.
+//! Limits: the schema depends on the rotor count only. Signals that some runs lack (network verdict, wind) are present with a
+//! neutral value, not omitted.
 
 use rotortwin_flight_core::MAX_ROTORS;
 use serde::{Deserialize, Serialize};
@@ -23,9 +23,9 @@ use serde::{Deserialize, Serialize};
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Kind {
-    /// Simulated world and time.
+    /// Simulated quantities and time.
     F64,
-    /// What exists on board.
+    /// On-board quantities.
     F32,
     /// Codes.
     I32,
@@ -48,15 +48,15 @@ impl Kind {
 pub struct Column {
     /// Unique name; ends in the unit where there is one.
     pub name: String,
-    /// Unit as people write it (`m/s`); `1` for fractions, codes and masks.
+    /// Display unit (`m/s`); `1` for fractions, codes and masks.
     pub unit: String,
     /// Type of its values.
     pub kind: Kind,
-    /// What it means, one sentence without a full stop.
+    /// Description, one sentence without a full stop.
     pub description: String,
 }
 
-/// What only the simulator knows, at the start of the step.
+/// Simulated truth at the start of the step.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct TruthRow {
     /// m, NED.
@@ -79,7 +79,7 @@ pub struct TruthRow {
     pub wind_ned_m_s: [f64; 3],
 }
 
-/// Everything recorded of one step: plain numbers, so that whoever has them can fill them in.
+/// All recorded data of one step, as plain numbers.
 ///
 /// Entries of rotor arrays past the rotor count are not recorded.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -110,7 +110,7 @@ pub struct TelemetryRow {
     pub reference_velocity_ned_m_s: [f32; 3],
     /// Reference yaw, rad.
     pub reference_yaw_rad: f32,
-    /// What only the simulator knows.
+    /// Simulated truth.
     pub truth: TruthRow,
     /// `HEALTHY`, the number of the one faulty rotor (from 1), or `UNKNOWN` if several are faulty
     /// ([`rotortwin_flight_core::fdi::verdict_code`]).
@@ -121,7 +121,7 @@ pub struct TelemetryRow {
     pub rotor_condition: [i32; MAX_ROTORS],
     /// Bit mask of the sensor faults in force, in the order of the scenario; 0 if none.
     pub sensor_faults: u32,
-    /// Attitude that the inner loop was asked for (roll, pitch, yaw), rad.
+    /// Attitude setpoint of the inner loop (roll, pitch, yaw), rad.
     pub attitude_setpoint_rad: [f32; 3],
     /// Bit i set: the duty of rotor i (from 0) was limited.
     pub saturated_rotors: u32,
@@ -135,16 +135,16 @@ pub struct TelemetryRow {
     pub network: i32,
     /// Verdict code of the sequential detector.
     pub sequential: i32,
-    /// Probability that the sequential detector gives to its verdict, fraction.
+    /// Probability of the sequential verdict, fraction.
     pub sequential_probability: f32,
-    /// Loss of thrust that the sequential detector estimates: N, lower and upper end of its 95 % interval, the same as shares of the
-    /// rotor's nominal thrust.
+    /// Loss of thrust estimated by the sequential detector: N, lower and upper end of its 95 % interval, the same as fractions of
+    /// the rotor's nominal thrust.
     pub thrust_loss: [f32; 6],
-    /// The same of the other rotor of a pair.
+    /// The same for the other rotor of a pair.
     pub second_thrust_loss: [f32; 6],
-    /// Bit i set: rotor i (from 0) is or may be concerned.
+    /// Bit i set: rotor i (from 0) is or may be faulty.
     pub suspect_rotors: u32,
-    /// Sets of rotors that an ambiguous verdict leaves open.
+    /// Number of sets that an ambiguous verdict leaves open.
     pub hypothesis_count: u32,
     /// True on the last step of an evaluation window: the verdicts are new, otherwise held.
     pub window_end: bool,
@@ -190,7 +190,7 @@ const fn of(
     }
 }
 
-/// Takes the columns of a row in their order.
+/// Receives the columns of a row in order.
 pub(crate) trait Sink {
     fn f64(&mut self, label: Label, value: f64);
     fn f32(&mut self, label: Label, value: f32);
@@ -297,7 +297,7 @@ impl Sink for Bytes<'_> {
     }
 }
 
-/// Estimated loss of the rotor that the sequential detector names.
+/// Estimated loss of the rotor named by the sequential detector.
 const LOSS_COLUMNS: [Label; 6] = [
     one(
         "thrust_loss_n",
@@ -323,7 +323,7 @@ const LOSS_COLUMNS: [Label; 6] = [
     ),
 ];
 
-/// Of the other rotor of a pair.
+/// Estimated loss of the other rotor of a pair.
 const SECOND_LOSS_COLUMNS: [Label; 6] = [
     one(
         "second_thrust_loss_n",
@@ -358,7 +358,7 @@ const SECOND_LOSS_COLUMNS: [Label; 6] = [
 ];
 
 impl TelemetryRow {
-    /// Hands every column of a run with `rotor_count` rotors to `sink`, in the order of the schema.
+    /// Passes every column of a run with `rotor_count` rotors to `sink`, in schema order.
     #[inline(always)]
     fn visit<S: Sink>(&self, rotor_count: usize, sink: &mut S) {
         let rotors = 0..rotor_count;
@@ -663,7 +663,7 @@ impl TelemetryRow {
         self.visit(rotor_count, &mut Numbers { out, at: 0 });
     }
 
-    /// The row as it stands in the spool: little-endian values of each column's kind, without gaps.
+    /// The row as stored in the spool: little-endian values of each column's kind, without gaps.
     #[inline]
     pub(crate) fn encode(&self, rotor_count: usize, out: &mut [u8]) {
         self.visit(rotor_count, &mut Bytes { out, at: 0 });

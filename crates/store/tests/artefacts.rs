@@ -1,4 +1,4 @@
-//! What a run leaves behind, read back with the readers of its formats.
+//! Output files of a run, read back with the readers of their formats.
 #![expect(clippy::unwrap_used, reason = "a test that cannot write or read its run has failed")]
 
 use parquet::file::reader::{FileReader, SerializedFileReader};
@@ -18,7 +18,7 @@ use std::path::Path;
 #[expect(unreachable_pub, reason = "shared with the unit tests of the library")]
 mod synthetic;
 
-/// A report must stay small enough to be sent by mail.
+/// A report must stay small enough to e-mail.
 const REPORT_LIMIT_BYTES: usize = 4_000_000;
 
 fn header(rotor_count: usize) -> SpoolHeader {
@@ -123,7 +123,7 @@ fn val_parquet_of_a_long_flight_has_several_row_groups() {
     assert_eq!(outputs.summary.steps, 66_000);
 }
 
-/// The value at a path of field names and list positions.
+/// The value at a path of field names and list indices.
 fn value_at(message: &DynamicMessage, path: &str) -> f64 {
     let (name, rest) = path.split_once('.').unwrap_or((path, ""));
     let value = message
@@ -151,7 +151,7 @@ fn value_at(message: &DynamicMessage, path: &str) -> f64 {
     }
 }
 
-/// A message by the descriptor that the file has with it.
+/// Decodes a message with the descriptor embedded in the file.
 fn decoded(message: &mcap::Message<'_>) -> DynamicMessage {
     let schema = message.channel.schema.as_ref().unwrap();
     assert_eq!(
@@ -169,7 +169,7 @@ fn decoded(message: &mcap::Message<'_>) -> DynamicMessage {
 #[test]
 fn val_mcap_messages_are_those_of_the_proto_files() {
     let folder = tempfile::tempdir().unwrap();
-    // Every field has a value of its own, so that a wrong tag or a wrong column shows.
+    // Every field has a distinct value, so that a wrong tag or column shows.
     let mut row = synthetic::row(20_009);
     row.step = 0;
     row.sim_time_ns = 0;
@@ -361,7 +361,8 @@ fn val_transform_keeps_the_direction_of_the_nose() {
     );
 }
 
-/// Against the meaning of Foxglove's primitives: a cylinder stands where its pose is, an arrow points along its pose's x axis.
+/// According to the definition of Foxglove's primitives: a cylinder is centred at its pose, an arrow points along its pose's x
+/// axis.
 #[test]
 fn val_scene_shows_rotors_thrust_and_fault_where_they_are() {
     let folder = tempfile::tempdir().unwrap();
@@ -414,7 +415,7 @@ fn val_scene_shows_rotors_thrust_and_fault_where_they_are() {
     }
 }
 
-/// The result inside of a report.
+/// The data embedded in a report.
 fn inside(page: &str) -> serde_json::Value {
     let (_, rest) = page.split_once("id=\"report\">").unwrap();
     serde_json::from_str(rest.split_once("</script>").unwrap().0).unwrap()
@@ -444,7 +445,7 @@ fn scenario_full_flight_leaves_a_complete_folder() {
             .iter()
             .all(|interval| interval.scores.sequential.isolated_after_s.unwrap() <= 0.25)
     );
-    // The made-up residual 3 does not see the fault of rotor 3, residual 1 does.
+    // The synthetic residual 3 does not react to the fault of rotor 3, residual 1 does.
     let means = &summary.intervals[3].residual_means_nms;
     assert!(means[0][0] < -0.05 && means[2][0].abs() < 0.01);
 
@@ -461,7 +462,7 @@ fn scenario_full_flight_leaves_a_complete_folder() {
     ] {
         assert!(report.contains(text), "{text} is missing");
     }
-    // Inside is what the server would give: channels on one time axis, in which no spike is lost.
+    // Embedded is what the server would return: channels on one time axis, without losing any spike.
     let inside = inside(&report);
     assert_eq!(
         (&inside["kind"], &inside["data"]["summary"]["steps"]),
@@ -562,7 +563,7 @@ fn val_report_of_the_largest_vehicle_stays_small() {
         step,
         sim_time_ns: step * synthetic::STEP_NS,
         network: NOT_READY,
-        // The worst case for the verdict tracks: another verdict at every step.
+        // Worst case for the verdict tracks: a different verdict at every step.
         t_test: (step % 17) as i32,
         window_end: true,
         ..TelemetryRow::default()
@@ -572,7 +573,7 @@ fn val_report_of_the_largest_vehicle_stays_small() {
     assert!(length < REPORT_LIMIT_BYTES, "{length} bytes");
 }
 
-/// What the shipped layout of Foxglove and Lichtblick draws is in the streams: topics, and fields of their messages.
+/// Everything drawn by the shipped Foxglove and Lichtblick layout is in the streams: topics, and fields of their messages.
 #[test]
 fn val_layout_names_topics_and_fields_that_there_are() {
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../deploy/foxglove/rotortwin.json");
@@ -610,7 +611,7 @@ fn val_layout_names_topics_and_fields_that_there_are() {
         fields > 10 && shown.contains("/scene") && shown.contains("/log"),
         "{fields} {shown:?}"
     );
-    // Each place of the picture has a panel.
+    // Each slot of the layout has a panel.
     let mut places = vec![&layout["layout"]];
     while let Some(place) = places.pop() {
         match place.as_str() {

@@ -1,4 +1,4 @@
-//! Detectors of a model of the user's.
+//! Detectors for a user's model.
 
 use rotortwin_plant::error::Refusal;
 use rotortwin_scenario::template::{TomlFile, set_value};
@@ -6,24 +6,24 @@ use rotortwin_scenario::{Classifier, DetectorSettings, Detectors};
 use rotortwin_twin::model::ModelStore;
 use std::path::Path;
 
-/// What the detectors take for healthy, and how they are set.
+/// Reference model of the detectors, and their settings.
 #[derive(Debug)]
 pub struct DetectorChoice<'a> {
-    /// Where models have their versions.
+    /// Store of model versions.
     pub store: &'a ModelStore,
     /// A vehicle, MODEL, MODEL@BRANCH, MODEL@v2, or a version file.
     pub model: &'a str,
-    /// Without one the network gives no verdict.
+    /// If absent, the network gives no verdict.
     pub classifier: Option<&'a Path>,
-    /// `KEY=VALUE` of the `[fdi]` table of scenarios; what is not set is as the classifier was trained.
+    /// `KEY=VALUE` of the `[fdi]` table of scenarios; defaults are those of the classifier's training.
     pub settings: &'a [String],
 }
 
 impl DetectorChoice<'_> {
-    /// The detectors, and what of the model they cannot hold, as a sentence.
+    /// The detectors, and a sentence on the parts of the model that they ignore.
     ///
     /// # Errors
-    /// One sentence: no such model, a file that is none, a setting that cannot be.
+    /// Unknown model, invalid file, or invalid setting.
     pub fn detectors(&self) -> Result<(Detectors, Option<String>), String> {
         let found = self.store.find(self.model);
         let version = found.map_err(|error| error.to_string())?.version;

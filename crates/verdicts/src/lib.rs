@@ -1,4 +1,4 @@
-//! What the detectors say, as data, and whole flight logs judged by them.
+//! Verdicts of the detectors as data, and evaluation of whole flight logs.
 //!
 //! * [`view`]: a verdict, a window, a session's answer as JSON, for everything that shows one: the API, the command, Python.
 //! * [`log`]: a flight log judged: verdicts over time, the last word, what could not be judged and why.

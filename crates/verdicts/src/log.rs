@@ -1,14 +1,14 @@
-//! A whole flight log before the detectors: verdicts over time, the last word, and what the log lacks.
+//! Evaluation of a whole flight log: verdicts over time, the final verdict, and missing channels.
 //!
 //! ```text
 //!  file ─▶ twin::log ─▶ parts of the flight ─▶ 400 Hz ─▶ runs of complete steps in the air ─▶ FdiSession ─▶ LogReport
 //! ```
-//! Behind `POST /api/v1/fdi/reports` and `rotortwin fdi-log`. A log that has 400 Hz goes in as it is, bit for bit; another one is resampled
-//! as `rotortwin log import --rate 400` does (duties held, the rest along straight lines), which takes noise away: the report says so.
-//! Steps without a value in a channel that the detectors need are lost steps; what a session does at a gap is done here.
+//! Used by `POST /api/v1/fdi/reports` and `rotortwin fdi-log`. A log at 400 Hz is used unchanged; any other is resampled as
+//! `rotortwin log import --rate 400` does (duties held, the rest interpolated linearly), which removes noise: the report says so.
+//! Steps without a value in a required channel are lost steps; gaps are handled here as in a session.
 //!
-//! Only what is in the air is given to the session: the log tells when the ground was left and where it was near
-//! again, which a session has to find without the rest of the flight. A *stretch* is what was judged after one calibration.
+//! Only the airborne part is passed to the session: the log shows when the vehicle left the ground and when it was near it again,
+//! which a session has to detect without the rest of the flight. A *stretch* is the part evaluated after one calibration.
 
 use crate::view::{ChangeView, DetectorsView, ObstacleView, Obstruction, SequentialView, WindowView, code_in};
 use crate::voltage::WorkedOutVoltage;
@@ -27,11 +27,11 @@ use utoipa::ToSchema;
 
 /// Longest log, s: at 400 Hz, 5.8 million steps.
 pub const LONGEST_S: f64 = 4.0 * 3600.0;
-/// Changes of the verdict that a report lists.
+/// Maximum number of verdict changes in a report.
 const LONGEST_TIMELINE: usize = 1000;
-/// Cosine of 70°: tilt beyond which the model is not judged by.
+/// Cosine of 70°: the model is not valid beyond this tilt.
 const UPRIGHT_COSINE: f64 = 0.342;
-/// A median rate nearer to 400 Hz than this is 400 Hz.
+/// A median rate this close to 400 Hz counts as 400 Hz.
 const SAME_RATE_HZ: f64 = 0.5;
 
 /// A group of channels that the log lacks, and what cannot be said without it.
@@ -158,12 +158,12 @@ pub struct LogReport {
     pub flight: Option<FlightPicture>,
 }
 
-/// Why a log cannot be judged: one sentence.
+/// Why a log cannot be evaluated.
 #[derive(Debug, thiserror::Error)]
 #[error("{0}")]
 pub struct LogRefusal(String);
 
-/// Channels that the detectors need: what for, and their columns.
+/// Channels required by the detectors: purpose and columns.
 fn needed(rotor_count: usize) -> Vec<(&'static str, Vec<String>)> {
     let owned = |names: [&str; 3]| names.map(str::to_owned).to_vec();
     vec![
@@ -183,13 +183,13 @@ fn needed(rotor_count: usize) -> Vec<(&'static str, Vec<String>)> {
     ]
 }
 
-/// The log has a value of it.
+/// The log has values of this column.
 fn has(log: &FlightLog, name: &str) -> bool {
     let values = log.column(name);
     values.is_some_and(|values| values.iter().any(|value| !value.is_nan()))
 }
 
-/// What the log lacks beside the voltage.
+/// Missing channels other than the voltage.
 fn lacks(log: &FlightLog, detectors: &Detectors) -> Vec<Lack> {
     let mut lacks: Vec<Lack> = needed(detectors.vehicle().rotor_count())
         .into_iter()
@@ -212,7 +212,7 @@ fn lacks(log: &FlightLog, detectors: &Detectors) -> Vec<Lack> {
     lacks
 }
 
-/// The voltage of a log that has none, and what is not known for want of it.
+/// The voltage of a log without one, and what is unknown because of that.
 fn without_voltage(log: &FlightLog, detectors: &Detectors) -> (Option<WorkedOutVoltage>, Lack) {
     let columns = vec![names::BATTERY_VOLTAGE.to_owned()];
     match WorkedOutVoltage::of(log, detectors) {
@@ -248,12 +248,12 @@ fn without_voltage(log: &FlightLog, detectors: &Detectors) -> (Option<WorkedOutV
     }
 }
 
-/// Judges a log that was read.
+/// Evaluates an imported log.
 ///
-/// * `every_window`: list every window in the report, too
+/// * `every_window`: include every window in the report
 ///
 /// # Errors
-/// One sentence: it belongs to another vehicle, its rotors are in another order, or it is too long.
+/// It belongs to another vehicle, its rotors are in a different order, or it is too long.
 pub fn judge(log: &FlightLog, detectors: &Detectors, every_window: bool) -> Result<LogReport, LogRefusal> {
     let rotor_count = detectors.vehicle().rotor_count();
     let duties = log.duties().len();
@@ -344,7 +344,7 @@ pub fn judge(log: &FlightLog, detectors: &Detectors, every_window: bool) -> Resu
     })
 }
 
-/// Column of the first duty in a block: velocity, attitude and rates come before.
+/// Column of the first duty in a block: after velocity, attitude and rates.
 const FIRST_DUTY: usize = 9;
 
 /// Duties of a row.
@@ -356,16 +356,16 @@ fn duties(block: &[Vec<f64>], row: usize, rotor_count: usize) -> [f32; MAX_ROTOR
     duty
 }
 
-/// Feeds a session and counts what it says.
+/// Feeds a session and counts its verdicts.
 struct Judge {
     session: FdiSession,
     chunk: Chunk,
-    /// In the place of the voltage that the log lacks.
+    /// Replaces the missing voltage of the log.
     voltage: Option<WorkedOutVoltage>,
     lost: u64,
     timeline: Vec<ChangeView>,
     left_out: u64,
-    /// Every window is listed.
+    /// List every window.
     lists: bool,
     windows: Vec<WindowView>,
     last_code: Option<i32>,
@@ -373,16 +373,16 @@ struct Judge {
     alarmed: [bool; 3],
     notes: Vec<String>,
     parts: FlightParts,
-    /// Number of the part that the last step was in.
+    /// Index of the part that contained the last step.
     part: usize,
-    /// The last steps were not in the air: the gap that the session sees is none of the log.
+    /// The last steps were not in the air: the gap seen by the session is not one of the log.
     left_air: bool,
-    /// Each with the step that its calibration began with.
+    /// Each with the first step of its calibration.
     stretches: Vec<(u64, StretchView)>,
     not_judged: Vec<NotJudgedView>,
     not_judged_left_out: u64,
     last_judged: Option<Window>,
-    /// End of the last window, or of what was skipped after it; steps since the log's first row.
+    /// End of the last window, or of the steps skipped after it; steps since the log's first row.
     accounted: u64,
 }
 
@@ -445,13 +445,13 @@ impl Judge {
         }
     }
 
-    /// V, of the log or worked out; the battery is discharged from where its charge was found on.
+    /// V, from the log or estimated; the battery is discharged from the point where its charge was estimated.
     fn voltage_at(&mut self, since_s: f64, block: &[Vec<f64>], row: usize, rotor_count: usize) -> f32 {
         let Some(voltage) = &mut self.voltage else {
             return block[FIRST_DUTY + rotor_count][row] as f32;
         };
         let duty = duties(block, row, rotor_count);
-        // Without duties (a gap) it stays as it was.
+        // Without duties (a gap) it is unchanged.
         if since_s < voltage.begin.from_s || duty.iter().any(|duty| duty.is_nan()) {
             return voltage.now();
         }
@@ -490,7 +490,7 @@ impl Judge {
         }
     }
 
-    /// The part that a time lies in, if it is not in the air.
+    /// The part that contains a time, if it is not in the air.
     fn outside_of_air(&mut self, time_s: f64) -> Option<ObstacleView> {
         let parts = &self.parts.parts;
         while parts.get(self.part).is_some_and(|part| part.end_s <= time_s) && self.part + 1 < parts.len() {
@@ -500,7 +500,7 @@ impl Judge {
         (part.start_s <= time_s).then(|| obstacle_of(part)).flatten()
     }
 
-    /// A step that the session does not get.
+    /// Skips a step that is not passed to the session.
     fn skip(&mut self, step: u64, obstacle: ObstacleView) {
         self.flush();
         self.left_air |= obstacle.reason != Obstruction::Gap;
@@ -517,7 +517,7 @@ impl Judge {
         self.account(step, step + 1, Some(obstacle));
     }
 
-    /// Notes that steps have no verdict, and why. What is left of a window that never ended goes with what follows.
+    /// Records that steps have no verdict, and why. The rest of an incomplete window belongs to the next entry.
     fn account(&mut self, from: u64, to: u64, obstacle: Option<ObstacleView>) {
         let rest = from.saturating_sub(self.accounted);
         let from = if rest < u64::from(self.session.window_samples()) {
@@ -533,7 +533,7 @@ impl Judge {
             Some(last) if last.obstacle.reason == obstacle.reason && from_s - last.to_s < 1.0 / STEP_RATE_HZ => {
                 last.to_s = to_s;
                 if obstacle.reason == Obstruction::Upset {
-                    // Its tilt only grows.
+                    // Its tilt only increases.
                     last.obstacle = obstacle;
                 }
             }
@@ -564,7 +564,7 @@ impl Judge {
                     self.count(window);
                 }
             }
-            // A number beyond f32: what cannot be taken is lost, and said.
+            // A number beyond f32: the step is lost, and reported.
             Err(refusal) => {
                 self.lost += self.chunk.samples.len() as u64;
                 self.notes
@@ -648,7 +648,7 @@ impl Judge {
     }
 }
 
-/// Parts of the flight. An upset by its force alone is in the air: a hard climb is nothing that the detectors' model lacks.
+/// Parts of the flight. An upset detected by force alone counts as in the air: a hard climb is within the detectors' model.
 fn parts_of(log: &FlightLog) -> FlightParts {
     let mut parts = log.flight_parts(None);
     let [roll, pitch] = [0, 1].map(|axis| log.column(names::ATTITUDE[axis]));
@@ -666,7 +666,7 @@ fn parts_of(log: &FlightLog) -> FlightParts {
     parts
 }
 
-/// Why a part of a flight is not judged; nothing of what is in the air.
+/// Why a part of a flight is not evaluated; `None` if it is in the air.
 fn obstacle_of(part: &FlightPart) -> Option<ObstacleView> {
     let reason = match part.kind {
         PartKind::Air | PartKind::Unknown => return None,

@@ -1,4 +1,4 @@
-//! What detectors say, as JSON. Codes and words of verdicts: `docs/conventions.md`.
+//! Detector results as JSON. Codes and names of verdicts: `docs/conventions.md`.
 
 use rotortwin_fdi_session::validity::{CANNOT_JUDGE, Obstacle};
 use rotortwin_fdi_session::{Answer, Calibration, Window};
@@ -117,7 +117,7 @@ pub struct VerdictView {
 }
 
 impl VerdictView {
-    /// Of a code.
+    /// From a verdict code.
     pub fn of(code: i32) -> Self {
         let number = code.unsigned_abs();
         let (verdict, rotors) = match code {
@@ -203,7 +203,7 @@ fn rotors_of(mask: u32) -> Vec<u32> {
 }
 
 impl SequentialView {
-    /// No verdict, for a reason that stands beside it.
+    /// No verdict, for the reason given next to it.
     pub fn cannot_judge() -> Self {
         Self {
             verdict: VerdictView::of(CANNOT_JUDGE),
@@ -215,7 +215,7 @@ impl SequentialView {
         }
     }
 
-    /// Of a window.
+    /// From a window.
     pub fn in_window(window: &Window) -> Self {
         if window.obstacle.is_some() {
             Self::cannot_judge()
@@ -224,7 +224,7 @@ impl SequentialView {
         }
     }
 
-    /// Of a report.
+    /// From a report.
     pub fn of(report: &FdiReport) -> Self {
         let verdict = VerdictView::of(report.sequential);
         let losses = [&report.thrust_loss, &report.second_thrust_loss];
@@ -272,7 +272,7 @@ pub struct WindowView {
     pub smallest_loss: Vec<f32>,
 }
 
-/// The code of a detector, as JSON has it.
+/// The code of a detector, as in JSON.
 pub(crate) fn code_in(window: &Window, code: i32) -> i32 {
     if window.obstacle.is_some() { CANNOT_JUDGE } else { code }
 }
@@ -339,7 +339,7 @@ pub struct ChangeView {
 }
 
 impl ChangeView {
-    /// Of a window.
+    /// From a window.
     pub fn of(window: &Window) -> Self {
         Self {
             step: window.report.stamp.step,

@@ -1,16 +1,16 @@
-//! The battery's voltage of a log that has none, worked out of its duties.
+//! Battery voltage of a log without one, estimated from its duties.
 //!
 //! ```text
 //!  V = (V_oc(SoC) + √(V_oc² − 4 R P))/2     P = k_P Σ f^1.5     dSoC/dt = −P/(V Q)     f: Eq. 19 of duty and V
 //! ```
-//! Parameters are those of the vehicle's battery. The charge at the beginning is that with which the thrust carries the weight in the first
+//! Parameters are those of the vehicle's battery. The initial charge is the one at which the thrust carries the weight in the first
 //! seconds in the air:
 //!
 //! ```text
 //!  ∫ F_z cos φ cos θ dt = m (g T − Δv_down)
 //! ```
-//! Limits: whatever else changes the thrust of all rotors alike in these seconds (mass, density of the air, damage that was there before) is
-//! in the voltage; without drag and the lag of the rotors. After them the voltage is a prediction, which a battery that is not the vehicle's leaves.
+//! Limits: anything else that changes the thrust of all rotors equally in these seconds (mass, air density, earlier damage) is
+//! attributed to the voltage; drag and rotor lag are neglected. After them the voltage is a prediction, wrong for a different battery.
 
 use rotortwin_flight_core::MAX_ROTORS;
 use rotortwin_flight_core::fdi::FdiConfig;
@@ -20,22 +20,22 @@ use rotortwin_scenario::Detectors;
 use rotortwin_twin::log::flight_parts::PartKind;
 use rotortwin_twin::log::{FlightLog, names};
 
-/// Length of the time in the air that the charge is found from, s: at least, and at most.
+/// Minimum and maximum airborne time used to estimate the charge, s.
 const SHORTEST_S: f64 = 2.0;
 const LONGEST_S: f64 = 10.0;
-/// Charges between which the beginning is looked for: an empty battery has no thrust.
+/// Search interval of the initial charge: an empty battery gives no thrust.
 const CHARGES: (f64, f64) = (0.01, 1.0);
-/// Halvings of that interval.
+/// Number of bisections of that interval.
 const HALVINGS: usize = 40;
 
-/// One step of the time in the air.
+/// One airborne step.
 struct Step {
     duty: [f32; MAX_ROTORS],
     /// cos φ cos θ.
     upright: f64,
 }
 
-/// A battery that is discharged by the duties of a log.
+/// A battery discharged by the duties of a log.
 #[derive(Clone)]
 pub(crate) struct WorkedOutVoltage {
     battery: Battery,
@@ -43,11 +43,11 @@ pub(crate) struct WorkedOutVoltage {
     rotor_count: usize,
     state_of_charge: f64,
     voltage: f64,
-    /// At the beginning, and the time in the air that it was found from, s since the log's first row.
+    /// Initial state, and the airborne time used to estimate it, s since the log's first row.
     pub(crate) begin: Begin,
 }
 
-/// How it began.
+/// Initial state.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(crate) struct Begin {
     pub(crate) state_of_charge: f64,
@@ -58,10 +58,10 @@ pub(crate) struct Begin {
 }
 
 impl WorkedOutVoltage {
-    /// Finds the charge at the beginning.
+    /// Estimates the initial charge.
     ///
     /// # Errors
-    /// Half a sentence: why it cannot be found.
+    /// Part of a sentence: why it cannot be estimated.
     pub(crate) fn of(log: &FlightLog, detectors: &Detectors) -> Result<Self, String> {
         let rotor_count = detectors.vehicle().rotor_count();
         let (from_s, steps, sinking) = first_seconds(log, rotor_count)?;
@@ -76,7 +76,7 @@ impl WorkedOutVoltage {
             voltage: 0.0,
             begin: Begin::default(),
         };
-        // Impulse of the thrust at a charge over what carried the vehicle, and the mean voltage.
+        // Impulse of the thrust at a charge relative to what carried the vehicle, and the mean voltage.
         let carried = |state_of_charge: f64| {
             let mut battery = begun(state_of_charge);
             let (mut sum, mut voltage) = (0.0, 0.0);
@@ -115,15 +115,15 @@ impl WorkedOutVoltage {
         })
     }
 
-    /// Voltage at the terminals, V, as it was last.
+    /// Last voltage at the terminals, V.
     pub(crate) fn now(&self) -> f32 {
         let begun = self.voltage > 0.0;
         (if begun { self.voltage } else { self.begin.voltage_v }) as f32
     }
 
-    /// Voltage at the terminals, V, while these duties are in force for one step.
+    /// Voltage at the terminals, V, with these duties applied for one step.
     pub(crate) fn step(&mut self, duty: &[f32; MAX_ROTORS]) -> f64 {
-        // The first step of all has no voltage of one before.
+        // The very first step has no previous voltage.
         let before = if self.voltage > 0.0 {
             self.voltage
         } else {
@@ -160,7 +160,7 @@ impl WorkedOutVoltage {
     }
 }
 
-/// The first seconds in the air without a gap: when they begin, s since the first row, their steps, and by how much the velocity down grew, m/s.
+/// The first uninterrupted seconds in the air: start, s since the first row, steps, and increase of the downward velocity, m/s.
 fn first_seconds(log: &FlightLog, rotor_count: usize) -> Result<(f64, Vec<Step>, f64), String> {
     let start_s = log.time_s.first().copied().unwrap_or(0.0);
     let parts = log.flight_parts(None).parts;
@@ -184,7 +184,7 @@ fn first_seconds(log: &FlightLog, rotor_count: usize) -> Result<(f64, Vec<Step>,
                 continue;
             }
             if block.iter().any(|values| values[row].is_nan()) {
-                // Values that begin later than the part are no gap in it.
+                // Values that start later than the part are not a gap.
                 over = !steps.is_empty();
                 continue;
             }

@@ -1,15 +1,15 @@
-//! An autopilot with instruments and a clock of its own in the place of the controller.
+//! An autopilot with its own instruments and clock, in place of the controller.
 //!
 //! ```text
 //!  plant ── Readings at t ──▶ Autopilot ──▶ duties for t … t + interval ──▶ plant
 //! ```
-//! It sees what a flight board sees, and is asked at its own rate, in parts of 0.5 ms of the plant's clock, which is the master: an
-//! autopilot that thinks for three seconds costs no simulated time.
+//! It sees what a flight board sees, and is called at its own rate, in parts of 0.5 ms of the plant's clock, which is the master: an
+//! autopilot that takes three seconds to compute costs no simulated time.
 
 use rotortwin_flight_core::MAX_ROTORS;
 use std::time::Duration;
 
-/// What the instruments of a vehicle say at one instant.
+/// Instrument readings of a vehicle at one instant.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Readings {
     /// Time of the plant, ns, since its start.
@@ -26,15 +26,15 @@ pub struct Readings {
     pub pressure_altitude_m: f64,
     /// °C.
     pub temperature_c: f64,
-    /// The fix that came since the last readings.
+    /// The fix received since the last readings.
     pub gps: Option<Fix>,
-    /// Distance to the ground along the body's down axis, m; `None`: out of reach.
+    /// Distance to the ground along the body's down axis, m; `None`: out of range.
     pub range_m: Option<f64>,
-    /// At the battery's terminals, V; 0: nobody says.
+    /// At the battery's terminals, V; 0: unknown.
     pub battery_voltage_v: f64,
     /// Discharge positive, A.
     pub battery_current_a: f64,
-    /// True position, m, NED from home: for simulator links that make their own sensors.
+    /// True position, m, NED from home: for simulator links that model their own sensors.
     pub position_ned_m: [f64; 3],
     /// True velocity, m/s, NED.
     pub velocity_ned_m_s: [f64; 3],
@@ -42,7 +42,7 @@ pub struct Readings {
     pub attitude_rad: [f64; 3],
 }
 
-/// One fix of a satellite receiver.
+/// One satellite navigation fix.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Fix {
     /// Degrees.
@@ -55,7 +55,7 @@ pub struct Fix {
     pub velocity_ned_m_s: [f64; 3],
 }
 
-/// Where the vehicle is wanted: the reference of the scenario, before the flight its first point.
+/// Commanded position: the reference of the scenario, before the flight its first point.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Wanted {
     /// m, NED.
@@ -66,19 +66,19 @@ pub struct Wanted {
     pub yaw_rad: f64,
 }
 
-/// What an autopilot is, for the record of a run.
+/// Identity of an autopilot, for the record of a run.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Identity {
     /// For example "ArduPilot at 127.0.0.1:40112".
     pub peer: String,
-    /// For example "ArduPilot 4.7.0 dev (2598e9d4)"; `None`: it did not say.
+    /// For example "ArduPilot 4.7.0 dev (2598e9d4)"; `None`: unknown.
     pub version: Option<String>,
-    /// It waits for us in each of its steps.
+    /// True if it waits for us in each of its steps.
     pub lockstep: bool,
 }
 
 impl Identity {
-    /// Of a controller in lockstep that calls itself `NAME VERSION`.
+    /// Identity of a lockstep controller that reports itself as `NAME VERSION`.
     pub fn of_program(program: &str) -> Self {
         let versioned = program
             .rsplit_once(' ')
@@ -95,22 +95,22 @@ impl Identity {
     }
 }
 
-/// Why an autopilot is not waited for any longer.
+/// Why we stopped waiting for an autopilot.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("{sentence}")]
 pub struct AutopilotError {
-    /// Peer and last frame, and what was wrong.
+    /// Error message with peer and last frame.
     pub sentence: String,
     /// How long it had been silent; 0 if it was not silence.
     pub silence: Duration,
-    /// True if it never came, fell silent or went away; false if it said something wrong.
+    /// True if it never connected, fell silent or disconnected; false if it violated the protocol.
     pub lost: bool,
-    /// We were asked to stop meanwhile; nobody is to blame.
+    /// We were asked to stop meanwhile; nobody is at fault.
     pub stopped: bool,
 }
 
 impl AutopilotError {
-    /// It said something that no correct peer says.
+    /// A protocol violation.
     pub fn wrong(sentence: impl Into<String>) -> Self {
         Self {
             sentence: sentence.into(),
@@ -120,7 +120,7 @@ impl AutopilotError {
         }
     }
 
-    /// It is not there.
+    /// The peer is missing.
     pub fn lost(sentence: impl Into<String>, silence: Duration) -> Self {
         Self {
             silence,
@@ -129,7 +129,7 @@ impl AutopilotError {
         }
     }
 
-    /// Asked to stop while waiting.
+    /// Stopped while waiting.
     pub fn stopped() -> Self {
         Self {
             stopped: true,
@@ -138,38 +138,38 @@ impl AutopilotError {
     }
 }
 
-/// An autopilot behind its own protocol.
+/// An autopilot with its own protocol.
 pub trait Autopilot {
     /// Parts of 0.5 ms from one exchange to the next.
     fn interval_parts(&self) -> u32;
 
-    /// Gives it the readings of now and takes the duties, by our rotors, that are held until the next exchange.
+    /// Sends the current readings and returns the duties, in our rotor order, that are held until the next exchange.
     ///
     /// # Errors
-    /// It never came, fell silent, or said something wrong: one sentence with peer and frame. Never waits longer than its time-outs.
+    /// It never connected, fell silent, or violated the protocol; the message names peer and frame. Never waits longer than its time-outs.
     fn exchange(&mut self, readings: &Readings) -> Result<[f64; MAX_ROTORS], AutopilotError>;
 
-    /// Who it is, as far as known.
+    /// Its identity, as far as known.
     fn identity(&self) -> Identity;
 
-    /// Where it is wanted from now on; told at each step of 2.5 ms, before, during and after the flight. One that is flown by somebody else
-    /// does not listen.
+    /// Commanded position from now on; called at each step of 2.5 ms, before, during and after the flight. Ignored by an autopilot under
+    /// external control.
     fn steer(&mut self, _wanted: &Wanted) {}
 
-    /// A line of what it said, or what was said to it, since the last call.
+    /// A line of its messages, or of ours to it, since the last call.
     fn words(&mut self) -> Option<String> {
         None
     }
 
-    /// The hand-over: a restart of it would no longer be the same flight.
+    /// The hand-over: after a restart it would no longer be the same flight.
     fn flight_begins(&mut self) {}
 
-    /// The last step of the flight is over. True: it lands now, and is to be asked on until [`Autopilot::landed`].
+    /// The last step of the flight is over. True: it lands now, and exchanges must continue until [`Autopilot::landed`].
     fn flight_ends(&mut self) -> bool {
         false
     }
 
-    /// True when it has landed and stopped its motors.
+    /// True once it has landed and stopped its motors.
     fn landed(&self) -> bool {
         false
     }

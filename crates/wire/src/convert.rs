@@ -1,16 +1,16 @@
-//! Between the native frames ([`crate::frames`]) and the generated messages ([`crate::proto`]), with the checks of a border.
+//! Conversion between native frames ([`crate::frames`]) and generated messages ([`crate::proto`]), with validation.
 //!
-//! Whatever comes from another process is checked here once: every number finite, every duty a fraction, every array as long
-//! as promised. An error is one sentence that names message, field, value and what was expected; nothing panics on any input.
+//! Everything received from another process is checked here once: every number finite, every duty a fraction, every array of the
+//! expected length. The error message names message, field, value and what was expected; no input causes a panic.
 //!
-//! Protobuf does not carry the sign of a zero in a scalar field (−0 equals the default and is left out). Links therefore hand
-//! over frames in their `canonical` form, where −0 has become +0, over every back end alike: see [`SensorFrame::canonical`].
+//! Protobuf does not carry the sign of a zero in a scalar field (−0 equals the default and is omitted). Links of every kind
+//! therefore deliver frames in their `canonical` form, with −0 replaced by +0: see [`SensorFrame::canonical`].
 
 use crate::frames::{CommandFrame, FdiReport, LossEstimate, MAX_HYPOTHESES, SensorFrame, Stamp};
 use rotortwin_flight_core::MAX_ROTORS;
 use rotortwin_proto::{self as proto, verdict::Kind};
 
-/// Why a message was refused.
+/// Why a message was rejected.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum ConvertError {
     /// A field is absent.
@@ -21,7 +21,7 @@ pub enum ConvertError {
     NotFinite {
         /// Message and field, with the index in an array.
         field: String,
-        /// What it holds.
+        /// Value found.
         value: f32,
     },
     /// A number is outside its range.
@@ -29,9 +29,9 @@ pub enum ConvertError {
     OutOfRange {
         /// Message and field, with the index in an array.
         field: String,
-        /// What it holds.
+        /// Value found.
         value: f64,
-        /// The range, in words.
+        /// The range, human-readable.
         expected: &'static str,
     },
     /// An array has a wrong length.
@@ -39,24 +39,24 @@ pub enum ConvertError {
     Length {
         /// Message and field.
         field: &'static str,
-        /// Entries that came.
+        /// Entries received.
         found: usize,
-        /// Lengths that are right, in words.
+        /// Valid lengths, human-readable.
         expected: String,
     },
-    /// Bytes that are no such message.
+    /// Bytes that do not decode as this message.
     #[error("{message} cannot be decoded: {reason}")]
     Malformed {
         /// Message.
         message: &'static str,
-        /// The decoder's words.
+        /// The decoder's message.
         reason: String,
     },
 }
 
 /// Fails on the first entry of `values` that is NaN or infinite.
 fn finite(field: &str, values: &[f32]) -> Result<(), ConvertError> {
-    // One pass without branches for the good case: this runs in each step.
+    // One branch-free pass for the good case: this runs in each step.
     if values.iter().all(|value| value.is_finite()) {
         return Ok(());
     }
@@ -73,7 +73,7 @@ fn finite(field: &str, values: &[f32]) -> Result<(), ConvertError> {
     Err(ConvertError::NotFinite { field, value: *value })
 }
 
-/// Checks sensors as they come from the plant: every number finite.
+/// Checks sensors received from the plant: every number finite.
 pub fn check_sensors(frame: &SensorFrame) -> Result<(), ConvertError> {
     finite("SensorFrame.position_ned_m", &frame.position_ned_m)?;
     finite("SensorFrame.velocity_ned_m_s", &frame.velocity_ned_m_s)?;
@@ -88,7 +88,7 @@ pub fn check_sensors(frame: &SensorFrame) -> Result<(), ConvertError> {
     finite("SensorFrame.battery_voltage_v", &[frame.battery_voltage_v])
 }
 
-/// Checks a command as it comes from a controller: every duty a fraction, none for rotors that do not exist.
+/// Checks a command received from a controller: every duty a fraction, none for rotors that do not exist.
 ///
 /// * `rotor_count`: of the vehicle, at most [`MAX_ROTORS`]
 pub fn check_command(frame: &CommandFrame, rotor_count: usize) -> Result<(), ConvertError> {
@@ -116,7 +116,7 @@ pub fn check_command(frame: &CommandFrame, rotor_count: usize) -> Result<(), Con
     finite("MotorCommand.attitude_setpoint", &frame.attitude_setpoint_rad)
 }
 
-/// Checks a report as it comes from an FDI engine: every number finite, every verdict one of those that exist.
+/// Checks a report received from an FDI engine: every number finite, every verdict a known one.
 ///
 /// * `rotor_count`: of the vehicle, at most [`MAX_ROTORS`]
 pub fn check_report(frame: &FdiReport, rotor_count: usize) -> Result<(), ConvertError> {
@@ -192,7 +192,7 @@ fn check_loss(field: &'static str, loss: &LossEstimate) -> Result<(), ConvertErr
     })
 }
 
-/// −0 becomes +0, everything else stays.
+/// Replaces −0 by +0.
 #[inline]
 fn plus_zero(values: &mut [f32]) {
     for value in values {
@@ -201,7 +201,7 @@ fn plus_zero(values: &mut [f32]) {
 }
 
 impl SensorFrame {
-    /// The same frame with +0 for every −0: what every link hands over.
+    /// The same frame with every −0 replaced by +0, as every link delivers it.
     #[inline]
     #[must_use]
     pub fn canonical(mut self) -> Self {
@@ -365,7 +365,7 @@ impl CommandFrame {
                 expected: format!("one for each of the {rotor_count} rotors"),
             });
         }
-        // For plots only: a controller that has none leaves it out.
+        // For plots only: a controller without one omits it.
         let setpoint = message.attitude_setpoint.unwrap_or_default();
         let mut frame = Self {
             stamp: message.stamp.ok_or(ConvertError::Missing("MotorCommand.stamp"))?.into(),
@@ -379,7 +379,7 @@ impl CommandFrame {
     }
 }
 
-/// The message of a verdict code; a code that does not exist becomes "unspecified", which every receiver refuses.
+/// The message of a verdict code; an unknown code becomes "unspecified", which every receiver rejects.
 pub fn verdict_to_proto(code: i32) -> proto::Verdict {
     let (kind, rotor, second_rotor) = match code {
         -3 => (Kind::Ambiguous, 0, 0),
@@ -444,7 +444,7 @@ pub fn verdict_from_proto(verdict: &Option<proto::Verdict>, field: &'static str)
     }
 }
 
-/// Absent if there is nothing to say.
+/// Absent if there is no interval.
 fn interval_to_proto(loss: &LossEstimate) -> Option<proto::LossInterval> {
     let [_, interval @ ..] = loss.values();
     let [low_n, high_n, share, share_low, share_high] = interval;

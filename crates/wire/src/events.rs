@@ -1,4 +1,4 @@
-//! What a run says of itself while it goes on: one JSON object a line on the plant's standard output.
+//! Progress events of a run: one JSON object per line on the plant's standard output.
 
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
@@ -7,20 +7,20 @@ use utoipa::ToSchema;
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(tag = "event", rename_all = "kebab-case")]
 pub enum RunEvent {
-    /// The link is being opened: the peers are waited for.
+    /// The link is being opened, waiting for the peers.
     Waiting,
-    /// Step 0 is about to be flown, or the flight goes on.
+    /// Step 0 is about to be flown, or progress of the flight.
     Progress(Progress),
-    /// Something worth a line happened.
+    /// A notable change.
     Change(Change),
-    /// A row of the telemetry, for people who look on (`--live`).
+    /// A row of the telemetry, for live viewers (`--live`).
     Sample(LiveSample),
     /// The flight is over and its folder is being written.
     Recording {
         /// Complete steps.
         steps: u64,
     },
-    /// The folder is written. The summary in it says how the run ended.
+    /// The folder is complete. Its summary states how the run ended.
     Finished,
 }
 
@@ -31,7 +31,7 @@ pub struct LiveSample {
     pub step: u64,
     /// Simulated time at the start of the step, s.
     pub sim_time_s: f64,
-    /// A value for each of `rotortwin_store::telemetry_columns`, in their order; none where there is no finite one.
+    /// A value for each of `rotortwin_store::telemetry_columns`, in their order; none where it is not finite.
     pub values: Vec<Option<f64>>,
 }
 
@@ -77,42 +77,42 @@ pub enum Change {
         sim_time_s: f64,
         /// Verdict code.
         sequential: i32,
-        /// Probability that it gives to it, fraction.
+        /// Its probability according to the detector, fraction.
         probability: f32,
-        /// Bit i set: rotor i (from 0) is or may be concerned.
+        /// Bit i set: rotor i (from 0) is or may be faulty.
         suspect_rotors: u32,
     },
-    /// How large the loss is that the sequential detector has named: told once, when it has kept to the name for long enough. In the
-    /// first windows the detector does not know when within a window the loss began, and a size of then means little.
+    /// Size of the loss of the rotor named by the sequential detector: sent once, when the name has been stable for long enough. In
+    /// the first windows the detector does not know when within a window the loss began, so an early estimate is unreliable.
     Severity {
         /// s.
         sim_time_s: f64,
         /// Verdict code.
         sequential: i32,
-        /// Estimated loss of thrust, of a pair the first rotor's, N.
+        /// Estimated loss of thrust, for a pair that of the first rotor, N.
         thrust_loss_n: f32,
         /// Lower end of its 95 % interval, N.
         thrust_loss_low_n: f32,
         /// Upper end, N.
         thrust_loss_high_n: f32,
     },
-    /// An autopilot of its own clock has armed, climbed and come to rest at the first point: the flight begins.
+    /// An autopilot with its own clock has armed, climbed and come to rest at the first point: the flight begins.
     HandOver {
-        /// Simulated time that it took, s.
+        /// Simulated time before it, s.
         prelude_s: f64,
     },
-    /// An autopilot, or the pilot that commands it, says something.
+    /// A message from an autopilot, or from the pilot that commands it.
     Words {
         /// Since the start of the plant, prelude included, s.
         plant_time_s: f64,
         /// One line.
         text: String,
     },
-    /// Something happened on the ground.
+    /// A mishap on the ground.
     Ground {
         /// End of the step in which it happened, s.
         sim_time_s: f64,
-        /// What.
+        /// Kind of mishap.
         mishap: Mishap,
     },
 }
@@ -127,9 +127,9 @@ pub enum Mishap {
         /// Along the normal of the ground, m/s.
         speed_m_s: f64,
     },
-    /// Lies on its side or back.
+    /// Lying on its side or back.
     TipOver {
-        /// Against the ground, rad.
+        /// Relative to the ground, rad.
         tilt_rad: f64,
     },
     /// A rotor's disc reached the ground.

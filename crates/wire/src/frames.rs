@@ -1,6 +1,6 @@
 //! Native, fixed-size messages of the 400 Hz loop: `#[repr(C)]`, no pointers, so that iceoryx2 can share them between processes.
 //!
-//! Field for field the messages of `proto/rotortwin/v1/signals.proto`, which documents ranges. Arrays over rotors have
+//! Same fields as the messages of `proto/rotortwin/v1/signals.proto`, which documents ranges. Arrays over rotors have
 //! [`MAX_ROTORS`] entries; those past the rotor count are 0.
 
 use rotortwin_flight_core::MAX_ROTORS;
@@ -116,7 +116,7 @@ pub struct CommandFrame {
     pub stamp: Stamp,
     /// Duty cycle of each rotor, fraction.
     pub duty: [f32; MAX_ROTORS],
-    /// Attitude that the inner loop was asked for (roll, pitch, yaw), rad; for plots only.
+    /// Attitude setpoint of the inner loop (roll, pitch, yaw), rad; for plots only.
     pub attitude_setpoint_rad: [f32; 3],
     /// Bit i set: the duty of rotor i (from 0) was limited.
     pub saturated_rotors: u32,
@@ -129,7 +129,7 @@ impl CommandFrame {
         MotorCommand { duty: self.duty }
     }
 
-    /// What the FDI engine sees of the step that `sensors` opens and this command closes.
+    /// The FDI engine's input for the step that `sensors` opens and this command completes.
     #[inline]
     pub fn measurement(&self, sensors: &SensorFrame) -> Measurement {
         Measurement {
@@ -140,11 +140,11 @@ impl CommandFrame {
     }
 }
 
-/// Most sets of rotors that a report lists.
+/// Maximum number of rotor sets in a report.
 pub const MAX_HYPOTHESES: usize = rotortwin_flight_core::fdi::MAX_HYPOTHESES;
 
-/// Lost thrust of one rotor at hover with its 95 % interval; all 0 if no rotor is named, all but the loss of an engine that gives no
-/// interval.
+/// Lost thrust of one rotor at hover with its 95 % interval; all 0 if no rotor is named; only the loss is set if the engine provides
+/// no interval.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct LossEstimate {
@@ -154,7 +154,7 @@ pub struct LossEstimate {
     pub low_n: f32,
     /// Upper end, N.
     pub high_n: f32,
-    /// Share of the rotor's nominal thrust at hover, fraction.
+    /// Loss as a fraction of the rotor's nominal hover thrust.
     pub share: f32,
     /// Lower end, fraction.
     pub share_low: f32,
@@ -190,7 +190,7 @@ impl LossEstimate {
         }
     }
 
-    /// The same with losses of at most all of the rotor's thrust.
+    /// The same, clamped to at most the rotor's entire thrust.
     #[must_use]
     pub fn limited(self) -> Self {
         if self.share_high <= 1.0 || self.share <= 0.0 {
@@ -225,18 +225,18 @@ pub struct FdiReport {
     pub network: i32,
     /// As `t_test`, of the sequential detector.
     pub sequential: i32,
-    /// Probability that the sequential detector gives to its verdict, fraction.
+    /// Probability of the sequential verdict, fraction.
     pub sequential_probability: f32,
-    /// Loss of thrust that the sequential detector estimates: of the rotor it names, of a pair the one with the lower number.
+    /// Loss of thrust estimated by the sequential detector: of the rotor named, for a pair of the one with the lower number.
     pub thrust_loss: LossEstimate,
-    /// Of the other rotor of a pair.
+    /// Loss of the other rotor of a pair.
     pub second_thrust_loss: LossEstimate,
-    /// Bit i set: rotor i (from 0) is or may be concerned.
+    /// Bit i set: rotor i (from 0) is or may be faulty.
     pub suspect_rotors: u32,
-    /// Sets of rotors that an ambiguous verdict leaves open; there may be more than are listed.
+    /// Number of sets that an ambiguous verdict leaves open; may exceed those listed.
     pub hypothesis_count: u32,
-    /// The likeliest of them as bit masks, likeliest first; 0 past the count.
+    /// The likeliest of them as bit masks, in descending order; 0 past the count.
     pub hypothesis_rotors: [u32; MAX_HYPOTHESES],
-    /// 1 on the last step of an evaluation window, else 0.
+    /// 1 on the last step of an evaluation window, otherwise 0.
     pub window_end: u32,
 }

@@ -1,4 +1,4 @@
-//! Our own controller and FDI engine, as the peers of a link. They hold no truth and no scenario: only what the hand-shake brings.
+//! Our own controller and FDI engine as link peers. They know neither truth nor scenario: only the handshake's parameters.
 
 use crate::frames::{CommandFrame, FdiReport, LossEstimate, SensorFrame, Stamp};
 use crate::link::{ControllerPeer, FdiPeer};
@@ -8,10 +8,10 @@ use rotortwin_flight_core::fdi::{self, FdiConfig, FdiConfigError, FdiEngine, Fdi
 use rotortwin_flight_core::signals::Measurement;
 use rotortwin_proto::{ControllerSetup, FdiSetup, Ground};
 
-/// How our own controller calls itself, before its version.
+/// Name of our own controller, before its version.
 const OUR_CONTROLLER: &str = "rotortwin-controller";
 
-/// Whether a peer that calls itself so is [`PidPeer`], in whichever process.
+/// Whether a peer with this name is [`PidPeer`], in any process.
 pub fn is_our_controller(program: &str) -> bool {
     let rest = program.strip_prefix(OUR_CONTROLLER);
     rest.is_some_and(|rest| rest.is_empty() || rest.starts_with(' '))
@@ -51,20 +51,20 @@ impl ControllerPeer for PidPeer {
     }
 
     fn program(&self) -> String {
-        // As the process of its own calls itself.
+        // As its own process reports itself.
         format!("{OUR_CONTROLLER} {}", env!("CARGO_PKG_VERSION"))
     }
 }
 
-/// Closer to where it stands than this, a vehicle counts as standing, m: its rotors still carry a part of it then, and the ground the rest.
+/// A vehicle closer than this to its standing height counts as standing, m: rotors and ground then share its weight.
 const STANDS_WITHIN: f32 = 0.1;
-/// In the air before a calibration begins, s: the transient of the take-off.
+/// Time in the air before a calibration begins, s: the transient of the take-off.
 const CLEAR_TIME: f32 = 2.0;
 
-/// An FDI engine that judges in the air only, where there is a ground that carries the vehicle.
+/// An FDI engine that only decides in the air, where there is ground that carries the vehicle.
 ///
-/// Below [`STANDS_WITHIN`], by the measured position, and for [`CLEAR_TIME`] after that, its output has no verdict; then the engine is as
-/// new, so that its calibration counts from there.
+/// Below [`STANDS_WITHIN`], by the measured position, and for [`CLEAR_TIME`] after that, its output has no verdict; then the engine is
+/// reset, so that its calibration starts from there.
 pub struct AirborneEngine {
     engine: Box<FdiEngine>,
     landing: Option<Landing>,
@@ -75,14 +75,14 @@ struct Landing {
     /// The engine before its first sample.
     fresh: Box<FdiEngine>,
     clear_samples: u32,
-    /// Samples until the engine takes some.
+    /// Samples until the engine starts.
     wait: u32,
-    /// Of the window that passes without a verdict.
+    /// Samples of the current window without a verdict.
     samples: u16,
 }
 
 impl AirborneEngine {
-    /// * `ground`: what carries the vehicle
+    /// * `ground`: the ground under the vehicle
     pub fn new(config: FdiConfig, ground: Option<Ground>) -> Result<Self, FdiConfigError> {
         let engine = Box::new(FdiEngine::new(config)?);
         let landing = ground.map(|ground| Landing {
@@ -95,7 +95,7 @@ impl AirborneEngine {
         Ok(Self { engine, landing })
     }
 
-    /// Takes in one sample.
+    /// Processes one sample.
     #[inline]
     pub fn step(&mut self, input: &Measurement) -> FdiOutput {
         match &mut self.landing {
@@ -157,7 +157,7 @@ impl FdiPeer for FdiEnginePeer {
     }
 }
 
-/// What the engine says of the step `stamp`, as a message.
+/// The engine's output for the step `stamp`, as a message.
 #[inline]
 pub fn report(stamp: Stamp, output: &FdiOutput) -> FdiReport {
     FdiReport {

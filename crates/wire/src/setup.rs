@@ -1,7 +1,7 @@
-//! Between the parameters of the hand-shake ([`crate::proto`]) and the configurations of `flight-core`.
+//! Conversion between the parameters of the handshake ([`crate::proto`]) and the configurations of `flight-core`.
 //!
-//! What passes here passes without loss: a configuration sent and read back is the same, bit for bit. What is wrong is refused
-//! with one sentence that names the field; whether the numbers make a flyable vehicle is for `flight-core` to say.
+//! The conversion is lossless: a configuration sent and read back is bit-identical. Invalid input is rejected with an error
+//! message that names the field; whether the numbers make a flyable vehicle is up to `flight-core`.
 
 use rotortwin_flight_core::MAX_ROTORS;
 use rotortwin_flight_core::control::{ControllerConfig, PidGains, ThrustToDuty};
@@ -12,12 +12,12 @@ use rotortwin_flight_core::thrust_map::ThrustMap;
 use rotortwin_proto::{self as proto, controller_setup, fdi_setup};
 use std::collections::BTreeMap;
 
-/// Where the vertical integrator starts.
+/// Initial value of the vertical integrator.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Trim {
-    /// Duty that hovers, fraction.
+    /// Hover duty, fraction.
     pub duty: f32,
-    /// Battery voltage that it belongs to, V.
+    /// Corresponding battery voltage, V.
     pub battery_voltage: f32,
 }
 
@@ -115,7 +115,7 @@ fn gains_from_proto(gains: &[proto::PidGains], field: &str) -> Result<[PidGains;
     }))
 }
 
-/// The parameters of a controller, to be sent.
+/// The parameters of a controller, for sending.
 ///
 /// * `trim`: presets the vertical integrator; `None` leaves it at 0
 pub fn controller_setup(config: &ControllerConfig, trim: Option<Trim>) -> proto::ControllerSetup {
@@ -146,7 +146,7 @@ pub fn controller_setup(config: &ControllerConfig, trim: Option<Trim>) -> proto:
     }
 }
 
-/// The configuration of a controller, and where its vertical integrator starts, as received.
+/// The configuration of a controller, and the initial value of its vertical integrator, as received.
 pub fn controller_config(setup: &proto::ControllerSetup) -> Result<(ControllerConfig, Option<Trim>), String> {
     let body = setup.body.as_ref().ok_or_else(|| missing("ControllerSetup.body"))?;
     let thrust_to_duty = match &setup.thrust_to_duty {
@@ -190,11 +190,11 @@ pub fn controller_config(setup: &proto::ControllerSetup) -> Result<(ControllerCo
     Ok((config, trim))
 }
 
-/// The parameters of an FDI engine, to be sent.
+/// The parameters of an FDI engine, for sending.
 ///
-/// * `network`: the weights behind `config.network`, which keeps them only in a form of its own; checked by
+/// * `network`: the weights behind `config.network`, which stores them in a different form; checked by
 ///   [`fdi_config`] on the other side
-/// * `ground`: what carries the vehicle
+/// * `ground`: the ground under the vehicle
 pub fn fdi_setup(
     config: &FdiConfig,
     network: Option<proto::NetworkSetup>,
@@ -312,7 +312,7 @@ fn network_from_proto(network: &proto::NetworkSetup, rotor_count: usize) -> Resu
         .map_err(|error| format!("FdiSetup.network: {error}"))
 }
 
-/// The parameters of a network for `rotor_count` rotors, to be sent.
+/// The parameters of a network for `rotor_count` rotors, for sending.
 ///
 /// * `self_calibrated`: see [`Network::self_calibrated`]
 pub fn network_setup(rotor_count: usize, weights: &NetworkWeights<'_>, self_calibrated: bool) -> proto::NetworkSetup {
@@ -331,11 +331,11 @@ pub fn network_setup(rotor_count: usize, weights: &NetworkWeights<'_>, self_cali
     }
 }
 
-/// A number of [`SequentialConfig`] that travels as `f64`.
+/// A number of [`SequentialConfig`] transmitted as `f64`.
 trait Parameter: Sized {
     /// Exact.
     fn to_number(self) -> f64;
-    /// `None` if the number is not exactly one of this type.
+    /// `None` if the number is not exactly representable in this type.
     fn from_number(number: f64) -> Option<Self>;
 }
 
@@ -359,7 +359,7 @@ impl Parameter for u8 {
     }
 }
 
-/// Both directions from one list of fields; the compiler refuses a list that is not complete.
+/// Both directions from one list of fields; the compiler rejects an incomplete list.
 macro_rules! sequential_parameters {
     ($($field:ident),+ $(,)?) => {
         fn sequential_to_map(config: &SequentialConfig) -> BTreeMap<String, f64> {

@@ -1,4 +1,4 @@
-//! Conversion between native frames and messages: without loss, and deaf to nonsense.
+//! Conversion between native frames and messages: lossless, and robust against invalid input.
 
 use proptest::prelude::*;
 use prost::Message;
@@ -7,7 +7,7 @@ use rotortwin_proto::{self as proto, verdict::Kind};
 use rotortwin_wire::convert::{check_command, check_report, check_sensors};
 use rotortwin_wire::frames::{CommandFrame, FdiReport, LossEstimate, MAX_HYPOTHESES, SensorFrame, Stamp};
 
-/// Finite numbers of every size, subnormal ones and zeros of both signs among them.
+/// Finite numbers of every magnitude, including subnormals and zeros of both signs.
 fn finite() -> impl Strategy<Value = f32> {
     prop_oneof![
         4 => any::<u32>().prop_map(f32::from_bits).prop_filter("finite", |x| x.is_finite()),
@@ -66,7 +66,7 @@ fn command_frame() -> impl Strategy<Value = (usize, CommandFrame)> {
         )
 }
 
-/// A loss inside of its interval.
+/// A loss inside its interval.
 fn loss() -> impl Strategy<Value = LossEstimate> {
     proptest::array::uniform6(0.0_f32..1e3).prop_map(|mut values| {
         values[..3].sort_by(f32::total_cmp);
@@ -103,7 +103,7 @@ fn fdi_report() -> impl Strategy<Value = (usize, FdiReport)> {
                         wrench_residual,
                         t_test: codes[0],
                         network: codes[1],
-                        // Codes that only this detector has, too.
+                        // Includes codes that only this detector has.
                         sequential: match suspects.3 {
                             0 => -3,
                             1 => 100 * (rotor_count as i32 - 1) + rotor_count as i32,
@@ -205,7 +205,7 @@ proptest! {
         prop_assert!(FdiReport::from_proto(&message, rotor_count - 1).is_err());
     }
 
-    /// The canonical form is what the wire does to a frame, and changes only zeros.
+    /// The canonical form is the effect of the wire on a frame, and changes only zeros.
     #[test]
     fn prop_canonical_frames_have_no_negative_zero(frame in sensor_frame()) {
         let canonical = frame.canonical();
@@ -216,13 +216,13 @@ proptest! {
         prop_assert_eq!(sensor_bits(&sent), sensor_bits(&canonical));
     }
 
-    /// Bytes from anywhere are refused or understood; nothing panics, and what is understood is in range.
+    /// Arbitrary bytes are rejected or decoded; nothing panics, and decoded values are in range.
     #[test]
     fn prop_any_bytes_are_survived(bytes in proptest::collection::vec(any::<u8>(), 0..200), rotor_count in rotor_count()) {
         survive(&bytes, rotor_count);
     }
 
-    /// As above, with bytes that are nearly right.
+    /// As above, with nearly valid bytes.
     #[test]
     fn prop_damaged_messages_are_survived(
         frame in sensor_frame(),
@@ -246,7 +246,7 @@ proptest! {
     }
 }
 
-/// Reads bytes as every message; whatever is accepted must hold what a checked frame promises.
+/// Decodes bytes as every message; accepted frames must satisfy the guarantees of a checked frame.
 fn survive(bytes: &[u8], rotor_count: usize) {
     if let Ok(message) = proto::SensorFrame::decode(bytes)
         && let Ok(frame) = SensorFrame::try_from(&message)
@@ -264,7 +264,7 @@ fn survive(bytes: &[u8], rotor_count: usize) {
         assert!(frame.residuals_nms.as_flattened().iter().all(|x| x.is_finite()));
         assert!((-2..=rotor_count as i32).contains(&frame.t_test));
     }
-    // The hand-shake has no native form; decoding it must not panic either.
+    // The handshake has no native form; decoding it must not panic either.
     drop(proto::Join::decode(bytes));
     drop(proto::Setup::decode(bytes));
     drop(proto::Ready::decode(bytes));
@@ -273,7 +273,7 @@ fn survive(bytes: &[u8], rotor_count: usize) {
     drop(proto::FdiReports::decode(bytes));
 }
 
-/// One sentence that names message, field, value and what was expected.
+/// The error message names message, field, value and what was expected.
 #[test]
 fn val_refusals_name_the_field() {
     let mut sensors = SensorFrame::default();
@@ -364,7 +364,7 @@ fn val_verdicts_that_contradict_themselves_are_refused() {
         // Verdicts that only the sequential detector has.
         (Kind::Ambiguous, 0, 0),
         (Kind::FaultyPair, 1, 2),
-        // No pair at all.
+        // Not a valid pair.
         (Kind::FaultyPair, 2, 1),
         (Kind::FaultyPair, 0, 1),
         (Kind::FaultyPair, u32::MAX, u32::MAX),

@@ -1,8 +1,8 @@
-//! Encodings of every message, made once and kept: they must decode for ever, to the same values.
+//! Stored encodings of every message: they must always decode to the same values.
 //!
-//! A file that was released is never written again. After adding a message here,
-//! `ROTORTWIN_WRITE_GOLDEN=1 cargo nextest run -p rotortwin-wire golden` writes the files that are not there yet. A field added
-//! to a message later is absent from the old file and has its default here.
+//! A released file is never rewritten. After adding a message here,
+//! `ROTORTWIN_WRITE_GOLDEN=1 cargo nextest run -p rotortwin-wire golden` writes the missing files. A field added to a message
+//! later is absent from the old file and has its default here.
 
 use prost::Message;
 use rotortwin_proto::{
@@ -83,7 +83,7 @@ fn report() -> FdiReport {
     }
 }
 
-/// With what was added later: the pair of rotors 2 and 5, intervals, sets of rotors.
+/// Including later additions: the pair of rotors 2 and 5, intervals, sets of rotors.
 fn report_of_a_pair() -> FdiReport {
     FdiReport {
         sequential: 205,
@@ -137,7 +137,7 @@ fn regress_golden_loop_messages() {
     );
 }
 
-/// The golden bytes also still give the native frames.
+/// The golden bytes also still decode to the native frames.
 #[test]
 fn regress_golden_native_frames() {
     let read = |name: &str| std::fs::read(PathBuf::from(FOLDER).join(name)).expect("a golden file");

@@ -1,4 +1,4 @@
-//! The parameters of the hand-shake against the configurations of `flight-core`.
+//! The parameters of the handshake compared with the configurations of `flight-core`.
 
 use proptest::prelude::*;
 use prost::Message;

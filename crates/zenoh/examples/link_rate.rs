@@ -1,4 +1,4 @@
-//! How many steps a second the bare link carries: plant, controller and FDI engine that compute nothing, in three processes.
+//! Step rate of the bare link: plant, controller and FDI engine that compute nothing, in three processes.
 //!
 //! ```text
 //! cargo run --release -p rotortwin-zenoh --example link_rate -- iceoryx2 [steps [window [batch]]]

@@ -11,20 +11,20 @@
 //!  finish                           plant                peers              Finish
 //!  alive/plant, …/controller, …/fdi that process         all                liveliness token
 //! ```
-//! Who meets whom is said explicitly, nothing is searched for: either the plant listens and the peers connect to it (it routes
+//! Endpoints are configured explicitly, there is no discovery: either the plant listens and the peers connect to it (it routes
 //! for them, no other program is needed), or all connect to a router. Scouting, gossip and the admin space are off.
 //!
-//! A message costs about as much as all that a step computes, so the FDI engine is not sent one per step: the plant, which has
-//! both, passes sensors and commands on in lists of `fdi_batch` steps, and gets lists of reports back.
+//! A message costs about as much as all the computation of a step, so the FDI engine does not get one per step: the plant, which has
+//! both, forwards sensors and commands in lists of `fdi_batch` steps, and receives lists of reports.
 //!
-//! A process that dies takes its TCP connection with it; the router then withdraws its liveliness token, and the others know
-//! within milliseconds. A host that vanishes without closing its connections shows after the lease of 2 s, or as silence.
+//! A process that dies closes its TCP connection; the router then withdraws its liveliness token, and the others know within
+//! milliseconds. A host that vanishes without closing its connections is noticed after the lease of 2 s, or as silence.
 //!
-//! SPACE is `rotortwin` unless [`Security`] names another; RUN are the 16 hexadecimal digits of the run id.
+//! SPACE is `rotortwin` unless [`Security`] sets another; RUN is the run id in 16 hexadecimal digits.
 //!
 //! # Limits
-//! Without [`Security`] no authentication and no encryption: listen on the loopback interface or in a network that you trust. Several
-//! times slower than shared memory.
+//! Without [`Security`] no authentication and no encryption: listen on the loopback interface or in a trusted network. Several times
+//! slower than shared memory.
 
 use prost::Message;
 use rotortwin_links::endpoint::{Delivery, Endpoint, Packet, malformed};
@@ -48,11 +48,11 @@ use zenoh::sample::SampleKind;
 /// The name of this transport in errors.
 const TRANSPORT: &str = "zenoh";
 
-/// Most steps or reports in one list.
+/// Maximum number of steps or reports in one list.
 const LONGEST_LIST: usize = 64;
 
-/// Most bytes of a message. The low-latency transport does not cut messages into pieces; it closes the connection over one that
-/// is longer than a batch of 65535 bytes. The largest Setup has 15 kB, the longest list 25 kB.
+/// Maximum bytes of a message. The low-latency transport does not fragment messages; it closes the connection over one longer than a
+/// batch of 65535 bytes. The largest Setup has 15 kB, the longest list 25 kB.
 pub const LONGEST_MESSAGE: usize = 60_000;
 
 /// Bytes of a connection's send buffer, as far as the kernel allows. 256 steps in lists of 1 to 32 have at most 200 kB.
@@ -101,7 +101,7 @@ fn config(options: &ZenohOptions, runs: Runs) -> Result<zenoh::Config, LinkError
         ("connect/endpoints", list(connect)),
         ("connect/timeout_ms", timeout.to_string()),
         ("connect/exit_on_failure", "true".to_owned()),
-        // The other side may start a moment later.
+        // The other side may start slightly later.
         (
             "connect/retry",
             "{ period_init_ms: 20, period_max_ms: 200, period_increase_factor: 1.5 }".to_owned(),
@@ -113,11 +113,11 @@ fn config(options: &ZenohOptions, runs: Runs) -> Result<zenoh::Config, LinkError
         ("adminspace/enabled", "false".to_owned()),
         ("transport/link/protocols", format!("[{protocol:?}]")),
         ("transport/link/tx/lease", "2000".to_owned()),
-        // A window of steps must fit in. A sender whose buffer is full waits inside of zenoh, and where the receiver's host has
-        // vanished it waits for ever: zenoh's low-latency transport notices the lease and then waits for the same sender.
+        // A window of steps must fit. A sender whose buffer is full blocks inside zenoh, and if the receiver's host has vanished it
+        // blocks forever: zenoh's low-latency transport notices the lease and then waits for the same sender.
         ("transport/link/tcp/so_sndbuf", SEND_BUFFER.to_string()),
         ("transport/link/tls/so_sndbuf", SEND_BUFFER.to_string()),
-        // One thread less between us and the socket; a router that does not want it is met without it.
+        // One thread less between us and the socket; with a router that does not support it, it is not used.
         ("transport/unicast/lowlatency", "true".to_owned()),
         ("transport/unicast/qos/enabled", "false".to_owned()),
     ];
@@ -128,13 +128,13 @@ fn config(options: &ZenohOptions, runs: Runs) -> Result<zenoh::Config, LinkError
     for (key, value) in settings.into_iter().chain(secure) {
         config
             .insert_json5(key, &value)
-            // The value may hold a password.
+            // The value may contain a password.
             .map_err(|error| failed(&format!("setting {key}"), error))?;
     }
     Ok(config)
 }
 
-/// Opens a session; the sentence of a failure says as much as can be known from this side.
+/// Opens a session; the error message says as much as this side can know.
 pub(crate) fn open(options: &ZenohOptions, runs: Runs) -> Result<zenoh::Session, LinkError> {
     zenoh::open(config(options, runs)?).wait().map_err(|error| {
         let action = match options.attachment {
@@ -147,7 +147,7 @@ pub(crate) fn open(options: &ZenohOptions, runs: Runs) -> Result<zenoh::Session,
                 )
             }
         };
-        // zenoh's own text names source files of zenoh.
+        // zenoh's own text names zenoh's source files.
         tracing::debug!("{action}: {error}");
         let reason = match options.attachment {
             Attachment::Listen if options.security.is_some() => {
@@ -161,7 +161,7 @@ pub(crate) fn open(options: &ZenohOptions, runs: Runs) -> Result<zenoh::Session,
     })
 }
 
-/// Why nobody could be met at the endpoint.
+/// Why no connection was possible at the endpoint.
 fn refusal(options: &ZenohOptions) -> String {
     let place = options.endpoint.split_once('/').map_or("", |(_, place)| place);
     let answers = place.to_socket_addrs().is_ok_and(|mut addresses| {
@@ -198,7 +198,7 @@ impl ZenohRouter {
         })
     }
 
-    /// Says goodbye to all.
+    /// Closes all connections in an orderly way.
     pub fn close(self) -> Result<(), LinkError> {
         self.session
             .close()
@@ -215,10 +215,10 @@ pub(crate) fn failed(action: &str, reason: impl std::fmt::Display) -> LinkError 
     }
 }
 
-/// What a key carries.
+/// Content of a key.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Topic {
-    /// From who says that it has this role.
+    /// From a process claiming this role.
     Join(Role),
     Setup,
     /// The same.
@@ -230,7 +230,7 @@ enum Topic {
     Finish,
 }
 
-/// Filled by zenoh's threads, emptied by ours.
+/// Filled by zenoh's threads, drained by ours.
 #[derive(Debug, Default)]
 struct Inbox {
     state: Mutex<InboxState>,
@@ -240,7 +240,7 @@ struct Inbox {
 #[derive(Debug, Default)]
 struct InboxState {
     packets: VecDeque<(Topic, Vec<u8>)>,
-    /// By [`slot`]: whose token was withdrawn.
+    /// By [`slot`]: roles whose token was withdrawn.
     gone: [bool; 3],
     /// Something changed since the last wait.
     is_news: bool,
@@ -248,7 +248,7 @@ struct InboxState {
 
 impl Inbox {
     fn lock(&self) -> MutexGuard<'_, InboxState> {
-        // No code can panic while it holds the lock.
+        // No code can panic while holding the lock.
         self.state.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
@@ -261,7 +261,7 @@ impl Inbox {
     }
 }
 
-/// Place of a role in an array.
+/// Array index of a role.
 fn slot(role: Role) -> Option<usize> {
     match role {
         Role::Plant => Some(0),
@@ -279,21 +279,21 @@ pub struct ZenohEndpoint {
     options: ZenohOptions,
     prefix: String,
     inbox: Arc<Inbox>,
-    /// For what this role sends in each step, or in each batch.
+    /// For messages of this role in each step or batch.
     publisher: Publisher<'static>,
-    /// Plant: for what it passes on to the FDI engine.
+    /// Plant: for steps forwarded to the FDI engine.
     steps_publisher: Option<Publisher<'static>>,
-    /// Rotors of the vehicle, from the Setup that passed.
+    /// Rotors of the vehicle, from the Setup exchanged.
     rotor_count: usize,
-    /// Steps in a list for the FDI engine, from the Setup that passed.
+    /// Steps in a list for the FDI engine, from the Setup exchanged.
     batch: u64,
-    /// Plant: sensors that wait for their command.
+    /// Plant: sensors waiting for their command.
     unanswered: Option<SensorFrame>,
-    /// Plant: steps that wait to be passed on.
+    /// Plant: steps waiting to be forwarded.
     steps: Vec<proto::MeasuredStep>,
-    /// FDI engine: reports that wait to be sent.
+    /// FDI engine: reports waiting to be sent.
     reports: Vec<proto::FdiReport>,
-    /// FDI engine and plant: what is left of the last list.
+    /// FDI engine and plant: remainder of the last list.
     decoded: VecDeque<Packet>,
     subscribers: Vec<Subscriber<()>>,
     token: Option<LivelinessToken>,
@@ -301,7 +301,7 @@ pub struct ZenohEndpoint {
 }
 
 impl ZenohEndpoint {
-    /// Joins the network as `role` of the run `run_id`. Fails, naming the endpoint, if nobody answers there in time.
+    /// Joins the network as `role` of the run `run_id`. Fails, naming the endpoint, if nothing answers there in time.
     pub fn new(role: Role, run_id: u64, options: ZenohOptions) -> Result<Self, LinkError> {
         let session = open(&options, Runs::One(run_id))?;
         let prefix = format!("{}/v1/{run_id:016x}", options.space());
@@ -426,7 +426,7 @@ impl ZenohEndpoint {
         publish(&self.publisher, bytes)
     }
 
-    /// Plant: keeps a step for the FDI engine, once its command is there, and passes on a full list.
+    /// Plant: stores a step for the FDI engine once its command has arrived, and forwards a full list.
     fn pass_on(&mut self, command: &CommandFrame) -> Result<(), LinkError> {
         let Some(sensors) = self.unanswered else { return Ok(()) };
         if (sensors.stamp.run_id, sensors.stamp.step) != (command.stamp.run_id, command.stamp.step) {
@@ -443,7 +443,7 @@ impl ZenohEndpoint {
         Ok(())
     }
 
-    /// Sends the lists that are not yet full.
+    /// Sends incomplete lists.
     fn flush(&mut self) -> Result<(), LinkError> {
         if let Some(publisher) = &self.steps_publisher
             && !self.steps.is_empty()
@@ -536,7 +536,7 @@ fn publish(publisher: &Publisher<'static>, bytes: Vec<u8>) -> Result<Delivery, L
     Ok(Delivery::Complete)
 }
 
-/// Access control knows the key by which a message came, not what is in it.
+/// Access control checks the key of a message, not its content.
 fn own_role(key: Role, said: Role, field: &'static str) -> Result<(), LinkError> {
     if key == said {
         return Ok(());
@@ -622,13 +622,13 @@ impl Endpoint for ZenohEndpoint {
                     block,
                 )
             }
-            // The last word must not wait for a peer that takes nothing.
+            // The final message must not wait for a blocked peer.
             Packet::Finish(message) => self.put("finish", message.encode_to_vec(), CongestionControl::Drop),
         }
     }
 
     fn wake(&mut self, role: Role) -> Result<(), LinkError> {
-        // Sending has woken it, unless what is to be sent is still collected in a list.
+        // Sending has woken it, unless the data are still collected in a list.
         match (self.role, role) {
             (Role::Plant, Role::Fdi) | (Role::Fdi, Role::Plant) => self.flush(),
             _ => Ok(()),
@@ -644,7 +644,7 @@ impl Endpoint for ZenohEndpoint {
             let Some((topic, bytes)) = next else { return Ok(None) };
             match (self.decode(topic, &bytes), topic) {
                 (Ok(()), _) => {}
-                // Nobody may end a run by a malformed greeting.
+                // A malformed greeting must not end a run.
                 (Err(error), Topic::Join(_) | Topic::Setup | Topic::Ready(_) | Topic::Finish) => {
                     tracing::warn!("a message of the hand-shake was dropped: {error}");
                 }
@@ -672,7 +672,7 @@ impl Endpoint for ZenohEndpoint {
     }
 }
 
-/// Says goodbye: the others know at once that this end is gone.
+/// Closes in an orderly way: the others know at once that this end is gone.
 impl Drop for ZenohEndpoint {
     fn drop(&mut self) {
         if let Some(token) = self.token.take()

@@ -3,10 +3,10 @@
 //! ```text
 //!  key                                  from      to        payload
 //!  rotortwin/fdi/SESSION/measurement    client    service   FdiMeasurements
-//!  rotortwin/fdi/SESSION/report         service   client    FdiVerdicts, one for each of them, in the order in which they came
+//!  rotortwin/fdi/SESSION/report         service   client    FdiVerdicts, one per measurements message, in order of arrival
 //! ```
 //! Messages are small enough for one frame of the low-latency transport: at most [`LONGEST_MESSAGE`] bytes, some 600 samples of a
-//! hexarotor. A client that loses an answer sends the same message again.
+//! hexarotor. A client that loses an answer resends the same message.
 
 use crate::topics::{LONGEST_MESSAGE, TopicPublisher, TopicSession, TopicSubscriber};
 use prost::Message as _;
@@ -19,17 +19,17 @@ use std::sync::mpsc::{Receiver, RecvTimeoutError, channel};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 
-/// Where measurements of a session go to.
+/// Topic for measurements of a session.
 pub fn measurement_topic(session: &str) -> String {
     format!("rotortwin/fdi/{session}/measurement")
 }
 
-/// Where its verdicts come from.
+/// Topic of its verdicts.
 pub fn report_topic(session: &str) -> String {
     format!("rotortwin/fdi/{session}/report")
 }
 
-/// A name that can be part of a topic: 1 to 64 letters, digits, '-' and '_'.
+/// True for a valid part of a topic: 1 to 64 letters, digits, '-' and '_'.
 pub fn is_session_name(name: &str) -> bool {
     (1..=64).contains(&name.len())
         && name
@@ -63,7 +63,7 @@ pub struct TopicService {
 }
 
 impl TopicService {
-    /// * `topics`: must outlive it   * `heard`: called after each message with what came of it
+    /// * `topics`: must outlive it   * `heard`: called after each message with the result
     ///
     /// # Errors
     /// zenoh cannot subscribe or publish.
@@ -105,17 +105,17 @@ pub enum ClientError {
     /// No answer.
     #[error("no verdicts came from {topic} within {waited:?}; expected a service with this session")]
     Silence {
-        /// Where they were expected.
+        /// Topic where they were expected.
         topic: String,
         /// How long.
         waited: Duration,
     },
-    /// The answer is none.
+    /// The answer is invalid.
     #[error("what came from {topic} cannot be decoded: {reason}")]
     Malformed {
-        /// Where it came from.
+        /// Topic it came from.
         topic: String,
-        /// The decoder's words.
+        /// The decoder's message.
         reason: String,
     },
 }
@@ -139,7 +139,7 @@ impl TopicClient {
     pub fn start(topics: TopicSession, name: &str, rotor_count: usize) -> Result<Self, LinkError> {
         let (sender, answers) = channel();
         let subscriber = topics.subscribe(&report_topic(name), move |bytes| {
-            // A client that is gone hears nothing.
+            // The client may be gone already.
             drop(sender.send(bytes.to_vec()));
         })?;
         Ok(Self {
@@ -152,10 +152,10 @@ impl TopicClient {
         })
     }
 
-    /// Sends a chunk and waits for what is said about it.
+    /// Sends a chunk and waits for its verdicts.
     ///
     /// # Errors
-    /// The message is too long, or no answer comes in time.
+    /// The message is too long, or no answer arrives in time.
     pub fn feed(&self, chunk: &Chunk, patience: Duration) -> Result<FdiVerdicts, ClientError> {
         self.publisher_put(chunk)?;
         let topic = || report_topic(&self.name);
@@ -170,7 +170,7 @@ impl TopicClient {
                 topic: topic(),
                 reason: error.to_string(),
             })?;
-            // The answer to a message that was given up earlier is not this one.
+            // Skip the late answer to a message given up earlier.
             if verdicts.first_step == chunk.first_step {
                 return Ok(verdicts);
             }

@@ -1,6 +1,6 @@
-//! Topics of zenoh beside those of a run: plain bytes, for services that are not part of a flight.
+//! zenoh topics other than those of a run: plain bytes, for services that are not part of a flight.
 //!
-//! The same endpoints and settings as a run's link ([`ZenohOptions`]); nothing is searched for, somebody listens.
+//! The same endpoints and settings as a run's link ([`ZenohOptions`]); no discovery, one side listens.
 
 use crate::endpoint::{failed, open};
 use rotortwin_links::security::Runs;
@@ -19,7 +19,7 @@ pub struct TopicSession {
     name: String,
 }
 
-/// Hears a topic until it is dropped.
+/// Subscription to a topic until it is dropped.
 pub struct TopicSubscriber(Subscriber<()>);
 
 /// Publishes to one topic.
@@ -47,7 +47,7 @@ impl TopicSession {
     /// Listens or connects.
     ///
     /// # Errors
-    /// The endpoint is none, is taken, or nobody answers there.
+    /// The endpoint is invalid or in use, or nothing answers there.
     pub fn open(options: &ZenohOptions) -> Result<Self, LinkError> {
         Ok(Self {
             session: open(options, Runs::All)?,
@@ -55,10 +55,10 @@ impl TopicSession {
         })
     }
 
-    /// Calls `heard` with each message of a topic, on a thread of zenoh, one after the other.
+    /// Calls `heard` with each message of a topic, on a zenoh thread, one at a time.
     ///
     /// # Errors
-    /// zenoh refuses the topic.
+    /// zenoh rejects the topic.
     pub fn subscribe(
         &self,
         topic: &str,
@@ -72,10 +72,10 @@ impl TopicSession {
             .map_err(|error| failed(&format!("subscribing to {topic}"), error))
     }
 
-    /// Something to publish with; slow receivers are waited for.
+    /// A publisher; blocks on slow receivers.
     ///
     /// # Errors
-    /// zenoh refuses the topic.
+    /// zenoh rejects the topic.
     pub fn publisher(&self, topic: &str) -> Result<TopicPublisher, LinkError> {
         self.session
             .declare_publisher(topic.to_owned())

@@ -1,8 +1,8 @@
 //! One conformance suite for every link between processes: iceoryx2, zenoh with the plant as hub, zenoh through a router.
-//! The in-process link takes part where it has the property at all, and is the reference for the answers.
+//! The in-process link takes part where the property applies, and is the reference for the answers.
 //!
-//! The peers of these tests fold everything they have seen into everything they answer: the plant's digest of a run is right
-//! only if each step came exactly once and in order to both peers, and each answer came back bit for bit.
+//! The peers of these tests fold everything they have seen into everything they answer: the plant's digest of a run is correct
+//! only if each step arrived exactly once and in order at both peers, and each answer came back bit for bit.
 
 use rotortwin_links::endpoint::{Delivery, Endpoint, EndpointLink, Packet, PeerOptions, serve_controller, serve_fdi};
 use rotortwin_links::iox2::{Iox2Endpoint, Iox2Options};
@@ -21,11 +21,11 @@ use std::time::{Duration, Instant};
 /// Rotors of the test vehicle.
 const ROTORS: usize = 6;
 
-/// A killed or dropped peer must be named within this time; seen are 5 ms (zenoh) to 60 ms (iceoryx2). The rest is for a
-/// machine that is busy with other tests.
+/// A killed or dropped peer must be reported within this time; measured are 5 ms (zenoh) to 60 ms (iceoryx2). The rest is
+/// margin for a machine that is busy with other tests.
 const DEATH_NOTICE: Duration = Duration::from_millis(900);
 
-/// A time-out that a test which expects none must never reach, even on a busy machine.
+/// A time-out that must never expire in a test that expects none, even on a busy machine.
 const PATIENT: LinkTiming = LinkTiming {
     join: Duration::from_secs(30),
     step: Duration::from_secs(30),
@@ -90,7 +90,7 @@ fn mix_report(state: u64, r: &FdiReport) -> u64 {
         .fold(state, |state, &word| mix(state, u64::from(word)))
 }
 
-/// A number from 0 to 1 out of a state; sometimes a zero, of either sign.
+/// A number from 0 to 1 derived from a state; sometimes a zero, of either sign.
 fn fraction(state: u64) -> f32 {
     match state % 16 {
         0 => 0.0,
@@ -104,7 +104,7 @@ fn number(state: u64) -> f32 {
     (fraction(state) - 0.5) * 8.0 * if state % 32 < 16 { 1e-7 } else { 1.0 }
 }
 
-/// A loss inside of its interval; zeros of either sign among them.
+/// A loss inside its interval, including zeros of either sign.
 fn loss(state: u64) -> LossEstimate {
     let part = |index| fraction(mix(state, index));
     let (low_n, share_low) = (part(0), part(1));
@@ -119,7 +119,7 @@ fn loss(state: u64) -> LossEstimate {
     }
 }
 
-/// What the plant of these tests senses in a step.
+/// The test plant's sensors in a step.
 fn sensors(run_id: u64, step: u64) -> SensorFrame {
     let mut state = mix(7, step);
     let mut next = || {
@@ -160,7 +160,7 @@ impl Delays {
     }
 }
 
-/// Controller and FDI engine of these tests; both fold all they see.
+/// Controller and FDI engine of these tests; both fold everything they see.
 #[derive(Clone)]
 struct Folding {
     state: u64,
@@ -168,7 +168,7 @@ struct Folding {
     refusal: Option<String>,
     /// Steps done, for the test to watch.
     done: Arc<AtomicU64>,
-    /// Sleeps for so long in this step.
+    /// Sleeps this long in this step.
     stall: Option<(u64, Duration)>,
     /// Extra time for each step.
     work: Duration,
@@ -280,7 +280,7 @@ impl FdiPeer for Folding {
 
 fn run_setup(run_id: u64, step_count: u64) -> RunSetup {
     let rotors = vec![Rotor::default(); ROTORS];
-    // As large as the largest network there may be: more than one segment of any transport.
+    // As large as the largest possible network: more than one segment of any transport.
     let network = NetworkSetup {
         hidden_weights: vec![0.1; 48 * 48],
         ..NetworkSetup::default()
@@ -302,7 +302,7 @@ fn run_setup(run_id: u64, step_count: u64) -> RunSetup {
     }
 }
 
-/// Flies `steps` steps and digests all answers. Tells the peers how it ended, as every plant does.
+/// Flies `steps` steps and digests all answers. Notifies the peers of the result, as every plant does.
 fn fly(link: &mut impl PlantLink, run_id: u64, steps: u64, mut delays: Delays) -> Result<u64, LinkError> {
     let mut digest = 3;
     let mut reports = 0;
@@ -336,8 +336,8 @@ fn fly(link: &mut impl PlantLink, run_id: u64, steps: u64, mut delays: Delays) -
     result.map(|()| digest)
 }
 
-/// What the same flight gives without any transport. Commands and reports interleave differently with a window, so each of
-/// them is digested on its own.
+/// Result of the same flight without any transport. Commands and reports interleave differently with a window, so they are
+/// digested separately.
 fn reference_digest(run_id: u64, steps: u64) -> u64 {
     fly_split(
         &mut InProcessLink::new(Folding::new(), Folding::new()),
@@ -391,15 +391,15 @@ trait Transport: Clone + Send + Sync + 'static {
     type End: Endpoint;
     /// Steps of the long run.
     const LONG_RUN: u64;
-    /// A place of its own for this test.
+    /// A separate place for this test.
     fn create() -> Self;
-    /// Another run at the same time, in the same place where that is possible.
+    /// Another simultaneous run, in the same place if possible.
     fn second(&self) -> Self;
     fn end(&self, role: Role, run_id: u64) -> Result<Self::End, LinkError>;
-    /// For a child process: `parse` gives the same place there.
+    /// For a child process: `parse` returns the same place there.
     fn to_text(&self) -> String;
     fn parse(text: &str) -> Self;
-    /// Fails if a run has left something behind that it should not.
+    /// Fails if a run has left anything behind.
     fn assert_clean(&self) {}
 }
 
@@ -421,7 +421,7 @@ impl Drop for Cleaner {
     }
 }
 
-/// A test that failed or was killed could not remove its files: those of processes that live no more go.
+/// A test that failed or was killed could not remove its files: removes those of dead processes.
 fn remove_files_of_dead_tests() {
     for path in shared_memory_files("rtt") {
         let name = path.file_name().unwrap_or_default().to_string_lossy().into_owned();
@@ -578,7 +578,7 @@ impl Transport for ZenohRouter {
     }
 }
 
-// Running three of them.
+// Running the three processes.
 
 fn run_id() -> u64 {
     static COUNT: AtomicU64 = AtomicU64::new(1);
@@ -618,7 +618,7 @@ fn fdi_thread<T: Transport>(
 /// Results of plant, controller and FDI engine.
 type Outcome = (Result<u64, LinkError>, Result<u64, LinkError>, Result<u64, LinkError>);
 
-/// A whole flight of three threads.
+/// A whole flight in three threads.
 fn flight<T: Transport>(place: &T, steps: u64, timing: LinkTiming, controller: Folding, fdi: Folding) -> Outcome {
     flight_as(place, run_id(), steps, timing, controller, fdi, Delays::NONE)
 }
@@ -653,7 +653,7 @@ fn window(fdi_window: u64, fdi_batch: u64) -> LinkTiming {
     }
 }
 
-/// A controller without the checks of `serve_controller`: answers by `answer` until that returns false, then drops its end.
+/// A controller without the checks of `serve_controller`: answers with `answer` until that returns false, then drops its end.
 fn raw_controller<T: Transport>(
     place: &T,
     run_id: u64,
@@ -695,7 +695,7 @@ fn join_packet(end: &impl Endpoint, protocol_version: u32) -> Packet {
     })
 }
 
-/// Joins until a Setup comes, and says that it is ready.
+/// Joins until a Setup arrives, and reports ready.
 fn raw_join(end: &mut impl Endpoint) -> Setup {
     loop {
         end.send(&join_packet(end, rotortwin_wire::PROTOCOL_VERSION))
@@ -719,7 +719,7 @@ fn raw_join(end: &mut impl Endpoint) -> Setup {
     }
 }
 
-/// The next packet that `wanted` takes; other packets are dropped.
+/// The next packet accepted by `wanted`; other packets are dropped.
 fn await_packet<R>(end: &mut impl Endpoint, wanted: impl Fn(Packet) -> Option<R>) -> R {
     let begin = Instant::now();
     loop {
@@ -738,7 +738,7 @@ fn await_packet<R>(end: &mut impl Endpoint, wanted: impl Fn(Packet) -> Option<R>
 struct Killed(Child);
 
 impl Killed {
-    /// SIGKILL, without waiting for the child: it stays a zombie, as it would with a parent that is busy.
+    /// SIGKILL, without waiting for the child: it stays a zombie, as with a busy parent.
     fn kill(&mut self) {
         self.0.kill().expect("a child can be killed");
     }
@@ -771,7 +771,7 @@ fn spawn_child<T: Transport>(place: &T, role: Role, run_id: u64, folder: Option<
     Killed(command.spawn().expect("the test binary starts"))
 }
 
-/// Plays a role for a test in another process. Not a test of its own.
+/// Plays a role for a test in another process. Not a test itself.
 #[test]
 #[ignore = "started by the tests that need a process to kill"]
 fn child_process() {
@@ -782,7 +782,7 @@ fn child_process() {
         let result = match role {
             Role::Controller => serve_controller(&mut end, &mut Folding::new(), &options),
             Role::Fdi => serve_fdi(&mut end, &mut Folding::new(), &options),
-            // Far more than it will live for.
+            // Far longer than it will live.
             _ => fly(
                 &mut EndpointLink::new(end, PATIENT),
                 run_id,
@@ -812,7 +812,7 @@ fn expect_err<T: Debug>(result: Result<T, LinkError>) -> LinkError {
 
 // The suite.
 
-/// A long flight: every step once and in order to both peers, every answer bit for bit, for several windows.
+/// A long flight: every step arrives once and in order at both peers, every answer bit for bit, for several windows.
 fn every_step_once<T: Transport>() {
     let place = T::create();
     for (timing, steps) in [
@@ -842,7 +842,7 @@ fn every_step_once<T: Transport>() {
     place.assert_clean();
 }
 
-/// Delays of all three at random change nothing in what is said.
+/// Random delays in all three do not change the results.
 fn delays_change_nothing<T: Transport>() {
     let place = T::create();
     for seed in 0..4 {
@@ -863,7 +863,7 @@ fn delays_change_nothing<T: Transport>() {
     }
 }
 
-/// A refusal reaches the plant with its sentence; the other peer hears why the run failed.
+/// A rejection reaches the plant with its message; the other peer learns why the run failed.
 fn refusals_reach_the_plant<T: Transport>() {
     let place = T::create();
     let refusing = || Folding {
@@ -904,7 +904,7 @@ fn refusals_reach_the_plant<T: Transport>() {
     );
 }
 
-/// Another version of the protocol is refused by the plant and by a peer; both versions are named.
+/// Another protocol version is rejected by the plant and by a peer; both versions are named.
 fn other_versions_are_refused<T: Transport>() {
     let place = T::create();
     let run = run_id();
@@ -965,7 +965,7 @@ fn other_versions_are_refused<T: Transport>() {
     );
 }
 
-/// A peer that never comes is named, with the place where it was waited for; the one that came hears it.
+/// A peer that never connects is named, with its expected address; the connected one is notified.
 fn missing_peers_are_named<T: Transport>() {
     let place = T::create();
     let timing = LinkTiming {
@@ -995,7 +995,7 @@ fn missing_peers_are_named<T: Transport>() {
     );
 }
 
-/// A peer that is alive and does not answer is named with its last step, its silence and the limit.
+/// A peer that is alive but does not answer is named with its last step, its silence and the limit.
 fn silent_peers_are_named<T: Transport>() {
     let place = T::create();
     let limit = Duration::from_millis(300);
@@ -1078,7 +1078,7 @@ fn silent_peers_are_named<T: Transport>() {
     }
 }
 
-/// A plant that is alive and says nothing is named by both peers.
+/// A plant that is alive but silent is named by both peers.
 fn a_silent_plant_is_named<T: Transport>() {
     let place = T::create();
     let run = run_id();
@@ -1107,7 +1107,7 @@ fn a_silent_plant_is_named<T: Transport>() {
     }
 }
 
-/// A peer whose end disappears, in the same process, is named fast, with its last step.
+/// A peer whose end disappears, in the same process, is named quickly, with its last step.
 fn dropped_ends_are_named<T: Transport>() {
     let place = T::create();
     let run = run_id();
@@ -1142,7 +1142,7 @@ fn dropped_ends_are_named<T: Transport>() {
         }
     );
 
-    // A plant that is dropped in the middle of a run says so itself.
+    // A plant that is dropped in the middle of a run reports it itself.
     let run = run_id();
     let peers = [
         controller_thread(&place, run, PATIENT, Folding::new()),
@@ -1162,8 +1162,8 @@ fn dropped_ends_are_named<T: Transport>() {
     }
 }
 
-/// SIGKILL of the controller's, the FDI engine's or the plant's process: the others name it fast, and the next run in the same
-/// place flies as if nothing had been.
+/// SIGKILL of the controller's, the FDI engine's or the plant's process: the others name it quickly, and the next run in the
+/// same place is unaffected.
 fn killed_processes_are_named_and_leave_nothing<T: Transport>() {
     let place = T::create();
     for role in [Role::Controller, Role::Fdi] {
@@ -1263,7 +1263,7 @@ fn killed_processes_are_named_and_leave_nothing<T: Transport>() {
     place.assert_clean();
 }
 
-/// Messages of another run and repetitions change nothing; a step of the future is an error that names the peer.
+/// Messages of another run and repetitions have no effect; a step from the future is an error that names the peer.
 fn strays_are_ignored<T: Transport>() {
     let place = T::create();
     let run = run_id();
@@ -1291,7 +1291,7 @@ fn strays_are_ignored<T: Transport>() {
     controller.join().expect("no panic");
     assert_eq!(fdi.join().expect("no panic"), Ok(200));
 
-    // The same towards the peers: a plant that repeats and strays.
+    // The same towards the peers: a plant that repeats messages and sends stray ones.
     let run = run_id();
     let peers = [
         controller_thread(&place, run, window(8, 4), Folding::new()),
@@ -1327,7 +1327,7 @@ fn strays_are_ignored<T: Transport>() {
     assert!(fdi.join().expect("no panic").is_err());
 }
 
-/// Repeats every frame, and sends one of another run before it.
+/// Repeats every frame, and sends one from another run before it.
 struct Straying<E> {
     end: E,
     last: Option<SensorFrame>,
@@ -1373,7 +1373,7 @@ impl<E: Endpoint> Endpoint for Straying<E> {
     }
 }
 
-/// A number that cannot be is an error that names the peer, the step and the field.
+/// An impossible number is an error that names the peer, the step and the field.
 fn nonsense_is_named<T: Transport>() {
     let place = T::create();
     let bad = || Folding {
@@ -1435,7 +1435,7 @@ fn failures_reach_the_peers<T: Transport>() {
     }
     let begin = Instant::now();
     link.finish(5, Some("the vehicle hit the ground"));
-    // The contract says 100 ms; the rest is for a busy machine.
+    // The contract says 100 ms; the rest is margin for a busy machine.
     assert!(
         begin.elapsed() < Duration::from_millis(400),
         "finish blocked for {:?}",
@@ -1450,7 +1450,7 @@ fn failures_reach_the_peers<T: Transport>() {
     }
 }
 
-/// Two runs at the same time do not disturb each other.
+/// Two simultaneous runs do not disturb each other.
 fn two_runs_at_once<T: Transport>() {
     let places = [T::create(), T::create()];
     let shared = [places[0].clone(), places[0].second()];
@@ -1619,11 +1619,11 @@ mod in_process {
     }
 }
 
-/// What only iceoryx2 has.
+/// Tests specific to iceoryx2.
 mod iceoryx2_only {
     use super::*;
 
-    /// iceoryx2 by itself reads `config/iceoryx2.toml` of the current folder, and then meets nobody.
+    /// By default iceoryx2 reads `config/iceoryx2.toml` in the current folder, and then finds no peers.
     #[test]
     fn regress_a_configuration_file_in_the_current_folder_is_not_read() {
         let folder = tempfile::tempdir().expect("a temporary folder");
@@ -1645,7 +1645,7 @@ mod iceoryx2_only {
         assert_eq!(fdi.join().expect("no panic"), Ok(50));
     }
 
-    /// A second controller of the same run is refused at its start, with a hint.
+    /// A second controller in the same run is rejected at startup, with a hint.
     #[test]
     fn scenario_a_second_controller_is_refused() {
         let place = Iox2::create();
@@ -1655,7 +1655,7 @@ mod iceoryx2_only {
         assert!(error.to_string().contains("does another one run already?"), "{error}");
     }
 
-    /// Killed again and again at random moments: the next run always starts, and nothing accumulates.
+    /// Killed repeatedly at random times: the next run always starts, and nothing accumulates.
     #[test]
     fn scenario_many_kills_leave_nothing() {
         let place = Iox2::create();
@@ -1664,7 +1664,7 @@ mod iceoryx2_only {
             random = mix(random, 1);
             let run = run_id();
             let mut child = spawn_child(&place, Role::Controller, run, None);
-            // From before its first port to some way into the flight.
+            // From before its first port to some time into the flight.
             std::thread::sleep(Duration::from_micros(random % 12_000));
             child.kill();
             drop(child);
@@ -1692,7 +1692,7 @@ mod iceoryx2_only {
     }
 }
 
-/// What only zenoh has.
+/// Tests specific to zenoh.
 mod zenoh_only {
     use super::*;
 

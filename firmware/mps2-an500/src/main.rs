@@ -1,8 +1,8 @@
 //! The board application on QEMU's `mps2-an500`: a Cortex-M7 with a double-precision FPU, without the timing of a real one.
 //!
 //! Two channels to the host, chosen by QEMU's semihosting arguments:
-//! * `uart`: UART0, a real stream of bytes, one byte an interrupt;
-//! * `files IN OUT`: two named pipes through semihosting; no byte ever waits for the emulator's main loop.
+//! * `uart`: UART0, a real byte stream, one interrupt per byte;
+//! * `files IN OUT`: two named pipes through semihosting; bytes never wait for the emulator's main loop.
 //!
 //! Costs are instructions, counted by timer 0: with `-icount shift=10` an instruction takes 1024 ns of the timer's 25 MHz, exactly.
 #![no_std]
@@ -19,11 +19,11 @@ use semihosting::Pipe;
 
 /// CMSDK timer 0: control, value, reload.
 const TIMER: *mut u32 = 0x4000_0000 as *mut u32;
-/// What is written into the stack before it is used.
+/// Pattern written to the stack before it is used.
 const PAINT: u32 = 0xC0DE_5AFE;
 /// Nanoseconds of a tick of the timer.
 const TICK_NS: u32 = 40;
-/// Instructions that reading the counter takes from one value to the next; measured, and tested by `cargo xtask firmware`.
+/// Instructions between two readings of the counter; measured, and tested by `cargo xtask firmware`.
 const COUNTER_COST: u32 = 2;
 
 #[expect(unsafe_code, reason = "symbols of the linker")]
@@ -149,7 +149,7 @@ fn main() -> ! {
     uart::serve(application, &mut board)
 }
 
-/// Until the host closes its pipe.
+/// Runs until the host closes its pipe.
 fn serve_pipes(application: &mut Application, board: &mut Mps2, input: &Pipe, output: &Pipe) -> ! {
     let mut buffer = [0; 1024];
     loop {

@@ -1,4 +1,4 @@
-//! The few calls to the emulator that the board needs (Arm, "Semihosting for AArch32 and AArch64", operations 0x01 to 0x18).
+//! The few semihosting calls that the board needs (Arm, "Semihosting for AArch32 and AArch64", operations 0x01 to 0x18).
 
 use core::arch::asm;
 
@@ -23,7 +23,7 @@ fn call(operation: u32, argument: u32) -> u32 {
     result
 }
 
-/// What stands behind `arg=` in QEMU's semihosting options.
+/// The value of `arg=` in QEMU's semihosting options.
 pub fn command_line(buffer: &mut [u8; 512]) -> &[u8] {
     let mut block = [buffer.as_mut_ptr() as u32, buffer.len() as u32];
     if call(SYS_GET_CMDLINE, block.as_mut_ptr() as u32) != 0 {
@@ -63,7 +63,7 @@ impl Pipe {
         (handle != u32::MAX).then_some(Self(handle))
     }
 
-    /// Waits for bytes; none: the other side has closed.
+    /// Waits for bytes; an empty slice if the other side has closed.
     pub fn read<'a>(&self, buffer: &'a mut [u8]) -> &'a [u8] {
         let block = [self.0, buffer.as_mut_ptr() as u32, buffer.len() as u32];
         let missing = call(SYS_READ, block.as_ptr() as u32) as usize;

@@ -1,7 +1,7 @@
-//! UART0 (CMSDK): a stream of bytes, as a real board's.
+//! UART0 (CMSDK): a byte stream, as on a real board.
 //!
-//! The model holds one received byte; the interrupt wakes the processor, which then looks. Masking interrupts around the look keeps a
-//! byte that comes between look and sleep from being slept over.
+//! The model holds one received byte; the interrupt wakes the processor, which then polls. Masking interrupts around the poll
+//! prevents the processor from sleeping through a byte that arrives between poll and sleep.
 
 use crate::Mps2;
 use core::ptr::{read_volatile, write_volatile};
@@ -29,7 +29,7 @@ fn write(register: *mut u32, value: u32) {
     unsafe { write_volatile(register, value) }
 }
 
-/// For ever: the host ends the emulator.
+/// Never returns: the host ends the emulator.
 pub fn serve(application: &mut Application, board: &mut Mps2) -> ! {
     write(DIVIDER, 16);
     // Transmit, receive, receive interrupt.

@@ -2,9 +2,9 @@
 
 use crate::register::{modify, read, wait_for, write};
 
-/// Of the processor.
+/// Clock of the processor.
 pub const SYSTEM_HZ: u32 = 480_000_000;
-/// Of APB1, which feeds UART7.
+/// Clock of APB1, which feeds UART7.
 pub const APB1_HZ: u32 = 120_000_000;
 
 const PWR: u32 = 0x5802_4800;
@@ -12,7 +12,7 @@ const RCC: u32 = 0x5802_4400;
 const SYSCFG_PWRCR: u32 = 0x5800_042C;
 const FLASH_ACR: u32 = 0x5200_2000;
 
-/// From the internal oscillator, on which the boot loader leaves the processor, to 480 MHz.
+/// Switches from the internal oscillator, on which the boot loader leaves the processor, to 480 MHz.
 pub fn start() {
     // The regulator gives the core's voltage; scale 1, then the overdrive of scale 0.
     wait_for(PWR + 0x04, 13);
@@ -26,7 +26,7 @@ pub fn start() {
     while read(FLASH_ACR) & 0x3F != 0x24 {}
     modify(RCC, 0, 1 << 16);
     wait_for(RCC, 17);
-    // PLL1 off while it is set.
+    // PLL1 is off while it is configured.
     modify(RCC, 1 << 24, 0);
     while read(RCC) >> 25 & 1 == 1 {}
     modify(RCC + 0x28, 0x3F << 4 | 0b11, 1 << 4 | 0b10);

@@ -2,14 +2,14 @@
 //!
 //! **Never run on a board yet.** Registers and pins follow RM0433 and PX4's `boards/px4/fmu-v6c`; see docs/pil.md.
 //!
-//! One loop, no interrupts: the host sends nothing while a step is computed, and what comes meanwhile waits in the DMA's ring or in the
-//! host's USB port. The board listens on all three links; the one on which a good Hello comes has it until one comes on another. Motor
-//! outputs, heater and buzzer stay off: nothing here drives them.
+//! One loop, no interrupts: the host sends nothing while a step is computed, and early data wait in the DMA's ring or in the host's USB
+//! port. The board listens on all three links; a good Hello on a link makes it the current one. Motor outputs, heater and buzzer stay
+//! off: nothing here drives them.
 //!
-//! A fault writes its registers where a restart does not clear them, and restarts; the next report carries them.
+//! A fault handler stores its registers where a restart does not clear them, and restarts; the next report contains them.
 //!
-//! Lamps: blue blinking slowly, waits for a host; blue blinking fast, parameters come; blue on, flight; red on, the last request was
-//! refused; red and blue on, restarted after a fault or by the watchdog, no host yet.
+//! LEDs: blue blinking slowly, waiting for a host; blue blinking fast, receiving parameters; blue on, flight; red on, the last request
+//! was rejected; red and blue on, restarted after a fault or by the watchdog, no host yet.
 #![no_std]
 #![no_main]
 
@@ -30,9 +30,9 @@ use rotortwin_board::message::{CostUnit, kind};
 use uart::Uart;
 use usb::Usb;
 
-/// What is written into the stack before it is used.
+/// Pattern written to the stack before it is used.
 const PAINT: u32 = 0xC0DE_5AFE;
-/// Left in memory, which a restart does not clear, by the fault handler.
+/// Mark left by the fault handler in memory that a restart does not clear.
 const FAULT_MARK: u32 = 0xFA17_FA17;
 
 /// Cycles from the request to restart to the restart, 50 ms.
@@ -64,7 +64,7 @@ pub struct Pixhawk {
     reset_cause: u8,
     fault: [u32; 5],
     state: State,
-    /// Cycle at which a restart was asked for.
+    /// Cycle at which a restart was requested.
     restart: Option<u32>,
     stack_before: u32,
 }
@@ -108,11 +108,11 @@ impl Pixhawk {
         register::set(GPIO_D, pin, !on);
     }
 
-    /// Blinks, feeds the watchdog, and restarts if that was asked for.
+    /// Blinks, feeds the watchdog, and restarts if requested.
     fn idle(&mut self) {
         write(WATCHDOG, 0xAAAA);
         let now = DWT::cycle_count();
-        // The answer goes out first.
+        // Send the answer first.
         if self
             .restart
             .is_some_and(|since| now.wrapping_sub(since) > RESTART_DELAY)
@@ -174,7 +174,7 @@ impl Board for Pixhawk {
     }
 
     fn boot_loader(&mut self) -> bool {
-        // PX4's boot loader stays if it finds this number.
+        // PX4's boot loader stays active if it finds this number.
         modify(PWR_CR1, 0, 1 << 8);
         modify(RCC_APB4ENR, 0, 1 << 16);
         write(RTC_BACKUP_0, 0xb007_b007);
@@ -191,7 +191,7 @@ fn stack_range() -> (u32, u32) {
     )
 }
 
-/// Writes a pattern into the stack that is not in use.
+/// Writes a pattern into the unused stack.
 #[inline(never)]
 fn paint_stack() {
     let (mut place, _) = stack_range();
@@ -251,10 +251,10 @@ fn main() -> ! {
     }
 }
 
-/// Listens on a link for a Hello, the shortest of frames.
+/// Listens on a link for a Hello, the shortest frame.
 type Scout = ShortDecoder<32>;
 
-/// A way to a host.
+/// A link to a host.
 #[derive(Clone, Copy, PartialEq, Eq)]
 enum Link {
     Usb,
@@ -268,7 +268,7 @@ struct Links {
     usb: Usb,
     telem1: Uart,
     telem2: Uart,
-    /// The one whose host has the board.
+    /// The link of the current host.
     current: Option<Link>,
 }
 
@@ -296,7 +296,7 @@ impl Links {
         }
     }
 
-    /// A byte of the current link goes to the application; on another one, a good Hello takes the board over.
+    /// Passes a byte of the current link to the application; on another link, a good Hello makes it the current one.
     fn take(&mut self, link: Link, byte: u8, scout: &mut Scout, application: &mut Application, board: &mut Pixhawk) {
         if self.current == Some(link) {
             if let Some(answer) = application.receive(byte, board) {
@@ -322,7 +322,7 @@ impl Links {
     }
 }
 
-/// Leaves mark and registers, and starts again: the next report says so.
+/// Stores mark and registers, and restarts: the next report contains them.
 fn fault(pc: u32, lr: u32) -> ! {
     let record = [FAULT_MARK, pc, lr, read(CFSR), read(HFSR), read(BFAR)];
     // SAFETY: memory that nobody else uses.
@@ -331,7 +331,7 @@ fn fault(pc: u32, lr: u32) -> ! {
     SCB::sys_reset()
 }
 
-/// An undefined instruction: the fault's link register says who panicked.
+/// An undefined instruction: the fault's link register identifies the panic.
 #[panic_handler]
 fn panic(_: &core::panic::PanicInfo<'_>) -> ! {
     cortex_m::asm::udf()

@@ -1,4 +1,4 @@
-//! Buffers of the DMA, and what the memory protection unit says about them.
+//! DMA buffers, and their memory protection attributes.
 
 use crate::register::write;
 use core::mem::MaybeUninit;
@@ -8,7 +8,7 @@ use rotortwin_board::frame::MAX_ENCODED;
 /// Bytes of a ring.
 pub const BUFFER: usize = 512;
 
-/// What one port's DMA reads and writes.
+/// One port's DMA memory.
 #[repr(C, align(32))]
 struct Place {
     receive: [u8; BUFFER],
@@ -22,7 +22,7 @@ static mut PLACES: [MaybeUninit<Place>; 2] = [const { MaybeUninit::uninit() }; 2
 pub struct Buffers(*mut Place);
 
 impl Buffers {
-    /// Of both ports. To be called once.
+    /// Buffers of both ports. Call once.
     pub fn take() -> [Self; 2] {
         let base = addr_of_mut!(PLACES).cast::<Place>();
         [0, 1].map(|index| {
@@ -45,13 +45,13 @@ impl Buffers {
         unsafe { addr_of!((*self.0).send) as u32 }
     }
 
-    /// A byte that the DMA has written.
+    /// A byte written by the DMA.
     pub fn received(&self, at: usize) -> u8 {
         // SAFETY: the index is within the ring.
         unsafe { read_volatile(addr_of!((*self.0).receive).cast::<u8>().add(at % BUFFER)) }
     }
 
-    /// Bytes for the DMA to send; how many there was room for.
+    /// Bytes for the DMA to send; returns how many fit.
     pub fn put(&mut self, bytes: &[u8]) -> usize {
         let length = bytes.len().min(MAX_ENCODED);
         for (index, byte) in bytes.iter().enumerate().take(length) {
@@ -67,8 +67,8 @@ const MPU_RNR: u32 = 0xE000_ED98;
 const MPU_RBAR: u32 = 0xE000_ED9C;
 const MPU_RASR: u32 = 0xE000_EDA0;
 
-/// AXI SRAM is not cached: the DMA writes past the cache (Arm v7-M, B3.5). Normal memory, shared, never executed; all else as without
-/// a unit.
+/// AXI SRAM is not cached: the DMA bypasses the cache (Arm v7-M, B3.5). Normal memory, shared, never executed; everything else as
+/// without an MPU.
 pub fn protect() {
     write(MPU_CTRL, 0);
     write(MPU_RNR, 0);

@@ -1,4 +1,4 @@
-//! Registers, and pins as outputs.
+//! Register access, and pins as outputs.
 
 use core::ptr::{read_volatile, write_volatile};
 
@@ -24,7 +24,7 @@ pub fn modify(address: u32, clear: u32, set: u32) {
     write(address, read(address) & !clear | set);
 }
 
-/// Waits until a bit is set; a board on which it never is stays here until the watchdog or a person comes.
+/// Waits until a bit is set; a board on which it never is hangs here until the watchdog resets it.
 pub fn wait_for(address: u32, bit: u32) {
     while read(address) >> bit & 1 == 0 {}
 }

@@ -1,7 +1,7 @@
 //! TELEM1 (UART7) and TELEM2 (UART5), 921,600 baud, 8N1, both ways by DMA1 (RM0433, 15, 17 and 48).
 //!
-//! What comes is written into a ring without end, and read from it up to where the stream stands; 512 bytes are 5.5 ms. An answer is copied
-//! into a buffer and sent while the next bytes already come. The buffers lie in AXI SRAM, which the memory protection unit makes
+//! Received bytes are written to a ring endlessly, and read from it up to the DMA's position; 512 bytes are 5.5 ms. An answer is copied
+//! into a buffer and sent while the next bytes already arrive. The buffers are in AXI SRAM, which the memory protection unit makes
 //! uncached ([`crate::memory`]).
 
 use crate::clock::APB1_HZ;
@@ -102,10 +102,10 @@ impl Uart {
         }
     }
 
-    /// A byte, if one has come.
+    /// A received byte, if any.
     pub fn receive(&mut self) -> Option<u8> {
         let left = read(stream(self.streams[0]) + NDTR) as usize;
-        // NDTR counts down and starts over; 0 is not seen for long.
+        // NDTR counts down and restarts; 0 is only visible briefly.
         let end = (BUFFER - left.min(BUFFER)) % BUFFER;
         if end == self.at {
             return None;
@@ -116,7 +116,7 @@ impl Uart {
         Some(byte)
     }
 
-    /// Starts to send; waits for what is still being sent, at most for the time that it can take.
+    /// Starts sending; waits for data still being sent, at most as long as that can take.
     pub fn send(&mut self, bytes: &[u8]) {
         let number = self.streams[1];
         let send = stream(number);

@@ -14,7 +14,7 @@ use usbd_serial::{SerialPort, USB_CLASS_CDC};
 
 const RCC: u32 = 0x5802_4400;
 const PWR_CR3: u32 = 0x5802_480C;
-/// Cycles for which a host may leave an answer lying, 100 ms.
+/// Cycles for which a host may leave an answer unread, 100 ms.
 const PATIENCE: u32 = 48_000_000;
 
 struct Otg2;
@@ -65,10 +65,10 @@ fn start_clock() {
 }
 
 impl Usb {
-    /// To be called once.
+    /// Call once.
     pub fn start() -> Self {
         start_clock();
-        // The transceiver's supply is watched; the board feeds it from 3.3 V.
+        // The transceiver's supply is monitored; the board feeds it from 3.3 V.
         modify(PWR_CR3, 0, 1 << 24);
         let start = DWT::cycle_count();
         while read(PWR_CR3) >> 26 & 1 == 0 && DWT::cycle_count().wrapping_sub(start) < PATIENCE {}
@@ -103,14 +103,14 @@ impl Usb {
         Self { device, serial }
     }
 
-    /// Bytes that have come.
+    /// Received bytes.
     pub fn receive<'a>(&mut self, buffer: &'a mut [u8]) -> &'a [u8] {
         self.device.poll(&mut [&mut self.serial]);
         let count = self.serial.read(buffer).unwrap_or(0);
         buffer.get(..count).unwrap_or_default()
     }
 
-    /// Hands an answer over; what the host does not fetch is lost, and will be asked for again.
+    /// Submits an answer; the part that the host does not read is lost, and will be requested again.
     pub fn send(&mut self, bytes: &[u8]) {
         let start = DWT::cycle_count();
         let mut rest = bytes;

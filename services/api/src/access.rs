@@ -1,7 +1,7 @@
-//! Who asks, and what they may do.
+//! Authentication and authorisation.
 //!
-//! As long as no token was ever made, everybody on this host may do everything on the account `local`, and the server listens to nobody
-//! else. From the first token on, every address under `/api/` needs `Authorization: Bearer TOKEN`, or a session of a browser
+//! Until the first token is created, every client on this host has full access under the tenant `local`, and the server only listens
+//! to loopback. From the first token on, every address under `/api/` needs `Authorization: Bearer TOKEN`, or a browser session
 //! ([`crate::sessions`]).
 
 use crate::App;
@@ -20,21 +20,21 @@ use std::convert::Infallible;
 use std::num::NonZeroU32;
 use std::sync::Arc;
 
-/// Who asks.
+/// The authenticated caller.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(crate) struct Caller {
-    /// On whose account.
+    /// Tenant.
     pub(crate) tenant: String,
-    /// He sees everybody's jobs.
+    /// May see the jobs of all tenants.
     pub(crate) sees_all: bool,
-    /// He may change things; to be asked where a GET does, as a WebSocket can.
+    /// May make changes; to be checked where a GET does, as a WebSocket can.
     may_write: bool,
-    /// There are accounts beside this one: what all share is divided.
+    /// There are other tenants: shared resources are divided.
     pub(crate) is_one_of_several: bool,
 }
 
 impl Caller {
-    /// The only one there is where nobody needs a token.
+    /// The only caller if no token is needed.
     pub(crate) fn local() -> Self {
         Self {
             tenant: LOCAL_TENANT.to_owned(),
@@ -44,12 +44,12 @@ impl Caller {
         }
     }
 
-    /// Whether the caller may see a job. Somebody else's is as if it were not there.
+    /// Whether the caller may see a job. Other tenants' jobs appear not to exist.
     pub(crate) fn sees(&self, job: &Job) -> bool {
         self.sees_all || job.new.tenant == self.tenant
     }
 
-    /// Refuses a caller that may only look, where a GET does or hands out more than a look; `why` says what.
+    /// Rejects a read-only caller, where a GET changes or reveals more than usual; `why` is the reason.
     ///
     /// # Errors
     /// 403.
@@ -62,7 +62,7 @@ impl Caller {
         )))
     }
 
-    /// Whose jobs a list shows; `None`: all.
+    /// Tenant whose jobs a list shows; `None`: all.
     pub(crate) fn tenant_filter(&self) -> Option<&str> {
         (!self.sees_all).then_some(self.tenant.as_str())
     }
@@ -72,7 +72,7 @@ impl<S: Send + Sync> FromRequestParts<S> for Caller {
     type Rejection = Infallible;
 
     async fn from_request_parts(parts: &mut Parts, _: &S) -> Result<Self, Infallible> {
-        // What is public shows nobody's jobs.
+        // Public resources show no jobs.
         Ok(parts.extensions.get::<Self>().cloned().unwrap_or(Self {
             tenant: String::new(),
             sees_all: false,
@@ -82,12 +82,12 @@ impl<S: Send + Sync> FromRequestParts<S> for Caller {
     }
 }
 
-/// Requests of a tenant per second.
+/// Rate limit per tenant.
 #[derive(Debug)]
 pub(crate) struct Rate(RateLimiter<String, HashMapStateStore<String>, DefaultClock>);
 
 impl Rate {
-    /// So many per second, and twice as many at once.
+    /// This many per second, with bursts of twice as many.
     pub(crate) fn new(per_second: NonZeroU32) -> Self {
         let burst = per_second.saturating_mul(NonZeroU32::MIN.saturating_add(1));
         let quota = Quota::per_second(per_second).allow_burst(burst);
@@ -101,10 +101,10 @@ impl Rate {
     }
 }
 
-/// Lets through who may.
+/// Lets authorised requests through.
 pub(crate) async fn authorize(State(app): State<Arc<App>>, mut request: Request, next: Next) -> Response {
     let path = request.uri().path();
-    // For watchdogs, the page, and whoever is about to sign in; they tell of nobody's jobs.
+    // For watchdogs, the page, and clients about to sign in; they reveal no jobs.
     if crate::web::is_page(path)
         || path == "/api/v1/session"
         || path == "/api/v1/openapi.json"
@@ -157,10 +157,10 @@ pub(crate) fn worthless() -> Problem {
     Problem::unauthorized("the token is unknown, revoked or has expired; `rotortwin token` makes another one")
 }
 
-/// The token that a request brings, in its header or as a session.
+/// The token of a request, from its header or session.
 ///
 /// # Errors
-/// 401: none, or one that is worth nothing.
+/// 401: none, or an invalid one.
 pub(crate) async fn token(app: &App, headers: &HeaderMap) -> Result<Token, Problem> {
     let Some(value) = headers.get(header::AUTHORIZATION) else {
         let Some(secret) = crate::sessions::secret(headers) else {

@@ -1,9 +1,9 @@
-//! Files of jobs: a local folder, or a bucket that several hosts share.
+//! Files of jobs: a local folder, or a bucket shared by several hosts.
 //!
 //! | Where | A worker writes | A reader reads |
 //! |---|---|---|
 //! | local folder (default: the data folder) | in place | in place |
-//! | `s3://BUCKET[/PREFIX]` | beside, then uploads | a copy in the cache, fetched when it is first asked for |
+//! | `s3://BUCKET[/PREFIX]` | locally, then uploads | a cached copy, fetched on first access |
 //!
 //! Keys look like paths: `jobs/ID/ATTEMPT/out/report.html`. A job's files never change once it has ended, so a cached copy is never stale.
 
@@ -11,19 +11,19 @@ use crate::bucket::{Bucket, File};
 use std::io;
 use std::path::{Component, Path, PathBuf};
 
-/// Less is no room for any job, bytes.
+/// Minimum free space for a job, bytes.
 const LEAST_ROOM: u64 = 1 << 20;
 
 /// Files of jobs.
 #[derive(Debug, Clone)]
 pub(crate) struct Artifacts {
-    /// Where they are, or copies of them.
+    /// Folder of the files, or of cached copies.
     root: PathBuf,
     bucket: Option<Bucket>,
 }
 
 impl Artifacts {
-    /// `root`: the folder, or where copies are kept. `address`: none, or `s3://BUCKET[/PREFIX]` with the credentials in the environment
+    /// `root`: the folder, or the cache. `address`: none, or `s3://BUCKET[/PREFIX]` with the credentials in the environment
     /// (`AWS_ACCESS_KEY_ID`, `AWS_SECRET_ACCESS_KEY`, `AWS_REGION`, `AWS_ENDPOINT`, `AWS_ALLOW_HTTP`).
     ///
     /// # Errors
@@ -41,19 +41,19 @@ impl Artifacts {
         })
     }
 
-    /// Where a worker writes files that are to get this key.
+    /// Local path where a worker writes files for this key.
     pub(crate) fn place(&self, key: &str) -> PathBuf {
         self.root.join(key)
     }
 
-    /// Whether there is room for what a worker writes. Where that cannot be said (a disk in memory without a limit has no blocks), there is.
+    /// Whether there is enough space for a worker. True if unknown (an in-memory file system without a limit reports no blocks).
     pub(crate) fn has_room(&self) -> bool {
         rustix::fs::statvfs(&self.root).map_or(true, |space| {
             space.f_blocks == 0 || space.f_bavail.saturating_mul(space.f_frsize) >= LEAST_ROOM
         })
     }
 
-    /// Makes everything below a key durable and visible to all hosts; bytes.
+    /// Makes everything below a key durable and visible to all hosts; returns the number of bytes.
     ///
     /// # Errors
     /// A file cannot be read or written.
@@ -81,7 +81,7 @@ impl Artifacts {
     /// A local path of a file; `None`: there is none, or the path leads elsewhere.
     ///
     /// # Errors
-    /// It is there and cannot be read.
+    /// It exists but cannot be read.
     pub(crate) async fn file(&self, key: &str, relative: &str) -> io::Result<Option<PathBuf>> {
         let plain = |path: &str| {
             !path.is_empty()
@@ -100,7 +100,7 @@ impl Artifacts {
         {
             return Ok(None);
         }
-        // A link cannot lead out of the folder.
+        // A link must not lead out of the folder.
         let (Ok(root), Ok(real)) = (root.canonicalize(), path.canonicalize()) else {
             return Ok(None);
         };
@@ -146,7 +146,7 @@ impl Artifacts {
     }
 }
 
-/// Plain files below a folder, in order; none if it is not there.
+/// Plain files below a folder, in order; empty if it does not exist.
 pub(crate) fn files_below(root: &Path) -> io::Result<Vec<File>> {
     let mut files = Vec::new();
     let mut open = vec![root.to_owned()];

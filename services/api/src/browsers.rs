@@ -1,7 +1,7 @@
-//! What keeps web pages of others from using a server through the browser of somebody who may.
+//! Prevents foreign web pages from using a server through the browser of an authorised user.
 //!
-//! A browser sends requests for every page that it shows, with the network position of its user. A server that listens to this host alone
-//! and asks for no token would do what any page wants. So, before anything else is looked at:
+//! A browser sends requests for every page that it shows, from the network position of its user. A server that listens to loopback and
+//! needs no token would obey any page. So the following is checked first:
 //!
 //! | Check | Against | Answer |
 //! |---|---|---|
@@ -9,8 +9,8 @@
 //! | `Origin` and `Sec-Fetch-Site` of writes and WebSockets | requests of other pages | 403 |
 //! | a body has a content type that no form can send | posts without a preflight | 415 |
 //!
-//! and every answer forbids what our own pages do not need: foreign scripts, frames around them, guesses at content types.
-//! Programs other than browsers send no `Origin`; nothing changes for them.
+//! In addition, every response forbids what our own pages do not need: foreign scripts, framing, content type sniffing. Programs other
+//! than browsers send no `Origin` and are not affected.
 
 use crate::App;
 use crate::problem::Problem;
@@ -22,37 +22,37 @@ use axum::response::{IntoResponse as _, Response};
 use std::net::{IpAddr, SocketAddr};
 use std::sync::Arc;
 
-/// For pages of our own: scripts, data and pictures of this server, pictures that a script of ours has drawn, and styles inside the page,
-/// which neither Swagger UI nor the templates of our page can do without.
+/// For our own pages: scripts, data and images of this server, images drawn by our scripts, and inline styles, which Swagger UI and our
+/// page's templates need.
 const PAGES: HeaderValue = HeaderValue::from_static(
     "default-src 'none'; script-src 'self'; style-src 'self' 'unsafe-inline'; img-src 'self' data: blob:; font-src 'self'; \
      connect-src 'self'; worker-src 'self'; frame-src 'self'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'",
 );
 
-/// For files of jobs. A report holds its scripts and data; names out of somebody's log may have found a way into it. It runs as a page of
-/// nobody, without this server's origin, and reaches nothing.
+/// For files of jobs. A report contains its scripts and data, possibly including names from a third-party log. It runs in an opaque
+/// origin, without this server's, and can access nothing.
 pub(crate) const FILES: HeaderValue = HeaderValue::from_static(
     "sandbox allow-scripts allow-downloads; default-src 'none'; script-src 'unsafe-inline'; style-src 'unsafe-inline'; img-src data:; \
      font-src data:; base-uri 'none'; form-action 'none'; frame-ancestors 'self'",
 );
 
-/// Content types that a form or a script of another page can send without asking first.
+/// Content types that a form or a script of another page can send without a preflight.
 const OF_FORMS: &[&str] = &["application/x-www-form-urlencoded", "multipart/form-data", "text/plain"];
 
-/// By which names this server lets itself be called.
+/// Accepted host names of this server.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(crate) enum HostNames {
-    /// Whatever leads here: it listens to other hosts, where every request needs a token that no browser sends by itself.
+    /// Any: it listens to other hosts, where every request needs a token that browsers do not send automatically.
     Any,
-    /// This host, and these.
+    /// This host, and these names.
     Only(Vec<String>),
 }
 
 impl HostNames {
-    /// Of a server that listens there, with the names that its operator adds.
+    /// For a server with this listening address, with additional names from its operator.
     ///
     /// # Errors
-    /// One sentence: a name that is none.
+    /// A name is invalid.
     pub(crate) fn new(listen: SocketAddr, more: &[String]) -> Result<Self, String> {
         if more.is_empty() && !listen.ip().is_loopback() {
             return Ok(Self::Any);
@@ -90,12 +90,12 @@ fn refused(name: &str) -> String {
     format!("--allow-host {name}: expected a host name without a port, such as bench.example")
 }
 
-/// In lower case, without the dot at the end.
+/// Normalises to lower case, without the trailing dot.
 fn plain(host: &str) -> String {
     host.trim_end_matches('.').to_ascii_lowercase()
 }
 
-/// Lets through what cannot come from a page of somebody else.
+/// Rejects requests from foreign pages.
 pub(crate) async fn guard(State(app): State<Arc<App>>, request: Request, next: Next) -> Response {
     let checked = check(&app.hosts, &app.config.cors_origins, &request);
     match checked {
@@ -104,7 +104,7 @@ pub(crate) async fn guard(State(app): State<Arc<App>>, request: Request, next: N
     }
 }
 
-/// Adds to every answer what browsers are to know of it.
+/// Adds security headers to every response.
 pub(crate) async fn mark(request: Request, next: Next) -> Response {
     let mut response = next.run(request).await;
     let headers = response.headers_mut();
@@ -121,7 +121,7 @@ pub(crate) async fn mark(request: Request, next: Next) -> Response {
 }
 
 fn check(names: &HostNames, origins: &[String], request: &Request) -> Result<(), Problem> {
-    // Probes call a container by its address, and are told nothing.
+    // Probes address a container by IP, and get no information.
     if matches!(request.uri().path(), "/healthz" | "/readyz") && request.method() == Method::GET {
         return Ok(());
     }
@@ -141,10 +141,10 @@ fn check(names: &HostNames, origins: &[String], request: &Request) -> Result<(),
     check_content_type(headers)
 }
 
-/// The name by which the server was called; `None`: HTTP/1.0 without one, which no browser sends.
+/// The host name in the request; `None`: HTTP/1.0 without one, which no browser sends.
 fn host(request: &Request) -> Result<Option<Authority>, Problem> {
     let unreadable = || Problem::bad_request("expected one header `Host` with the name of this server");
-    // A full address in the request line goes before the header (RFC 9112, 3.2.2).
+    // An absolute URI in the request line takes precedence over the header (RFC 9112, 3.2.2).
     if let Some(authority) = request.uri().authority() {
         return Ok(Some(authority.clone()));
     }

@@ -1,7 +1,7 @@
-//! An S3-compatible store of objects: what several hosts share.
+//! An S3-compatible object store, shared by several hosts.
 //!
 //! The credentials are in the environment: `AWS_ACCESS_KEY_ID`, `AWS_SECRET_ACCESS_KEY`, `AWS_REGION`, `AWS_ENDPOINT`, `AWS_ALLOW_HTTP`.
-//! A request that gets no answer is tried again for as long as the library does (three minutes), then its error names the store.
+//! A request without a response is retried for as long as the library does (three minutes); then the error names the store.
 
 use futures_util::StreamExt as _;
 use object_store::aws::AmazonS3Builder;
@@ -15,7 +15,7 @@ use tokio::io::AsyncWriteExt as _;
 /// Larger files are uploaded in parts of this size.
 const PART: usize = 8 << 20;
 
-/// Objects that are fetched at the same time.
+/// Objects fetched concurrently.
 const AT_ONCE: usize = 16;
 
 /// A bucket, below a prefix.
@@ -38,7 +38,7 @@ impl Bucket {
     /// `address`: `s3://BUCKET[/PREFIX]`.
     ///
     /// # Errors
-    /// One sentence that begins with the address.
+    /// The message begins with the address.
     pub fn open(address: &str) -> Result<Self, String> {
         let rest = address
             .strip_prefix("s3://")
@@ -59,7 +59,7 @@ impl Bucket {
         Key::from(format!("{}/{key}", self.prefix))
     }
 
-    /// Takes a file to a key, in parts if it is large.
+    /// Uploads a file to a key, in parts if it is large.
     pub(crate) async fn upload(&self, key: &str, path: &Path) -> io::Result<()> {
         let size = tokio::fs::metadata(path).await?.len();
         let key = self.key(key);
@@ -77,7 +77,7 @@ impl Bucket {
         writer.shutdown().await
     }
 
-    /// A copy of an object as a file; `false`: there is none.
+    /// Downloads an object to a file; `false` if it does not exist.
     pub(crate) async fn download(&self, key: &str, path: &Path) -> io::Result<bool> {
         let answer = match self.store.get(&self.key(key)).await {
             Ok(answer) => answer,
@@ -86,7 +86,7 @@ impl Bucket {
         };
         let folder = path.parent().unwrap_or(path);
         tokio::fs::create_dir_all(folder).await?;
-        // Beside it first: nobody sees half a file.
+        // To a temporary file first: no partial file is ever visible.
         let beside = folder.join(format!(".{}", crate::jobs::queue::new_id()));
         let mut file = tokio::fs::File::create(&beside).await?;
         let mut stream = answer.into_stream();
@@ -128,7 +128,7 @@ impl Bucket {
         Ok(files)
     }
 
-    /// Whether there is an object of this key.
+    /// Whether an object with this key exists.
     ///
     /// # Errors
     /// The store does not answer.
@@ -144,7 +144,7 @@ impl Bucket {
         self.store.delete(&self.key(key)).await.map_err(io::Error::other)
     }
 
-    /// The bytes of an object; `None`: there is none.
+    /// The content of an object; `None` if it does not exist.
     ///
     /// # Errors
     /// The store does not answer.
@@ -158,10 +158,10 @@ impl Bucket {
         Ok(Some(bytes.into()))
     }
 
-    /// Makes an object that is not there yet; otherwise leaves it as it is, and gives its bytes.
+    /// Creates an object unless it exists; otherwise leaves it unchanged, and returns its content.
     ///
     /// # Errors
-    /// The store does not answer, or takes no conditional writes.
+    /// The store does not respond, or does not support conditional writes.
     pub async fn create(&self, key: &str, content: Vec<u8>) -> io::Result<Option<Vec<u8>>> {
         let once = PutOptions::from(PutMode::Create);
         match self
@@ -180,10 +180,10 @@ impl Bucket {
         }
     }
 
-    /// Hands the bytes of objects to `take`, several of which are fetched at the same time; in any order.
+    /// Passes the content of objects to `take`, fetched concurrently, in any order.
     ///
     /// # Errors
-    /// The store does not answer, an object is gone, or `take` refuses.
+    /// The store does not respond, an object is gone, or `take` fails.
     pub async fn read_all<T, E: From<io::Error>>(
         &self,
         keys: impl IntoIterator<Item = (String, T)>,

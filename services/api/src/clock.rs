@@ -1,4 +1,4 @@
-//! Wall time, for people and for leases; no flight depends on it.
+//! Wall-clock time, for display and leases; no flight depends on it.
 
 use std::time::{SystemTime, UNIX_EPOCH};
 

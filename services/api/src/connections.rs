@@ -1,13 +1,13 @@
-//! Connections: taken, served within limits of time, and let go when the process ends.
+//! Connections: accepted, served with time-outs, and closed when the process ends.
 //!
-//! | Who | Is let go |
+//! | Client | Closed |
 //! |---|---|
-//! | sends no whole head | after [`HEAD`], the idle time between two requests included |
-//! | sends a body and stops | after [`BODY_PAUSE`] without a byte (a layer of the router) |
-//! | does not read its answer | after [`UNREAD`] in which it has taken nothing |
+//! | sends no complete head | after [`HEAD`], including the idle time between two requests |
+//! | sends a body and stalls | after [`BODY_PAUSE`] without a byte (a layer of the router) |
+//! | does not read its response | after [`UNREAD`] without progress |
 //! | has not finished when the process ends | after [`LAST_ANSWERS`] |
 //!
-//! Streams (events, WebSockets) end with the process, or when nobody reads them; being silent is no offence there.
+//! Streams (events, WebSockets) end with the process, or when the reader disconnects; they may be silent.
 
 use axum::Router;
 use axum::serve::Listener;
@@ -21,16 +21,16 @@ use tokio::sync::watch;
 use tokio::task::JoinSet;
 use tokio_io_timeout::TimeoutStream;
 
-/// The head of a request arrives within this.
+/// Timeout for the head of a request.
 const HEAD: Duration = Duration::from_secs(15);
-/// Between two pieces of a body.
+/// Timeout between two parts of a body.
 pub(crate) const BODY_PAUSE: Duration = Duration::from_secs(30);
-/// An answer of which nothing can be sent for so long is given up.
+/// Timeout for a response that cannot be sent.
 const UNREAD: Duration = Duration::from_secs(60);
-/// Requests that were begun may take this long to be answered when the process ends.
+/// Time for pending responses when the process ends.
 const LAST_ANSWERS: Duration = Duration::from_secs(5);
 
-/// Serves until `ending` becomes true, and then what was begun, for a while.
+/// Serves until `ending` becomes true, then completes pending requests for a while.
 pub(crate) async fn serve<L: Listener>(mut listener: L, router: Router, mut ending: watch::Receiver<bool>) {
     let mut connections = JoinSet::new();
     loop {
@@ -38,7 +38,7 @@ pub(crate) async fn serve<L: Listener>(mut listener: L, router: Router, mut endi
             (stream, _) = listener.accept() => {
                 connections.spawn(one(stream, router.clone(), ending.clone()));
             }
-            // So that those that have ended do not pile up.
+            // So that finished ones do not accumulate.
             Some(_) = connections.join_next() => {}
             () = ends(&mut ending) => break,
         }
@@ -56,7 +56,7 @@ pub(crate) async fn serve<L: Listener>(mut listener: L, router: Router, mut endi
 
 /// Ready once the process ends.
 async fn ends(ending: &mut watch::Receiver<bool>) {
-    // An error means that whoever could say so is gone.
+    // An error means that the sender is gone.
     drop(ending.wait_for(|ends| *ends).await);
 }
 

@@ -1,6 +1,6 @@
-//! The folder that holds everything: `rotortwin.sqlite`, `jobs/ID/N` (one folder an attempt), `lock`.
+//! The data folder: `rotortwin.sqlite`, `jobs/ID/N` (one folder per attempt), `lock`.
 //!
-//! One process at a time: the lock is held as long as the process lives, and goes with it however it dies.
+//! One process at a time: the lock is held as long as the process lives, and released however it dies.
 
 use rustix::fs::{FlockOperation, flock};
 use std::fs::{File, Permissions};
@@ -8,9 +8,9 @@ use std::os::unix::fs::{OpenOptionsExt as _, PermissionsExt as _};
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
-/// For this user alone.
+/// Accessible to this user only.
 const OWN_FOLDER: u32 = 0o700;
-/// For this user alone.
+/// Accessible to this user only.
 pub(crate) const OWN_FILE: u32 = 0o600;
 /// Longest wait for the lock of a server that has just been killed.
 const LOCK_PATIENCE: Duration = Duration::from_secs(1);
@@ -22,7 +22,7 @@ pub(crate) struct DataFolder {
     _lock: File,
 }
 
-/// Locks the file. One who was killed may have left a child between `fork` and `exec`, which holds the lock for a moment longer.
+/// Locks the file. A killed process may have left a child between `fork` and `exec`, which holds the lock for a moment longer.
 fn take(lock: &File) -> Result<(), rustix::io::Errno> {
     let end = Instant::now() + LOCK_PATIENCE;
     loop {
@@ -34,15 +34,15 @@ fn take(lock: &File) -> Result<(), rustix::io::Errno> {
 }
 
 impl DataFolder {
-    /// Makes the folder if it is not there, and locks it.
+    /// Creates the folder if missing, and locks it.
     ///
     /// # Errors
-    /// It cannot be written, or another server has it; one sentence.
+    /// It cannot be written, or another server holds it.
     pub(crate) fn open(path: &Path) -> Result<Self, String> {
         let told = |error: std::io::Error| format!("{}: cannot be used as data folder: {error}", path.display());
         std::fs::create_dir_all(path).map_err(told)?;
         let path = path.canonicalize().map_err(told)?;
-        // Logs, results and hashes of tokens are nobody else's. A folder that was mounted for us may be somebody else's to change.
+        // Logs, results and token hashes are private. The permissions of a mounted folder may not be ours to change.
         if let Err(error) = std::fs::set_permissions(&path, Permissions::from_mode(OWN_FOLDER)) {
             tracing::debug!(%error, path = %path.display(), "the permissions of the data folder stay");
         }
@@ -63,7 +63,7 @@ impl DataFolder {
         Ok(Self { path, _lock: lock })
     }
 
-    /// Where it is.
+    /// Path of the folder.
     pub(crate) fn path(&self) -> &Path {
         &self.path
     }

@@ -1,13 +1,13 @@
-//! Files that are being uploaded: kept once a job names them, and gone in every other case, whatever dies.
+//! Uploads in progress: kept once a job references them, and removed in all other cases, whatever fails.
 //!
 //! ```text
-//!  begin ──▶ uploads/ID is written ──▶ decide: the job is submitted ──▶ kept      (accepted: the job has it)
-//!    │                │                              │────────────────▶ discarded (refused, or the same as before)
-//!    │                └─ dropped: removed            └─ nobody knows: left as it is
-//!    └─ DATA/incoming/ID stands as long as nobody has decided
+//!  begin ──▶ uploads/ID is written ──▶ decide: the job is submitted ──▶ kept      (accepted: the job owns it)
+//!    │                │                              │────────────────▶ discarded (rejected, or a duplicate)
+//!    │                └─ dropped: removed            └─ unknown: left as it is
+//!    └─ DATA/incoming/ID exists until the outcome is decided
 //! ```
-//! The mark lies in the data folder, which one process has alone: what is found there at the start was left by one that was killed, even
-//! where several servers write to one folder of files or one bucket. Whether a job names the file then says the database.
+//! The marker is in the data folder, which one process uses exclusively: markers found at startup were left by a killed process, even
+//! if several servers write to one folder of files or one bucket. The database then tells whether a job references the file.
 
 use crate::artifacts::Artifacts;
 use crate::data_folder::OWN_FILE;
@@ -17,9 +17,9 @@ use std::io;
 use std::os::unix::fs::OpenOptionsExt as _;
 use std::path::{Path, PathBuf};
 
-/// Where the marks lie in the data folder.
+/// Folder of the markers in the data folder.
 const MARKS: &str = "incoming";
-/// Files in the data folder that are judged while they are received, and that no job ever names.
+/// Prefix of files in the data folder that are evaluated during the upload, and never referenced by a job.
 pub(crate) const JUDGED: &str = "upload-";
 
 /// A file that is being uploaded.
@@ -28,15 +28,15 @@ pub(crate) struct Incoming {
     artifacts: Artifacts,
     key: String,
     mark: PathBuf,
-    /// Whoever drops it leaves files and mark as they are.
+    /// Dropping it leaves files and marker as they are.
     is_decided: bool,
 }
 
 impl Incoming {
-    /// Marks a new key.
+    /// Creates a marker for a new key.
     ///
     /// # Errors
-    /// The mark cannot be written.
+    /// The marker cannot be written.
     pub(crate) fn begin(artifacts: &Artifacts, data: &Path) -> io::Result<Self> {
         let (marks, id) = (data.join(MARKS), new_id());
         std::fs::create_dir_all(&marks)?;
@@ -54,29 +54,29 @@ impl Incoming {
         })
     }
 
-    /// Of its folder in the store of files.
+    /// Key of its folder in the file store.
     pub(crate) fn key(&self) -> &str {
         &self.key
     }
 
-    /// Where it is written.
+    /// Local path of its folder.
     pub(crate) fn folder(&self) -> PathBuf {
         self.artifacts.place(&self.key)
     }
 
-    /// It is whole, and a job that names it is submitted. From now on only its end says whether there is one: the connection of a client or
-    /// of the database may be lost after the commit.
+    /// It is complete, and a job that references it is about to be submitted. From now on only the database can tell whether the job
+    /// exists: the connection of the client or to the database may be lost after the commit.
     pub(crate) fn decide(&mut self) {
         self.is_decided = true;
     }
 
-    /// A job names it.
+    /// A job references it.
     pub(crate) fn keep(mut self) {
         self.is_decided = true;
         self.unmark();
     }
 
-    /// No job does, and none will.
+    /// No job references it, and none will.
     pub(crate) async fn discard(mut self) {
         self.is_decided = true;
         match self.artifacts.delete(&self.key).await {
@@ -93,12 +93,12 @@ impl Incoming {
 }
 
 impl Drop for Incoming {
-    /// The client has gone in the middle: the request ends where it stands.
+    /// The client disconnected during the upload: the request is aborted.
     fn drop(&mut self) {
         if self.is_decided {
             return;
         }
-        // Not yet published, so that it is here alone.
+        // Not yet published, so it only exists here.
         match std::fs::remove_dir_all(self.folder()) {
             Err(error) if error.kind() != io::ErrorKind::NotFound => {
                 tracing::warn!(key = self.key, %error, "a part of an upload cannot be deleted");
@@ -108,10 +108,10 @@ impl Drop for Incoming {
     }
 }
 
-/// Removes what a process left that was killed in the middle of uploads to this data folder.
+/// Removes remains of a process killed during uploads to this data folder.
 ///
 /// # Errors
-/// The folder cannot be read, or the database does not answer. A file that cannot be removed is told and left for the next time.
+/// The folder cannot be read, or the database does not respond. A file that cannot be removed is reported and left for the next time.
 pub(crate) async fn tidy(artifacts: &Artifacts, database: &Database, data: &Path) -> Result<(), String> {
     let told = |error: &dyn std::fmt::Display| {
         format!(

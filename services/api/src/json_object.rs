@@ -6,7 +6,7 @@ use axum::body::{Body, Bytes};
 use axum::extract::{FromRequest, Request};
 use serde::de::DeserializeOwned;
 
-/// As [`Json`], but an object and nothing else: serde takes an array for a struct, too, its items in the order of the fields.
+/// As [`Json`], but only accepts an object: serde also accepts an array for a struct, with its items in field order.
 pub(crate) struct JsonObject<T>(pub(crate) T);
 
 impl<T, S> FromRequest<S> for JsonObject<T>

@@ -1,14 +1,14 @@
-//! The HTTP server of rotortwin: takes jobs from afar, does them, and exposes runs and results.
+//! The HTTP server of rotortwin: accepts jobs, executes them, and exposes runs and results.
 //!
 //! ```text
 //!  HTTP ─▶ routes ─▶ database (SQLite, Postgres) ◀─ workers ─▶ rotortwin fly ─▶ sim, controller, fdi
 //!            │           ▲                │  │
 //!            └── hub: "look again" ───────┘  └─▶ artifacts (folder, S3): jobs/ID/ATTEMPT/out/: report.html, telemetry.parquet, run.mcap, …
 //! ```
-//! An answer 202 means that the job is on disk; from then on it ends as done, failed or canceled, whatever dies in between. What is said
-//! about a job (state, events) is read from the database alone, so that it survives a restart and nobody misses an event.
+//! A 202 response means that the job is durable; from then on it ends as done, failed or canceled, whatever fails in between. The state and
+//! events of a job are read only from the database, so that they survive a restart and no event is missed.
 //!
-//! It listens to other hosts only with a certificate and a token ([`tokens`]).
+//! It only listens to other hosts with a certificate and a token ([`tokens`]).
 
 mod access;
 mod artifacts;
@@ -75,33 +75,33 @@ pub fn files_of(folder: &std::path::Path) -> std::io::Result<Vec<(String, u64)>>
     Ok(files.into_iter().map(|file| (file.path, file.size)).collect())
 }
 
-/// Queries in SQL that are answered at the same time.
+/// Maximum number of concurrent SQL queries.
 const QUERIES_AT_ONCE: usize = 2;
-/// Jobs that were begun may take this long to be put back into the queue when the process ends.
+/// Time for returning running jobs to the queue when the process ends.
 const END_GRACE: Duration = Duration::from_secs(5);
-/// The database may take this long to be closed.
+/// Time for closing the database.
 const CLOSE_GRACE: Duration = Duration::from_secs(2);
 
-/// Where jobs and their files are, and how many are done at the same time: the same for a server and for a worker.
+/// Settings of job execution and storage, common to servers and workers.
 #[derive(Debug, Clone)]
 pub struct WorkConfig {
-    /// Database (SQLite), files or their cache; one process each.
+    /// Database (SQLite), files or their cache; exclusive to one process.
     pub data: PathBuf,
     /// `postgres://…`; none: SQLite in the data folder.
     pub database_url: Option<String>,
-    /// A folder or `s3://BUCKET[/PREFIX]` that all hosts share; none: the data folder.
+    /// A folder or `s3://BUCKET[/PREFIX]` shared by all hosts; none: the data folder.
     pub artifacts: Option<String>,
-    /// Jobs that are done at the same time.
+    /// Maximum number of concurrent jobs.
     pub workers: usize,
-    /// Places of other hosts' runs that are taken at the same time, and the roles: `controller`, `fdi`.
+    /// Maximum number of concurrent seats in other hosts' runs, and their roles: `controller`, `fdi`.
     pub seats: usize,
     /// See `seats`.
     pub roles: Vec<String>,
-    /// Jobs of one tenant that run at the same time, at most.
+    /// Maximum number of concurrently running jobs of one tenant.
     pub most_running: u32,
-    /// Memory that each process of a job may take, bytes.
+    /// Memory limit of each process of a job, bytes.
     pub job_memory: u64,
-    /// Autopilots that can be reached from this host; runs name them.
+    /// Autopilots reachable from this host, which runs can name.
     pub autopilots: Vec<Autopilot>,
     /// The plants of runs over zenoh listen here: `tcp/10.0.0.2:0`.
     pub zenoh_listen: String,
@@ -109,67 +109,67 @@ pub struct WorkConfig {
     pub zenoh_router: Option<String>,
     /// The `rotortwin` program.
     pub program: PathBuf,
-    /// Of this process, for people.
+    /// Display name of this process.
     pub name: String,
-    /// A cluster that does the parts of campaigns and blind benches; none: they are done here.
+    /// A cluster for the parts of campaigns and blind benches; none: they are executed here.
     pub ray: Option<RayConfig>,
 }
 
-/// An autopilot on this host that runs may be flown with.
+/// An autopilot on this host available for runs.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Autopilot {
-    /// As runs name it.
+    /// Name used by runs.
     pub name: String,
     /// `ardupilot`, `px4`, `betaflight`.
     pub protocol: String,
-    /// It waits for the plant in each of its steps.
+    /// True if it waits for the plant in each of its steps.
     pub lockstep: bool,
-    /// As `rotortwin fly --controller` takes it.
+    /// Syntax as in `rotortwin fly --controller`.
     pub address: String,
-    /// As `rotortwin fly --pilot` takes it; none: the protocol's own place.
+    /// Syntax as in `rotortwin fly --pilot`; none: the protocol's default.
     pub pilot: Option<String>,
 }
 
-/// What the server needs to know beside that.
+/// Additional settings of a server.
 #[derive(Debug, Clone)]
 pub struct ServeConfig {
-    /// Where it listens; other than loopback only with a certificate and a token.
+    /// Listening address; other than loopback only with a certificate and a token.
     pub listen: SocketAddr,
     /// Certificate chain and private key (PEM): HTTPS.
     pub tls: Option<(PathBuf, PathBuf)>,
-    /// Requests of a tenant per second.
+    /// Requests per second and tenant.
     pub rate: NonZeroU32,
-    /// Bytes of a tenant's files, at most.
+    /// Maximum total file size per tenant, bytes.
     pub most_bytes: u64,
-    /// Bytes of an uploaded file, at most.
+    /// Maximum size of an uploaded file, bytes.
     pub largest_upload: u64,
-    /// A flight takes at most so long, s of simulated time.
+    /// Maximum duration of a flight, s of simulated time.
     pub longest_flight_s: f64,
-    /// Names beside localhost by which it may be called; none: any, if it listens to other hosts.
+    /// Accepted host names in addition to localhost; none: any, if it listens to other hosts.
     pub allowed_hosts: Vec<String>,
-    /// Pages of these origins may use the API from a browser; none: only its own.
+    /// Origins whose pages may use the API from a browser; none: only its own.
     pub cors_origins: Vec<String>,
     /// Scenarios and vehicles, laid out as `config/` of the project.
     pub library: PathBuf,
-    /// Jobs of one tenant that wait or run, at most.
+    /// Maximum number of waiting or running jobs per tenant.
     pub most_open: u32,
     /// Longest time of a query in SQL, whole seconds.
     pub query_time: Duration,
-    /// Of the FDI service.
+    /// Limits of the FDI service.
     pub fdi: FdiLimits,
-    /// Where FDI sessions also take measurements over zenoh.
+    /// Link over which FDI sessions also accept measurements.
     pub fdi_link: Option<LinkAddress>,
-    /// The rest.
+    /// Other settings.
     pub work: WorkConfig,
 }
 
-/// Everything that routes share.
+/// Shared state of the routes.
 #[derive(Debug)]
 pub(crate) struct App {
     pub(crate) config: ServeConfig,
-    /// By which names it lets itself be called.
+    /// Accepted host names.
     pub(crate) hosts: HostNames,
-    /// The server's own folder; [`App::library`] is what a caller sees.
+    /// The server's own library; [`App::library`] is a caller's view.
     pub(crate) shelf: Library,
     pub(crate) database: Database,
     pub(crate) artifacts: Artifacts,
@@ -177,18 +177,18 @@ pub(crate) struct App {
     pub(crate) rate: Rate,
     pub(crate) fdi: FdiSessions,
     pub(crate) metrics: Metrics,
-    /// Turns of queries in SQL.
+    /// Limits concurrent SQL queries.
     pub(crate) queries: tokio::sync::Semaphore,
 }
 
 impl App {
-    /// The process ends.
+    /// The process is shutting down.
     pub(crate) fn is_ending(&self) -> bool {
         *self.shop.ending.borrow()
     }
 }
 
-/// Does jobs for the servers that share its database.
+/// Executes jobs for the servers that share its database.
 pub struct Worker {
     shop: Arc<Workshop>,
     config: WorkConfig,
@@ -196,16 +196,16 @@ pub struct Worker {
 }
 
 impl Worker {
-    /// Opens data folder, database and artifact store. A SQLite database has no other process, so that what was begun in it is queued again.
+    /// Opens data folder, database and artifact store. A SQLite database has no other users, so unfinished jobs in it are queued again.
     ///
     /// # Errors
-    /// One sentence: what, where, what was expected.
+    /// The message says what, where, and what was expected.
     pub async fn open(config: WorkConfig) -> Result<Self, String> {
         Self::open_with(config, WORKER_CONNECTIONS).await
     }
 
     async fn open_with(config: WorkConfig, most_connections: u32) -> Result<Self, String> {
-        // For TLS to databases and buckets; an error says that there is one already.
+        // For TLS to databases and buckets; an error means that one is already installed.
         let _chosen = rustls::crypto::ring::default_provider().install_default();
         let traces = Traces::from_environment(&config.name)?;
         let folder = DataFolder::open(&config.data)?;
@@ -245,7 +245,7 @@ impl Worker {
             .await
             .map_err(|error| format!("the queue cannot be read: {error}"))?;
         if !database.is_shared() {
-            // Whoever has offered one here before is gone.
+            // Any earlier process that offered one here is gone.
             let withdrawn = database.withdraw_autopilots(None).await;
             withdrawn.map_err(|error| format!("the list of autopilots cannot be written: {error}"))?;
         }
@@ -310,7 +310,7 @@ impl Worker {
         if tokio::time::timeout(END_GRACE, all).await.is_err() {
             tracing::warn!("some jobs did not end in time; they will be begun again");
         }
-        // One that does not answer is not waited for.
+        // Do not wait for one that does not respond.
         if tokio::time::timeout(CLOSE_GRACE, self.shop.database.close())
             .await
             .is_err()
@@ -320,7 +320,7 @@ impl Worker {
         self.shop.traces.end().await;
     }
 
-    /// Works until `stop` is ready; jobs that run then go back into the queue.
+    /// Works until `stop` is ready; jobs still running then are returned to the queue.
     pub async fn run(self, stop: impl Future<Output = ()> + Send + 'static) {
         let tasks = self.start();
         stop.await;
@@ -341,7 +341,7 @@ impl Server {
     /// Opens folder, database and socket.
     ///
     /// # Errors
-    /// One sentence: what, where, what was expected.
+    /// The message says what, where, and what was expected.
     pub async fn open(config: ServeConfig) -> Result<Self, String> {
         let acceptor = match &config.tls {
             Some((certificate, key)) => Some(tls::acceptor(certificate, key)?),
@@ -399,13 +399,13 @@ impl Server {
         })
     }
 
-    /// Where it is found.
+    /// URL of the server.
     pub fn url(&self) -> String {
         let scheme = if self.acceptor.is_some() { "https" } else { "http" };
         format!("{scheme}://{}", self.address)
     }
 
-    /// Serves until `stop` is ready; jobs that run then go back into the queue. Clients that take too long do not hold up the end.
+    /// Serves until `stop` is ready; jobs still running then are returned to the queue. Slow clients do not delay the shutdown.
     pub async fn run(self, stop: impl Future<Output = ()> + Send + 'static) {
         let tasks = self.worker.start();
         let shop = Arc::clone(&self.worker.shop);

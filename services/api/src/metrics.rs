@@ -1,4 +1,4 @@
-//! How long requests take, by route: for Prometheus.
+//! Request durations by route, for Prometheus.
 
 use crate::App;
 use axum::extract::{MatchedPath, Request, State};
@@ -12,19 +12,19 @@ use prometheus_client::registry::{Registry, Unit};
 use std::sync::Arc;
 use std::time::Instant;
 
-/// Upper ends of the histogram's classes, s.
+/// Upper bounds of the histogram buckets, s.
 const CLASSES_S: [f64; 11] = [0.001, 0.003, 0.01, 0.03, 0.1, 0.3, 1.0, 3.0, 10.0, 30.0, 100.0];
 
-/// What a request was, without what a caller chose: no id, no name.
+/// Kind of a request, without client-chosen parts such as ids or names.
 #[derive(Debug, Clone, PartialEq, Eq, Hash, EncodeLabelSet)]
 struct Kind {
     method: String,
-    /// As in the API document; `page` for all that is none of it.
+    /// As in the API document; `page` for all others.
     route: String,
     status: u16,
 }
 
-/// Requests since the server began.
+/// Requests since the server started.
 #[derive(Debug)]
 pub(crate) struct Metrics {
     registry: Registry,
@@ -54,7 +54,7 @@ impl Metrics {
 
 /// Notes how long a request took.
 pub(crate) async fn measure(State(app): State<Arc<App>>, request: Request, next: Next) -> Response {
-    // A caller may send whatever word it likes.
+    // A caller may send any method.
     let known = [
         Method::GET,
         Method::POST,

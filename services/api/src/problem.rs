@@ -1,4 +1,4 @@
-//! Refusals: every answer that is not a success is one `application/problem+json` object (RFC 9457), also those of the framework.
+//! Error responses: each is one `application/problem+json` object (RFC 9457), including those of the framework.
 
 use axum::extract::rejection::{BytesRejection, JsonRejection, PathRejection, QueryRejection, StringRejection};
 use axum::extract::ws::rejection::WebSocketUpgradeRejection;
@@ -37,7 +37,7 @@ impl Problem {
         }
     }
 
-    /// What the framework refuses, by its status.
+    /// Errors of the framework, by status.
     fn of_rejection(status: StatusCode, detail: String) -> Self {
         match status {
             StatusCode::PAYLOAD_TOO_LARGE => Self::too_large(detail),
@@ -54,7 +54,7 @@ impl Problem {
         }
     }
 
-    /// The same with all that is wrong with a document.
+    /// Adds all errors of a document.
     #[must_use]
     pub(crate) fn with_complaints(mut self, complaints: Vec<String>) -> Self {
         self.complaints = complaints;
@@ -71,7 +71,7 @@ impl Problem {
         )
     }
 
-    /// 401: nobody knows who asks.
+    /// 401: unauthenticated.
     pub fn unauthorized(detail: impl Into<String>) -> Self {
         Self::new(StatusCode::UNAUTHORIZED, "unauthorized", "A token is needed", detail)
     }
@@ -111,12 +111,12 @@ impl Problem {
         Self::new(StatusCode::CONFLICT, "in-use", "Another job needs it", detail)
     }
 
-    /// 410: it was there, and will not be again.
+    /// 410: it existed, and will not again.
     pub(crate) fn gone(detail: impl Into<String>) -> Self {
         Self::new(StatusCode::GONE, "gone", "It is over", detail)
     }
 
-    /// 412: what `If-Match` or `If-None-Match` say does not hold.
+    /// 412: `If-Match` or `If-None-Match` does not hold.
     pub fn precondition_failed(detail: impl Into<String>) -> Self {
         Self::new(
             StatusCode::PRECONDITION_FAILED,
@@ -126,7 +126,7 @@ impl Problem {
         )
     }
 
-    /// 413: more bytes than the server takes.
+    /// 413: larger than the server's limit.
     pub fn too_large(detail: impl Into<String>) -> Self {
         Self::new(
             StatusCode::PAYLOAD_TOO_LARGE,
@@ -136,7 +136,7 @@ impl Problem {
         )
     }
 
-    /// 415: the body is in a form that is not taken here.
+    /// 415: unsupported format of the body.
     pub fn unsupported(detail: impl Into<String>) -> Self {
         Self::new(
             StatusCode::UNSUPPORTED_MEDIA_TYPE,
@@ -146,7 +146,7 @@ impl Problem {
         )
     }
 
-    /// 403: a web page of somebody else asks.
+    /// 403: request from a foreign web page.
     pub(crate) fn foreign_page(detail: impl Into<String>) -> Self {
         Self::new(
             StatusCode::FORBIDDEN,
@@ -156,7 +156,7 @@ impl Problem {
         )
     }
 
-    /// 421: for a host that this server is not.
+    /// 421: wrong host name.
     pub(crate) fn misdirected(detail: impl Into<String>) -> Self {
         Self::new(
             StatusCode::MISDIRECTED_REQUEST,
@@ -166,7 +166,7 @@ impl Problem {
         )
     }
 
-    /// 422: it can be read and cannot be flown.
+    /// 422: readable but invalid.
     pub fn unprocessable(detail: impl Into<String>) -> Self {
         Self::new(
             StatusCode::UNPROCESSABLE_ENTITY,
@@ -176,7 +176,7 @@ impl Problem {
         )
     }
 
-    /// 429: more than is allowed.
+    /// 429: limit exceeded.
     pub fn too_many(detail: impl Into<String>) -> Self {
         Self::new(
             StatusCode::TOO_MANY_REQUESTS,
@@ -186,12 +186,12 @@ impl Problem {
         )
     }
 
-    /// 503: the server is ending, or its database does not answer.
+    /// 503: the server is shutting down, or its database does not respond.
     pub fn unavailable(detail: impl Into<String>) -> Self {
         Self::new(StatusCode::SERVICE_UNAVAILABLE, "unavailable", "Not now", detail)
     }
 
-    /// 501: this server lacks a program that it takes.
+    /// 501: this server lacks a required program.
     pub(crate) fn not_implemented(detail: impl Into<String>) -> Self {
         Self::new(
             StatusCode::NOT_IMPLEMENTED,
@@ -211,7 +211,7 @@ impl Problem {
         )
     }
 
-    /// 507 with these words where a file cannot be written because the disk is full, else 500.
+    /// 507 with this message if a file cannot be written because the disk is full, otherwise 500.
     pub(crate) fn unwritten(error: &(dyn Error + 'static), full: &str) -> Self {
         if is_full(error) {
             return Self::disk_full(full);
@@ -219,13 +219,13 @@ impl Problem {
         Self::internal(error)
     }
 
-    /// A file of a job or library cannot be read or written: 507 where the disk is full, as what is in a bucket is copied before it is read;
-    /// else 500.
+    /// A file of a job or library cannot be read or written: 507 if the disk is full, as bucket content is copied before it is read;
+    /// otherwise 500.
     pub(crate) fn of_files(error: &(dyn Error + 'static)) -> Self {
         Self::unwritten(error, "no file can be written: the disk of the data folder is full")
     }
 
-    /// 500; the cause goes to the log, not to the stranger.
+    /// 500; the cause is logged, not sent to the client.
     pub fn internal<C: std::fmt::Display + ?Sized>(cause: &C) -> Self {
         tracing::error!(%cause, "a request failed");
         Self::new(
@@ -237,7 +237,7 @@ impl Problem {
     }
 }
 
-/// Whether a full disk, or a full quota of it, is what this error or one that it comes from says.
+/// Whether this error or one of its sources is a full disk or quota.
 fn is_full(error: &(dyn Error + 'static)) -> bool {
     let mut next = Some(error);
     while let Some(error) = next {
@@ -245,7 +245,7 @@ fn is_full(error: &(dyn Error + 'static)) -> bool {
         if io.is_some_and(|io| matches!(io.kind(), ErrorKind::StorageFull | ErrorKind::QuotaExceeded)) {
             return true;
         }
-        // An input-output error counts the source of what it wraps as its own, and so hides what it wraps.
+        // An I/O error reports the source of the wrapped error as its own, and so hides the wrapped one.
         next = match io.and_then(std::io::Error::get_ref) {
             Some(wrapped) => Some(wrapped),
             None => error.source(),
@@ -254,7 +254,7 @@ fn is_full(error: &(dyn Error + 'static)) -> bool {
     false
 }
 
-/// Pause before another try where the server or its database is away for a moment, s.
+/// Retry delay when the server or its database is temporarily unavailable, s.
 const RETRY_S: u64 = 2;
 
 impl IntoResponse for Problem {
@@ -323,11 +323,11 @@ impl From<sqlx::Error> for Problem {
     }
 }
 
-/// Whether the same may go well in a moment: the database starts or ends, cannot be reached, has no connection left, or somebody who may be
-/// gone holds a row.
+/// Whether a retry may succeed: the database is starting or stopping, unreachable, out of connections, or a possibly dead client holds a
+/// row lock.
 fn is_away(error: &sqlx::Error) -> bool {
-    /// Postgres: shut down, crashed, starting; no connection left; a transaction or statement that took too long; a row that is held;
-    /// transactions in each other's way.
+    /// Postgres: shut down, crashed, starting; out of connections; a transaction or statement that took too long; a locked row;
+    /// conflicting transactions.
     const PASSING: &[&str] = &[
         "57P01", "57P02", "57P03", "57P05", "53300", "25P03", "57014", "55P03", "40001", "40P01",
     ];

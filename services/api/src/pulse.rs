@@ -1,28 +1,28 @@
-//! A sign of life of this process: the file `alive` in its data folder, touched every few seconds as long as everything in it goes on.
+//! Liveness of this process: the file `alive` in its data folder, touched every few seconds as long as all its tasks make progress.
 //!
 //! ```text
-//!  each place where jobs are done ──beat──▶ Pulse ──all have beaten lately──▶ data/alive ◀── `rotortwin health worker:DATA`
+//!  each job slot ──beat──▶ Pulse ──all have beaten recently──▶ data/alive ◀── `rotortwin health worker:DATA`
 //! ```
-//! A process that is frozen or whose threads are all stuck touches nothing; one in which a single place is stuck does not either, so that
-//! whoever watches it starts it again. A database that is away is no reason: starting again would not help.
+//! A process that is frozen or whose threads are all stuck touches nothing; neither does one with a single stuck slot, so that a watchdog
+//! restarts it. An unavailable database does not count: a restart would not help.
 
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
-/// Its name in the data folder.
+/// File name in the data folder.
 const FILE: &str = "alive";
-/// It is touched so often.
+/// Touch interval.
 const EVERY: Duration = Duration::from_secs(2);
-/// A place that has not beaten for so long is stuck. What it does between two beats, such as keeping the files of a job, takes less.
+/// A slot without a beat for this long is stuck. Its work between two beats, such as storing the files of a job, takes less.
 const STUCK: Duration = Duration::from_secs(900);
 
 tokio::task_local! {
     static PLACE: Arc<AtomicU64>;
 }
 
-/// When each place has beaten last.
+/// Last beat of each slot.
 #[derive(Debug)]
 pub(crate) struct Pulse {
     start: Instant,
@@ -37,7 +37,7 @@ impl Pulse {
         }
     }
 
-    /// Does `work` as a place that is expected to beat.
+    /// Runs `work` as a slot that is expected to beat.
     pub(crate) async fn watched<T>(&self, work: impl Future<Output = T>) -> T {
         let place = Arc::new(AtomicU64::new(self.now_ms()));
         self.places().push(Arc::clone(&place));
@@ -46,9 +46,9 @@ impl Pulse {
         done
     }
 
-    /// The place that this is called from goes on.
+    /// Beat of the calling slot.
     pub(crate) fn beat(&self) {
-        // Elsewhere nobody expects it.
+        // Outside a slot, no beat is expected.
         let beaten = PLACE.try_with(|place| place.store(self.now_ms(), Ordering::Relaxed));
         if let Err(error) = beaten {
             tracing::trace!(%error, "no place");
@@ -59,7 +59,7 @@ impl Pulse {
         self.silence_ms() < u64::try_from(STUCK.as_millis()).unwrap_or(u64::MAX)
     }
 
-    /// Of the place that has been silent for longest.
+    /// Silence of the slot that has been silent for longest.
     fn silence_ms(&self) -> u64 {
         let now = self.now_ms();
         let last = self.places().iter().map(|place| place.load(Ordering::Relaxed)).min();
@@ -96,10 +96,10 @@ impl Pulse {
     }
 }
 
-/// Whether the server or worker with this data folder has given a sign of life within `silence`.
+/// Whether the server or worker with this data folder has shown liveness within `silence`.
 ///
 /// # Errors
-/// One sentence: it has not.
+/// It has not.
 pub fn alive(data: &Path, silence: Duration) -> Result<(), String> {
     let path = data.join(FILE);
     let modified = std::fs::metadata(&path).and_then(|file| file.modified());
@@ -111,7 +111,7 @@ pub fn alive(data: &Path, silence: Duration) -> Result<(), String> {
             age.as_secs_f64(),
             EVERY.as_secs()
         )),
-        // Of a moment ago, by a clock that was set back since.
+        // A recent time by a clock that was set back since.
         Ok(_) | Err(_) => Ok(()),
     }
 }

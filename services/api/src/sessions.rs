@@ -1,11 +1,11 @@
-//! Sessions of browsers: page loads, event streams and WebSockets cannot send `Authorization`, but they send a cookie.
+//! Browser sessions: page loads, event streams and WebSockets cannot send `Authorization`, but they send a cookie.
 //!
 //! ```text
 //! POST /api/v1/session {"token": "rtw_…"} ─▶ Set-Cookie: rotortwin_session=SECRET; HttpOnly; SameSite=Strict; Path=/; Secure (under TLS)
 //! ```
-//! The cookie holds a secret of its own, not the token; the database holds its SHA-256 and which token it stands for. A session is worth what its
-//! token is worth at that moment: whatever ends the token ends its sessions. No page of another site makes a browser send it (`SameSite`), no
-//! script reads it (`HttpOnly`), and writes and WebSockets of foreign origins are refused whoever asks ([`crate::browsers`]).
+//! The cookie contains its own secret, not the token; the database stores its SHA-256 and the token it belongs to. A session has its token's
+//! current permissions: whatever ends the token ends its sessions. Pages of other sites cannot make a browser send it (`SameSite`), no script
+//! can read it (`HttpOnly`), and writes and WebSockets from foreign origins are rejected in any case ([`crate::browsers`]).
 
 use crate::jobs::database::Database;
 use crate::tokens::{Token, hash, token_of};
@@ -13,11 +13,11 @@ use axum::http::{HeaderMap, header};
 
 /// Name of the cookie.
 pub(crate) const COOKIE: &str = "rotortwin_session";
-/// A session is worth something for so long, ms: a week.
+/// Lifetime of a session, ms: a week.
 const VALID_MS: i64 = 7 * 24 * 3600 * 1000;
 
 impl Database {
-    /// Begins a session of a token; its secret.
+    /// Starts a session for a token; returns its secret.
     ///
     /// # Errors
     /// The database.
@@ -35,7 +35,7 @@ impl Database {
         Ok(secret)
     }
 
-    /// The token of a session, if both are worth something now.
+    /// The token of a session, if both are currently valid.
     ///
     /// # Errors
     /// The database.
@@ -63,7 +63,7 @@ impl Database {
     }
 }
 
-/// The secret that a request brings.
+/// The session secret of a request.
 pub(crate) fn secret(headers: &HeaderMap) -> Option<&str> {
     headers
         .get_all(header::COOKIE)
@@ -75,7 +75,7 @@ pub(crate) fn secret(headers: &HeaderMap) -> Option<&str> {
         .map(|(_, value)| value)
 }
 
-/// What makes a browser keep a secret, or forget it (`None`).
+/// Cookie header that sets a secret, or deletes it (`None`).
 pub(crate) fn cookie(secret: Option<&str>, tls: bool) -> String {
     let secure = if tls { "; Secure" } else { "" };
     match secret {

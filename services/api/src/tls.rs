@@ -13,13 +13,13 @@ use tokio_rustls::rustls::pki_types::pem::PemObject as _;
 use tokio_rustls::rustls::pki_types::{CertificateDer, PrivateKeyDer};
 use tokio_rustls::server::TlsStream;
 
-/// Somebody who connects and does not speak is let go.
+/// Timeout of a TLS handshake.
 const HANDSHAKE: Duration = Duration::from_secs(10);
 
 /// Reads certificate chain and key (PEM).
 ///
 /// # Errors
-/// One sentence: which file, and what was expected.
+/// The message names the file, and what was expected.
 pub(crate) fn acceptor(certificate: &Path, key: &Path) -> Result<TlsAcceptor, String> {
     let told = |path: &Path, expected: &str, error: &dyn std::fmt::Display| {
         format!("{}: {error}; expected {expected} in PEM", path.display())
@@ -35,14 +35,14 @@ pub(crate) fn acceptor(certificate: &Path, key: &Path) -> Result<TlsAcceptor, St
     Ok(TlsAcceptor::from(Arc::new(config)))
 }
 
-/// Connections whose handshake is done.
+/// Connections with a completed handshake.
 pub(crate) struct TlsListener {
     address: SocketAddr,
     ready: mpsc::Receiver<(TlsStream<TcpStream>, SocketAddr)>,
 }
 
 impl TlsListener {
-    /// Handshakes go on side by side: a slow one keeps nobody waiting.
+    /// Handshakes run concurrently: a slow one delays no other.
     pub(crate) fn new(listener: TcpListener, acceptor: TlsAcceptor, address: SocketAddr) -> Self {
         let (sender, ready) = mpsc::channel(64);
         tokio::spawn(async move {
@@ -80,7 +80,7 @@ impl axum::serve::Listener for TlsListener {
     async fn accept(&mut self) -> (Self::Io, Self::Addr) {
         match self.ready.recv().await {
             Some(ready) => ready,
-            // The task that accepts never ends before this does.
+            // The accepting task never ends before this does.
             None => std::future::pending().await,
         }
     }

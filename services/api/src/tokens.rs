@@ -1,4 +1,5 @@
-//! API tokens: `rtw_ID_SECRET`. The database holds the SHA-256 of the whole; the token itself is shown once and is nowhere.
+//! API tokens: `rtw_ID_SECRET`. The database stores the SHA-256 of the whole; the token itself is shown once and stored
+//! nowhere.
 
 use crate::jobs::database::Database;
 use sha2::{Digest as _, Sha256};
@@ -7,7 +8,7 @@ use std::fmt::Write as _;
 use std::path::Path;
 use std::str::FromStr;
 
-/// What somebody may do.
+/// Permissions.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Scope {
     /// See the jobs of the tenant and the library.
@@ -19,7 +20,7 @@ pub enum Scope {
 }
 
 impl Scope {
-    /// As on the command line.
+    /// Name on the command line.
     pub const fn as_str(self) -> &'static str {
         match self {
             Self::Read => "read",
@@ -40,39 +41,39 @@ impl FromStr for Scope {
     }
 }
 
-/// A token as the database knows it.
+/// A token as stored in the database.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Token {
     /// Public part.
     pub id: String,
-    /// Whose, for people.
+    /// Display name of the owner.
     pub name: String,
-    /// On whose account its jobs are.
+    /// Tenant of its jobs.
     pub tenant: String,
-    /// What it may do.
+    /// Its permissions.
     pub scopes: Vec<Scope>,
     /// ms since 1970.
     pub created_ms: i64,
-    /// It is worth nothing from here on; `None`: it does not expire.
+    /// Expiry; `None`: it does not expire.
     pub expires_ms: Option<i64>,
-    /// It was taken back.
+    /// Time of revocation.
     pub revoked_ms: Option<i64>,
 }
 
-/// A token to be made.
+/// A token to create.
 #[derive(Debug, Clone)]
 pub struct NewToken {
-    /// Whose, for people.
+    /// Display name of the owner.
     pub name: String,
-    /// On whose account its jobs are.
+    /// Tenant of its jobs.
     pub tenant: String,
-    /// What it may do.
+    /// Its permissions.
     pub scopes: Vec<Scope>,
-    /// How long it is worth something, ms; `None`: it does not expire.
+    /// Lifetime, ms; `None`: it does not expire.
     pub valid_ms: Option<i64>,
 }
 
-/// Opens the database of a server for work on its tokens, whether the server runs or not.
+/// Opens the database of a server for token management, whether or not the server is running.
 ///
 /// # Errors
 /// One sentence.
@@ -92,7 +93,7 @@ pub async fn open(data: &Path, database_url: Option<&str>) -> Result<Tokens, Str
 pub struct Tokens(Database);
 
 impl Tokens {
-    /// Makes a token; what to hand out, for the only time.
+    /// Creates a token; returns the text to hand out, which is not shown again.
     ///
     /// # Errors
     /// The database.
@@ -134,7 +135,7 @@ impl Tokens {
         rows.iter().map(token_of).collect::<Result<_, _>>().map_err(told)
     }
 
-    /// Takes a token back; `false`: there is none of this id.
+    /// Revokes a token; `false` if the id is unknown.
     ///
     /// # Errors
     /// The database.
@@ -152,7 +153,7 @@ impl Tokens {
 }
 
 impl Database {
-    /// The token that this text is, if it is worth something now.
+    /// The token with this text, if currently valid.
     ///
     /// # Errors
     /// The database.
@@ -166,7 +167,7 @@ impl Database {
         row.as_ref().map(token_of).transpose()
     }
 
-    /// Whether there ever was a token: from then on everybody needs one, also when all have expired.
+    /// Whether a token was ever created: from then on all clients need one, even when all have expired.
     ///
     /// # Errors
     /// The database.
@@ -191,7 +192,7 @@ pub(crate) fn token_of(row: &sqlx::any::AnyRow) -> Result<Token, sqlx::Error> {
     })
 }
 
-/// The secret has 256 random bits: no salt and no slow hash is needed.
+/// The secret has 256 random bits: neither salt nor a slow hash is needed.
 pub(crate) fn hash(text: &str) -> String {
     Sha256::digest(text.as_bytes())
         .iter()

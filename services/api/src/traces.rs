@@ -1,14 +1,14 @@
-//! Spans of requests and attempts over OTLP/HTTP, by setting.
+//! Spans of requests and attempts over OTLP/HTTP, if configured.
 //!
 //! ```text
 //!  client ─ traceparent ─▶ request ─▶ `traceparent` in the job's spec ─▶ queue ─▶ attempt
-//!                             └──────────── a thread that exports ◀───────────────────┘
+//!                             └──────────── exporter thread ◀────────────────────────┘
 //! ```
-//! Off unless `OTEL_EXPORTER_OTLP_ENDPOINT` or `OTEL_EXPORTER_OTLP_TRACES_ENDPOINT` is set; then requests pass no code of this module.
-//! The other variables of OpenTelemetry (headers, time-outs, sampler, batches, resource) hold as its SDK reads them.
+//! Off unless `OTEL_EXPORTER_OTLP_ENDPOINT` or `OTEL_EXPORTER_OTLP_TRACES_ENDPOINT` is set; then requests run no code of this module.
+//! The other OpenTelemetry variables (headers, time-outs, sampler, batches, resource) are interpreted by its SDK.
 //!
-//! Spans wait in a queue of bounded length and are dropped if nobody takes them: a collector that is away costs spans, never jobs. A
-//! request that streams (events, live samples) has a span until its headers are sent. An attempt whose worker is killed leaves none.
+//! Spans wait in a bounded queue and are dropped if it is full: an unavailable collector costs spans, never jobs. A streaming request
+//! (events, live samples) has a span until its headers are sent. An attempt whose worker is killed leaves none.
 
 use crate::App;
 use crate::jobs::{Job, NewJob};
@@ -30,12 +30,12 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
-/// What is left in the queue may take so long when the process ends.
+/// Time for exporting the remaining queue when the process ends.
 const LAST_SPANS: Duration = Duration::from_secs(2);
 /// W3C Trace Context, as a header and in the spec of a job.
 const TRACEPARENT: &str = "traceparent";
 
-/// Where spans go; nowhere unless it is set.
+/// Span exporter; `None` unless configured.
 #[derive(Debug, Clone, Default)]
 pub(crate) struct Traces(Option<Exporting>);
 
@@ -50,10 +50,10 @@ fn variable(name: &str) -> Option<String> {
 }
 
 impl Traces {
-    /// As the environment says. `instance`: of this process, for people.
+    /// From the environment. `instance`: display name of this process.
     ///
     /// # Errors
-    /// One sentence: which variable, and what was expected.
+    /// The message names the variable, and what was expected.
     pub(crate) fn from_environment(instance: &str) -> Result<Self, String> {
         let [endpoint, protocol] = ["ENDPOINT", "PROTOCOL"].map(|what| {
             [
@@ -110,12 +110,12 @@ impl Traces {
         Ok(Self(Some(Exporting { provider, tracer })))
     }
 
-    /// Spans go somewhere.
+    /// True if spans are exported.
     pub(crate) fn are_on(&self) -> bool {
         self.0.is_some()
     }
 
-    /// Sends what is left, and ends. Waits for a collector, but not long.
+    /// Exports the remaining spans, and ends. Waits for a collector, but not long.
     pub(crate) async fn end(&self) {
         let Some(Exporting { provider, .. }) = self.0.clone() else {
             return;
@@ -126,7 +126,7 @@ impl Traces {
         }
     }
 
-    /// A job goes on with the trace of the request in which it is made.
+    /// A job continues the trace of the request that created it.
     pub(crate) fn carry(&self, new: &mut NewJob) {
         if !self.are_on() {
             return;
@@ -144,7 +144,7 @@ impl Traces {
         }
     }
 
-    /// An attempt begins.
+    /// Starts the span of an attempt.
     pub(crate) fn attempt(&self, job: &Job, worker: &str) -> Attempt {
         let Some(Exporting { tracer, .. }) = &self.0 else {
             return Attempt(None);
@@ -171,7 +171,7 @@ impl Traces {
 pub(crate) struct Attempt(Option<Context>);
 
 impl Attempt {
-    /// It ended so; `error`: why it is worth nothing.
+    /// Ends the span; `error`: why the attempt failed.
     pub(crate) fn end(self, outcome: &'static str, error: Option<&str>) {
         let Some(context) = self.0 else { return };
         let span = context.span();
@@ -183,7 +183,7 @@ impl Attempt {
     }
 }
 
-/// A span around a request; its trace is the client's, if it names one.
+/// A span around a request; it continues the client's trace, if given.
 pub(crate) async fn request(State(app): State<Arc<App>>, request: Request, next: Next) -> Response {
     let Some(Exporting { tracer, .. }) = &app.shop.traces.0 else {
         return next.run(request).await;
@@ -200,7 +200,7 @@ pub(crate) async fn request(State(app): State<Arc<App>>, request: Request, next:
     response
 }
 
-/// The span of a request, as OpenTelemetry's conventions for HTTP name its attributes.
+/// The span of a request, with attributes named by OpenTelemetry's HTTP conventions.
 fn begun(tracer: &SdkTracer, request: &Request) -> Context {
     let headers = Headers(request.headers());
     let parent = TraceContextPropagator::new().extract_with_context(&Context::new(), &headers);
@@ -233,7 +233,7 @@ impl Extractor for Headers<'_> {
     }
 }
 
-/// What a job's spec says beside its own.
+/// Trace context in a job's spec.
 #[derive(Deserialize)]
 struct Carried {
     traceparent: Option<String>,
@@ -255,7 +255,7 @@ impl Extractor for Carried {
     }
 }
 
-/// Says once that a collector takes nothing, and once that it does again.
+/// Reports once that a collector rejects spans, and once that it accepts them again.
 #[derive(Debug)]
 struct Outspoken {
     inner: OtlpExporter,

@@ -1,12 +1,12 @@
 //! The page: `web/dist`, embedded when the server was built.
 //!
-//! | Address | What comes | Kept by browsers |
+//! | Address | Content | Browser caching |
 //! |---|---|---|
-//! | `/`, and every other address that is not the API's | `index.html`, whose script reads the rest of the address | asked again by ETag |
-//! | `/assets/NAME` | that file: its name holds a hash of its content | for good |
-//! | any other file of the bundle | that file | asked again by ETag |
+//! | `/`, and every other address outside the API | `index.html`, whose script interprets the rest of the address | revalidated by ETag |
+//! | `/assets/NAME` | that file: its name contains a hash of its content | permanent |
+//! | any other file of the bundle | that file | revalidated by ETag |
 //!
-//! Nothing of it tells anything of anybody's work, so that it needs no token: a page that cannot be loaded cannot ask for one.
+//! It reveals no user data and needs no token: a page that cannot be loaded could not ask for one.
 
 use crate::problem::Problem;
 use axum::http::{HeaderMap, HeaderValue, Method, StatusCode, Uri, header};
@@ -24,9 +24,9 @@ static BY_PATH: LazyLock<HashMap<&'static str, Embedded>> = LazyLock::new(|| {
 
 /// The document of the page.
 const INDEX: &str = "/index.html";
-/// Files whose names hold a hash of their content.
+/// Files with a content hash in their names.
 const ASSETS: &str = "/assets/";
-/// What browsers ask for by themselves, and no address of the page.
+/// Addresses that browsers request by themselves, which are not pages.
 const NO_PAGES: &[&str] = &["/favicon.ico", "/robots.txt"];
 
 struct Embedded {
@@ -67,7 +67,7 @@ pub(crate) fn is_page(path: &str) -> bool {
     !(path == "/metrics" || path == "/api" || path.starts_with("/api/"))
 }
 
-/// What is served where the API serves nothing.
+/// Serves the page where the API serves nothing.
 pub(crate) async fn page(method: Method, uri: Uri, headers: HeaderMap) -> Result<Response, Problem> {
     let path = uri.path();
     let reads = matches!(method, Method::GET | Method::HEAD);
@@ -101,7 +101,7 @@ pub(crate) async fn page(method: Method, uri: Uri, headers: HeaderMap) -> Result
     Ok((about, [(header::CONTENT_TYPE, file.kind)], file.bytes).into_response())
 }
 
-/// Compression changes a strong tag into a weak one.
+/// Compression turns a strong tag into a weak one.
 fn has_tag(tags: &str, own: &str) -> bool {
     tags.split(',')
         .map(str::trim)

@@ -1,4 +1,4 @@
-//! Where a board is, as it is written on a command line.
+//! Board addresses, as written on the command line.
 //!
 //! | Text | Board |
 //! |---|---|
@@ -12,13 +12,13 @@ use crate::virtual_line::{LineModel, Unplugged, VirtualLine};
 use std::path::PathBuf;
 use std::time::Duration;
 
-/// Baud rate of a serial port for which none is given.
+/// Default baud rate of a serial port.
 pub const DEFAULT_BAUD: u32 = 921_600;
 
-/// Where `cargo xtask firmware` leaves the program of the emulated board.
+/// Path of the emulated board's program built by `cargo xtask firmware`.
 pub const QEMU_PROGRAM: &str = "target/firmware/thumbv7em-none-eabihf/release/mps2-an500";
 
-/// See the module.
+/// See the module documentation.
 #[derive(Clone, Debug, PartialEq)]
 pub enum BoardAddress {
     /// A serial port and its baud rate.
@@ -138,7 +138,7 @@ pub enum AnyLine {
 }
 
 impl BoardAddress {
-    /// Opens the line; a sentence if there is nobody.
+    /// Opens the line; an error message if there is no board.
     pub fn open(&self) -> Result<AnyLine, String> {
         Ok(match self {
             Self::Serial(path, baud) => AnyLine::File(FileLine::serial(path, *baud)?),
@@ -148,10 +148,10 @@ impl BoardAddress {
         })
     }
 
-    /// Bits per second of the line, where it has any.
+    /// Bits per second of the line, if applicable.
     pub fn baud(&self) -> Option<f64> {
         match self {
-            // CDC-ACM takes any number and goes as fast as USB does.
+            // CDC-ACM accepts any number and runs at USB speed.
             Self::Serial(path, _) if path.to_string_lossy().contains("ACM") => None,
             Self::Serial(_, baud) => Some(f64::from(*baud)),
             Self::Virtual(model) => Some(model.baud),

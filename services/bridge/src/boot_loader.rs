@@ -5,10 +5,10 @@
 //!       ── PROG_MULTI, 252 bytes each … ──▶   ── GET_CRC ──▶   ── REBOOT ──▶
 //! ```
 //! Every command ends with EOC; every answer ends with INSYNC and a status (facts from PX4-Bootloader `bl.c` and PX4 `px_uploader.py`,
-//! protocol revision 5). The boot loader writes the first word last, when the CRC has been asked for and the board is told to start: a
-//! flash that is cut short leaves a board that stays in its boot loader, and can be flashed again.
+//! protocol revision 5). The boot loader writes the first word last, when the CRC has been requested and the board is told to start:
+//! an interrupted flash leaves a board that stays in its boot loader, and can be flashed again.
 //!
-//! Refused before anything is erased: a file for another board, one that does not fit, a boot loader of an unknown revision.
+//! Rejected before anything is erased: a file for another board, one that does not fit, a boot loader of an unknown revision.
 
 use crate::line::Line;
 use crate::px4_file::Px4File;
@@ -31,10 +31,10 @@ const DEVICE_REVISION: u8 = 1;
 const DEVICE_BOARD: u8 = 2;
 const DEVICE_FLASH: u8 = 4;
 
-/// Revisions of the protocol that speak as above; revision 2 has no CRC.
+/// Supported protocol revisions; revision 2 has no CRC.
 const REVISIONS: core::ops::RangeInclusive<u32> = 3..=5;
 
-/// Most bytes of one `PROG_MULTI`: whole words below 256.
+/// Maximum bytes of one `PROG_MULTI`: whole words below 256.
 const PIECE: usize = 252;
 
 /// Answers to simple commands.
@@ -46,29 +46,29 @@ const ERASE: Duration = Duration::from_secs(40);
 /// The boot loader reads back the whole flash for its CRC.
 const CHECK: Duration = Duration::from_secs(15);
 
-/// What a boot loader says of its board.
+/// Board information from a boot loader.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Device {
     /// Of the protocol.
     pub revision: u32,
     /// 56 is the Pixhawk 6C.
     pub board_id: u32,
-    /// Bytes that a program may take.
+    /// Space for a program, bytes.
     pub flash: u32,
 }
 
-/// Where a flash stands.
+/// Progress of flashing.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Progress {
     /// The board has answered.
     Found(Device),
-    /// Being erased.
+    /// Erasing.
     Erasing,
     /// Bytes written, of all.
     Writing(usize, usize),
-    /// The CRC is compared.
+    /// Comparing the CRC.
     Checking,
-    /// The board starts the program.
+    /// Starting the program.
     Starting,
 }
 
@@ -79,7 +79,7 @@ pub struct BootLoader<L> {
 }
 
 impl<L: Line> BootLoader<L> {
-    /// Waits until a boot loader answers, at most for `patience`.
+    /// Waits for a boot loader to answer, at most for `patience`.
     pub fn find(line: L, patience: Duration) -> Result<Self, String> {
         let mut found = Self {
             line,
@@ -99,13 +99,13 @@ impl<L: Line> BootLoader<L> {
                     patience.as_secs_f64()
                 ));
             }
-            // A port that is not there answers at once.
+            // A missing port fails at once.
             let spent = found.line.now().saturating_sub(asked);
             std::thread::sleep(Duration::from_millis(100).saturating_sub(spent));
         }
     }
 
-    /// What board it is.
+    /// Identifies the board.
     pub fn device(&mut self) -> Result<Device, String> {
         let mut field = |which: u8| {
             let answer = self.command(&[GET_DEVICE, which], 4, SHORT)?;
@@ -118,7 +118,7 @@ impl<L: Line> BootLoader<L> {
         })
     }
 
-    /// Erases, writes, compares and starts.
+    /// Erases, writes, verifies and starts.
     pub fn flash(mut self, file: &Px4File, mut progress: impl FnMut(Progress)) -> Result<(), String> {
         let device = self.device()?;
         progress(Progress::Found(device));
@@ -179,7 +179,7 @@ impl<L: Line> BootLoader<L> {
         Ok(())
     }
 
-    /// Sends a command; the `length` bytes that come before the status.
+    /// Sends a command; returns the `length` bytes before the status.
     fn command(&mut self, command: &[u8], length: usize, wait: Duration) -> Result<Vec<u8>, String> {
         let mut bytes = command.to_vec();
         bytes.push(EOC);
@@ -193,7 +193,7 @@ impl<L: Line> BootLoader<L> {
             }
             let count = self.line.receive(&mut buffer, end - now)?;
             self.received.extend(&buffer[..count]);
-            // A refusal brings no data.
+            // An error carries no data.
             if let [INSYNC, status @ (FAILED | INVALID)] = self.received[..] {
                 self.received.clear();
                 return Err(refusal(status));
@@ -226,7 +226,7 @@ fn word(bytes: &[u8]) -> u32 {
         .map_or(0, |bytes: &[u8; 4]| u32::from_le_bytes(*bytes))
 }
 
-/// As the boot loader works it out: polynomial of Ethernet, from 0, not inverted.
+/// As computed by the boot loader: Ethernet polynomial, initial value 0, not inverted.
 const CRC_OF_FLASH: Crc<u32> = Crc::<u32>::new(&crc::Algorithm {
     init: 0,
     xorout: 0,

@@ -1,4 +1,4 @@
-//! Bytes of a 400 Hz cycle against what a line carries.
+//! Bytes of a 400 Hz cycle compared with the capacity of a line.
 
 use rotortwin_board::frame::overhead;
 use rotortwin_board::message::{Reply, Sensors};
@@ -13,14 +13,14 @@ pub struct CycleBytes {
     pub up: usize,
     /// Board to host, within a window.
     pub down: usize,
-    /// Board to host at the end of a window, one rotor named.
+    /// Board to host at the end of a window, with one rotor named.
     pub down_window_end: usize,
-    /// Board to host, two rotors named and sets listed.
+    /// Board to host, with two rotors named and sets listed.
     pub down_worst: usize,
 }
 
 impl CycleBytes {
-    /// * `residuals`: those of all rotors travel, not only the four numbers behind them
+    /// * `residuals`: send those of all rotors, not only the four numbers behind them
     pub const fn new(rotor_count: usize, residuals: bool) -> Self {
         const fn framed(payload: usize) -> usize {
             payload + overhead(payload)
@@ -33,13 +33,13 @@ impl CycleBytes {
         }
     }
 
-    /// Time on a line of this many bits per second (ten a byte), s: up, and then down.
+    /// Time on a line at this bit rate (ten bits per byte), s, for host-to-board and then board-to-host traffic.
     pub fn time_s(up: usize, down: usize, baud: f64) -> f64 {
         (up + down) as f64 * 10.0 / baud
     }
 }
 
-/// Lines that a Pixhawk 6C has: name, bits per second. Full-speed USB carries 12 Mbit/s; bulk transfers get some 8 of them.
+/// Lines of a Pixhawk 6C: name, bits per second. Full-speed USB has 12 Mbit/s; bulk transfers reach about 8 of them.
 pub const LINES: [(&str, f64); 3] = [("921,600 baud", 921_600.0), ("2 Mbaud", 2e6), ("USB CDC-ACM", 8e6)];
 
 #[cfg(test)]

@@ -1,7 +1,7 @@
 //! Lines of bytes to a board: serial ports, pseudo-terminals, pipes and sockets of the emulator.
 //!
-//! A serial port that disappears (a pulled USB plug) is opened again when it is back; until then nothing is sent and nothing comes, and
-//! the session's time-out decides. An emulator that ends is an error at once.
+//! A serial port that disappears (an unplugged USB cable) is reopened when it returns; until then nothing is sent or received, and the
+//! session's time-out decides. An emulator that exits is an error at once.
 
 use rotortwin_board::application::{Application, Board, State};
 use rotortwin_board::message::CostUnit;
@@ -14,15 +14,15 @@ use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
 use std::time::{Duration, Instant};
 
-/// A stream of bytes to a board and back, with a clock of its own.
+/// A byte stream to a board and back, with its own clock.
 pub trait Line {
-    /// Sends all of it, or loses it.
+    /// Sends all bytes, or loses them.
     fn send(&mut self, bytes: &[u8]) -> Result<(), String>;
-    /// Waits for bytes, at most for `wait`; how many came.
+    /// Waits for bytes, at most for `wait`; returns the number received.
     fn receive(&mut self, buffer: &mut [u8], wait: Duration) -> Result<usize, String>;
-    /// Time since the line was opened: of the wall, or of the line's own world.
+    /// Time since the line was opened: wall-clock time, or the line's virtual time.
     fn now(&self) -> Duration;
-    /// After this long without an answer a request is sent again.
+    /// Time after which an unanswered request is repeated.
     fn retry(&self) -> Duration;
 }
 
@@ -33,7 +33,7 @@ pub struct FileLine {
     child: Option<Child>,
     start: Instant,
     retry: Duration,
-    /// Pipes of the emulator stand here.
+    /// Folder with the emulator's pipes.
     _folder: Option<tempfile::TempDir>,
 }
 
@@ -98,7 +98,7 @@ impl FileLine {
         let folder = tempfile::tempdir().map_err(|error| format!("no temporary folder: {error}"))?;
         let mut command = Command::new("qemu-system-arm");
         command.args(["-M", "mps2-an500", "-display", "none", "-monitor", "none"]);
-        // An instruction takes 1024 ns of the machine's time: costs are exact, and every run is the same.
+        // An instruction takes 1024 ns of the machine's time: costs are exact, and every run is identical.
         command.args(["-icount", "shift=10,sleep=off"]);
         command
             .arg("-kernel")
@@ -160,7 +160,7 @@ impl FileLine {
         Ok(line)
     }
 
-    /// The serial port after it was gone.
+    /// Reopens a serial port that had disappeared.
     fn reopen(&mut self) {
         if let Some((path, baud)) = &self.serial
             && self.files.is_none()
@@ -172,7 +172,7 @@ impl FileLine {
         }
     }
 
-    /// What to do about a line that broke.
+    /// Handles a broken line.
     fn broken(&mut self, what: &str) -> Result<(), String> {
         if let Some((path, _)) = &self.serial {
             if self.files.take().is_some() {
@@ -188,14 +188,14 @@ impl FileLine {
     }
 }
 
-/// A pseudo-terminal: something that stands in for a board holds this end, the other one is a serial port by its path.
+/// A pseudo-terminal: a simulated board holds this end, the other one is a serial port with a path.
 pub struct Terminal {
     end: OwnedFd,
     path: PathBuf,
 }
 
 impl Terminal {
-    /// A new one.
+    /// Creates one.
     pub fn open() -> Result<Self, String> {
         let failed = |error: Errno| format!("no pseudo-terminal: {error}");
         let end =
@@ -207,7 +207,7 @@ impl Terminal {
         Ok(Self { end, path })
     }
 
-    /// Of the serial port.
+    /// Path of the serial port.
     pub fn path(&self) -> &Path {
         &self.path
     }
@@ -224,7 +224,7 @@ impl Terminal {
         }
     }
 
-    /// Sends bytes to whoever has opened the port; false once it is closed.
+    /// Sends bytes to the process that has opened the port; false once it is closed.
     pub fn write(&self, bytes: &[u8]) -> bool {
         let mut rest = bytes;
         while !rest.is_empty() {
@@ -306,7 +306,7 @@ impl Line for FileLine {
                 Ok(written) => rest = &rest[written..],
                 Err(Errno::AGAIN | Errno::INTR) => {
                     let mut fds = [PollFd::from_borrowed_fd(writer.as_fd(), PollFlags::OUT)];
-                    // A line that takes nothing for so long loses the frame; it will be sent again.
+                    // If a line accepts nothing for this long, the frame is lost; it will be repeated.
                     if poll(&mut fds, Some(&timespec(self.retry))) == Ok(0) {
                         return Ok(());
                     }
@@ -381,7 +381,7 @@ impl Board for VirtualBoard {
     }
 }
 
-/// A virtual board at the end of a terminal, until the terminal closes.
+/// Runs a virtual board at the end of a terminal, until the terminal closes.
 fn serve(port: &OwnedFd) {
     let mut application = Box::<Application>::default();
     let mut buffer = [0; 1024];

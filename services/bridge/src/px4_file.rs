@@ -1,23 +1,23 @@
-//! `.px4` files: JSON around the zlib-packed image of a board's program, ours or PX4's.
+//! `.px4` files: JSON around the zlib-compressed image of a board's program, ours or PX4's.
 //!
 //! Rules (PX4 `px_mkfw.py`, `px_uploader.py`; QGroundControl `FirmwareImage.cc`; PX4-Bootloader `bl.c`): `board_id`, `image_size` and `image`
-//! must be there; `image` is the base64 of zlib of `image_size` bytes, whole words; the first word, the stack, is not that of erased flash. What
-//! breaks one is refused before the board is touched.
+//! are required; `image` is the base64 of zlib of `image_size` bytes, whole words; the first word, the stack, is not that of erased flash.
+//! Violations are rejected before the board is touched.
 
 use base64::Engine as _;
 use base64::prelude::BASE64_STANDARD as BASE64;
 use miniz_oxide::inflate::decompress_to_vec_zlib_with_limit;
 use std::path::Path;
 
-/// More than any board's flash, bytes.
+/// Upper limit, larger than any board's flash, bytes.
 const MOST: usize = 16 << 20;
 
 /// A program to flash.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Px4File {
-    /// Boards it is for: 56 is the Pixhawk 6C.
+    /// Target board: 56 is the Pixhawk 6C.
     pub board_id: u32,
-    /// What it says of itself.
+    /// Description in the file.
     pub summary: String,
     /// Raw program, whole words.
     pub image: Vec<u8>,

@@ -2,12 +2,12 @@
 //!
 //! ```text
 //!  open:      Hello ─▶ Identity;  Begin, Chunk …, Commit ─▶ Ready{hash}
-//!  exchange:  Sensors k ─▶ Reply k (again after `Line::retry` without an answer, until the time-out)
-//!  finish:    Status ─▶ Report;  Finish
+//!  open:      Hello ─▶ Identity;  Begin, Chunk …, Commit ─▶ Ready{hash}
+//!  exchange:  Sensors k ─▶ Reply k (repeated after `Line::retry` without an answer, until the time-out)
 //! ```
-//! One request is outstanding at a time. A reply that does not come makes the same request go out again, with the same sequence
-//! number, and the board answers it as it did before: a lost frame costs time and changes nothing. A board that has lost its parameters
-//! (it restarted) refuses the step, and the run ends with its sentence.
+//! One request is outstanding at a time. If the reply does not arrive, the same request is sent again, with the same sequence number,
+//! and the board gives the same answer: a lost frame costs time and changes nothing. A board that has lost its parameters (it
+//! restarted) rejects the step, and the run ends with its error message.
 
 use crate::line::Line;
 pub use crate::shadow::Difference;
@@ -31,16 +31,16 @@ use std::time::Duration;
 /// Bytes of a download in one frame.
 const CHUNK: usize = 384;
 
-/// What a session wants.
+/// Options of a session.
 #[derive(Clone, Copy, Debug)]
 pub struct SessionOptions {
-    /// What the board is asked for.
+    /// Options for the board.
     pub board: Options,
     /// For the board to answer the first request.
     pub join: Duration,
     /// For the answer to any later request.
     pub step: Duration,
-    /// The same peers run here as well, and every bit of theirs is compared with the board's.
+    /// Also runs the same peers here, and compares every bit of their output with the board's.
     pub compare: bool,
 }
 
@@ -55,26 +55,26 @@ impl Default for SessionOptions {
     }
 }
 
-/// What the host saw of a board and of the line to it.
+/// Observations about a board and its line.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct SessionReport {
-    /// What the board calls itself.
+    /// Name reported by the board.
     pub board: String,
     /// Bytes of parameters, and their hash.
     pub download: (usize, u64),
     /// Round trip of every step, s.
     pub round_trip_s: Vec<f32>,
-    /// Requests that were sent again.
+    /// Repeated requests.
     pub retries: u64,
-    /// What came from the board: good frames, CRC errors, garbage.
+    /// Received from the board: good frames, CRC errors, garbage.
     pub line: LineStatistics,
-    /// Bytes of the longest step, up and down.
+    /// Bytes of the longest step, to the board and from it.
     pub longest: [usize; 2],
-    /// What the board said at the end.
+    /// The board's final report.
     pub report: Option<Report>,
     /// First bit in which the board and the host differ, if they were compared.
     pub difference: Option<Difference>,
-    /// Steps that were compared.
+    /// Steps compared.
     pub compared: u64,
 }
 
@@ -85,7 +85,7 @@ enum Trouble {
     Broken(String),
 }
 
-/// See the module.
+/// See the module documentation.
 pub struct BoardLink<L> {
     line: L,
     address: String,
@@ -101,12 +101,12 @@ pub struct BoardLink<L> {
     reports: VecDeque<FdiReport>,
     shadow: Option<Shadow>,
     report: SessionReport,
-    /// An answer came since the last trouble, so that a status may be asked for.
+    /// An answer has arrived since the last failure, so that the status can be requested.
     healthy: bool,
 }
 
 impl<L: Line> BoardLink<L> {
-    /// A link to the board behind `line`; `address` is for messages to people.
+    /// A link to the board behind `line`; `address` is for messages.
     pub fn new(line: L, address: &str, options: SessionOptions) -> Self {
         Self {
             line,
@@ -127,7 +127,7 @@ impl<L: Line> BoardLink<L> {
         }
     }
 
-    /// What happened so far.
+    /// Report so far.
     pub fn report(&self) -> SessionReport {
         SessionReport {
             line: self.decoder.statistics(),
@@ -142,7 +142,7 @@ impl<L: Line> BoardLink<L> {
         &self.line
     }
 
-    /// Asks for what the board calls itself, and how it is. For `rotortwin board info`.
+    /// Requests the board's name and status. For `rotortwin board info`.
     pub fn inquire(&mut self) -> Result<(String, Report), LinkError> {
         self.hello()?;
         let payload = self
@@ -178,7 +178,7 @@ impl<L: Line> BoardLink<L> {
         Ok(())
     }
 
-    /// Sends a request until its answer is there; the answer's payload if it is of the kind `expected`.
+    /// Repeats a request until it is answered; returns the payload of an answer of kind `expected`.
     fn request(&mut self, request: u8, payload: &[u8], expected: u8, limit: Duration) -> Result<Vec<u8>, Trouble> {
         self.sequence = self.sequence.wrapping_add(1);
         let mut frame = [0; MAX_ENCODED + 1];
@@ -188,7 +188,7 @@ impl<L: Line> BoardLink<L> {
         let mut first = true;
         let mut buffer = [0; 1024];
         loop {
-            // A leading zero closes whatever is left of a frame that broke off.
+            // A leading zero terminates the remainder of an interrupted frame.
             let from = usize::from(first && request != kind::HELLO);
             self.line.send(&frame[from..=length]).map_err(Trouble::Broken)?;
             if !std::mem::replace(&mut first, false) {
@@ -442,7 +442,7 @@ impl<L: Line> PlantLink for BoardLink<L> {
     }
 }
 
-/// Run and time stay here: the board counts steps.
+/// Run and time are not sent: the board counts steps.
 fn message(sensors: &SensorFrame) -> Sensors {
     let groups = [
         sensors.position_ned_m,

@@ -1,20 +1,20 @@
-//! Our own controller and FDI engine beside the board, fed the same: the first bit that differs.
+//! Our own controller and FDI engine in parallel with the board, on the same inputs: finds the first differing bit.
 
 use rotortwin_proto::Role;
 use rotortwin_wire::frames::{CommandFrame, FdiReport, LossEstimate, SensorFrame};
 use rotortwin_wire::link::{ControllerPeer, FdiPeer, LinkError, RunSetup};
 use rotortwin_wire::peers::{FdiEnginePeer, PidPeer};
 
-/// Where board and host part.
+/// First difference between board and host.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Difference {
     /// First step that differs.
     pub step: u64,
-    /// First signal of it.
+    /// First differing signal.
     pub signal: String,
-    /// Of the board.
+    /// Value of the board.
     pub board: f64,
-    /// Of the host.
+    /// Value of the host.
     pub host: f64,
 }
 
@@ -33,7 +33,7 @@ impl std::fmt::Display for Difference {
     }
 }
 
-/// See the module.
+/// See the module documentation.
 #[derive(Default)]
 pub(crate) struct Shadow {
     controller: PidPeer,
@@ -59,7 +59,7 @@ impl Shadow {
         self.compared
     }
 
-    /// What the host does with the same inputs; the FDI engine gets the host's own command.
+    /// Compares with the host's result for the same inputs; the FDI engine gets the host's own command.
     pub(crate) fn compare(&mut self, sensors: &SensorFrame, command: &CommandFrame, report: &FdiReport) {
         if self.first.is_some() {
             return;
@@ -79,7 +79,7 @@ impl Shadow {
     }
 }
 
-/// A number of a frame, named only when it is wanted.
+/// A number of a frame, whose name is only formatted on demand.
 struct Signal(&'static str, Option<usize>);
 
 impl Signal {

@@ -1,52 +1,52 @@
-//! A virtual serial line with a virtual board behind it, in virtual time: no clock is read and nothing waits, so that minutes of bad
-//! line take milliseconds, and the same seed gives the same faults.
+//! A virtual serial line with a virtual board, in virtual time: no clock is read and nothing waits, so that minutes on a bad line take
+//! milliseconds, and the same seed gives the same faults.
 //!
 //! ```text
 //!  byte k leaves at max(now, end of byte k−1), takes 10/baud, arrives latency + jitter later, in order
 //! ```
-//! Each byte may be lost, changed or doubled; a burst makes noise of some bytes in a row; a pulled plug swallows what is on the line, and
-//! may take the board's power with it. The board computes in no time.
+//! Each byte may be lost, corrupted or duplicated; a burst replaces several consecutive bytes by noise; unplugging loses everything in
+//! transit, and may interrupt the board's power. The board computes in zero time.
 
 use crate::line::{Line, VirtualBoard};
 use rotortwin_board::application::Application;
 use std::collections::VecDeque;
 use std::time::Duration;
 
-/// A pulled plug.
+/// An unplugged cable.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Unplugged {
-    /// When, s of the line's time.
+    /// Start, s of the line's time.
     pub at_s: f64,
-    /// For how long, s.
+    /// Duration, s.
     pub for_s: f64,
-    /// The board lives on the plug and restarts.
+    /// The cable powers the board, which restarts.
     pub power: bool,
 }
 
-/// What the line is like.
+/// Model of the line.
 #[derive(Clone, Debug, PartialEq)]
 pub struct LineModel {
-    /// Bits per second, ten of them a byte.
+    /// Bits per second, ten per byte.
     pub baud: f64,
     /// From the end of a byte to its arrival, s.
     pub latency_s: f64,
-    /// Up to so much more, s, drawn evenly for each byte; order is kept.
+    /// Maximum additional delay, s, drawn uniformly for each byte; order is kept.
     pub jitter_s: f64,
-    /// Share of bytes that do not arrive.
+    /// Fraction of bytes lost.
     pub loss: f64,
-    /// Share of bytes that arrive changed.
+    /// Fraction of bytes corrupted.
     pub corruption: f64,
-    /// Share of bytes that arrive twice.
+    /// Fraction of bytes duplicated.
     pub duplication: f64,
-    /// Share of bytes at which a burst of noise starts.
+    /// Fraction of bytes at which a noise burst starts.
     pub burst: f64,
     /// Bytes of a burst.
     pub burst_length: u32,
-    /// Pulled plugs.
+    /// Unplugging events.
     pub unplugged: Vec<Unplugged>,
-    /// Of all draws.
+    /// Seed of all draws.
     pub seed: u64,
-    /// A request is sent again after this long, s.
+    /// Time after which a request is repeated, s.
     pub retry_s: f64,
 }
 
@@ -69,7 +69,7 @@ impl Default for LineModel {
     }
 }
 
-/// SplitMix64: a handful of draws a byte need no more.
+/// SplitMix64: sufficient for a handful of draws per byte.
 #[derive(Clone, Copy, Debug)]
 struct Draws(u64);
 
@@ -104,7 +104,7 @@ impl Direction {
         }
     }
 
-    /// What arrives of a byte that is sent at `now`: when, and what, up to twice.
+    /// Arrivals of a byte sent at `now`: time and value, up to twice.
     fn pass(&mut self, model: &LineModel, now: f64, byte: u8, arrived: &mut Vec<(f64, u8)>) {
         let sent = self.free_at.max(now) + 10.0 / model.baud;
         self.free_at = sent;
@@ -140,7 +140,7 @@ fn unplugged(model: &LineModel, at: f64) -> Option<&Unplugged> {
         .find(|plug| at >= plug.at_s && at < plug.at_s + plug.for_s)
 }
 
-/// See the module.
+/// See the module documentation.
 pub struct VirtualLine {
     model: LineModel,
     now: f64,
@@ -148,7 +148,7 @@ pub struct VirtualLine {
     to_host: Direction,
     on_the_way: VecDeque<(f64, u8)>,
     board: Box<Application>,
-    /// Time of the last byte that the board got.
+    /// Time of the last byte received by the board.
     board_time: f64,
     sent: u64,
 }

@@ -1,5 +1,5 @@
-//! ArduPilot's JSON backend against a scripted peer, written from docs/autopilots.md alone: normal flight, and everything that can go
-//! wrong with datagrams. No autopilot is needed.
+//! ArduPilot's JSON backend against a scripted peer, written from docs/autopilots.md alone: normal flight, and all kinds of faulty
+//! datagrams. No autopilot is needed.
 #![expect(clippy::unwrap_used, reason = "a scripted peer that cannot send has failed its test")]
 
 mod autopilots;
@@ -24,28 +24,28 @@ use std::sync::OnceLock;
 use std::sync::atomic::Ordering;
 use std::time::Duration;
 
-/// What the peer does with one frame.
+/// The peer's action for one frame.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Act {
     Normal,
     SendTwice,
-    /// Loses the answer, and asks again a second later.
+    /// Loses the answer, and repeats the request a second later.
     LoseAnswer,
-    /// The packet before comes once more, after this one.
+    /// The previous packet arrives again, after this one.
     Overtaken,
     Garbage,
     Sleep(Duration),
     Stop,
     Restart,
-    /// On channel 3.
+    /// A pulse on channel 3.
     Pulse(u16),
-    /// The next frame is so many later.
+    /// The frame number jumps by this much.
     Jump(u32),
     /// Does not wait for the answer.
     Rush,
 }
 
-/// What it does with each frame.
+/// Its action for each frame.
 type Script = Box<dyn Fn(u32) -> Act + Send>;
 
 /// Frame at which it arms.
@@ -82,7 +82,7 @@ fn socket() -> UdpSocket {
     socket
 }
 
-/// Three numbers behind a key, found by searching, without a space in between.
+/// Three numbers after a key, found by searching, without a space in between.
 fn vector(line: &str, key: &str) -> [f64; 3] {
     let start = line.find(&format!("\"{key}\":[")).unwrap() + key.len() + 4;
     let numbers = &line[start..start + line[start..].find(']').unwrap()];
@@ -108,7 +108,7 @@ impl Peer {
         self.socket.send_to(&packet.encode(), self.to).unwrap();
     }
 
-    /// Sends the packet until it is answered; `None`: nobody answers any more.
+    /// Repeats the packet until it is answered; `None`: no more answers.
     fn ask(&mut self, packet: &ServoPacket) -> Option<String> {
         let mut buffer = [0; 2048];
         for _ in 0..4 {
@@ -122,7 +122,7 @@ impl Peer {
         None
     }
 
-    /// Flies until nobody answers, doing what the script says of each frame. Answers, and frames sent.
+    /// Flies until there are no more answers, following the script. Returns answers, and frames sent.
     fn run(mut self, script: impl Fn(u32) -> Act) -> (u64, u64) {
         let mut duty = [0.0_f32; 16];
         let mut before = None;
@@ -216,7 +216,7 @@ struct Flown {
     sent: u64,
 }
 
-/// A flight of `duration_s` with a peer that follows a script.
+/// A flight of `duration_s` with a scripted peer.
 fn fly(
     duration_s: f64,
     more: &str,
@@ -346,7 +346,7 @@ fn scenario_what_happens_to_datagrams_changes_nothing() {
 
 #[test]
 fn scenario_a_repeated_packet_that_waited_for_us_is_answered_once() {
-    // We think for 2.2 s: it asks three times for the same frame, and must not find three answers.
+    // We compute for 2.2 s: it requests the same frame three times, and must not find three answers.
     let flown = fly(5.0, "", |_| Act::Normal, 16, Some((400, Duration::from_millis(2200))));
     assert_eq!(flown.outcome.flight.end, FlightEnd::Done);
     // The last packet has no answer: the run is over. It is sent four times.
@@ -406,7 +406,7 @@ fn scenario_a_flood_from_elsewhere_changes_nothing() {
 
 #[test]
 fn scenario_restarts() {
-    // Of the autopilot, on the ground: all right.
+    // Restart of the autopilot on the ground: allowed.
     assert_eq!(short(at(1000, Act::Restart)).outcome.flight.end, FlightEnd::Done);
     // In flight: the run ends.
     let in_flight = plain().1;
@@ -429,7 +429,7 @@ fn scenario_the_plant_comes_back_while_the_autopilot_waits() {
     let peer = Peer::new(&scenario, to);
     std::thread::scope(|scope| {
         let peer = scope.spawn(move || peer.run(|_| Act::Normal));
-        // The first plant dies with the packet unanswered.
+        // The first plant dies without answering the packet.
         std::thread::sleep(Duration::from_millis(300));
         drop(first);
         std::thread::sleep(Duration::from_millis(300));
@@ -498,7 +498,7 @@ fn scenario_nobody_comes() {
         said.ends_with("has 12 bytes, expected 40 (16 channels) or 72 (32 channels)"),
         "{said}"
     );
-    // Busy: one sentence, at once.
+    // Port in use: an error message, at once.
     let busy = ArduPilot::listen(to, map, patience()).unwrap_err();
     assert!(
         busy.starts_with(&format!("UDP {to}, where ArduPilot is waited for, cannot be opened: ")),
@@ -528,7 +528,7 @@ fn scenario_never_leaving_the_ground_ends_the_prelude() {
     });
 }
 
-/// On the stand, over the link, with the outputs of the autopilot going to the motors of `map`, our rotors from 1.
+/// On the stand, over the link, with the autopilot's outputs connected to the motors of `map`, our rotors from 1.
 fn on_the_stand(map: [usize; 6]) -> SpinReport {
     let scenario = scenario_of(HEXAROTOR, 5.0, "");
     let outputs = outputs(AutopilotKind::ArduPilot, &scenario);

@@ -1,4 +1,4 @@
-//! The link to Betaflight against a scripted peer, written from docs/autopilots.md alone: pace, switches, and what can go wrong.
+//! The link to Betaflight against a scripted peer, written from docs/autopilots.md alone: pace, switches, and failures.
 #![expect(clippy::unwrap_used, reason = "a scripted peer that cannot send has failed its test")]
 
 mod autopilots;
@@ -19,14 +19,14 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU16, Ordering};
 use std::time::Duration;
 
-/// Answers each state with motors; counts what came, and keeps the last sticks.
+/// Answers each state with motors; counts received packets, and keeps the last sticks.
 struct Peer {
     states: u64,
     time_s: Vec<f64>,
     sticks: Vec<[u16; 16]>,
 }
 
-/// What it sends for the state of a number.
+/// Its reply to the state of a number.
 type Script = fn(u64) -> Vec<u8>;
 
 fn motors(pulses_us: [f32; 6]) -> Vec<u8> {
@@ -58,8 +58,8 @@ fn patience() -> Patience {
     }
 }
 
-/// Four ports side by side that nobody has: motors, one that is not used, states, sticks. No two calls look at the same
-/// ones: the port of the motors is let go of here and opened again by the link.
+/// Four free consecutive ports: motors, an unused one, states, sticks. No two calls use the same ones: the motor port is released
+/// here and reopened by the link.
 fn ports() -> (u16, UdpSocket, UdpSocket) {
     static NEXT: AtomicU16 = AtomicU16::new(20_000);
     loop {
@@ -72,7 +72,7 @@ fn ports() -> (u16, UdpSocket, UdpSocket) {
     }
 }
 
-/// Lets a link and a scripted peer talk.
+/// Connects a link and a scripted peer.
 fn talk<T>(script: Script, work: impl FnOnce(&mut Betaflight) -> T) -> (T, Peer) {
     let (port, states, sticks) = ports();
     let mut link = Betaflight::listen(
@@ -135,7 +135,7 @@ fn val_motors_reach_their_rotors_and_a_pause_is_never_caught_up() {
         assert!(pace.longest >= Duration::from_millis(300) && pace.late >= 1, "{pace:?}");
         pace.states
     });
-    // One state for each exchange, and those that it joined with; time stamps are 2 ms apart, across the pause too.
+    // One state per exchange, and those used for joining; time stamps are 2 ms apart, even across the pause.
     assert_eq!(exchanges, 201);
     assert!(peer.states >= 201, "{}", peer.states);
     assert!(
@@ -220,7 +220,7 @@ const HEX6X: [(f64, bool); 6] = [
     (-90.0, false),
 ];
 
-/// A Betaflight that levels itself: sticks to tilts and a rate of yaw, these to rates, rates to motors.
+/// A Betaflight that levels itself: sticks to tilts and a yaw rate, these to rates, rates to motors.
 #[derive(Default)]
 struct Leveller {
     sticks: Option<[u16; 16]>,
@@ -253,7 +253,8 @@ impl Leveller {
     }
 }
 
-/// Roll and pitch, rad, from the quaternion from which its compass is made: back by a quarter turn, and half a turn about x on both sides.
+/// Roll and pitch, rad, from the quaternion that its compass is derived from: back by a quarter turn, and half a turn about x on both
+/// sides.
 fn tilt([a, b, c, d]: [f64; 4]) -> [f64; 2] {
     let k = std::f64::consts::SQRT_2;
     let [a, b, c, d] = [a, b, c, d].map(|x| k * x);
@@ -265,7 +266,7 @@ fn tilt([a, b, c, d]: [f64; 4]) -> [f64; 2] {
     ]
 }
 
-/// What happens to the answer to a state.
+/// Fate of the answer to a state.
 #[derive(Clone, Copy, PartialEq)]
 enum Answer {
     Sent,
@@ -273,13 +274,13 @@ enum Answer {
     Lost,
     /// After the next one.
     Late,
-    /// Behind a thousand datagrams that are no motors.
+    /// After a thousand invalid datagrams.
     Flooded,
-    /// From here on nothing.
+    /// No answers from here on.
     Gone,
 }
 
-/// What happens to the answer to the state of a number.
+/// Fate of the answer to the state of a number.
 type Happens = fn(u64) -> Answer;
 
 /// Flies a scenario with a peer that levels itself.
@@ -353,7 +354,7 @@ fn scenario_takes_off_holds_lands_and_the_damaged_propeller_is_isolated() {
     assert_eq!(watch.verdict, 3);
 }
 
-/// Not lockstep: motors that are lost or late leave those before them in force, and the vehicle flies on.
+/// Not lockstep: if motors are lost or late, the previous ones stay in force, and the vehicle keeps flying.
 #[test]
 fn scenario_lost_late_doubled_and_flooded_motors_are_flown_with() {
     let scripts: [(&str, Happens); 4] = [
@@ -362,7 +363,7 @@ fn scenario_lost_late_doubled_and_flooded_motors_are_flown_with() {
         ("out of order", |n| if n % 6 == 3 { Answer::Late } else { Answer::Sent }),
         ("flood", |n| if n % 500 == 499 { Answer::Flooded } else { Answer::Sent }),
     ];
-    // Side by side: they keep to the wall clock.
+    // In parallel: they follow the wall clock.
     std::thread::scope(|scope| {
         for (name, script) in scripts {
             scope.spawn(move || {

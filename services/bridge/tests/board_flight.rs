@@ -23,7 +23,7 @@ fn root() -> PathBuf {
     PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../..")
 }
 
-/// A scenario of the repository as it is.
+/// An unmodified scenario of the repository.
 fn whole(file: &str) -> Scenario {
     Scenario::load(root().join("config/scenarios").join(file)).expect("valid")
 }
@@ -149,7 +149,7 @@ fn scenario_bad_lines_slow_the_run_and_change_nothing() {
         let model = LineModel { seed, ..model };
         let first = over(&scenario, VirtualLine::new(model.clone()), comparing());
         assert_same(&scenario, &first);
-        // Each of them did disturb; doubled bytes break frames, too.
+        // Each of them had an effect; duplicated bytes break frames, too.
         assert!(first.1.retries > 0, "{model:?}");
         // The same seed, the same disturbances.
         let again = over(&scenario, VirtualLine::new(model), comparing());
@@ -197,7 +197,7 @@ fn setup(scenario: &Scenario) -> RunSetup {
     run_setup(scenario, &simulation, 7)
 }
 
-/// Changes the payload of one kind of frame on its way to the board, and sets the CRC right.
+/// Modifies the payload of one kind of frame on its way to the board, and corrects the CRC.
 struct Meddler {
     line: VirtualLine,
     kind: u8,
@@ -291,7 +291,8 @@ const ALL_DETECTORS_LIMIT: u32 = 120_000;
 /// The goal for control, residuals and network, instructions.
 const NETWORK_LIMIT: u32 = 15_000;
 
-/// The emulated board's program, if it was built and there is an emulator; otherwise the test is counted as skipped.
+/// The emulated board's program, if it was built and the emulator is installed; otherwise the test is counted as
+/// skipped.
 fn emulated(channel: Channel) -> Option<FileLine> {
     let program = root().join(rotortwin_bridge::address::QEMU_PROGRAM);
     let emulator = std::process::Command::new("qemu-system-arm").arg("--version").output();

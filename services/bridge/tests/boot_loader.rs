@@ -1,7 +1,7 @@
-//! Flashing an emulated boot loader behind a pseudo-terminal: the code of a real port, without one.
+//! Flashing an emulated boot loader behind a pseudo-terminal: exercises the code of a real port.
 //!
-//! The emulation follows PX4-Bootloader's `bl.c`, not the code under test: commands are taken apart byte by byte, the first word is kept back
-//! until the board is told to start, and the CRC runs over the whole flash.
+//! The emulation follows PX4-Bootloader's `bl.c`, not the code under test: commands are parsed byte by byte, the first word is withheld
+//! until the board is told to start, and the CRC covers the whole flash.
 
 #[expect(unreachable_pub, reason = "public in the crate that the file is of")]
 #[path = "../../../tests/src/skip.rs"]
@@ -13,26 +13,26 @@ use rotortwin_bridge::px4_file::Px4File;
 use std::sync::mpsc;
 use std::time::Duration;
 
-/// Of a Pixhawk 6C behind its boot loader, bytes.
+/// Flash of a Pixhawk 6C after its boot loader, bytes.
 const FLASH: u32 = 1_966_080;
 const PATIENCE: Duration = Duration::from_secs(5);
 
-/// How the emulated board misbehaves.
+/// Misbehaviour of the emulated board.
 #[derive(Clone, Copy, Debug, Default)]
 struct Fault {
-    /// Silent for the first bytes, as a board that still starts.
+    /// Ignores the first bytes, like a board that is still starting.
     deaf_bytes: usize,
-    /// This byte of flash does not take what is written.
+    /// This byte of flash cannot be written.
     stuck_byte: Option<usize>,
-    /// Says FAILED to the erase.
+    /// Answers the erase with FAILED.
     no_erase: bool,
-    /// Says nothing after this many `PROG_MULTI`.
+    /// Stops answering after this many `PROG_MULTI`.
     dies_after: Option<usize>,
-    /// Starts with bytes of a program that just ended.
+    /// Starts with output of a program that has just ended.
     garbage: bool,
 }
 
-/// What the board holds at the end.
+/// Final state of the board.
 #[derive(Debug, Default)]
 struct Board {
     flash: Vec<u8>,
@@ -134,14 +134,14 @@ fn program(board_id: u32, length: usize) -> Px4File {
     }
 }
 
-/// Flashes; what the host says, what it reported on the way, and what the board holds.
+/// Flashes; returns the host's result, its progress reports, and the final state of the board.
 fn flash(file: &Px4File, revision: u32, fault: Fault) -> (Result<(), String>, Vec<Progress>, Board) {
     let terminal = Terminal::open().expect("a terminal");
     let line = FileLine::serial(terminal.path(), 115_200).expect("a port");
     let (send, receive) = mpsc::channel();
     let board = std::thread::spawn(move || {
         let board = boot_loader(&terminal, 56, revision, fault);
-        // The terminal lives until the host is done.
+        // The terminal lives until the host has finished.
         receive.recv().expect("the host is done");
         board
     });
@@ -164,7 +164,7 @@ fn val_program_arrives_and_starts() {
             ..Fault::default()
         },
     ] {
-        // Not whole pieces of 252 bytes.
+        // Not a multiple of 252 bytes.
         let file = program(56, 10_004);
         let (result, steps, board) = flash(&file, 5, fault);
         assert_eq!(result, Ok(()), "{fault:?}");
@@ -245,7 +245,7 @@ fn val_what_goes_wrong_is_named_and_nothing_starts() {
     }
 }
 
-/// What `cargo xtask firmware` wrote; without it the test is counted as skipped.
+/// The output of `cargo xtask firmware`; if missing, the test is counted as skipped.
 #[test]
 fn val_program_of_this_repository_goes_in() {
     let path = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../../target/firmware/pixhawk6c.px4");
@@ -259,7 +259,7 @@ fn val_program_of_this_repository_goes_in() {
     let (result, _, board) = flash(&file, 5, Fault::default());
     assert_eq!(result, Ok(()));
     assert_eq!(board.flash[..file.image.len()], file.image);
-    // Start address behind the boot loader's sector, in Thumb code.
+    // Start address after the boot loader's sector, in Thumb code.
     let start = u32::from_le_bytes([board.flash[4], board.flash[5], board.flash[6], board.flash[7]]);
     assert!(
         (0x0802_0000..0x0802_0000 + FLASH).contains(&start) && start & 1 == 1,

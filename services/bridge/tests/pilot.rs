@@ -1,4 +1,4 @@
-//! The pilot against scripted autopilots that are commanded over MAVLink, written from docs/autopilots.md alone.
+//! The pilot against scripted autopilots commanded over MAVLink, written from docs/autopilots.md alone.
 #![expect(clippy::unwrap_used, reason = "a scripted peer that cannot send has failed its test")]
 
 mod autopilots;
@@ -28,22 +28,22 @@ use std::io::{Read as _, Write as _};
 use std::net::{SocketAddr, TcpListener, TcpStream, UdpSocket};
 use std::time::Duration;
 
-/// Its origin is not ours.
+/// Its origin differs from ours.
 const ORIGIN: [f64; 3] = [12.5, -7.25, 3.5];
-/// Until then it refuses to arm, s.
+/// It rejects arming until then, s.
 const READY_S: f64 = 9.0;
 
-/// What it does otherwise than a good one.
+/// Deviation from a correct autopilot.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Fault {
     None,
     /// Never arms.
     Refuses,
-    /// Closes its connection so long after it was first told where to go, s.
+    /// Closes its connection this long after the first position target, s.
     Closes(f64),
     /// Disarms itself once after it armed, before it takes off.
     DisarmsOnce,
-    /// Takes no command to climb.
+    /// Ignores the climb command.
     Stays,
 }
 
@@ -66,14 +66,14 @@ struct Scripted {
     positions: bool,
     armed: bool,
     mode: u32,
-    /// Height of its reference over its origin, and what it climbs to.
+    /// Height of its reference above its origin, and its climb target.
     height: f64,
     climb_to: f64,
     target: Option<PositionTarget>,
     targets: u64,
     first_target_s: Option<f64>,
     on_ground_s: f64,
-    /// What it was told of its battery last, and how often.
+    /// Last battery message received, and their number.
     battery: Option<Battery>,
     batteries: u64,
 }
@@ -153,7 +153,7 @@ impl Scripted {
 
     fn obey(&mut self, frame: &Frame) {
         if let Some(battery) = Battery::read(frame) {
-            // PX4 takes the battery of its own vehicle only, from another component than itself.
+            // PX4 only accepts the battery of its own vehicle, from a component other than itself.
             assert_eq!([frame.system, frame.component], [1, 180]);
             self.battery = Some(battery);
             self.batteries += 1;
@@ -177,7 +177,7 @@ impl Scripted {
             Command::REQUEST_MESSAGE => {
                 assert_eq!(command.params[0], AUTOPILOT_VERSION as f32);
                 let version = match self.protocol {
-                    // As a PX4 that is built of 6a1c5329838729823ba03a28d550a9437018b6d7 says it.
+                    // As reported by a PX4 built from 6a1c5329838729823ba03a28d550a9437018b6d7.
                     Protocol::Px4 => AutopilotVersion {
                         version: [1, 18, 0, 0],
                         commit: [0, 0, 0, 0x83, 0x29, 0x53, 0x1c, 0x6a],
@@ -251,7 +251,7 @@ impl Scripted {
         }
     }
 
-    /// What its own controller follows; `None`: motors off.
+    /// Reference of its own controller; `None`: motors off.
     fn reference(&mut self, readings: &Readings) -> Option<Reference> {
         let follows = match self.protocol {
             Protocol::ArduPilot => self.mode == GUIDED && self.targets > 0,
@@ -265,7 +265,7 @@ impl Scripted {
             self.height -= 0.5 * 0.0025;
             wanted = [position[0], position[1], -self.height];
             velocity[2] = 0.5;
-            // On its feet the vehicle's origin is 0.179 m over the ground.
+            // Standing on its feet, the vehicle's origin is 0.179 m above the ground.
             self.on_ground_s = if position[2] > -0.19 {
                 self.on_ground_s + 0.0025
             } else {
@@ -326,7 +326,7 @@ impl Autopilot for Scripted {
     }
 }
 
-/// Keeps what is said.
+/// Records messages.
 #[derive(Default)]
 struct Listener {
     watch: Watch,
@@ -347,7 +347,7 @@ impl FlightObserver for Listener {
     }
 }
 
-/// Keeps the duties, or plays them back.
+/// Records the duties, or plays them back.
 struct Recording<A> {
     autopilot: A,
     duties: Vec<[f64; MAX_ROTORS]>,
@@ -465,7 +465,7 @@ fn flies(protocol: Protocol, version: &str, mode: &str) -> Flown {
     assert!(flown.outcome.prelude_s > READY_S, "{} s", flown.outcome.prelude_s);
     let landing_s = flown.outcome.landing_s.expect("it has landed");
     assert!((2.0..30.0).contains(&landing_s), "{landing_s} s");
-    // Refused, in its words and once, then armed, followed, landed.
+    // Rejected, with its message shown once, then armed, followed, landed.
     assert_eq!(
         said.iter()
             .filter(|text| *text == "\"Arm: Gyros inconsistent\"")
@@ -482,9 +482,9 @@ fn flies(protocol: Protocol, version: &str, mode: &str) -> Flown {
     }
     assert!(said.last().unwrap().starts_with("landed, motors off, "), "{said:?}");
     assert_eq!(flown.version.as_deref(), Some(version));
-    // 50 a second of simulated time, from the climb on.
+    // 50 per second of simulated time, from the climb on.
     assert!(flown.targets >= 6 * 50, "{}", flown.targets);
-    // What the pilot did is in the duties: they alone give the same run.
+    // The pilot's effect is in the duties: they alone reproduce the run.
     let scenario = scenario_of(HEXAROTOR, 6.0, "");
     let again = fly_it(
         &scenario,
@@ -506,7 +506,7 @@ fn scenario_ardupilot_is_armed_flown_and_landed() {
 #[test]
 fn scenario_px4_is_armed_flown_and_landed() {
     let flown = flies(Protocol::Px4, "PX4 1.18.0 dev (6a1c532983)", "OFFBOARD");
-    // The plant's battery under load, ten times a second of the whole flight: nothing of it comes over PX4's simulator link.
+    // The plant's battery under load, ten times per second throughout the flight: PX4's simulator link carries none of it.
     let battery = flown.battery.expect("it was told of its battery");
     assert!(
         (14.0..16.6).contains(&battery.voltage_v) && battery.current_a >= 0.0,

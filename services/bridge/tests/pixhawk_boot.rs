@@ -1,4 +1,4 @@
-//! The linked Pixhawk 6C program in a model of a bare Cortex-M7: `tools/boot-pixhawk.py`, where `tools/processor-model.sh` could bring the model.
+//! The linked Pixhawk 6C program in a model of a bare Cortex-M7: `tools/boot-pixhawk.py`, if `tools/processor-model.sh` could install the model.
 
 use std::path::Path;
 use std::process::Command;

@@ -1,4 +1,4 @@
-//! ArduPilot played to plants: ours is right, and each deliberately wrong one is named.
+//! Acting as ArduPilot towards plants: ours is right, and each deliberate error is identified.
 #![expect(clippy::unwrap_used, reason = "a plant that cannot answer has failed its test")]
 
 use rotortwin_bridge::autopilot::plant_check::{Observation, examine};
@@ -15,14 +15,14 @@ use std::time::Duration;
 const AZIMUTHS: [f64; 6] = [90.0, -90.0, -30.0, 150.0, 30.0, -150.0];
 const ROTORS: [usize; 6] = [1, 4, 5, 2, 0, 3];
 
-/// What a plant does to its readings, or to its line.
+/// Error in a plant's readings, or in its line.
 #[derive(Clone, Copy)]
 enum Wrong {
     Nothing,
     Readings(fn(&mut Readings)),
     Line(fn(&str) -> String),
     Order([usize; 6]),
-    /// Answers each packet, also one that came before.
+    /// Answers each packet, including repeated ones.
     Echo,
 }
 
@@ -37,7 +37,7 @@ fn standing(seed: u64) -> Simulation {
     simulation
 }
 
-/// Our plant behind the protocol, 1 ms a frame, until nobody asks for 0.7 s.
+/// Our plant behind the protocol, 1 ms per frame, until there is no request for 0.7 s.
 fn serve(socket: &UdpSocket, wrong: Wrong, seed: u64) {
     let mut simulation = standing(seed);
     let mut instruments = Instruments::new(&InstrumentModel::default(), seed);

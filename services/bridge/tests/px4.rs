@@ -1,5 +1,5 @@
 //! PX4's simulator link against a scripted peer, written from docs/autopilots.md alone: it sees sensors only, estimates its state from them,
-//! and flies with our own PID. Normal flight, and everything that can go wrong with a connection. No autopilot is needed.
+//! and flies with our own PID. Normal flight, and all kinds of connection failures. No autopilot is needed.
 #![expect(clippy::unwrap_used, reason = "a scripted peer that cannot send has failed its test")]
 
 mod autopilots;
@@ -25,15 +25,15 @@ use std::io::{Read as _, Write as _};
 use std::net::{SocketAddr, TcpStream};
 use std::time::Duration;
 
-/// What the peer does with one sample.
+/// The peer's action for one sample.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Act {
     Normal,
     SendTwice,
-    /// The answer before comes once more, ahead of this one.
+    /// The previous answer arrives again, before this one.
     Stale,
     Garbage,
-    /// A whole second of other messages ahead of the answer.
+    /// A whole second of other messages before the answer.
     Chatter,
     Damaged,
     Sleep(Duration),
@@ -43,7 +43,7 @@ enum Act {
     Future,
 }
 
-/// What it does with each sample.
+/// Its action for each sample.
 type Script = Box<dyn Fn(u64) -> Act + Send>;
 
 /// Samples: armed 2 s after the start; in flight from about 6 s.
@@ -81,7 +81,7 @@ impl Peer {
         None
     }
 
-    /// Flies until nobody is there any more; how often it answered.
+    /// Flies until the connection is gone; returns the number of answers.
     fn run(mut self, script: impl Fn(u64) -> Act) -> u64 {
         let mut estimate = Estimate::new();
         let (mut samples, mut last_us) = (0, None);
@@ -165,7 +165,7 @@ impl Peer {
                     Act::Future => answer.time_usec += 1_000_000,
                     Act::Sleep(time) => std::thread::sleep(time),
                     Act::Stop => {
-                        // Alive and silent.
+                        // Alive but silent.
                         std::thread::sleep(Duration::from_secs(3));
                         return Act::Stop;
                     }

@@ -1,5 +1,6 @@
-//! The real autopilots, as their own published simulator builds. Each test is counted as skipped where its variable does not name the program:
-//! `ROTORTWIN_ARDUCOPTER`, `ROTORTWIN_PX4` (`build/…/bin/px4`, its `etc` beside `bin`), `ROTORTWIN_BETAFLIGHT`. They bind fixed ports, so there is one flight at a time.
+//! The real autopilots, as their own published simulator builds. Each test is counted as skipped if its variable does not name the program:
+//! `ROTORTWIN_ARDUCOPTER`, `ROTORTWIN_PX4` (`build/…/bin/px4`, with its `etc` next to `bin`), `ROTORTWIN_BETAFLIGHT`. They bind fixed ports, so there is one flight at a
+//! time.
 #![expect(clippy::unwrap_used, reason = "a flight that cannot begin has failed its test")]
 
 mod autopilots;
@@ -27,18 +28,18 @@ use std::process::{Child, Command, Stdio};
 use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
-/// When the fault begins and the flight ends, s after the hand-over.
+/// Start of the fault and end of the flight, s after the hand-over.
 const FAULT_S: f64 = 20.0;
 const FLIGHT_S: f64 = 32.0;
-/// Largest distance from the hover point before the fault, m. Betaflight is flown by its sticks, and is not in lockstep: on a busy machine it wanders.
+/// Largest distance from the hover point before the fault, m. Betaflight is controlled by its sticks, and is not in lockstep: on a busy machine it drifts.
 const ARDUPILOT_WITHIN_M: f64 = 0.3;
 const PX4_WITHIN_M: f64 = 0.3;
 const BETAFLIGHT_WITHIN_M: f64 = 2.0;
 
-/// Ends its process; what it printed last is shown if the test fails.
+/// Ends its process; its last output is shown if the test fails.
 struct Running(Child, PathBuf);
 
-/// Lines of it.
+/// Number of lines shown.
 const SHOWN: usize = 40;
 
 impl Drop for Running {
@@ -57,7 +58,7 @@ impl Drop for Running {
     }
 }
 
-/// A program, and the turn to fly with it: every autopilot has ports of its own choice.
+/// A program, with a lock for exclusive use: every autopilot chooses its own ports.
 struct Program(
     PathBuf,
     #[expect(dead_code, reason = "held while it flies")] MutexGuard<'static, ()>,
@@ -71,7 +72,7 @@ impl Deref for Program {
     }
 }
 
-/// The program that a variable names; otherwise the test is counted as skipped.
+/// The program named by a variable; otherwise the test is counted as skipped.
 fn program(variable: &str) -> Option<Program> {
     static TURN: Mutex<()> = Mutex::new(());
     let named = std::env::var_os(variable).map(PathBuf::from);
@@ -106,10 +107,10 @@ fn start_with(program: &Path, args: &[&str], environment: &[(String, String)], f
     Running(child, console)
 }
 
-/// Keeps what is said, and when a verdict came.
+/// Records messages, and when a verdict was given.
 struct Listener {
     watch: Watch,
-    /// Rotor that is damaged, from 1; 0: none.
+    /// Damaged rotor, from 1; 0: none.
     rotor: i32,
     farthest_before_fault_m: f64,
     isolated_s: Option<f64>,
@@ -181,7 +182,7 @@ impl Layout {
     }
 }
 
-/// One flight to be flown.
+/// One flight to fly.
 #[derive(Clone, Copy)]
 struct Order {
     kind: AutopilotKind,
@@ -193,7 +194,7 @@ struct Order {
     chatty: bool,
 }
 
-/// A hover, of which a propeller may be damaged, and a landing.
+/// A hover, optionally with a damaged propeller, and a landing.
 fn flown<A: Autopilot>(order: Order, open: impl FnOnce(OutputMap, Patience) -> A) -> (Listener, AutopilotOutcome) {
     let fault = match order.rotor {
         0 => String::new(),
@@ -310,7 +311,7 @@ fn scenario_betaflight_flies_an_octorotor() {
     flies_betaflight(Layout::Octo);
 }
 
-/// `NAME=VALUE` of each line of a file that a shell would read.
+/// `NAME=VALUE` of each line of a shell script.
 fn environment(file: &Path) -> Vec<(String, String)> {
     let text = std::fs::read_to_string(file).unwrap();
     let lines = text.lines().filter(|line| !line.starts_with('#'));
@@ -320,7 +321,7 @@ fn environment(file: &Path) -> Vec<(String, String)> {
         .collect()
 }
 
-/// One flight with a PX4 of its own in `folder`.
+/// One flight with a separate PX4 in `folder`.
 fn with_px4(program: &Path, folder: &Path, order: Order) -> (Running, (Listener, AutopilotOutcome)) {
     let etc = program.with_file_name("../etc");
     let args = ["-d", etc.to_str().unwrap()];

@@ -1,11 +1,11 @@
-//! A controller that is not ours, in the loop: position and attitude PD around the hover duty, and nothing else.
+//! A third-party controller in the loop: position and attitude PD around the hover duty, and nothing else.
 //!
 //! ```text
 //! cargo build --release -p rotortwin-controller --example pd_controller
 //! rotortwin fly config/scenarios/short-hover.toml --external controller      # prints a link and a run id
 //! target/release/examples/pd_controller --link LINK --run-id RUN_ID
 //! ```
-//! It takes what it must know of the vehicle from the hand-shake, and refuses a run that it cannot fly. Limits: small angles, no
+//! It takes the vehicle parameters from the handshake, and rejects a run that it cannot fly. Limits: small angles, no
 //! integrator, trimmed starts only. `docs/own-controller.md` explains the protocol.
 
 use clap::Parser as _;
@@ -22,10 +22,10 @@ const POSITION: (f32, f32) = (4.0, 3.0);
 const TILT: (f32, f32) = (150.0, 22.0);
 const YAW: (f32, f32) = (5.0, 4.0);
 
-/// Largest roll or pitch that it asks for, rad.
+/// Largest commanded roll or pitch, rad.
 const MOST_TILT: f32 = 0.4;
 
-/// One rotor: where it is, and the torque about z that 1 N of its thrust brings.
+/// One rotor: its position, and the torque about z per 1 N of its thrust.
 struct Rotor {
     forward: f32,
     right: f32,
@@ -110,7 +110,8 @@ impl ControllerPeer for PdController {
         let sum = |of: fn(&Rotor) -> f32| self.rotors.iter().map(|rotor| of(rotor) * of(rotor)).sum::<f32>();
         let (right, forward, yaw_ratio) = (sum(|r| r.right), sum(|r| r.forward), sum(|r| r.yaw_ratio));
         for (duty, rotor) in command.duty.iter_mut().zip(&self.rotors) {
-            // More than hover, N: what lifts, plus each torque shared out by lever. Right for layouts that are regular polygons.
+            // Thrust beyond hover, N: lift, plus each torque distributed by lever. Correct for layouts that are regular
+            // polygons.
             let extra = -self.mass * down / self.rotors.len() as f32 - torque[0] * rotor.right / right
                 + torque[1] * rotor.forward / forward
                 + torque[2] * rotor.yaw_ratio / yaw_ratio;
@@ -121,7 +122,7 @@ impl ControllerPeer for PdController {
 }
 
 fn main() -> ExitCode {
-    // The options of `rotortwin controller`, and the loop behind them.
+    // Runs the loop with the options of `rotortwin controller`.
     Args::parse()
         .peer
         .serve_controller("pd-controller", &mut PdController::default())

@@ -1,7 +1,7 @@
-//! The controller process: takes sensors and reference, gives motor commands, over any link.
+//! The controller process: receives sensors and reference, sends motor commands, over any link.
 //!
-//! It holds no vehicle and no scenario; everything it needs comes with the hand-shake. To fly a controller of your own instead, speak
-//! the messages of `proto/rotortwin/v1` (or implement [`rotortwin_wire::link::ControllerPeer`]) and start the run with
+//! It knows neither vehicle nor scenario; all parameters come with the handshake. To fly your own controller instead, implement the
+//! messages of `proto/rotortwin/v1` (or [`rotortwin_wire::link::ControllerPeer`]) and start the run with
 //! `rotortwin fly … --external controller`.
 
 use clap::Parser;
@@ -18,7 +18,7 @@ pub struct Args {
     pub peer: PeerArgs,
 }
 
-/// Serves one run; exit code 0 if it ended well, 1 if it failed, 2 if it could not be met.
+/// Serves one run; exit code 0 if it succeeded, 1 if it failed, 2 if it could not be joined.
 pub fn run(args: Args) -> ExitCode {
     args.peer
         .serve_controller("rotortwin-controller", &mut PidPeer::default())

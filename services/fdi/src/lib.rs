@@ -1,8 +1,8 @@
-//! The FDI process: takes sensors and motor commands, gives residuals and verdicts, over any link.
+//! The FDI process: receives sensors and motor commands, sends residuals and verdicts, over any link.
 //!
-//! It holds no vehicle and no scenario; everything it needs comes with the hand-shake. To run an FDI engine of your own instead, speak
-//! the messages of `proto/rotortwin/v1` (or implement [`rotortwin_wire::link::FdiPeer`]) and start the run with
-//! `rotortwin fly … --external fdi`. The same engine for flights that somebody else flies, over zenoh: `rotortwin_zenoh::fdi_topic`.
+//! It knows neither vehicle nor scenario; all parameters come with the handshake. To run your own FDI engine instead, implement the
+//! messages of `proto/rotortwin/v1` (or [`rotortwin_wire::link::FdiPeer`]) and start the run with
+//! `rotortwin fly … --external fdi`. The same engine for flights flown elsewhere, over zenoh: `rotortwin_zenoh::fdi_topic`.
 
 use clap::Parser;
 use rotortwin_process::PeerArgs;
@@ -18,7 +18,7 @@ pub struct Args {
     pub peer: PeerArgs,
 }
 
-/// Serves one run; exit code 0 if it ended well, 1 if it failed, 2 if it could not be met.
+/// Serves one run; exit code 0 if it succeeded, 1 if it failed, 2 if it could not be joined.
 pub fn run(args: Args) -> ExitCode {
     args.peer.serve_fdi("rotortwin-fdi", &mut FdiEnginePeer::default())
 }

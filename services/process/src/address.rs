@@ -1,4 +1,4 @@
-//! Where the processes of a run meet.
+//! Address at which the processes of a run meet.
 
 use crate::zenoh_config;
 use rotortwin_links::security::{Attachment, Security};
@@ -8,14 +8,14 @@ use std::path::PathBuf;
 use std::str::FromStr;
 use std::time::Duration;
 
-/// Where the processes of a run meet, as people write it.
+/// Address at which the processes of a run meet, in its text form.
 ///
 /// * `iceoryx2` or `iceoryx2:DOMAIN`: shared memory of this host. Runs in different domains do not see each other.
 /// * `zenoh:listen=ENDPOINT`: the plant listens there and routes between its peers; they connect.
-/// * `zenoh:connect=ENDPOINT`: everybody connects there: the plant of the form above, or a zenoh router.
+/// * `zenoh:connect=ENDPOINT`: all processes connect there: to the plant of the form above, or to a zenoh router.
 ///
-/// An endpoint is zenoh's, e.g. `tcp/127.0.0.1:7447` or `tls/bench:7447`. Behind it `,config=FILE` names the file with certificates,
-/// user and password: see [`zenoh_config`](crate::zenoh_config).
+/// An endpoint is zenoh's, e.g. `tcp/127.0.0.1:7447` or `tls/bench:7447`. A following `,config=FILE` names the file with
+/// certificates, user and password: see [`zenoh_config`](crate::zenoh_config).
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum LinkAddress {
     /// Shared memory of this host.
@@ -30,7 +30,7 @@ pub enum LinkAddress {
         /// Credentials.
         config: Option<PathBuf>,
     },
-    /// TCP; everybody connects.
+    /// TCP; all processes connect.
     ZenohConnect {
         /// zenoh endpoint.
         endpoint: String,
@@ -49,13 +49,14 @@ impl LinkAddress {
     }
 }
 
-/// How long somebody may take to answer at the endpoint of a link.
+/// Time allowed for an answer at the endpoint of a link.
 const PROBE_TIMEOUT: Duration = Duration::from_secs(2);
 
 impl LinkAddress {
-    /// Tries whether the plant can meet its peers here; a sentence if not.
+    /// Checks that the plant can meet its peers here; an error message if not.
     ///
-    /// Asked before a run begins, so that a wrong endpoint costs nothing. Somebody else may take the endpoint a moment later.
+    /// Called before a run begins, so that a wrong endpoint costs nothing. Another process may still take the endpoint a moment
+    /// later.
     pub fn probe(&self) -> Result<(), String> {
         self.security()?;
         match self {
@@ -84,8 +85,8 @@ impl LinkAddress {
 }
 
 impl LinkAddress {
-    /// Credentials for this link; a sentence if their file, or what it says, does not fit. An endpoint `tls/…` without a file takes
-    /// the one that the environment names.
+    /// Credentials for this link; an error message if their file or its content is invalid. An endpoint `tls/…` without a file takes
+    /// the one named by the environment.
     pub fn security(&self) -> Result<Option<Security>, String> {
         let (endpoint, config, attachment) = match self {
             Self::Iceoryx2 { .. } => return Ok(None),
@@ -95,7 +96,7 @@ impl LinkAddress {
         zenoh_config::security_for(endpoint, config.as_deref(), &attachment)
     }
 
-    /// The same with this file of credentials, unless it has one or needs none.
+    /// The same with this credentials file, unless it has one or needs none.
     #[must_use]
     pub fn with_config(mut self, file: PathBuf) -> Self {
         match &mut self {
@@ -114,7 +115,7 @@ fn host_and_port(endpoint: &str) -> &str {
 }
 
 impl LinkAddress {
-    /// The address that peers of the plant use: they connect where it listens. `host` stands for the plant's host where the plant
+    /// The address for peers of the plant: they connect where it listens. `host` replaces the plant's host if the plant
     /// listens on all of its addresses.
     #[must_use]
     pub fn for_peers(&self, host: &str) -> Self {
@@ -134,13 +135,13 @@ impl LinkAddress {
     }
 }
 
-/// Domain of runs that name none.
+/// Default domain.
 pub(crate) const DEFAULT_DOMAIN: &str = "default";
 
-/// Most characters of a domain: it is part of the path of a socket, which has at most 107 bytes.
+/// Maximum characters of a domain: it is part of a socket path, which has at most 107 bytes.
 const MAX_DOMAIN: usize = 8;
 
-/// What is wrong with an address.
+/// Invalid address.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error(
     "the link '{given}' is not understood: {reason}; expected iceoryx2, iceoryx2:DOMAIN, zenoh:listen=ENDPOINT or zenoh:connect=ENDPOINT with an endpoint such as tcp/127.0.0.1:7447 or tls/bench:7447,config=FILE"

@@ -1,20 +1,20 @@
-//! Starts the processes of a run, watches them, and leaves nothing behind.
+//! Starts the processes of a run, watches them, and cleans up.
 //!
 //! ```text
 //!  rotortwin fly ── spawns ──▶ sim, controller, fdi
-//!        ◀── events, a JSON line each, on the plant's standard output
+//!        ◀── events, one JSON line each, on the plant's standard output
 //! ```
-//! Who notices what:
+//! Who notices and records which failure:
 //!
-//! | What dies or stalls | Who notices | Who writes it down |
+//! | What dies or stalls | Noticed by | Recorded by |
 //! |---|---|---|
 //! | controller, FDI engine | the plant, by its link | the plant |
-//! | a peer before it has joined | the supervisor, by the child's exit | the plant, which the supervisor tells |
+//! | a peer before it has joined | the supervisor, by the child's exit | the plant, informed by the supervisor |
 //! | the plant | the supervisor, by the child's exit or its silence; its peers, by their link | the supervisor |
 //! | the supervisor | the plant, by the end of its standard input; the kernel ends the peers | the plant |
 //!
-//! Children run in a process group of their own, so that Ctrl-C reaches the supervisor alone; it then asks the plant to end the run in
-//! order. Whatever remains after [`GRACE`] is killed.
+//! Children run in their own process group, so that Ctrl-C reaches the supervisor alone; it then asks the plant to end the run in an
+//! orderly way. Whatever remains after [`GRACE`] is killed.
 
 use crate::placement::Placement;
 use crate::supervisor::{StopRequest, request_line};
@@ -31,10 +31,10 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{Receiver, RecvTimeoutError, channel};
 use std::time::{Duration, Instant};
 
-/// How long the other processes may take to end by themselves once one of them has.
+/// Time for the other processes to exit by themselves once one of them has.
 const GRACE: Duration = Duration::from_millis(800);
 
-/// How often the children are looked after while no event comes.
+/// Polling interval of the children while no event arrives.
 const POLL: Duration = Duration::from_millis(20);
 
 /// One process to start.
@@ -50,18 +50,18 @@ pub struct Part {
 pub struct Ending {
     /// How the plant ended.
     plant: ExitStatus,
-    /// Process id that the plant had.
+    /// Process id of the plant.
     plant_pid: u32,
-    /// It gave no sign of life for this long and was killed.
+    /// It was unresponsive for this long and was killed.
     stalled: Option<Duration>,
-    /// Time from the plant's last sign of life to the notice of its end.
+    /// Time from the plant's last sign of life to the detection of its end.
     pub plant_silence: Duration,
-    /// Last complete step that the plant told of.
+    /// Last complete step reported by the plant.
     pub last_step: Option<u64>,
 }
 
 impl Ending {
-    /// What became of the plant, without a full stop.
+    /// How the plant ended, without a full stop.
     pub fn plant_text(&self) -> String {
         let plant = format!("the plant (rotortwin sim, process {})", self.plant_pid);
         match self.stalled {
@@ -74,11 +74,11 @@ impl Ending {
     }
 }
 
-/// Runs the parts of one run until all have ended. `on_event` sees every event of the plant.
+/// Runs the processes of one run until all have ended. `on_event` receives every event of the plant.
 ///
-/// * `log_dir`: gets one log a process
-/// * `silence_limit`: a plant that gives no sign of life for so long while it flies is killed
-/// * `placement`: on which processors
+/// * `log_dir`: receives one log per process
+/// * `silence_limit`: a plant that is unresponsive for this long during the flight is killed
+/// * `placement`: processors to run on
 ///
 /// The first part is the plant.
 pub fn run(
@@ -153,12 +153,12 @@ pub fn run(
         }
     };
     let plant_silence = flight.last_sign.elapsed();
-    // Its last words may still be in the pipe.
+    // Its last events may still be in the pipe.
     while let Ok(event) = events.recv_timeout(POLL) {
         flight.hear(&event);
         on_event(&event);
     }
-    // Before the flight nobody has anything to end in order.
+    // Before the flight there is nothing to shut down in order.
     end_peers(
         &mut peers,
         if flight.stage == Stage::Join {
@@ -176,24 +176,24 @@ pub fn run(
     })
 }
 
-/// Where the run is, as the plant tells it.
+/// Stage of the run, as reported by the plant.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Stage {
-    /// The peers are waited for.
+    /// Waiting for the peers.
     Join,
-    /// It flies.
+    /// In flight.
     Flight,
-    /// The folder is written; nothing is told meanwhile.
+    /// The folder is being written; no events meanwhile.
     Recording,
 }
 
-/// Looks for signs of life of the plant.
+/// Monitors the plant for signs of life.
 struct FlightWatch {
     pid: u32,
     stage: Stage,
     last_step: Option<u64>,
     last_sign: Instant,
-    /// What the kernel said of it when it was last asked.
+    /// Kernel counters at the last check.
     noted: Option<Vec<String>>,
 }
 
@@ -225,15 +225,15 @@ impl FlightWatch {
         }
     }
 
-    /// Time since the last sign of life. With a slow peer there may be no event for long; then it counts whether the plant has
-    /// run at all: it looks around at least 20 times a second.
+    /// Time since the last sign of life. With a slow peer there may be no event for long; it then counts whether the plant has run at
+    /// all: it polls at least 20 times a second.
     fn silence(&mut self) -> Duration {
         const ASK_THE_KERNEL_AFTER: Duration = Duration::from_millis(200);
         let silence = self.last_sign.elapsed();
         if silence < ASK_THE_KERNEL_AFTER {
             return silence;
         }
-        // Processor time, and counts of how often it went to sleep: the same as before only if it has not run since.
+        // Processor time and context-switch counts: unchanged only if it has not run since.
         let read = |file: &str| std::fs::read_to_string(format!("/proc/{}/{file}", self.pid));
         let noted = read("stat").and_then(|stat| Ok(ran(&stat, &read("status")?))).ok();
         if noted.is_none() || noted != self.noted {
@@ -243,7 +243,7 @@ impl FlightWatch {
         self.last_sign.elapsed()
     }
 
-    /// Longest silence that is allowed now; less once the plant was asked to stop.
+    /// Maximum silence allowed now; shorter once the plant was asked to stop.
     fn limit(&self, in_flight: Duration, asked: bool) -> Duration {
         match self.stage {
             Stage::Recording => in_flight.max(Duration::from_secs(60)),
@@ -255,11 +255,11 @@ impl FlightWatch {
     }
 }
 
-/// What tells that a process has run since: its processor time in `/proc/PID/stat`, and how often it went to sleep or was put aside in
-/// `/proc/PID/status`. All else there also changes while it stands still: its memory when the kernel takes pages away, and `SigQ` whenever
-/// any process of the same user gets a signal.
+/// Evidence that a process has run: its processor time in `/proc/PID/stat`, and its context-switch counts in `/proc/PID/status`.
+/// All other fields there may change while it is stopped: its memory when the kernel reclaims pages, and `SigQ` whenever any process of
+/// the same user gets a signal.
 fn ran(stat: &str, status: &str) -> Vec<String> {
-    // The name in brackets may hold anything, also brackets; behind it, state is the first field, utime and stime are 12 and 13.
+    // The name in brackets may contain anything, including brackets; after it, state is the first field, utime and stime are 12 and 13.
     let fields = stat
         .rsplit_once(')')
         .map_or("", |(_, rest)| rest)
@@ -307,7 +307,7 @@ impl Process {
     /// Asks the plant to stop; the first request counts.
     fn request(&mut self, request: &StopRequest) {
         let Some(line) = request_line(request) else { return };
-        // Taken, but not closed before it has been read: the end of the pipe would mean that this process is dead.
+        // Borrowed, not closed: the end of the pipe would mean that this process is dead.
         if let Some(stdin) = self.child.stdin.as_mut()
             && let Err(error) = stdin.write_all(line.as_bytes())
         {
@@ -326,8 +326,8 @@ impl Drop for Process {
     }
 }
 
-/// The program file of this process. If it has been replaced since, what the kernel still holds of it: all processes of a run are
-/// of one build.
+/// The program file of this process. If it has been replaced since, the kernel's copy of it: all processes of a run are from one
+/// build.
 fn own_program() -> Result<PathBuf> {
     let path = std::env::current_exe().context("finding the program file of rotortwin")?;
     Ok(if path.exists() { path } else { "/proc/self/exe".into() })
@@ -355,7 +355,7 @@ fn read_events(plant: &mut Child) -> Result<Receiver<RunEvent>> {
     Ok(receiver)
 }
 
-/// What to tell the plant of a peer that has ended although the run has not begun.
+/// Message for the plant about a peer that ended before the run began.
 fn find_early_end(peers: &mut [Process]) -> Result<Option<StopRequest>> {
     for peer in peers {
         if let Some(status) = peer
@@ -377,7 +377,7 @@ fn find_early_end(peers: &mut [Process]) -> Result<Option<StopRequest>> {
     Ok(None)
 }
 
-/// Gives the peers time to end by themselves, then kills them.
+/// Gives the peers time to exit by themselves, then kills them.
 fn end_peers(peers: &mut Vec<Process>, grace: Duration) {
     let deadline = Instant::now() + grace;
     while !peers.iter_mut().all(Process::has_ended) && Instant::now() < deadline {
@@ -415,7 +415,7 @@ mod tests {
     const STATUS: &str = "Name:\trotortwin\nState:\tT (stopped)\nVmRSS:\t8400 kB\nSigQ:\t2/96365\nvoluntary_ctxt_switches:\t120\n\
                           nonvoluntary_ctxt_switches:\t4\n";
 
-    /// `SigQ` counts the signals of all processes of the user: with it, a stopped plant seemed alive as long as anybody else was busy.
+    /// `SigQ` counts the signals of all processes of the user: with it, a stopped plant appeared alive while other processes were busy.
     #[test]
     fn regress_only_what_a_process_does_itself_is_a_sign_of_life() {
         let noted = ran(STAT, STATUS);

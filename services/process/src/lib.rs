@@ -1,4 +1,4 @@
-//! What all processes of a run share: where the link is, logging, exit codes, what to do when the supervisor dies; and [`launch`], which
+//! Common parts of all processes of a run: link address, logging, exit codes, behaviour when the supervisor dies; and [`launch`], which
 //! starts and watches them.
 
 mod address;
@@ -19,10 +19,10 @@ pub use supervisor::{StopRequest, Supervisor, request_line};
 /// Exit code of a process whose run failed.
 pub const EXIT_FAILED: u8 = 1;
 
-/// Exit code of a process that was given something wrong; nothing was written.
+/// Exit code of a process with invalid input; nothing was written.
 pub const EXIT_BAD_INPUT: u8 = 2;
 
-/// Says on standard error what went wrong with `program`, and gives the exit code for it. A process goes on to its end although nobody reads that.
+/// Reports an error of `program` on standard error, and returns the exit code for it. Continues even if standard error cannot be written.
 pub fn complain(program: &str, sentence: impl std::fmt::Display, code: u8) -> std::process::ExitCode {
     use std::io::Write as _;
     writeln!(std::io::stderr(), "{program}: {sentence}").ok();

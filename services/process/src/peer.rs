@@ -1,4 +1,4 @@
-//! What a controller or FDI process is told on its command line, and how it serves a run.
+//! Command-line arguments of a controller or FDI process, and how it serves a run.
 
 use crate::address::DEFAULT_DOMAIN;
 use crate::priority::{self, DEFAULT_PRIORITY, parse_priority};
@@ -39,7 +39,7 @@ pub struct PeerArgs {
 }
 
 impl PeerArgs {
-    /// Serves one run as its controller; the number of steps if it ended well.
+    /// Serves one run as its controller; the number of steps if it succeeded.
     pub fn serve_controller(&self, program: &str, controller: &mut impl ControllerPeer) -> ExitCode {
         self.serve(program, Role::Controller, |endpoint, options| match endpoint {
             AnyEndpoint::Iox2(mut endpoint) => serve_controller(endpoint.as_mut(), controller, options),
@@ -84,7 +84,7 @@ impl PeerArgs {
             Supervisor::end_with_parent(pid).map_err(|error| error.to_string())?;
         }
         self.cpu.map_or(Ok(()), pin_to_cpu)?;
-        // Before the link has threads: they inherit it.
+        // Before the link starts threads, which inherit it.
         self.priority
             .map_or(Ok(()), priority::take)
             .map_err(|error| error.to_string())
@@ -99,7 +99,7 @@ impl PeerArgs {
     }
 }
 
-/// Runs this process on one CPU only.
+/// Pins this process to one CPU.
 pub fn pin_to_cpu(cpu: usize) -> Result<(), String> {
     let cpus = std::thread::available_parallelism().map_or(1, usize::from);
     let mut set = rustix::thread::CpuSet::new();
@@ -110,7 +110,7 @@ pub fn pin_to_cpu(cpu: usize) -> Result<(), String> {
         .map_err(|error| format!("cannot run on CPU {cpu}, this machine offers {cpus}: {error}"))
 }
 
-/// A run id as it is printed: up to 16 hexadecimal digits, not 0.
+/// A printed run id: up to 16 hexadecimal digits, not 0.
 pub fn parse_run_id(text: &str) -> Result<u64, String> {
     match u64::from_str_radix(text, 16) {
         Ok(run_id) if run_id != 0 => Ok(run_id),
@@ -122,7 +122,7 @@ pub fn parse_run_id(text: &str) -> Result<u64, String> {
 fn iox2_options(domain: &str) -> Iox2Options {
     let mut options = Iox2Options::default();
     if domain != DEFAULT_DOMAIN {
-        // Domains in one folder would remove each other's dead processes there, but not what these have elsewhere.
+        // Domains sharing a folder would remove each other's dead processes there, but not their resources elsewhere.
         options.root = options.root.with_file_name(format!("{}{domain}", options.prefix));
     }
     options.prefix.push_str(&format!("{domain}_"));
@@ -159,7 +159,7 @@ impl AnyEndpoint {
         zenoh::open(role, run_id, ZenohOptions { security, ..options }).map(Self::Zenoh)
     }
 
-    /// Removes what killed processes have left in shared memory.
+    /// Removes leftovers of killed processes from shared memory.
     pub fn tidy(address: &LinkAddress) {
         if let LinkAddress::Iceoryx2 { domain } = address
             && let Err(error) = iox2_options(domain).tidy()

@@ -1,44 +1,44 @@
-//! Which processors the processes of a flight run on, where the user does not say it.
+//! Default placement of a flight's processes on processors.
 //!
-//! A flight in lockstep is a chain: at any moment one of its processes has work, and ends it by waking the next. On one processor that is a
-//! context switch, between two it is an interrupt to a processor that has gone to sleep, which takes longer (rates: docs/decisions/0002).
-//! Such a flight therefore runs on one processor: by choice of
+//! A flight in lockstep is a chain: at any time one of its processes has work, and finishes it by waking the next. On one processor that is a
+//! context switch, between two it is an interrupt to a sleeping processor, which takes longer (rates: docs/decisions/0002). Such a flight
+//! therefore runs on one processor, chosen from
 //!
-//! 1. those that the affinity mask allows, which cpusets and containers narrow,
-//! 2. those that fewest other flights hold (abstract sockets, one a processor, that end with their owner),
-//! 3. the one that the kernel has put this process on: at its start that was the idlest.
+//! 1. those in the affinity mask, which cpusets and containers narrow,
+//! 2. those used by the fewest other flights (abstract sockets, one per processor, that end with their owner),
+//! 3. the one where the kernel has placed this process: at its start that was the idlest.
 //!
-//! While it flies, [`Placement::review`] compares what others take of that processor with what is left on the rest, and moves the flight where
-//! it gets markedly more. Moving changes no bit of a run: time is data.
+//! During the flight, [`Placement::review`] compares the load of other processes on that processor with the idle time on the others, and
+//! moves the flight if it gains markedly. Moving does not change the results of a run: time is data.
 
 use rustix::thread::{CpuSet, sched_getaffinity, sched_getcpu, sched_setaffinity};
 use std::os::linux::net::SocketAddrExt as _;
 use std::os::unix::net::{SocketAddr, UnixDatagram};
 use std::time::{Duration, Instant};
 
-/// Looking at what others take costs some system calls: done so often at most.
+/// Minimum interval of reviews, which cost some system calls.
 const REVIEW_PAUSE: Duration = Duration::from_millis(250);
 
-/// After a move the next one must wait so long, and twice as long each time.
+/// Minimum pause after a move; doubles with each move.
 const PAUSE_AFTER_MOVE: Duration = Duration::from_secs(1);
 
-/// Share of a processor that a move has to gain.
+/// Minimum gain of a move, fraction of a processor.
 const WORTH_A_MOVE: f64 = 0.25;
 
-/// Flights that may hold one core; more run where the kernel has put their supervisor.
+/// Maximum number of flights per core; further ones run where the kernel has placed their supervisor.
 const MOST_ON_A_CORE: usize = 64;
 
-/// Where the processes of one flight run, and why there.
+/// Placement of one flight's processes, with the reason.
 #[derive(Debug)]
 pub struct Placement(How);
 
 #[derive(Debug)]
 enum How {
-    /// On one processor, by choice; kept as long as the value lives.
+    /// On one processor, by choice; held as long as the value lives.
     Chosen(Chosen),
-    /// On one processor, by the user's word.
+    /// On one processor, set by the user.
     Given(usize),
-    /// On any that the affinity mask allows; why.
+    /// On any processor of the affinity mask; with the reason.
     Kernel(String),
 }
 
@@ -53,7 +53,7 @@ struct Chosen {
 }
 
 impl Placement {
-    /// One processor, the best that is to be had now.
+    /// The best processor available now.
     pub fn chosen() -> Self {
         let Ok(allowed) = allowed() else {
             return Self::kernel("the affinity mask cannot be read");
@@ -69,7 +69,7 @@ impl Placement {
         }))
     }
 
-    /// The processor that the user has named; this process is there already, and its children inherit it.
+    /// The processor named by the user; this process already runs there, and its children inherit it.
     pub fn given(cpu: usize) -> Self {
         Self(How::Given(cpu))
     }
@@ -79,7 +79,7 @@ impl Placement {
         Self(How::Kernel(why.into()))
     }
 
-    /// Starts processes where they are to run: what `spawn` starts inherits the mask of this thread, which is as before afterwards.
+    /// Starts processes in place: those started by `spawn` inherit this thread's mask, which is restored afterwards.
     pub fn start<T>(&self, spawn: impl FnOnce() -> T) -> T {
         let How::Chosen(chosen) = &self.0 else { return spawn() };
         let Ok(before) = sched_getaffinity(None) else {
@@ -95,7 +95,7 @@ impl Placement {
         started
     }
 
-    /// Moves the processes `pids` of a flight under way if they get markedly more of another processor. To be called often.
+    /// Moves the running processes `pids` of a flight if they gain markedly on another processor. Call it often.
     pub fn review(&mut self, pids: &[u32]) {
         let How::Chosen(chosen) = &mut self.0 else { return };
         if chosen
@@ -134,14 +134,14 @@ impl Placement {
         };
     }
 
-    /// The chain has ended: what `pids` still have to do may run anywhere.
+    /// The chain has ended: the remaining work of `pids` may run anywhere.
     pub fn release(&self, pids: &[u32]) {
         if let How::Chosen(chosen) = &self.0 {
             set_all(pids, &set(&chosen.allowed));
         }
     }
 
-    /// In a line, for the user.
+    /// One-line description for the user.
     pub fn sentence(&self) -> String {
         match &self.0 {
             How::Given(cpu) => format!("all processes on CPU {cpu}, as --cpu says"),
@@ -157,7 +157,7 @@ impl Placement {
     }
 }
 
-/// One physical core: its lowest processor number, and the processors of it that are allowed.
+/// One physical core: its lowest processor number, and its allowed processors.
 #[derive(Debug, PartialEq)]
 struct Core {
     name: usize,
@@ -176,15 +176,15 @@ fn cores(allowed: &[usize], siblings: impl Fn(usize) -> Vec<usize>) -> Vec<Core>
     cores
 }
 
-/// What came of asking for a place on a core.
+/// Result of requesting a slot on a core.
 enum Claim<T> {
     Held(T),
     Taken,
-    /// This machine has no such sockets.
+    /// This machine does not support such sockets.
     Unknown,
 }
 
-/// The first place that nobody holds: first one flight on each core, the core of processor `here` before the others, then two on each.
+/// The first free slot: first one flight on each core, the core of processor `here` before the others, then two on each.
 fn choose<T>(cores: &[Core], here: usize, mut claim: impl FnMut(usize, usize) -> Claim<T>) -> (usize, Option<T>) {
     let mut order: Vec<&Core> = cores.iter().collect();
     order.sort_by_key(|core| !core.cpus.contains(&here));
@@ -201,8 +201,8 @@ fn choose<T>(cores: &[Core], here: usize, mut claim: impl FnMut(usize, usize) ->
     (here, None)
 }
 
-/// Holds a place on a core as long as the socket lives, whatever ends its owner. Other hosts, and containers with a network of their own, do
-/// not see it.
+/// Holds a slot on a core as long as the socket lives, however its owner ends. Other hosts, and containers with their own network, do not
+/// see it.
 fn claim(core: usize, place: usize) -> Claim<UnixDatagram> {
     let name = format!("rotortwin-core-{core}-{place}");
     match SocketAddr::from_abstract_name(name).and_then(|address| UnixDatagram::bind_addr(&address)) {
@@ -215,13 +215,13 @@ fn claim(core: usize, place: usize) -> Claim<UnixDatagram> {
     }
 }
 
-/// Processor times at an instant, in ticks of the kernel.
+/// Processor times at one instant, in kernel ticks.
 #[derive(Debug)]
 struct Seen {
     at: Instant,
-    /// By number: what ran there, and all.
+    /// By number: busy ticks, and all ticks.
     cpus: Vec<(usize, [u64; 2])>,
-    /// Of the processes of this flight.
+    /// Ticks of this flight's processes.
     own: u64,
 }
 
@@ -235,7 +235,7 @@ impl Seen {
         })
     }
 
-    /// Share of `cpu` that was in use since `before`, and the ticks that passed there.
+    /// Fraction of `cpu` in use since `before`, and the ticks elapsed there.
     fn use_since(&self, before: &Self, cpu: usize) -> Option<[f64; 2]> {
         let find = |seen: &Self| {
             seen.cpus
@@ -249,7 +249,7 @@ impl Seen {
     }
 }
 
-/// A processor that offers the flight markedly more than `here` does; none if the kernel does not say it.
+/// A processor that offers the flight markedly more than `here`; none if the kernel provides no data.
 fn better(here: usize, allowed: &[usize], before: &Seen, now: &Seen) -> Option<usize> {
     let offered = match now.use_since(before, here) {
         Some([used, passed]) if allowed.contains(&here) => {
@@ -266,11 +266,11 @@ fn better(here: usize, allowed: &[usize], before: &Seen, now: &Seen) -> Option<u
     (free - offered > WORTH_A_MOVE).then_some(cpu)
 }
 
-/// From `/proc/stat`: of each processor, the ticks in which a process ran there (or another guest of the host), and all ticks. Interrupts count
-/// as idle: those of a local TCP link are work of the flight itself.
+/// From `/proc/stat`: for each processor, the ticks in which a process (or another guest of the host) ran there, and all ticks. Interrupts
+/// count as idle: those of a local TCP link are work of the flight itself.
 fn processor_times(stat: &str) -> Vec<(usize, [u64; 2])> {
     let line = |line: &str| {
-        // The line of their sum, "cpu  …", has no number.
+        // The line of the total, "cpu  …", has no number.
         let (number, fields) = line.strip_prefix("cpu")?.split_once(' ')?;
         let number = number.parse().ok()?;
         // user, nice, system, idle, iowait, irq, softirq, steal; guests are part of user.
@@ -290,12 +290,12 @@ fn processor_times(stat: &str) -> Vec<(usize, [u64; 2])> {
 /// Ticks that a process has run, all its threads.
 fn process_time(pid: u32) -> Option<u64> {
     let stat = std::fs::read_to_string(format!("/proc/{pid}/stat")).ok()?;
-    // The name in brackets may hold anything; behind it utime and stime are fields 12 and 13.
+    // The name in brackets may contain anything; after it, utime and stime are fields 12 and 13.
     let fields = stat.rsplit_once(')')?.1.split_ascii_whitespace();
     fields.skip(11).take(2).map(|field| field.parse::<u64>().ok()).sum()
 }
 
-/// Processors that share a core with `cpu`, itself among them.
+/// Processors that share a core with `cpu`, including itself.
 fn siblings(cpu: usize) -> Vec<usize> {
     let file = format!("/sys/devices/system/cpu/cpu{cpu}/topology/thread_siblings_list");
     std::fs::read_to_string(file).map_or_else(|_| vec![cpu], |text| number_list(&text))
@@ -310,7 +310,7 @@ fn number_list(text: &str) -> Vec<usize> {
     ranges.flatten().collect()
 }
 
-/// What this thread may run on.
+/// Processors that this thread may run on.
 fn allowed() -> rustix::io::Result<Vec<usize>> {
     let mask = sched_getaffinity(None)?;
     Ok((0..CpuSet::MAX_CPU).filter(|cpu| mask.is_set(*cpu)).collect())
@@ -324,7 +324,7 @@ fn set(cpus: &[usize]) -> CpuSet {
     set
 }
 
-/// All threads of processes. Twice: a thread that one of them starts meanwhile may have the old mask.
+/// All threads of the processes. Twice: a thread started meanwhile may have the old mask.
 fn set_all(pids: &[u32], set: &CpuSet) {
     for pid in pids.iter().chain(pids) {
         let Ok(threads) = std::fs::read_dir(format!("/proc/{pid}/task")) else {
@@ -345,7 +345,7 @@ mod tests {
     use super::*;
     use std::collections::BTreeSet;
 
-    /// Flights that hold their places as long as the set does.
+    /// Flights that hold their slots as long as the set does.
     fn flights(cores: &[Core], here: usize, count: usize) -> Vec<usize> {
         let mut held = BTreeSet::new();
         let mut flight = || {
@@ -385,18 +385,18 @@ mod tests {
     fn val_a_flight_moves_where_it_gets_more() {
         let before = seen(&[[0, 0]; 3], 0);
         let after = |used: [u64; 3], own| seen(&used.map(|used| [used, 100]), own);
-        // All of what runs here is the flight itself.
+        // All the load here is the flight itself.
         assert_eq!(better(0, &[0, 1, 2], &before, &after([100, 0, 0], 100)), None);
-        // It gets half of its processor, and another is idle: but not one that it may not use.
+        // It gets half of its processor, and another is idle, but not allowed.
         let shared = after([100, 30, 0], 50);
         assert_eq!(better(0, &[0, 1, 2], &before, &shared), Some(2));
         assert_eq!(better(0, &[0], &before, &shared), None);
         assert_eq!(better(0, &[0, 1], &before, &shared), None, "0.2 are not worth it");
         // All are busy.
         assert_eq!(better(0, &[0, 1, 2], &before, &after([100, 100, 90], 50)), None);
-        // A cpuset took it away.
+        // Removed by a cpuset.
         assert_eq!(better(0, &[1, 2], &before, &after([100, 60, 50], 100)), Some(2));
-        // The kernel says nothing.
+        // The kernel provides no data.
         assert_eq!(better(0, &[0, 1], &before, &seen(&[], 0)), None);
     }
 

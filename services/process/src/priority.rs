@@ -1,37 +1,37 @@
-//! Real-time priority and locked memory, for flights at the pace of the wall clock.
+//! Real-time priority and locked memory, for flights at real-time pace.
 //!
-//! On a busy machine the scheduler shares each processor among all that want it: a process that has slept until its step is due then waits
-//! behind others, for tens of milliseconds. Under `SCHED_FIFO` it runs at once, ahead of all ordinary processes; with its memory locked, no
-//! page of it is fetched from a disk meanwhile. Both take rights that an ordinary user does not have by default (sched(7), mlock(2)).
+//! On a busy machine the scheduler shares each processor among all runnable processes: one that has slept until its step is due then waits
+//! for others, for tens of milliseconds. Under `SCHED_FIFO` it runs at once, ahead of all ordinary processes; with its memory locked, it
+//! has no page faults from disk. Both need privileges that an ordinary user lacks by default (sched(7), mlock(2)).
 //!
 //! # Limits
-//! The kernel leaves ordinary processes 5 % of each second (`kernel.sched_rt_runtime_us`), so that a machine can be rescued: who computes
-//! for longer is held up then. Processors are not set aside; that is the kernel's `isolcpus=` or a cpuset, with `--cpu`.
+//! The kernel reserves 5 % of each second for ordinary processes (`kernel.sched_rt_runtime_us`), so that a machine can be rescued: longer
+//! computations are interrupted then. Processors are not isolated; use the kernel's `isolcpus=` or a cpuset for that, with `--cpu`.
 
 use rustix::process::{Resource, getrlimit};
 
-/// The priority without a number: below the threads of interrupts, which have 50 where they are threads.
+/// Default priority: below the interrupt threads, which have 50 where they are threads.
 pub const DEFAULT_PRIORITY: &str = "40";
 
-/// Without a pace there is no deadline, and a flight would take its processors for itself alone.
+/// At fast pace there is no deadline, and a flight would monopolise its processors.
 pub const NEEDS_PACE: &str =
     "--priority is for flights at the pace of the wall clock: expected --pace real-time with it";
 
 /// Bit of `CAP_IPC_LOCK` in the sets of capabilities (capability(7)).
 const CAP_IPC_LOCK: u32 = 14;
 
-/// What is missing; said as one sentence.
+/// Missing privilege, with its error message.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum PriorityError {
-    /// `SCHED_FIFO` was refused.
+    /// `SCHED_FIFO` was denied.
     #[error(
         "--priority {priority}: this user may not ask for real-time scheduling ({reason}): expected the capability cap_sys_nice \
          ('setcap cap_sys_nice,cap_ipc_lock+ep {program}') or a limit of at least {priority} ('ulimit -r', rtprio in limits.conf)"
     )]
     Scheduling {
-        /// What was asked for.
+        /// Requested priority.
         priority: u8,
-        /// The kernel's word.
+        /// The kernel's message.
         reason: String,
         /// File of this program.
         program: String,
@@ -42,9 +42,9 @@ pub enum PriorityError {
          ('setcap cap_sys_nice,cap_ipc_lock+ep {program}') or no limit ('ulimit -l unlimited', memlock in limits.conf)"
     )]
     Memory {
-        /// What was asked for.
+        /// Requested priority.
         priority: u8,
-        /// How much may be locked.
+        /// Limit on locked memory.
         limit: String,
         /// File of this program.
         program: String,
@@ -54,7 +54,7 @@ pub enum PriorityError {
 /// A priority from 1 to 99.
 ///
 /// # Errors
-/// One clause: what was expected.
+/// States what was expected.
 pub fn parse_priority(text: &str) -> Result<u8, String> {
     match text.parse() {
         Ok(priority @ 1..=99) => Ok(priority),
@@ -62,22 +62,22 @@ pub fn parse_priority(text: &str) -> Result<u8, String> {
     }
 }
 
-/// Whether [`take`] would be allowed; changes nothing of this thread.
+/// Whether [`take`] would be allowed; does not change this thread.
 ///
 /// # Errors
-/// What is missing.
+/// The missing privilege.
 pub fn probe(priority: u8) -> Result<(), PriorityError> {
     check_memory(priority)?;
-    // A thread of its own, which ends with what it was given.
+    // In a separate thread, which ends with the privileges it was given.
     std::thread::scope(|scope| scope.spawn(|| set_fifo(priority)).join())
         .unwrap_or_else(|_| Err(std::io::Error::other("the thread that asked for it ended")))
         .map_err(|error| refused(priority, &error))
 }
 
-/// `SCHED_FIFO` for this thread and all that it starts from now on, and all memory of this process locked, present and future.
+/// `SCHED_FIFO` for this thread and everything it starts from now on, and all memory of this process locked, present and future.
 ///
 /// # Errors
-/// What is missing; then nothing was changed but perhaps the memory.
+/// The missing privilege; nothing was changed then except perhaps the memory.
 pub fn take(priority: u8) -> Result<(), PriorityError> {
     check_memory(priority)?;
     lock_memory().map_err(|error| {
@@ -87,14 +87,14 @@ pub fn take(priority: u8) -> Result<(), PriorityError> {
     set_fifo(priority).map_err(|error| refused(priority, &error))
 }
 
-/// What comes after a flight has no deadline: this thread runs as ordinary ones do. Does nothing without priority.
+/// Work after a flight has no deadline: this thread returns to normal scheduling. No effect without priority.
 pub fn give_back() {
     if let Err(error) = set_ordinary() {
         tracing::warn!(%error, "this thread keeps its real-time priority");
     }
 }
 
-/// With a finite limit, `mlockall` of the future makes the first allocation beyond it fail in mid-flight.
+/// With a finite limit, `mlockall` of the future makes the first allocation beyond it fail in flight.
 fn check_memory(priority: u8) -> Result<(), PriorityError> {
     let unlimited = getrlimit(Resource::Memlock).current.is_none();
     let capable =
@@ -189,7 +189,7 @@ mod tests {
         assert!(parse_priority(DEFAULT_PRIORITY).is_ok());
     }
 
-    /// As proc(5) shows the sets: all of root, none of a user.
+    /// The sets as shown by proc(5): all of root, none of a user.
     #[test]
     fn val_capabilities_are_read_from_the_effective_set() {
         let status =

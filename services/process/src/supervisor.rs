@@ -1,27 +1,27 @@
-//! The process that started this one: what it may ask for, and what happens when it dies.
+//! The parent process: its requests, and behaviour when it dies.
 //!
 //! The plant of a supervised run has a pipe from its supervisor on standard input. A line on it ends the run: `cancel`, or
 //! `fail WHO SENTENCE` for something that only the supervisor could see. The end of the pipe means that the supervisor is dead,
-//! whatever killed it. The controller and the FDI engine have nothing to save: the kernel ends them with their parent.
+//! however it died. The controller and the FDI engine have nothing to save: the kernel ends them with their parent.
 //!
-//! The plant must know why its peers died so suddenly. The kernel therefore sends it a signal, too, when its parent dies, and
-//! before it ends the peers: the plant was started first. The pipe alone would be read too late now and then.
+//! The plant must know why its peers died so suddenly. The kernel therefore also sends it a signal when its parent dies, before
+//! it ends the peers: the plant was started first. The pipe alone would occasionally be read too late.
 
 use signal_hook::consts::{SIGINT, SIGTERM, SIGUSR1};
 use std::io::BufRead as _;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 
-/// Why this process is to end its run early.
+/// Why this process should end its run early.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum StopRequest {
-    /// The user asked for it.
+    /// Cancelled by the user.
     Cancel,
-    /// Something failed that the supervisor saw.
+    /// A failure observed by the supervisor.
     Fail {
         /// `controller` or `fdi`.
         peer: String,
-        /// What happened.
+        /// Error message.
         sentence: String,
     },
     /// The supervisor is dead.
@@ -44,7 +44,7 @@ impl Supervisor {
         signal_hook::flag::register(SIGTERM, Arc::clone(&supervisor.stop))?;
         signal_hook::flag::register(SIGINT, Arc::clone(&supervisor.stop))?;
         if supervised {
-            // In this order: whoever sees the request to stop sees the reason as well.
+            // In this order: a thread that sees the request to stop sees the reason as well.
             signal_hook::flag::register(SIGUSR1, Arc::clone(&supervisor.orphaned))?;
             signal_hook::flag::register(SIGUSR1, Arc::clone(&supervisor.stop))?;
             rustix::process::set_parent_process_death_signal(Some(rustix::process::Signal::USR1))?;
@@ -56,7 +56,7 @@ impl Supervisor {
         Ok(supervisor)
     }
 
-    /// Lets the kernel end this process when the process with this id, its parent, dies.
+    /// Makes the kernel end this process when its parent, the process with this id, dies.
     pub fn end_with_parent(parent_pid: u32) -> std::io::Result<()> {
         rustix::process::set_parent_process_death_signal(Some(rustix::process::Signal::KILL))?;
         // It may have died before the line above.
@@ -79,12 +79,12 @@ impl Supervisor {
         self.stop.store(true, Ordering::Relaxed);
     }
 
-    /// Set once there is a reason to stop; for waits that are to end early.
+    /// Set once there is a reason to stop, for interruptible waits.
     pub fn stop_flag(&self) -> Arc<AtomicBool> {
         Arc::clone(&self.stop)
     }
 
-    /// The reason to stop, if there is one. A signal without words is a cancellation.
+    /// The reason to stop, if any. A signal without a reason is a cancellation.
     #[inline]
     pub fn stop_request(&self) -> Option<StopRequest> {
         if !self.stop.load(Ordering::Acquire) {
@@ -98,7 +98,7 @@ impl Supervisor {
     }
 }
 
-/// The line that asks for `request`; none for [`StopRequest::Orphaned`], which is the end of the pipe.
+/// The line for `request`; none for [`StopRequest::Orphaned`], which is the end of the pipe.
 pub fn request_line(request: &StopRequest) -> Option<String> {
     match request {
         StopRequest::Cancel => Some("cancel\n".to_owned()),

@@ -1,4 +1,4 @@
-//! The file with a process's credentials for zenoh, and what it lets others do if it listens.
+//! File with a process's zenoh credentials, and the access it grants as a listener.
 //!
 //! ```toml
 //! space = "bench-1"                # first part of all keys; left out: rotortwin
@@ -21,14 +21,14 @@
 //! roles = ["controller"]           # plant, controller, fdi; left out: all
 //! space = "bench-1"                # left out: the one above
 //! ```
-//! Paths are relative to the file. Passwords stand in files of their own, never on a command line.
+//! Paths are relative to the file. Passwords are in separate files, never on a command line.
 
 use rotortwin_links::security::{Attachment, DEFAULT_SPACE, Grant, Login, Security, Tls};
 use rotortwin_proto::Role;
 use serde::Deserialize;
 use std::path::{Path, PathBuf};
 
-/// Environment variable that names the file for endpoints `tls/…` that name none.
+/// Environment variable with the file for endpoints `tls/…` that name none.
 pub const CONFIG_VARIABLE: &str = "ROTORTWIN_ZENOH_CONFIG";
 
 #[derive(Debug, Deserialize)]
@@ -95,7 +95,7 @@ impl From<RoleName> for Role {
     }
 }
 
-/// Credentials for an endpoint, from `config` or, for `tls/…`, from the file that the environment names.
+/// Credentials for an endpoint, from `config` or, for `tls/…`, from the file named by the environment.
 pub fn security_for(
     endpoint: &str,
     config: Option<&Path>,
@@ -122,7 +122,7 @@ pub fn security_for(
     Ok(Some(security))
 }
 
-/// Reads the file, and tries the files that it names.
+/// Reads the file, and checks the files that it names.
 pub fn load(path: &Path) -> Result<Security, String> {
     let name = path.display();
     let text = std::fs::read_to_string(path)
@@ -210,7 +210,7 @@ pub fn load(path: &Path) -> Result<Security, String> {
     })
 }
 
-/// `user:password` a line, at least one.
+/// One `user:password` per line, at least one.
 fn check_users(text: &str) -> Result<(), String> {
     let mut lines = text
         .lines()
@@ -225,7 +225,7 @@ fn check_users(text: &str) -> Result<(), String> {
             .split_once(':')
             .is_some_and(|(user, password)| !user.trim().is_empty() && !password.trim().is_empty());
         if !whole {
-            // The line may hold a password.
+            // The line may contain a password.
             return Err(format!("line {}: expected user:password", number + 1));
         }
     }

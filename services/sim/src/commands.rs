@@ -1,6 +1,6 @@
-//! What an autopilot sent, kept in the run folder: with it the run can be flown again, bit for bit, without the autopilot.
+//! Commands of an autopilot, stored in the run folder: they allow a bit-identical replay of the run without the autopilot.
 //!
-//! `autopilot-commands.bin`, little endian: the eight bytes `RTCMD 1\n`, u32 parts of 0.5 ms from one exchange to the next, u32 rotors, then for each
+//! `autopilot-commands.bin`, little endian: the eight bytes `RTCMD 1\n`, u32 parts of 0.5 ms per exchange, u32 rotors, then for each
 //! exchange, prelude included, the duty of each rotor as f64.
 
 use rotortwin_flight_core::MAX_ROTORS;
@@ -13,7 +13,7 @@ use std::path::{Path, PathBuf};
 pub const COMMANDS_FILE: &str = "autopilot-commands.bin";
 const MAGIC: [u8; 8] = *b"RTCMD 1\n";
 
-/// An autopilot whose commands are written down.
+/// An autopilot whose commands are recorded.
 pub struct Recording<'a, A> {
     autopilot: &'a mut A,
     file: BufWriter<File>,
@@ -22,10 +22,10 @@ pub struct Recording<'a, A> {
 }
 
 impl<'a, A: Autopilot> Recording<'a, A> {
-    /// Begins the file in `folder`.
+    /// Starts the file in `folder`.
     ///
     /// # Errors
-    /// One sentence: it cannot be written.
+    /// It cannot be written.
     pub fn new(autopilot: &'a mut A, folder: &Path, rotors: usize) -> Result<Self, String> {
         let path = folder.join(COMMANDS_FILE);
         let unwritable = |error: std::io::Error| format!("{}: cannot be written: {error}", path.display());
@@ -45,7 +45,7 @@ impl<'a, A: Autopilot> Recording<'a, A> {
     /// Completes the file.
     ///
     /// # Errors
-    /// One sentence: it cannot be written.
+    /// It cannot be written.
     pub fn close(mut self) -> Result<(), String> {
         let path = self.path.display().to_string();
         self.file
@@ -98,7 +98,7 @@ impl<A: Autopilot> Autopilot for Recording<'_, A> {
     }
 }
 
-/// Commands of a recorded run in the place of the autopilot that sent them.
+/// Replays the recorded commands in place of the autopilot.
 pub struct Recorded {
     file: BufReader<File>,
     path: PathBuf,
@@ -111,7 +111,7 @@ impl Recorded {
     /// Opens the file of a run folder, for a vehicle with `rotors` rotors.
     ///
     /// # Errors
-    /// One sentence: there is none, or it is of another kind or vehicle.
+    /// There is none, or it belongs to another format or vehicle.
     pub fn open(folder: &Path, rotors: usize) -> Result<Self, String> {
         let path = folder.join(COMMANDS_FILE);
         let file = File::open(&path).map_err(|error| {

@@ -1,6 +1,6 @@
-//! What is wrong with each rotor and sensor at each step, in words: read off the scenario's fault schedule.
+//! Condition of each rotor and sensor at each step, from the scenario's fault schedule, with descriptions.
 //!
-//! The telemetry holds a code per rotor and a bit per sensor fault; this module says when each is in force and what it means.
+//! The telemetry contains a code per rotor and a bit per sensor fault; this module computes them and defines their meaning.
 
 use rotortwin_flight_core::MAX_ROTORS;
 use rotortwin_plant::nearest_step;
@@ -9,13 +9,13 @@ use rotortwin_plant::sensing::readings::Sensor;
 use rotortwin_scenario::Scenario;
 use std::collections::BTreeMap;
 
-/// The schedule of one scenario, walked through step by step.
+/// The schedule of one scenario, stepped through in order.
 pub struct ConditionSchedule {
-    /// (first step, rotor from 0, code), in order of the first step.
+    /// (first step, rotor from 0, code), sorted by first step.
     rotor_changes: Vec<(u64, usize, i32)>,
-    /// Entries of `rotor_changes` that are in force.
+    /// Number of entries of `rotor_changes` already in force.
     passed: usize,
-    /// Code of each rotor now.
+    /// Current code of each rotor.
     rotors: [i32; MAX_ROTORS],
     /// (first step, step after the last, bit).
     sensor_faults: Vec<(u64, u64, u32)>,
@@ -91,7 +91,7 @@ impl ConditionSchedule {
         &self.sensor_fault_names
     }
 
-    /// Codes of the rotors and mask of the sensor faults in force at `step`. Steps must not go back.
+    /// Codes of the rotors and mask of the sensor faults in force at `step`. Steps must not decrease.
     #[inline]
     pub fn at(&mut self, step: u64) -> ([i32; MAX_ROTORS], u32) {
         while let Some(&(_, rotor, code)) = self.rotor_changes.get(self.passed).filter(|change| change.0 <= step) {

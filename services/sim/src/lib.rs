@@ -1,17 +1,17 @@
-//! The plant process of a run: flies a scenario with the controller and the FDI engine behind a link, and leaves a run folder.
+//! The plant process of a run: flies a scenario with the controller and the FDI engine over a link, and writes a run folder.
 //!
 //! ```text
 //!  supervisor ── spawns ──▶ sim (this) ──link──▶ controller, fdi
 //!       ▲                     │
 //!       └── RunEvent lines ───┘──▶ run folder
 //! ```
-//! * [`session`]: one run from its scenario to its folder, over any link. The in-process run of the command line uses it too.
-//! * [`recorder`]: samples into the telemetry spool, and the events that a supervisor shows.
-//! * [`commands`]: what an autopilot sent, kept for a replay.
-//! * [`conditions`]: what is wrong with which rotor at which step, in words.
-//! * [`events`]: those events, one JSON object a line on standard output.
-//! * [`live`]: samples of the telemetry among them, for people who look on.
-//! * [`process`]: what the process does with its arguments and signals.
+//! * [`session`]: one run from its scenario to its folder, over any link. Also used by the command line for in-process runs.
+//! * [`recorder`]: samples into the telemetry spool, and events for a supervisor.
+//! * [`commands`]: recorded autopilot commands for a replay.
+//! * [`conditions`]: condition of each rotor and sensor at each step.
+//! * [`events`]: those events, one JSON object per line on standard output.
+//! * [`live`]: telemetry samples among them, for live viewers.
+//! * [`process`]: the process, with its arguments and signals.
 
 pub mod commands;
 pub mod conditions;

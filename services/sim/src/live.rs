@@ -1,19 +1,19 @@
-//! Samples of a flight while it goes on, for people who look on.
+//! Live samples of a flight.
 //!
-//! A sample is the row that goes into the telemetry, of every so many steps of simulated time, and never more than [`MOST_PER_S`] a second of
-//! wall clock: what comes too fast is left out. The flight does not wait for anybody, and what is sampled changes nothing in it.
+//! A sample is a telemetry row, taken at a fixed interval of simulated time, at most [`MOST_PER_S`] per second of wall clock: any excess is
+//! dropped. The flight waits for no viewer, and sampling does not affect it.
 
 use rotortwin_plant::STEP_NS;
 use rotortwin_store::telemetry::{Column, Kind, TelemetryRow, telemetry_columns};
 use rotortwin_wire::events::{LiveSample, RunEvent};
 use std::time::{Duration, Instant};
 
-/// Most samples a second of wall clock.
+/// Maximum samples per second of wall clock.
 pub const MOST_PER_S: u32 = 100;
-/// Samples may come so much early: a flight in real time jitters.
+/// Allowed earliness of a sample: a real-time flight jitters.
 const SLACK: Duration = Duration::from_millis(20);
 
-/// Picks the rows that are told of.
+/// Selects the rows to report.
 pub struct LiveSampler {
     stride: u64,
     columns: Vec<Column>,
@@ -22,7 +22,7 @@ pub struct LiveSampler {
 }
 
 impl LiveSampler {
-    /// `rate_hz` samples a second of simulated time.
+    /// `rate_hz` samples per second of simulated time.
     pub fn new(rate_hz: f64, rotor_count: usize) -> Self {
         let columns = telemetry_columns(rotor_count);
         Self {
@@ -33,7 +33,7 @@ impl LiveSampler {
         }
     }
 
-    /// The row as an event, if it is one of those.
+    /// The row as an event, if it is selected.
     pub fn sample(&mut self, row: &TelemetryRow, rotor_count: usize) -> Option<RunEvent> {
         if !row.step.is_multiple_of(self.stride) {
             return None;
@@ -53,7 +53,7 @@ impl LiveSampler {
     }
 }
 
-/// A value as JSON can hold it; of single precision the decimal number with the fewest digits.
+/// A value representable in JSON; for single precision the decimal number with the fewest digits.
 fn finite(kind: Kind, value: f64) -> Option<f64> {
     if !value.is_finite() {
         return None;
@@ -80,7 +80,7 @@ mod tests {
             };
             taken += u32::from(sampler.sample(&row, 6).is_some());
         }
-        // However long it took: no more than the rate allows, with the slack and one at the start.
+        // However long it took: no more than the rate allows, plus the slack and one at the start.
         let most = (begun.elapsed() + SLACK).as_secs_f64() * f64::from(MOST_PER_S) + 2.0;
         assert!(taken >= 1 && f64::from(taken) <= most, "{taken} of at most {most}");
     }

@@ -1,4 +1,4 @@
-//! The plant as a process of its own: arguments, signals, events on standard output.
+//! The plant as a separate process: arguments, signals, events on standard output.
 
 use crate::session::{self, SessionConfig};
 use clap::Parser;
@@ -20,7 +20,7 @@ use std::path::PathBuf;
 use std::process::ExitCode;
 use std::time::Duration;
 
-/// Who complains.
+/// Program name in error messages.
 const PROGRAM: &str = "rotortwin-sim";
 
 /// The plant process of a run.
@@ -79,10 +79,10 @@ fn parse_pace(text: &str) -> Result<Pace, String> {
     }
 }
 
-/// A rate of samples, Hz: more than 0, at most one a step.
+/// A sample rate, Hz: more than 0, at most one per step.
 ///
 /// # Errors
-/// One clause: what was expected.
+/// States what was expected.
 pub fn parse_rate(text: &str) -> Result<f64, String> {
     match text.parse::<f64>() {
         Ok(rate) if rate > 0.0 && rate <= 400.0 => Ok(rate),
@@ -90,14 +90,14 @@ pub fn parse_rate(text: &str) -> Result<f64, String> {
     }
 }
 
-/// Flies one scenario; exit code 0 if the flight was done, 1 if it failed, 2 for bad input.
+/// Flies one scenario; exit code 0 if the flight was completed, 1 if it failed, 2 for bad input.
 pub fn run(args: Args) -> ExitCode {
     start_logging();
     let (scenario, seed) = match checked_scenario(&args) {
         Ok(pair) => pair,
         Err(sentence) => return complain(PROGRAM, sentence, EXIT_BAD_INPUT),
     };
-    // The supervisor has made the folder, and keeps its logs in it.
+    // The supervisor has created the folder, which contains its logs.
     let folder = match if args.supervised {
         RunFolder::open(&args.out)
     } else {
@@ -122,10 +122,10 @@ fn checked_scenario(args: &Args) -> Result<(Scenario, u64), String> {
         if args.pace != Pace::RealTime {
             return Err(priority::NEEDS_PACE.to_owned());
         }
-        // Before the link and the recorder have threads: they inherit it.
+        // Before the link and the recorder start threads, which inherit it.
         priority::take(priority).map_err(|error| error.to_string())?;
     }
-    // The supervisor has tried it.
+    // The supervisor has already probed it.
     if !args.supervised {
         args.link.probe().map_err(|sentence| format!("--link: {sentence}"))?;
     }
@@ -158,7 +158,7 @@ fn fly(args: &Args, scenario: &Scenario, seed: u64, folder: &RunFolder) -> Resul
         join: Duration::from_millis(args.join_timeout),
         step: Duration::from_millis(args.step_timeout),
         fdi_window: args.fdi_window,
-        // At 400 Hz of wall clock there is time to answer each step, and people look on.
+        // At 400 Hz of wall clock there is time to answer each step, and viewers want live results.
         fdi_batch: if args.pace == Pace::RealTime {
             1
         } else {
@@ -185,7 +185,7 @@ fn fly_over(
     session::fly(scenario, config, &mut link, folder, &mut print_event, &mut stop).map_err(|error| error.to_string())
 }
 
-/// One line of JSON on standard output. A reader that is gone is no reason to end the run: its death shows elsewhere.
+/// One line of JSON on standard output. A missing reader is no reason to end the run: its death is noticed elsewhere.
 fn print_event(event: RunEvent) {
     let Ok(line) = serde_json::to_string(&event) else {
         return;

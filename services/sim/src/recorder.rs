@@ -1,4 +1,4 @@
-//! Samples of a flight into the telemetry spool, and into the events that a supervisor shows.
+//! Records samples of a flight to the telemetry spool, and emits events for a supervisor.
 
 use crate::conditions::ConditionSchedule;
 use crate::live::LiveSampler;
@@ -15,14 +15,15 @@ use std::time::{Duration, Instant};
 /// Wall-clock time between two progress events.
 const PROGRESS_INTERVAL: Duration = Duration::from_millis(100);
 
-/// The wall clock is looked at once every so many steps: reading it costs a tenth of a step.
+/// Steps between readings of the wall clock: a reading costs a tenth of a step.
 const STEPS_PER_CLOCK_READING: u64 = 64;
 
-/// Windows that a rotor has been named in before the size of its loss is told. With realistic mismatch and an onset in a turn the 95 % interval
-/// holds the truth in 48 of 100 first windows, and from the eighth on as often as it ever does (docs/detector.md).
+/// Number of windows for which a rotor must have been named before the size of its loss is reported. With realistic mismatch and an onset in
+/// a turn, the 95 % interval contains the truth in 48 of 100 first windows, and reaches its final coverage from the eighth on
+/// (docs/detector.md).
 const WINDOWS_OF_A_SIZE: u32 = 8;
 
-/// Records a flight and reports on it.
+/// Records a flight and reports its progress.
 pub struct Recorder<'a> {
     spool: SpoolWriter,
     step_count: u64,
@@ -33,14 +34,14 @@ pub struct Recorder<'a> {
     last_progress: Instant,
     last_label: i32,
     last_sequential: Option<i32>,
-    /// Windows since the verdict has been what it is.
+    /// Windows since the last change of the verdict.
     named_windows: u32,
     live: Option<LiveSampler>,
     rotor_count: usize,
 }
 
 impl<'a> Recorder<'a> {
-    /// A recorder into `spool`; `emit` takes the events, `stop` says whether the run is to end early.
+    /// A recorder into `spool`; `emit` receives the events, `stop` returns whether the run should end early.
     pub fn new(
         spool: SpoolWriter,
         step_count: u64,
@@ -64,7 +65,7 @@ impl<'a> Recorder<'a> {
         }
     }
 
-    /// Also tells samples: `rate_hz` a second of simulated time.
+    /// Also emits samples: `rate_hz` per second of simulated time.
     pub fn with_live(mut self, rate_hz: f64, rotor_count: usize) -> Self {
         self.live = Some(LiveSampler::new(rate_hz, rotor_count));
         self.rotor_count = rotor_count;
@@ -121,7 +122,7 @@ impl<'a> Recorder<'a> {
             return Ok(());
         }
         self.last_progress = Instant::now();
-        // What a supervisor has been told of survives this process.
+        // Rows reported to a supervisor survive this process.
         self.spool.flush().map_err(|error| error.to_string())?;
         (self.emit)(RunEvent::Progress(Progress {
             step,

@@ -24,34 +24,34 @@ use rotortwin_wire::peers::{FdiEnginePeer, PidPeer};
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
-/// How the link of a run is called that an autopilot of its own clock flew.
+/// Link name of a run flown by an autopilot with its own clock.
 pub const AUTOPILOT_LINK: &str = "autopilot ";
 
-/// What identifies one execution of a scenario.
+/// Identity of one execution of a scenario.
 #[derive(Clone, Debug)]
 pub struct SessionConfig {
-    /// File of the scenario, as it was named.
+    /// File of the scenario, as given.
     pub scenario_path: PathBuf,
     /// Seed of all noise.
     pub seed: u64,
     /// `in-process`, `iceoryx2` or `zenoh`.
     pub link_name: String,
-    /// How fast.
+    /// Pace of the run.
     pub pace: Pace,
     /// Identity of this execution, never 0.
     pub run_id: u64,
-    /// Real-time priority of the processes; for the record.
+    /// Real-time priority of the processes, for the record.
     pub priority: Option<u8>,
-    /// Samples that are told a second of simulated time; `None`: none.
+    /// Samples to report per second of simulated time; `None`: none.
     pub live_hz: Option<f64>,
 }
 
-/// Our own controller and FDI engine, called in this process.
+/// Link to our own controller and FDI engine in this process.
 pub fn in_process_link() -> InProcessLink<PidPeer, FdiEnginePeer> {
     InProcessLink::new(PidPeer::default(), FdiEnginePeer::default())
 }
 
-/// What a stop request means to the flight.
+/// Effect of a stop request on the flight.
 #[inline]
 pub fn stop_reason(supervisor: &Supervisor) -> Option<StopReason> {
     supervisor.stop_request().map(|request| match request {
@@ -66,8 +66,8 @@ pub fn stop_reason(supervisor: &Supervisor) -> Option<StopReason> {
 
 /// Flies `scenario` over `link` and writes its run folder, whatever happens to the peers.
 ///
-/// `emit` takes the events; `stop` is asked before each step whether to end early. An error means that the folder could not be
-/// written; a failed flight is a summary with status `failed`.
+/// `emit` receives the events; `stop` is called before each step and ends the run early if it returns a reason. An error means
+/// that the folder could not be written; a failed flight is a summary with status `failed`.
 pub fn fly(
     scenario: &Scenario,
     config: &SessionConfig,
@@ -83,7 +83,7 @@ pub fn fly(
     recorded(scenario, config, folder, (emit, stop), fly)
 }
 
-/// As [`fly`], with an autopilot of its own clock in the place of the controller, and the FDI engine in this process.
+/// As [`fly`], with an autopilot that has its own clock in place of the controller, and the FDI engine in this process.
 pub fn fly_autopilot(
     scenario: &Scenario,
     config: &SessionConfig,
@@ -106,7 +106,7 @@ pub fn fly_autopilot(
         };
         let hand_over = HandOver::default();
         let mut outcome = autopilot::fly(simulation, &mut recording, setup, instruments, hand_over, recorder).flight;
-        // Which version flew is known afterwards.
+        // The version is only known afterwards.
         let identity = recording.identity();
         let link_name = match &identity.version {
             Some(version) => format!("{}, {version}", config.link_name),
@@ -120,15 +120,15 @@ pub fn fly_autopilot(
     recorded(scenario, config, folder, (emit, stop), fly)
 }
 
-/// True if an autopilot of its own clock flew the run: to fly it again takes its commands.
+/// True if an autopilot with its own clock flew the run: a replay needs its commands.
 pub fn was_flown_by_autopilot(summary: &Summary) -> bool {
     summary.link.starts_with(AUTOPILOT_LINK)
 }
 
-/// The run hash of a recorded flight of an autopilot, flown again with what it sent.
+/// Run hash of a recorded autopilot flight, replayed with its commands.
 ///
 /// # Errors
-/// One sentence: the commands are missing or end early, or the flight failed.
+/// The commands are missing or end early, or the flight failed.
 pub fn replay_autopilot(
     scenario: &Scenario,
     mut simulation: Simulation,
@@ -155,7 +155,7 @@ pub fn replay_autopilot(
     }
 }
 
-/// What is said of a run's rows before the first of them.
+/// Spool header of a run.
 pub fn telemetry_header(scenario: &Scenario) -> SpoolHeader {
     header_of(scenario, &ConditionSchedule::new(scenario))
 }
@@ -174,7 +174,7 @@ fn header_of(scenario: &Scenario, conditions: &ConditionSchedule) -> SpoolHeader
     }
 }
 
-/// Records what `flown` flies; it gives the outcome, over which link, and who flew.
+/// Records the flight executed by `flown`, which returns the outcome, the link and the controller.
 fn recorded(
     scenario: &Scenario,
     config: &SessionConfig,
@@ -197,7 +197,7 @@ fn recorded(
     }
     let (outcome, link, controller) = flown(&mut simulation, &setup, &mut recorder);
     recorder.finish()?;
-    // What is left to do has no deadline, and must not keep others from the processor.
+    // The remaining work has no deadline, and must not keep others from the processor.
     priority::give_back();
     emit(RunEvent::Recording { steps: outcome.steps });
     let summary = Summary {
@@ -233,7 +233,7 @@ fn summary_of(scenario: &Scenario, config: &SessionConfig, outcome: &FlightOutco
     }
 }
 
-/// A summary with everything that is known before the flight.
+/// A summary with everything known before the flight.
 fn blank_summary(scenario: &Scenario, config: &SessionConfig) -> Summary {
     Summary {
         model_hash: model_hash(scenario),
@@ -309,20 +309,20 @@ pub fn never_opened(
     finalise(folder, summary)
 }
 
-/// What a supervisor knows of a plant that did not write its summary itself.
+/// A supervisor's knowledge of a plant that did not write its summary.
 #[derive(Clone, Debug)]
 pub struct DeadPlant {
-    /// What became of it, e.g. "the plant (process 12) was killed by signal 9".
+    /// How it ended, e.g. "the plant (process 12) was killed by signal 9".
     pub how: String,
     /// Time from its last sign of life to the notice of its end.
     pub silence: Duration,
-    /// Last complete step that it told of.
+    /// Last complete step that it reported.
     pub last_step: Option<u64>,
     /// Wall-clock time of the run.
     pub wall: Duration,
 }
 
-/// Writes what can be told of a run whose plant died: the rows that had reached the spool, and who is to blame.
+/// Writes what is known of a run whose plant died: the rows that reached the spool, and which process is at fault.
 pub fn finalise_dead_plant(
     scenario: &Scenario,
     config: &SessionConfig,
@@ -333,7 +333,7 @@ pub fn finalise_dead_plant(
     let last_row = SpoolReader::open(&folder.spool_path())
         .ok()
         .and_then(|spool| spool.rows().checked_sub(1));
-    // The last rows die with the plant; it may have told of them.
+    // The last rows are lost with the plant; it may have reported them.
     let last_step = last_row.max(dead.last_step);
     let after = match last_step {
         Some(step) => format!("after step {step}"),
@@ -347,7 +347,7 @@ pub fn finalise_dead_plant(
         silence_ms: u64::try_from(dead.silence.as_millis()).unwrap_or(u64::MAX),
         lost: true,
         sentence: match dead.silence.as_millis() {
-            // The kernel told of its end at once.
+            // The kernel reported its end at once.
             0 => format!("{} {after}", dead.how),
             silence_ms => format!("{} {after}: silent for {silence_ms} ms", dead.how),
         },

@@ -1,4 +1,4 @@
-//! `rotortwin`, which leaves what needs other hosts to `rotortwin-network`.
+//! `rotortwin`, which delegates everything that needs other hosts to `rotortwin-network`.
 
 fn main() -> std::process::ExitCode {
     rotortwin_cli::run(None)

@@ -1,4 +1,4 @@
-//! `rotortwin-network`, which knows all commands, as the system tests start it.
+//! `rotortwin-network`, which supports all commands, as started by the system tests.
 
 fn main() -> std::process::ExitCode {
     rotortwin_network::run()

@@ -1,5 +1,5 @@
-//! ArduPilot as the plant sees it, written from docs/autopilots.md alone: servo packets by UDP, a reply to each, our own PID behind them. It
-//! lives on from run to run, as the real one does: a plant whose time falls back is a new one.
+//! ArduPilot as the plant sees it, written from docs/autopilots.md alone: servo packets by UDP, a reply to each, our own PID inside. Like
+//! the real one it keeps running from run to run: a plant whose time goes back is a new one.
 
 use super::scripted_pilot::{Motion, Pilot, Plan};
 use rotortwin_scenario::Scenario;
@@ -14,7 +14,7 @@ const ROTOR_OF_CHANNEL: [usize; 6] = [2, 5, 6, 3, 1, 4];
 /// Simulated time at which it arms, s.
 const ARMS_S: f64 = 0.5;
 
-/// A peer in a thread; it ends with this.
+/// A peer in a thread, which ends when this is dropped.
 pub(crate) struct ScriptedArduPilot {
     stop: Arc<AtomicBool>,
     silent: Arc<AtomicBool>,
@@ -28,7 +28,7 @@ impl ScriptedArduPilot {
         Self::start_for(to, scenario, height_m, None)
     }
 
-    /// The same, and from `tour_s` of simulated time on it flies around.
+    /// The same, with a tour from `tour_s` of simulated time on.
     pub(crate) fn start_for(to: SocketAddr, scenario: &Scenario, height_m: f64, tour_s: Option<f64>) -> Self {
         let (stop, silent, frames) = (
             Arc::<AtomicBool>::default(),
@@ -51,7 +51,7 @@ impl ScriptedArduPilot {
         }
     }
 
-    /// It sends nothing any more, or again.
+    /// Stops or resumes sending.
     pub(crate) fn silence(&self, silent: bool) {
         self.silent.store(silent, Ordering::Relaxed);
     }
@@ -88,7 +88,7 @@ fn run(to: SocketAddr, mut pilot: Pilot, stop: &AtomicBool, silent: &AtomicBool,
         }
         let frame = frames.load(Ordering::Relaxed);
         let packet = servo_packet(u32::try_from(frame).expect("a short flight"), &pilot.duty);
-        // Without a plant nobody listens there; it asks again for the same frame.
+        // Without a plant nothing listens there; it sends the same frame again.
         let Ok(length) = socket.send_to(&packet, to).and_then(|_| socket.recv(&mut buffer)) else {
             std::thread::sleep(Duration::from_millis(20));
             continue;
@@ -111,7 +111,7 @@ fn servo_packet(frame: u32, duty: &[f64; 6]) -> Vec<u8> {
     packet
 }
 
-/// Numbers behind a key, found by searching, without a space in between.
+/// Numbers after a key, found by searching, without a space in between.
 fn numbers(line: &str, key: &str) -> Vec<f64> {
     let start = line.find(&format!("\"{key}\":")).expect("the key") + key.len() + 3;
     let rest = line[start..].trim_start_matches('[');
@@ -120,7 +120,7 @@ fn numbers(line: &str, key: &str) -> Vec<f64> {
     parsed.collect()
 }
 
-/// Flies on with what the plant said; its time.
+/// One step with the plant's state; returns its time.
 fn take(pilot: &mut Pilot, line: &str, last_s: f64) -> f64 {
     let time_s = numbers(line, "timestamp")[0];
     if time_s < last_s {

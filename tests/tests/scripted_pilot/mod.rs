@@ -1,17 +1,17 @@
-//! The pilot and controller inside of the scripted autopilots: waits, arms, climbs to its height, holds there, and flies a tour if it is told to.
+//! The pilot and controller inside the scripted autopilots: waits, arms, climbs to its height, holds there, and flies an optional tour.
 
 use rotortwin_flight_core::control::Controller;
 use rotortwin_flight_core::frames::{EulerAngles, Vec3};
 use rotortwin_flight_core::signals::{NavState, Reference};
 use rotortwin_scenario::Scenario;
 
-/// Height above the ground of a vehicle on its skids, and rate of climb: m, m/s.
+/// Height above the ground of a vehicle on its skids, m, and rate of climb, m/s.
 const CLIMB: (f64, f64) = (0.179, 1.0);
 
 /// A tour in three dimensions, ahead, aside and up: amplitude m, angular rate rad/s.
 const TOUR: [(f64, f64); 3] = [(4.0, 0.7), (3.0, 1.0), (0.6, 1.3)];
 
-/// What an autopilot knows of its own motion: m, m/s, NED; rad; rad/s.
+/// An autopilot's estimate of its own motion: m, m/s, NED; rad; rad/s.
 pub(crate) struct Motion {
     pub(crate) position: [f64; 3],
     pub(crate) velocity: [f64; 3],
@@ -19,19 +19,19 @@ pub(crate) struct Motion {
     pub(crate) body_rates: [f64; 3],
 }
 
-/// What it does, on its own clock.
+/// Its schedule, on its own clock.
 #[derive(Clone, Copy)]
 pub(crate) struct Plan {
-    /// When it arms, s.
+    /// Time of arming, s.
     pub(crate) arms_s: f64,
-    /// Where it holds, m over the origin.
+    /// Hold height, m over the origin.
     pub(crate) height_m: f64,
-    /// When its tour begins, s; `None`: it stays.
+    /// Start of the tour, s; `None`: it holds position.
     pub(crate) tour_s: Option<f64>,
 }
 
 impl Plan {
-    /// Place, m, and velocity, m/s, NED.
+    /// Position, m, and velocity, m/s, NED.
     fn wanted(&self, time_s: f64) -> ([f64; 3], [f64; 3]) {
         let since = time_s - self.arms_s;
         let height = (CLIMB.0 + CLIMB.1 * since).min(self.height_m);
@@ -52,7 +52,7 @@ pub(crate) struct Pilot {
     scenario: Scenario,
     controller: Controller,
     plan: Plan,
-    /// By our rotors.
+    /// In our rotor order.
     pub(crate) duty: [f64; 6],
     next_s: f64,
 }
@@ -72,7 +72,7 @@ impl Pilot {
         }
     }
 
-    /// From the beginning again.
+    /// Restarts from the beginning.
     pub(crate) fn restart(&mut self) {
         self.controller = controller(&self.scenario);
         (self.duty, self.next_s) = ([0.0; 6], self.plan.arms_s);

@@ -14,10 +14,10 @@ use std::time::Duration;
 const ROTOR_OF_CHANNEL: [usize; 6] = [2, 5, 6, 3, 1, 4];
 /// Simulated time at which it arms, s.
 const ARMS_S: f64 = 2.0;
-/// First answer: some 70 ms after the first sample.
+/// First answer: about 70 ms after the first sample.
 const FIRST_ANSWER: u64 = 18;
 
-/// Connects to the plant at `to`, hovers at `height_m` over the origin, and flies around from `tour_s` of simulated time on. It ends with
+/// Connects to the plant at `to`, hovers at `height_m` over the origin, and flies a tour from `tour_s` of simulated time on. It ends with
 /// the connection.
 pub(crate) fn start(to: SocketAddr, scenario: &Scenario, height_m: f64, tour_s: f64) -> JoinHandle<()> {
     let plan = Plan {
@@ -27,7 +27,7 @@ pub(crate) fn start(to: SocketAddr, scenario: &Scenario, height_m: f64, tour_s: 
     };
     let pilot = Pilot::new(scenario, plan);
     std::thread::spawn(move || {
-        // A plant that is not there yet is waited for.
+        // Waits for a plant that is not there yet.
         for _ in 0..2000 {
             if let Ok(stream) = TcpStream::connect(to) {
                 return serve(stream, pilot);
@@ -37,7 +37,7 @@ pub(crate) fn start(to: SocketAddr, scenario: &Scenario, height_m: f64, tour_s: 
     })
 }
 
-/// Flies until nobody is there any more.
+/// Flies until the connection closes.
 fn serve(mut stream: TcpStream, mut pilot: Pilot) {
     stream.set_nodelay(true).expect("a connection");
     let hello = encode(0, 1, 1, HEARTBEAT, &[0, 0, 0, 0, 2, 12, 0, 0, 3]);

@@ -1,11 +1,11 @@
-//! A container image without a registry, a base image or a daemon: what the program needs and nothing else, as an OCI image layout in a tar.
+//! A container image without a registry, a base image or a daemon: only what the program needs, as an OCI image layout in a tar.
 //!
 //! ```text
 //!  oci-layout · index.json ─▶ manifest ─┬─▶ config: user, command, digest of the unpacked layer
 //!  manifest.json (docker load)          └─▶ layer: /usr/bin/rotortwin, its C library, /etc/passwd, /data, /tmp
 //! ```
-//! `podman load`, `skopeo copy oci-archive:FILE …` and `docker load` take it. Specification: OCI image format 1.0. Equal inputs give equal
-//! bytes: names are sorted, times are 0.
+//! Accepted by `podman load`, `skopeo copy oci-archive:FILE …` and `docker load`. Specification: OCI image format 1.0. The output is
+//! reproducible: names are sorted, times are 0.
 
 use super::{VERSION, output_of};
 use crate::command;
@@ -15,12 +15,12 @@ use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
-/// Who runs in it: as in the `Dockerfile`.
+/// User in the container, as in the `Dockerfile`.
 const USER: &str = "10001:10001";
 
 /// Writes the image.
 ///
-/// * `tree`: what is installed, as it lies below `/`   * `stage`: an empty folder to work in
+/// * `tree`: installed files, relative to `/`   * `stage`: an empty working folder
 pub(super) fn image(program: &Path, tree: &Path, stage: &Path, out: &Path) -> Result<()> {
     let root = stage.join("rootfs");
     fill(program, tree, &root)?;
@@ -129,7 +129,7 @@ fn fill(program: &Path, tree: &Path, root: &Path) -> Result<()> {
     Ok(())
 }
 
-/// A tar of a folder that depends on what is in it alone. Folders that a process writes to belong to its user.
+/// A reproducible tar of a folder. Folders that a process writes to belong to its user.
 fn packed(folder: &Path, file: &Path) -> Command {
     let mut tar = Command::new("tar");
     tar.args([
@@ -147,7 +147,7 @@ fn packed(folder: &Path, file: &Path) -> Command {
     tar
 }
 
-/// A file that is named by what it holds.
+/// A file named by its content hash.
 struct Blob {
     digest: String,
     size: u64,

@@ -1,5 +1,5 @@
-//! `cargo xtask dist`: what people install who do not build: an archive, a Debian package, a Python wheel, a container image; and a list of
-//! what is in them.
+//! `cargo xtask dist`: binary distributions: an archive, a Debian package, a Python wheel, a container image; and a software bill of
+//! materials.
 //!
 //! ```text
 //!  rotortwin-network ───────▶ stripped ─┬─▶ rotortwin-V-x86_64-linux.tar.gz   program, completions, manual pages
@@ -9,7 +9,7 @@
 //!  clients/python ───────────▶ its wheel ─┴─▶ rotortwin-V-cp310-abi3-….whl      the command, the native module and the client
 //!  cargo metadata ────────────────────────────▶ rotortwin-V-x86_64.cdx.json        what it is made of (CycloneDX)
 //! ```
-//! The oldest glibc that they run on is that of the newest symbol which they use; it names the wheel and is what the package asks for.
+//! The minimum glibc version is that of the newest symbol used; it names the wheel and is the package's dependency.
 
 mod image;
 mod parts_list;
@@ -20,7 +20,7 @@ use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
-/// Of the workspace, as of this package.
+/// Version of the workspace, and of this package.
 const VERSION: &str = env!("CARGO_PKG_VERSION");
 
 const SHELLS: [(&str, &str); 3] = [
@@ -29,7 +29,7 @@ const SHELLS: [(&str, &str); 3] = [
     ("fish", "usr/share/fish/vendor_completions.d/rotortwin.fish"),
 ];
 
-/// Makes all packages in `target/packages`.
+/// Builds all packages in `target/packages`.
 pub(crate) fn run(root: &Path) -> Result<()> {
     command::build(root, &["--bin", "rotortwin-network", "--lib"])?;
     let out = root.join("target/packages");
@@ -38,7 +38,7 @@ pub(crate) fn run(root: &Path) -> Result<()> {
     }
     let stage = out.join("stage");
     fs::create_dir_all(&stage)?;
-    // It knows every command: who installs needs no second program.
+    // It supports every command: users need no second program.
     let program = stripped(&root.join("target/release/rotortwin-network"), &stage.join("rotortwin"))?;
     let module = stripped(
         &root.join("target/release/lib_native.so"),
@@ -55,7 +55,7 @@ pub(crate) fn run(root: &Path) -> Result<()> {
     sums(&out)
 }
 
-/// What a command prints; it has to succeed.
+/// Output of a command, which must succeed.
 fn output_of(command: &mut Command) -> Result<String> {
     let name = command.get_program().to_string_lossy().into_owned();
     let said = command.output().with_context(|| format!("starting {name}"))?;
@@ -73,7 +73,7 @@ fn stripped(from: &Path, to: &Path) -> Result<PathBuf> {
     Ok(to.to_owned())
 }
 
-/// The newest version of glibc of which a symbol is used.
+/// The newest glibc version whose symbols are used.
 fn newest_glibc(file: &Path) -> Result<(u32, u32)> {
     let said = Command::new("objdump")
         .arg("-T")
@@ -93,7 +93,7 @@ fn newest_glibc(file: &Path) -> Result<(u32, u32)> {
         .with_context(|| format!("{} uses no glibc", file.display()))
 }
 
-/// The program, its completions and manual pages as they lie below `/`.
+/// The program, its completions and manual pages, relative to `/`.
 fn installed(root: &Path, program: &Path, tree: &Path) -> Result<PathBuf> {
     let bin = tree.join("usr/bin");
     let manual = tree.join("usr/share/man/man1");
@@ -242,7 +242,7 @@ fn wheel(root: &Path, program: &Path, module: &Path, out: &Path, (major, minor):
     )
 }
 
-/// Replaces the first of a text that has to be there.
+/// Replaces the first occurrence of a text, which must exist.
 fn edit(file: &Path, from: &str, to: &str) -> Result<()> {
     let text = fs::read_to_string(file)?;
     if !text.contains(from) {
@@ -251,7 +251,7 @@ fn edit(file: &Path, from: &str, to: &str) -> Result<()> {
     Ok(fs::write(file, text.replacen(from, to, 1))?)
 }
 
-/// `SHA256SUMS`, and what there is with its size.
+/// Writes `SHA256SUMS`, and prints the files with their sizes.
 fn sums(out: &Path) -> Result<()> {
     let mut names: Vec<String> = fs::read_dir(out)?
         .map(|entry| Ok(entry?.file_name().to_string_lossy().into_owned()))

@@ -1,7 +1,7 @@
-//! What the packages are made of, for those who have to look for known holes: CycloneDX 1.5, from what cargo has resolved.
+//! Software bill of materials of the packages, for vulnerability scans: CycloneDX 1.5, from cargo's resolution.
 //!
-//! Listed are the packages that are linked into the programs and the Python module, for this system, with name, version, licence, the
-//! checksum of the lock file and who uses whom. Build scripts and macros, which run while it is built, are not.
+//! Contains the packages linked into the programs and the Python module, for this system, with name, version, licence, the checksum
+//! of the lock file and their dependencies. Build scripts and macros, which only run at build time, are not included.
 
 use super::{VERSION, output_of};
 use crate::command::cargo;
@@ -10,7 +10,7 @@ use serde_json::{Value, json};
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
 
-/// What is in the packages.
+/// Programs in the packages.
 const PROGRAMS: [&str; 2] = ["rotortwin-network", "rotortwin-native"];
 
 /// Writes the list.
@@ -95,7 +95,7 @@ fn list(metadata: &Value, checksums: &BTreeMap<(String, String), String>) -> Res
             "type": "library", "bom-ref": reference(id)?, "name": name, "version": version, "purl": reference(id)?,
         });
         if let Some(licence) = package["license"].as_str() {
-            // "MIT/Apache-2.0" is how it was once written.
+            // "MIT/Apache-2.0" is the old notation.
             component["licenses"] = json!([{ "expression": licence.replace('/', " OR ") }]);
         }
         if let Some(checksum) = checksums.get(&(name, version)) {

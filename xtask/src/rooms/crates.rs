@@ -1,11 +1,11 @@
-//! The crates of the workspace and what each is built from, as cargo knows them.
+//! The crates of the workspace and their dependencies, from cargo.
 
 use super::graph::Graph;
 use anyhow::{Context, Result, bail};
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
 
-/// The first of each pair must not be built from the second, not even through others.
+/// The first of each pair must not depend on the second, not even indirectly.
 const APART: [(&str, &str); 5] = [
     ("controller", "plant"),
     ("fdi", "plant"),
@@ -18,7 +18,7 @@ const APART: [(&str, &str); 5] = [
 pub(super) struct Crates {
     /// Folder, relative to the root.
     pub(super) folders: BTreeMap<String, String>,
-    /// What each is built from; tests may use more.
+    /// Dependencies of each; tests may use more.
     pub(super) graph: Graph,
 }
 

@@ -1,11 +1,11 @@
-//! Who uses whom among rooms: circles, and floors.
+//! Dependencies between rooms: cycles and layers.
 
 use std::collections::{BTreeMap, BTreeSet};
 
 /// Path of a module below its crate: `["effects", "wind"]`.
 pub(super) type ModulePath = Vec<String>;
 
-/// Rooms by name, each with those that it uses.
+/// Rooms by name, each with its dependencies.
 #[derive(Debug, Default)]
 pub(super) struct Graph(pub(super) BTreeMap<String, BTreeSet<String>>);
 
@@ -26,12 +26,12 @@ impl Graph {
         self.0.get(room).into_iter().flatten().map(String::as_str)
     }
 
-    /// Rooms that use each other, directly or through others; each circle in alphabetical order.
+    /// Rooms that depend on each other, directly or indirectly; each cycle in alphabetical order.
     pub(super) fn circles(&self) -> Vec<Vec<&str>> {
         self.groups().into_iter().filter(|group| group.len() > 1).collect()
     }
 
-    /// All rooms, those of a circle together.
+    /// All rooms, grouped by cycle.
     fn groups(&self) -> Vec<Vec<&str>> {
         let reach: BTreeMap<&str, BTreeSet<&str>> =
             self.0.keys().map(|room| (room.as_str(), self.reach(room))).collect();
@@ -49,13 +49,13 @@ impl Graph {
         groups
     }
 
-    /// Rooms from the ground up: each uses only rooms of floors below its own. The rooms of a circle share a floor.
+    /// Layers of rooms from the bottom up: each uses only rooms of lower layers. The rooms of a cycle share a layer.
     pub(super) fn floors(&self) -> Vec<Vec<Vec<&str>>> {
         let mut open = self.groups();
         let mut placed: BTreeSet<&str> = BTreeSet::new();
         let mut floors = Vec::new();
         while !open.is_empty() {
-            // A circle is in the same group, so at least one group is always free.
+            // A cycle is in one group, so at least one group is always free.
             let (floor, rest): (Vec<_>, Vec<_>) = open.into_iter().partition(|group| {
                 let mut used = group.iter().flat_map(|room| self.used_by(room));
                 used.all(|room| placed.contains(room) || group.contains(&room) || !self.0.contains_key(room))
@@ -67,7 +67,7 @@ impl Graph {
         floors
     }
 
-    /// Those that a room uses, without those that one of the others uses too; in a graph without circles.
+    /// Direct dependencies of a room, without those also implied by others; in an acyclic graph.
     pub(super) fn nearest(&self, room: &str) -> Vec<&str> {
         let indirect: BTreeSet<&str> = self.used_by(room).flat_map(|next| self.reach(next)).collect();
         self.used_by(room).filter(|next| !indirect.contains(next)).collect()
@@ -121,7 +121,7 @@ mod tests {
         ]);
         let directories = by_directory(&uses);
         assert_eq!(directories[&path("")].circles(), [["a", "b"]]);
-        // A directory's own file and what is in it may use each other.
+        // A directory's own file and its contents may use each other.
         assert!(directories[&path("a")].circles().is_empty());
     }
 

@@ -1,9 +1,9 @@
-//! `cargo xtask rooms`: which crate and which module uses which, as a picture, and the circles among them.
+//! `cargo xtask rooms`: dependencies between crates and modules, as a picture, and the cycles among them.
 //!
-//! A room is a crate or a module: a file, or a directory with all that is in it. Rooms of one directory may not use each other in a
-//! circle. A directory's own file (`mod.rs`, `lib.rs`) is no room of its own: it may use what is in the directory and be used by it.
+//! A room is a crate or a module: a file, or a directory with its contents. Rooms of one directory must not form a cycle. A
+//! directory's own file (`mod.rs`, `lib.rs`) is not a separate room: it may use the contents of the directory and be used by them.
 //!
-//! Today's circles are listed in `xtask/circles.txt`. A circle that is not listed fails the check, and so does a listed circle that
+//! Existing cycles are listed in `xtask/circles.txt`. A cycle that is not listed fails the check, and so does a listed cycle that
 //! has changed or is gone: the list may only shrink. The picture is a block of `ARCHITECTURE.md`, checked for drift.
 
 mod crates;
@@ -17,22 +17,22 @@ use graph::Graph;
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
 
-/// The list of today's circles, relative to the root.
+/// The list of existing cycles, relative to the root.
 const LIST: &str = "xtask/circles.txt";
-/// The file that holds the picture, relative to the root.
+/// The file with the picture, relative to the root.
 const PAGE: &str = "ARCHITECTURE.md";
 /// The Python package, relative to the root.
 const PYTHON: &str = "clients/python/src/rotortwin";
 
-/// One directory of modules: where it is, relative to the root, and who uses whom in it.
+/// One directory of modules: its path relative to the root, and the dependencies in it.
 struct Directory {
     place: String,
     graph: Graph,
-    /// False for a directory inside of another one.
+    /// False for a nested directory.
     is_top: bool,
 }
 
-/// Prints the picture and writes it into `ARCHITECTURE.md`; fails on a circle that is not listed.
+/// Prints the picture and writes it into `ARCHITECTURE.md`; fails on an unlisted cycle.
 pub(crate) fn write(root: &Path) -> Result<()> {
     let (picture, circles) = look(root)?;
     println!("{picture}");
@@ -42,7 +42,7 @@ pub(crate) fn write(root: &Path) -> Result<()> {
     compare_with_list(root, &circles)
 }
 
-/// Fails on a circle that is not listed, on a listed circle that is gone, and on a picture that is out of date.
+/// Fails on an unlisted cycle, on a listed cycle that is gone, and on an outdated picture.
 pub(crate) fn check(root: &Path) -> Result<()> {
     let (picture, circles) = look(root)?;
     compare_with_list(root, &circles)?;
@@ -53,7 +53,7 @@ pub(crate) fn check(root: &Path) -> Result<()> {
     Ok(())
 }
 
-/// The picture of the tree, and all circles: a line for each.
+/// The picture of the tree, and all cycles, one line each.
 fn look(root: &Path) -> Result<(String, BTreeSet<String>)> {
     let crates = crates::read(root)?;
     let mut directories = Vec::new();

@@ -1,4 +1,4 @@
-//! The picture in `ARCHITECTURE.md`: floors of crates, and floors of modules in each crate.
+//! The picture in `ARCHITECTURE.md`: layers of crates, and layers of modules in each crate.
 
 use super::crates::Crates;
 use super::graph::Graph;
@@ -13,7 +13,7 @@ const WIDTH: usize = 120;
 
 /// The block of the page.
 ///
-/// * `tops`: the topmost modules of each crate, by folder
+/// * `tops`: the top-layer modules of each crate, by folder
 pub(super) fn draw(crates: &Crates, tops: &BTreeMap<&str, &Graph>) -> String {
     let mut text = String::from("```text\n");
     let floors = crates.graph.floors();
@@ -48,7 +48,7 @@ pub(super) fn draw(crates: &Crates, tops: &BTreeMap<&str, &Graph>) -> String {
     text
 }
 
-/// Words after a label, in lines that are not too long.
+/// Words after a label, wrapped.
 fn wrapped(label: &str, words: impl Iterator<Item = String>) -> String {
     let (mut text, mut line) = (String::new(), label.to_owned());
     for word in words {
@@ -63,7 +63,7 @@ fn wrapped(label: &str, words: impl Iterator<Item = String>) -> String {
     text + &line + "\n"
 }
 
-/// The page with the block in its place.
+/// The page with the block inserted.
 pub(super) fn inserted(page: &str, picture: &str) -> Result<String> {
     let (before, rest) = page.split_once(BEGIN).with_context(|| format!("no line {BEGIN:?}"))?;
     let (_, after) = rest.split_once(END).with_context(|| format!("no line {END:?}"))?;

@@ -1,12 +1,12 @@
-//! The modules of a Python package and what each imports from the same package.
+//! The modules of a Python package and their imports within the package.
 
 use super::graph::Graph;
 use anyhow::Result;
 use std::path::Path;
 
-/// Reads all modules of a package without packages inside; `__init__` is the package's own file.
+/// Reads all modules of a package without subpackages; `__init__` is the package's own file.
 ///
-/// Imports for type checkers only (`if TYPE_CHECKING:`) count like all others: a reader follows them as well.
+/// Imports for type checkers only (`if TYPE_CHECKING:`) count like all others: readers follow them, too.
 pub(super) fn modules(folder: &Path) -> Result<Graph> {
     let mut graph = Graph::default();
     for entry in std::fs::read_dir(folder)? {

@@ -1,8 +1,8 @@
-//! The modules of a crate and what each uses of the same crate.
+//! The modules of a crate and their dependencies within the crate.
 //!
-//! Read from the tokens of its files: `use` declarations, and paths that begin with `crate`, `super`, `self` or the name of a module.
-//! A name that a module only passes on (`pub use`) leads to where it comes from. Code under `#[cfg(test)]` and the crate's tests,
-//! examples and benches may use anything.
+//! Derived from the tokens of its files: `use` declarations, and paths that begin with `crate`, `super`, `self` or the name of a
+//! module. A re-exported name (`pub use`) is attributed to its origin. Code under `#[cfg(test)]` and the crate's tests, examples and
+//! benches may use anything.
 
 use super::graph::ModulePath;
 use anyhow::{Context, Result, anyhow};
@@ -10,13 +10,13 @@ use proc_macro2::{Delimiter, Spacing, TokenStream, TokenTree};
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 
-/// A module as its tokens have it.
+/// A module's tokens.
 #[derive(Default)]
 struct Module {
-    /// The module whose file this is in: itself, or one around it.
+    /// The module whose file contains it: itself, or an enclosing one.
     file: ModulePath,
     children: BTreeSet<String>,
-    /// Names that it passes on, each with the path that it has here.
+    /// Re-exported names, each with its path here.
     passed_on: BTreeMap<String, Vec<String>>,
     /// Every path that occurs in it.
     paths: BTreeSet<Vec<String>>,
@@ -93,7 +93,7 @@ fn file_of(folder: &Path, name: &str) -> Result<PathBuf> {
         .with_context(|| format!("no file for module {name} in {}", folder.display()))
 }
 
-/// The module that owns what a path names; `None` if it is of another crate.
+/// The module that owns a path; `None` if it is in another crate.
 fn resolve(modules: &Modules, place: &ModulePath, path: &[String], depth: usize) -> Option<ModulePath> {
     let mut owner = place.clone();
     let mut rest = path;
@@ -112,7 +112,7 @@ fn resolve(modules: &Modules, place: &ModulePath, path: &[String], depth: usize)
             }
             name if module.children.contains(name) => owner.push(name.to_owned()),
             name => {
-                // A name that comes from another crate belongs to the module that passes it on.
+                // A name from another crate belongs to the module that re-exports it.
                 let passed_on = module.passed_on.get(name).filter(|_| depth < 8);
                 let found =
                     passed_on.and_then(|path| resolve(modules, &owner, &[path, &rest[1..]].concat(), depth + 1));
@@ -124,7 +124,7 @@ fn resolve(modules: &Modules, place: &ModulePath, path: &[String], depth: usize)
     Some(owner)
 }
 
-/// What a walk over the tokens of a module finds.
+/// Results of walking the tokens of a module.
 #[derive(Default)]
 struct Reader {
     /// Declared modules; with tokens if they are in the same file.
@@ -141,7 +141,7 @@ impl Reader {
         while let Some(token) = tokens.get(at) {
             let previous_is_public = std::mem::take(&mut is_public);
             match token {
-                // Code of tests, and modules of a file elsewhere (`#[path]`), are not rooms of this crate.
+                // Test code, and modules with a file elsewhere (`#[path]`), are not rooms of this crate.
                 TokenTree::Punct(hash)
                     if hash.as_char() == '#' && (is_cfg_test(tokens.get(at + 1)) || is_path(tokens.get(at + 1))) =>
                 {
@@ -215,7 +215,7 @@ impl Reader {
     }
 }
 
-/// The path that begins at a word, and where it ends; a trailing `::` belongs to it.
+/// The path that starts at a word, and its end; includes a trailing `::`.
 fn path_at(tokens: &[TokenTree], at: usize) -> (Vec<String>, usize) {
     let mut path = Vec::new();
     let mut at = at;
@@ -245,7 +245,7 @@ fn is_path(token: Option<&TokenTree>) -> bool {
     matches!(token, Some(TokenTree::Group(group)) if group.stream().to_string().starts_with("path ="))
 }
 
-/// The end of the item that begins here: after its semicolon or its braces.
+/// The end of the item that starts here: after its semicolon or its braces.
 fn end_of_item(tokens: &[TokenTree], at: usize) -> usize {
     let ends = |token: &TokenTree| match token {
         TokenTree::Group(group) => group.delimiter() == Delimiter::Brace,
@@ -260,7 +260,7 @@ fn end_of_item(tokens: &[TokenTree], at: usize) -> usize {
 mod tests {
     use super::*;
 
-    /// What a crate with these files uses, one `file -> file file` a line.
+    /// The dependencies of a crate with these files, one `file -> file file` per line.
     fn uses(files: &[(&str, &str)]) -> Vec<String> {
         let folder = std::env::temp_dir().join(format!("rotortwin-rooms-{}-{}", std::process::id(), files.len()));
         for (name, text) in files {

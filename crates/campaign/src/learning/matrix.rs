@@ -1,12 +1,12 @@
 //! Matrix products for small dense networks, summed in a fixed order.
 //!
 //! Columns are padded to a multiple of [`LANES`], so that the inner loop has no remainder; padding holds zeros and stays zero. Every
-//! element is Σ_p a(i,p) b(p,j) with p rising, whatever the tiling: the result does not depend on the shape of the rest.
+//! element is Σ_p a(i,p) b(p,j) with increasing p, whatever the tiling: the result does not depend on the shape of the rest.
 
-/// Columns that are computed at a time.
+/// Columns computed at a time.
 pub const LANES: usize = 4;
 
-/// Rows that are computed at a time.
+/// Rows computed at a time.
 const ROWS: usize = 4;
 
 /// `columns` rounded up to whole lanes.
@@ -14,7 +14,7 @@ pub const fn padded(columns: usize) -> usize {
     columns.div_ceil(LANES) * LANES
 }
 
-/// Rows of padded columns.
+/// A matrix with padded columns.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Matrix {
     rows: usize,
@@ -24,7 +24,7 @@ pub struct Matrix {
 }
 
 impl Matrix {
-    /// Zeros.
+    /// All zeros.
     pub fn new(rows: usize, columns: usize) -> Self {
         let stride = padded(columns);
         Self {
@@ -80,7 +80,7 @@ impl Matrix {
         &self.values
     }
 
-    /// Makes this `other`ᵀ.
+    /// Sets this to `other`ᵀ.
     pub fn transpose_of(&mut self, other: &Self) {
         debug_assert_eq!((self.rows, self.columns), (other.columns, other.rows));
         for i in 0..other.rows {
@@ -91,7 +91,7 @@ impl Matrix {
     }
 }
 
-/// Where the rows of the left factor stand.
+/// Layout of the left factor.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Left {
     /// a(i, p) is row i, column p.
@@ -121,7 +121,7 @@ pub fn multiply_add(
     let mut first = 0;
     while first < rows {
         let height = ROWS.min(rows - first);
-        // The rows of this strip side by side; what is missing in the last strip is zero.
+        // Interleave the rows of this strip; missing rows of the last strip are zero.
         for (p, slots) in pack.chunks_exact_mut(ROWS).enumerate() {
             for (i, slot) in slots.iter_mut().enumerate() {
                 *slot = if i < height {

@@ -2,7 +2,8 @@
 //!
 //! h = σ(x W₁ + b₁),   y = softmax(h W₂ + b₂),   loss = −mean ln y(label)
 //!
-//! Matrices stand by input (`W[input][neuron]`), so that a batch is one product. σ is ReLU (§5.2) or the logistic function ([32]).
+//! Matrices are stored by input (`W[input][neuron]`), so that a batch is one product. σ is ReLU (§5.2) or the logistic function
+//! ([32]).
 
 use super::matrix::{Left, Matrix, multiply_add};
 use rotortwin_plant::random::RandomStream;
@@ -27,7 +28,7 @@ pub struct Shape {
     pub classes: usize,
 }
 
-/// Parameters of a network; also anything that has one number for each of them, such as a gradient.
+/// Parameters of a network; also used for anything of the same shape, such as a gradient.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Parameters {
     /// W₁, inputs × hidden.
@@ -94,7 +95,7 @@ impl Parameters {
     }
 }
 
-/// Work space for batches of up to a fixed number of samples.
+/// Workspace for batches of up to a fixed number of samples.
 #[derive(Clone, Debug)]
 pub struct Workspace {
     activation: Activation,
@@ -120,7 +121,7 @@ impl Workspace {
         }
     }
 
-    /// Class probabilities of the first `count` rows of `x`; they stand in [`Workspace::probabilities`].
+    /// Class probabilities of the first `count` rows of `x`, stored in [`Workspace::probabilities`].
     pub fn forward(&mut self, network: &Parameters, x: &Matrix, count: usize) {
         let shape = network.shape();
         for i in 0..count {
@@ -210,7 +211,7 @@ impl Workspace {
     }
 }
 
-/// Shifted by the largest, so that nothing overflows.
+/// Shifted by the maximum, so that nothing overflows.
 fn softmax(values: &mut [f64]) {
     let largest = values.iter().fold(f64::NEG_INFINITY, |a, b| a.max(*b));
     let mut sum = 0.0;
@@ -221,7 +222,7 @@ fn softmax(values: &mut [f64]) {
     values.iter_mut().for_each(|value| *value /= sum);
 }
 
-/// The first of the largest.
+/// Index of the maximum; ties go to the first.
 pub fn arg_max(values: &[f64]) -> usize {
     let mut best = 0;
     for (i, value) in values.iter().enumerate() {
@@ -239,7 +240,7 @@ mod tests {
     /// Central differences over 1e-5: truncation 1e-10 relative, rounding 1e-11.
     const DIFFERENCE_TOLERANCE: f64 = 1e-8;
 
-    /// The gradient against differences of the loss, for both activations.
+    /// The gradient compared with finite differences of the loss, for both activations.
     #[test]
     fn val_gradient_against_differences() {
         let shape = Shape {

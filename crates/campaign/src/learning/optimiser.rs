@@ -1,10 +1,10 @@
-//! How the weights follow the gradient.
+//! Optimisers.
 //!
 //! L2 regularisation acts on weights, not on biases: g = ∂loss/∂w + λ w.
 
 use super::network::{Parameters, Shape};
 
-/// A rule and its settings.
+/// An update rule and its settings.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Optimiser {
     /// Stochastic gradient descent with momentum (§5.2): v ← µ v − ε g, w ← w + v.
@@ -16,9 +16,10 @@ pub enum Optimiser {
         /// λ.
         l2: f64,
     },
-    /// Adam (Kingma and Ba 2015), β₁ = 0.9, β₂ = 0.999, ε̂ = 1e-8. The learning rate falls to 0 over the training as a half cosine.
+    /// Adam (Kingma and Ba 2015), β₁ = 0.9, β₂ = 0.999, ε̂ = 1e-8. The learning rate decays to 0 over the training as a half
+    /// cosine.
     Adam {
-        /// At the start.
+        /// Initial learning rate.
         learning_rate: f64,
         /// λ.
         l2: f64,
@@ -26,14 +27,14 @@ pub enum Optimiser {
 }
 
 impl Optimiser {
-    /// Table 5; the momentum of 0.9 is the usual value, the paper gives none.
+    /// Table 5; the paper gives no momentum, 0.9 is the usual value.
     pub const PAPER: Self = Self::Sgdm {
         learning_rate: 1e-3,
         momentum: 0.9,
         l2: 1e-4,
     };
 
-    /// In words, for people.
+    /// Human-readable description.
     pub fn words(&self) -> String {
         match self {
             Self::Sgdm {
@@ -52,7 +53,7 @@ const BETA_1: f64 = 0.9;
 const BETA_2: f64 = 0.999;
 const EPSILON: f64 = 1e-8;
 
-/// An optimiser at work.
+/// An optimiser with its state.
 #[derive(Clone, Debug)]
 pub struct OptimiserState {
     optimiser: Optimiser,
@@ -67,7 +68,7 @@ pub struct OptimiserState {
 }
 
 impl OptimiserState {
-    /// At rest, for `total_steps` steps.
+    /// Initial state, for `total_steps` steps.
     pub fn new(optimiser: Optimiser, shape: Shape, total_steps: u64) -> Self {
         Self {
             optimiser,
@@ -80,7 +81,7 @@ impl OptimiserState {
         }
     }
 
-    /// Moves `network` by one step.
+    /// Updates `network` by one step.
     pub fn step(&mut self, network: &mut Parameters, gradient: &Parameters) {
         let progress = self.steps as f64 / self.total_steps.max(1) as f64;
         self.steps += 1;

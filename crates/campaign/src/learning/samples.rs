@@ -1,4 +1,4 @@
-//! Features with labels, how they are split, and how they are scaled.
+//! Labelled features, their split, and their scaling.
 
 use rotortwin_plant::random::RandomStream;
 
@@ -11,7 +11,7 @@ pub struct Samples {
 }
 
 impl Samples {
-    /// No rows yet, of `features` numbers each.
+    /// No rows, with `features` numbers each.
     pub fn new(features: usize) -> Self {
         Self {
             features,
@@ -27,17 +27,17 @@ impl Samples {
         self.labels.push(label);
     }
 
-    /// Numbers in a row.
+    /// Numbers per row.
     pub fn features(&self) -> usize {
         self.features
     }
 
-    /// Rows.
+    /// Number of rows.
     pub fn len(&self) -> usize {
         self.labels.len()
     }
 
-    /// Whether there is no row.
+    /// Whether there are no rows.
     pub fn is_empty(&self) -> bool {
         self.labels.is_empty()
     }
@@ -61,16 +61,17 @@ impl Samples {
     }
 }
 
-/// Row numbers of the two parts, each in rising order.
+/// Row indices of the two parts, each in increasing order.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Split {
-    /// Trained on.
+    /// Training part.
     pub training: Vec<u32>,
-    /// Held back.
+    /// Validation part.
     pub validation: Vec<u32>,
 }
 
-/// Splits `rows` so that of each class the share `training_share` is trained on (rounded to whole rows), by chance.
+/// Splits `rows` at random so that the fraction `training_share` of each class is used for training (rounded to whole
+/// rows).
 pub fn stratified_split(labels: &[u8], rows: &[u32], training_share: f64, random: &mut RandomStream) -> Split {
     let classes = labels.iter().max().map_or(0, |label| usize::from(*label) + 1);
     let mut by_class: Vec<Vec<u32>> = vec![Vec::new(); classes];
@@ -89,7 +90,7 @@ pub fn stratified_split(labels: &[u8], rows: &[u32], training_share: f64, random
     Split { training, validation }
 }
 
-/// Puts the items into a random order (Fisher and Yates).
+/// Shuffles the items (Fisher–Yates).
 pub fn shuffle<T>(items: &mut [T], random: &mut RandomStream) {
     for i in (1..items.len()).rev() {
         // unit() is below 1, so this is at most i.
@@ -101,14 +102,14 @@ pub fn shuffle<T>(items: &mut [T], random: &mut RandomStream) {
 /// z = (x − mean)/deviation.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum ZScore {
-    /// Each feature by its own mean and deviation.
+    /// Each feature with its own mean and deviation.
     PerFeature,
-    /// All features by one mean and deviation.
+    /// All features with one mean and deviation.
     Pooled,
 }
 
 impl ZScore {
-    /// As in a classifier file.
+    /// Name in a classifier file.
     pub fn as_str(self) -> &'static str {
         match self {
             Self::PerFeature => "per-feature",
@@ -117,7 +118,7 @@ impl ZScore {
     }
 }
 
-/// Mean and deviation of every feature over the training part; equal ones if pooled. Sample deviation (n − 1).
+/// Mean and deviation of every feature over the training part; all equal if pooled. Sample deviation (n − 1).
 #[derive(Clone, Debug, PartialEq)]
 pub struct Scaling {
     /// Means.
@@ -127,7 +128,7 @@ pub struct Scaling {
 }
 
 impl Scaling {
-    /// Over `rows` of `samples`.
+    /// Scaling over `rows` of `samples`.
     pub fn new(samples: &Samples, rows: &[u32], kind: ZScore) -> Self {
         let features = samples.features();
         let count = rows.len() as f64;

@@ -1,4 +1,4 @@
-//! From samples to a trained network: scaling, epochs of mini-batches, and what the network says of other samples.
+//! From samples to a trained network: scaling, epochs of mini-batches, and classification of other samples.
 
 use super::matrix::Matrix;
 use super::network::{Activation, Parameters, Shape, Workspace, arg_max};
@@ -7,29 +7,29 @@ use super::samples::{Samples, Scaling, ZScore, shuffle};
 use rotortwin_flight_core::fdi::{Network, NetworkError, NetworkWeights};
 use rotortwin_plant::random::RandomStream;
 
-/// How a network is trained.
+/// Training settings.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct TrainingConfig {
     /// Hidden neurons.
     pub hidden: usize,
-    /// Of the hidden layer.
+    /// Activation of the hidden layer.
     pub activation: Activation,
     /// Scaling of the features.
     pub z_score: ZScore,
-    /// Rule of the weights.
+    /// Optimiser of the weights.
     pub optimiser: Optimiser,
-    /// Times that every sample is seen.
+    /// Number of epochs.
     pub epochs: u32,
-    /// Samples of a mini-batch; the last one of an epoch may be smaller.
+    /// Samples per mini-batch; the last one of an epoch may be smaller.
     pub batch: usize,
 }
 
 /// A network and the scaling of its inputs.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Trained {
-    /// Of the inputs.
+    /// Scaling of the inputs.
     pub scaling: Scaling,
-    /// z-score that the scaling was made with.
+    /// z-score used for the scaling.
     pub z_score: ZScore,
     /// Weights and biases.
     pub parameters: Parameters,
@@ -37,7 +37,7 @@ pub struct Trained {
 }
 
 /// Trains on `rows` of `samples` with `classes` classes. Initial weights and the order of the samples come from `random`; the order is
-/// drawn anew for every epoch.
+/// reshuffled for every epoch.
 pub fn train(
     config: &TrainingConfig,
     samples: &Samples,
@@ -97,7 +97,7 @@ impl Trained {
         classes
     }
 
-    /// The tables of this network in f32, as flight code and classifier files have them.
+    /// The tables of this network in f32, as used by flight code and classifier files.
     pub fn flight_weights(&self) -> FlightWeights {
         let by_neuron = |matrix: &Matrix| {
             (0..matrix.columns())
@@ -149,7 +149,7 @@ impl FlightWeights {
 mod tests {
     use super::*;
 
-    /// That of the vectors.
+    /// Tolerance of the vectors.
     const VECTOR_TOLERANCE: f64 = 1e-12;
 
     fn table(value: &serde_json::Value) -> Vec<Vec<f64>> {
@@ -180,7 +180,7 @@ mod tests {
         }
     }
 
-    /// Forward pass, loss, and two steps of SGDM against an independent implementation.
+    /// Forward pass, loss, and two steps of SGDM compared with an independent implementation.
     #[test]
     fn val_reference_network_and_two_steps_of_training() {
         let path = concat!(env!("CARGO_MANIFEST_DIR"), "/../../tests/vectors/nn.json");
@@ -230,7 +230,7 @@ mod tests {
         assert!(moved > 1e-4, "two steps that change nothing would have passed");
     }
 
-    /// Two clouds that a line separates: both rules must find it.
+    /// Two linearly separable clouds: both optimisers must separate them.
     #[test]
     fn scenario_both_optimisers_learn_separable_classes() {
         let mut random = RandomStream::new(5, "clouds");

@@ -1,7 +1,7 @@
-//! Classifier files from training: the network, what it reads, its cross-validation, how it was made.
+//! Classifier files from training: the network, its inputs, its cross-validation and its provenance.
 //!
-//! The same method, scenario and seeds give the same file, bit for bit: nothing in it depends on the clock, the machine or the number
-//! of threads.
+//! The same method, scenario and seeds give a bit-identical file: nothing in it depends on the clock, the machine or the number of
+//! threads.
 
 use crate::paper::cross_validation::{Fold, TRAINING_SHARE, fold};
 use crate::paper::protocol::Course;
@@ -12,7 +12,7 @@ use rotortwin_scenario::classifier::{
 };
 use rotortwin_scenario::{ConfigError, Scenario};
 
-/// A network on every trajectory, with the split and settings of the cross-validation, for `seed` of `reproduction`.
+/// Trains on all trajectories, with the split and settings of the cross-validation, for `seed` of `reproduction`.
 pub fn train_on_all(reproduction: &Reproduction, method: Method, seed: u64) -> Option<Fold> {
     let result = reproduction.seeds.iter().find(|result| result.seed == seed)?;
     let samples = method.samples(result.data.as_ref()?);
@@ -20,9 +20,9 @@ pub fn train_on_all(reproduction: &Reproduction, method: Method, seed: u64) -> O
     Some(fold(&samples, &config, reproduction.rotor_count, None, seed))
 }
 
-/// The classifier file of a network that `method` trained; its cross-validation is taken from all seeds of `reproduction`.
+/// The classifier file of a network trained with `method`; its cross-validation covers all seeds of `reproduction`.
 ///
-/// * `seed`: that of the weights   * `command`: writes the file again
+/// * `seed`: that of the weights   * `command`: reproduces the file
 pub fn classifier_file(
     base: &Scenario,
     reproduction: &Reproduction,
@@ -116,7 +116,7 @@ fn cross_validation(reproduction: &Reproduction, method: Method) -> CrossValidat
     }
 }
 
-/// What training a classifier has to compute.
+/// Options for training a classifier.
 pub fn options_for(method: Method, options: Options) -> Options {
     Options {
         items: Default::default(),
@@ -125,7 +125,7 @@ pub fn options_for(method: Method, options: Options) -> Options {
     }
 }
 
-/// `scenario` with `classifier` as its network and the rotor model that it reads. `name` stands in place of the file's path.
+/// `scenario` with `classifier` as its network and the matching rotor model. `name` replaces the file's path.
 pub fn with_classifier(scenario: &Scenario, classifier: Classifier, name: &str) -> Result<Scenario, ConfigError> {
     let mut documents = scenario.documents().clone();
     documents.scenario.fdi.nominal_thrust = classifier.inputs.nominal_thrust;

@@ -1,4 +1,4 @@
-//! Leave one trajectory out: three are trained on (70/30 with validation), the fourth is the test.
+//! Leave one trajectory out: three are used for training (70/30 with validation), the fourth for the test.
 
 use crate::learning::network::Activation;
 use crate::learning::optimiser::Optimiser;
@@ -11,23 +11,23 @@ use rotortwin_flight_core::fdi::network::MAX_CLASSES;
 use rotortwin_flight_core::fdi::{FaultVerdict, Residuals};
 use rotortwin_plant::random::RandomStream;
 
-/// Share of the windows of the three trajectories that is trained on (§5.2).
+/// Training fraction of the windows of the three trajectories (§5.2).
 pub const TRAINING_SHARE: f64 = 0.7;
 
-/// Share of right windows on each part, and everything about the test.
+/// Accuracy on each part, and the test results.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Fold {
-    /// Held out; `None`: nothing was, there is no test.
+    /// Held-out trajectory; `None`: none, so there is no test.
     pub held_out: Option<Course>,
-    /// Accuracy on the part trained on.
+    /// Accuracy on the training part.
     pub training: f64,
-    /// Accuracy on the part held back.
+    /// Accuracy on the validation part.
     pub validation: f64,
-    /// Rows trained on.
+    /// Training rows.
     pub training_rows: usize,
-    /// Rows held back.
+    /// Validation rows.
     pub validation_rows: usize,
-    /// Verdicts on the trajectory held out.
+    /// Verdicts on the held-out trajectory.
     pub test: Confusion,
     /// The network.
     pub trained: Trained,
@@ -45,7 +45,7 @@ pub fn paper_network(rotor_count: usize, z_score: ZScore) -> TrainingConfig {
     }
 }
 
-/// Trains on all trajectories but `held_out` and tests on that one. All configurations of a seed split alike.
+/// Trains on all trajectories except `held_out` and tests on that one. All configurations of a seed use the same split.
 pub fn fold(
     data: &GroupedSamples,
     config: &TrainingConfig,
@@ -81,7 +81,8 @@ pub fn fold(
     }
 }
 
-/// Verdicts of a trained network on rows of samples: by flight code in f32 where it can run the network, else in f64.
+/// Verdicts of a trained network on rows of samples: with flight code in f32 where it supports the network, otherwise
+/// in f64.
 fn classifier(trained: &Trained, rotor_count: usize) -> impl Fn(&GroupedSamples, &[u32]) -> Vec<FaultVerdict> {
     let shape = trained.parameters.shape();
     let residuals = shape.inputs == 3 * rotor_count && shape.hidden == shape.inputs && shape.classes <= MAX_CLASSES;

@@ -1,4 +1,4 @@
-//! The flights of one seed, and the samples that networks are trained on.
+//! The flights of one seed, and the training samples.
 
 use crate::learning::samples::Samples;
 use crate::paper::protocol::{Conduct, Course, FlightPlan, flight_plans, flight_scenario};
@@ -17,7 +17,7 @@ pub const BATCH_OF_ERRORS: usize = 120;
 /// All flights of one seed.
 #[derive(Clone, Debug, PartialEq)]
 pub struct DataSet {
-    /// Rotor layout that the residuals belong to.
+    /// Rotor layout of the residuals.
     pub geometry: Geometry,
     /// Plan and windows of each flight, in the order of [`flight_plans`].
     pub flights: Vec<(FlightPlan, FlightWindows)>,
@@ -54,7 +54,7 @@ impl DataSet {
         })
     }
 
-    /// Steps flown by all flights together.
+    /// Total number of steps of all flights.
     pub fn steps(&self) -> u64 {
         self.flights.iter().map(|(_, windows)| windows.steps).sum()
     }
@@ -89,7 +89,7 @@ impl DataSet {
                 for axis in 0..2 {
                     row.extend(batch.iter().map(|error| error[axis]));
                 }
-                // The label of the window that holds the middle of the batch: faults set in at borders of batches.
+                // The label of the window containing the middle of the batch: faults set in at batch boundaries.
                 let middle = i * BATCH_OF_ERRORS + BATCH_OF_ERRORS / 2;
                 let label = flight.labels[(middle / flight.window_len).min(flight.labels.len() - 1)];
                 samples.push(&row, label, plan.course, true);
@@ -99,14 +99,14 @@ impl DataSet {
     }
 }
 
-/// Samples that know which trajectory they come from.
+/// Samples grouped by trajectory.
 #[derive(Clone, Debug, PartialEq)]
 pub struct GroupedSamples {
     /// Features and labels.
     pub samples: Samples,
     /// Trajectory of each row.
     pub courses: Vec<Course>,
-    /// Whether the detector gives a verdict on this row; not while it calibrates.
+    /// Whether the detector gives a verdict on this row; false while it calibrates.
     pub ready: Vec<bool>,
 }
 

@@ -5,8 +5,8 @@
 //!                                   └▶ T-test verdicts ─────────────┘        └▶ classifiers ─▶ a classifier file
 //! ```
 //!
-//! * [`protocol`]: the 48 flights. * [`windows`]: one flight, boiled down. * [`data_set`]: all of them, as samples.
-//! * [`cross_validation`], [`scores`]: how good a network is. * [`reproduction`]: the tables of the paper.
+//! * [`protocol`]: the 48 flights. * [`windows`]: one flight, condensed. * [`data_set`]: all of them, as samples.
+//! * [`cross_validation`], [`scores`]: accuracy of a network. * [`reproduction`]: the tables of the paper.
 //! * [`classifiers`]: trained networks as files.
 
 pub mod classifiers;

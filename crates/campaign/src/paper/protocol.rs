@@ -1,12 +1,12 @@
 //! The paper's data set (§5.2): four trajectories × two charges × each rotor faulty, 90 s each.
 //!
-//! A base scenario gives vehicle, controller, sensors, mismatch and detector settings; the protocol replaces trajectory, charge and
-//! faults. From 45 s on the rotor carries blade b, from 60 s c, from 75 s d: half of the flight is healthy. Noise and lift biases of
-//! every flight come from a seed of its own.
+//! A base scenario provides vehicle, controller, sensors, mismatch and detector settings; the protocol replaces trajectory, charge
+//! and faults. From 45 s on the rotor carries blade b, from 60 s c, from 75 s d: half of the flight is healthy. Noise and lift
+//! biases of every flight come from its own seed.
 //!
-//! The paper says "two smooth helicoid trajectories, one hovering and one waypoint navigation" and gives no numbers; these are this
-//! project's choice. Almost all errors of the paper's network fall on the waypoint flight, whose reference velocity jumps at the
-//! corners, so its results are reported apart.
+//! The paper says "two smooth helicoid trajectories, one hovering and one waypoint navigation" without numbers; those used here are
+//! this project's choice. Almost all errors of the paper's network occur in the waypoint flight, whose reference velocity jumps at
+//! the corners, so its results are reported separately.
 
 use rotortwin_plant::powertrain::faults::FaultEntry;
 use rotortwin_plant::random::RandomStream;
@@ -18,20 +18,20 @@ use rotortwin_scenario::{ConfigError, Scenario};
 /// Length of every flight, s.
 pub const DURATION_S: f64 = 90.0;
 
-/// Charges at the start, fraction.
+/// Initial charges, fraction.
 pub const CHARGES: [f64; 2] = [0.4, 1.0];
 
-/// Onset in s and blade of the three faults in turn.
+/// Onset in s and blade of the three successive faults.
 pub const FAULTS: [(f64, &str); 3] = [(45.0, "b"), (60.0, "c"), (75.0, "d")];
 
-/// The four trajectories; each in turn is held out by the cross-validation.
+/// The four trajectories; the cross-validation holds out each in turn.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Course {
-    /// Helicoid of 2 m in 15 s a turn, yaw swinging: the reference flight.
+    /// Helicoid of 2 m with 15 s per turn, oscillating yaw: the reference flight.
     Helix1,
-    /// Helicoid of 4 m in 12 s a turn.
+    /// Helicoid of 4 m with 12 s per turn.
     Helix2,
-    /// At one place.
+    /// Hover.
     Hover,
     /// A new point every 9 s, 2.5 m/s between them.
     Waypoints,
@@ -41,7 +41,7 @@ impl Course {
     /// In the order of the tables.
     pub const ALL: [Self; 4] = [Self::Helix1, Self::Helix2, Self::Hover, Self::Waypoints];
 
-    /// For people and files.
+    /// Name for display and files.
     pub fn name(self) -> &'static str {
         match self {
             Self::Helix1 => "helix 1",
@@ -51,7 +51,7 @@ impl Course {
         }
     }
 
-    /// Place in [`Course::ALL`].
+    /// Index in [`Course::ALL`].
     pub fn index(self) -> usize {
         self as usize
     }
@@ -100,7 +100,7 @@ impl Course {
 pub struct FlightPlan {
     /// Trajectory.
     pub course: Course,
-    /// SoC at the start, fraction.
+    /// Initial SoC, fraction.
     pub charge: f64,
     /// Faulty rotor, from 0.
     pub rotor: usize,
@@ -108,17 +108,17 @@ pub struct FlightPlan {
     pub seed: u64,
 }
 
-/// What the flights of a data set have in common beyond the base scenario; the paper gives neither.
+/// Common properties of the flights of a data set beyond the base scenario; the paper specifies neither.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Conduct {
-    /// How the controller turns thrust into duty.
+    /// How the controller converts thrust to duty.
     pub thrust_to_duty: ThrustToDutyMap,
-    /// State of the rotors at the start.
+    /// Initial state of the rotors.
     pub start: Start,
 }
 
 impl Conduct {
-    /// The choice of the reference flight: u = f/full thrust, from trimmed hover.
+    /// As in the reference flight: u = f/full thrust, from trimmed hover.
     pub const STANDARD: Self = Self {
         thrust_to_duty: ThrustToDutyMap::Linear,
         start: Start::Trimmed,
@@ -136,7 +136,7 @@ pub fn flight_plans(rotor_count: usize, seed: u64) -> Vec<FlightPlan> {
                     course,
                     charge,
                     rotor,
-                    // 53 random bits: exact in every format that a seed may pass through.
+                    // 53 random bits: exact in every format that stores a seed.
                     seed: (random.unit() * (1u64 << 53) as f64) as u64,
                 });
             }

@@ -1,12 +1,12 @@
-//! Flights boiled down to what detectors decide on: window means of the residuals, T-test verdicts, labels.
+//! Flights condensed to the detectors' inputs: window means of the residuals, T-test verdicts, labels.
 //!
 //! ```text
 //!  Scenario, seed ─▶ plant ⇄ PID controller ─▶ residual generators, one per rotor model ─▶ window ─▶ Window, Window, …
 //! ```
 //!
-//! The same parts of `flight-core` as in [`FdiEngine`](rotortwin_flight_core::fdi::FdiEngine), put together so that one flight gives
-//! the residuals of all rotor models at once; a test holds the two against each other. No samples are kept, except the tracking
-//! errors of roll and pitch where they are asked for: a flight of 90 s leaves 0.2 MB.
+//! The same parts of `flight-core` as in [`FdiEngine`](rotortwin_flight_core::fdi::FdiEngine), combined so that one flight gives the
+//! residuals of all rotor models at once; a test compares the two. No samples are kept, except the tracking errors of roll and pitch
+//! if requested: a flight of 90 s takes 0.2 MB.
 
 use rotortwin_flight_core::fdi::nominal_thrust::{NominalWrench, static_thrust};
 use rotortwin_flight_core::fdi::residual::{BodyMomentum, RigidBody, WrenchObserver};
@@ -21,10 +21,10 @@ use rotortwin_wire::frames::{SensorFrame, Stamp};
 use rotortwin_wire::link::ControllerPeer;
 use rotortwin_wire::peers::PidPeer;
 
-/// What to keep of a flight.
+/// Data to collect from a flight.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Collect {
-    /// Rotor models whose residuals are wanted.
+    /// Rotor models whose residuals are requested.
     pub models: Vec<NominalThrustModel>,
     /// Start and end of the calibration of the T-test, s.
     pub calibration_s: [f64; 2],
@@ -54,7 +54,7 @@ pub struct FlightWindows {
     pub labels: Vec<u8>,
     /// One for each of [`Collect::models`].
     pub residuals: Vec<ResidualWindows>,
-    /// φ_r − φ and θ_r − θ as measured, rad, every step; empty if not asked for.
+    /// φ_r − φ and θ_r − θ as measured, rad, every step; empty if not requested.
     pub attitude_errors: Vec<[f32; 2]>,
     /// Steps flown.
     pub steps: u64,
@@ -97,7 +97,7 @@ impl Channel {
     }
 }
 
-/// Flies `scenario` with the random numbers of `seed` and keeps what `collect` asks for. An error is one sentence.
+/// Flies `scenario` with the random numbers of `seed` and keeps the data requested by `collect`. The error is a message.
 pub fn fly(scenario: &Scenario, seed: u64, collect: &Collect) -> Result<FlightWindows, String> {
     let config = scenario.fdi_config();
     let geometry = config.geometry;
@@ -187,7 +187,7 @@ pub fn fly(scenario: &Scenario, seed: u64, collect: &Collect) -> Result<FlightWi
 }
 
 impl FlightWindows {
-    /// The windows of one rotor model; it must have been asked for.
+    /// The windows of one rotor model, which must have been requested.
     pub fn of(&self, model: NominalThrustModel) -> &ResidualWindows {
         self.residuals
             .iter()
@@ -197,7 +197,7 @@ impl FlightWindows {
 }
 
 impl ResidualWindows {
-    /// What a network reads of window `i`: the 3 n_a residuals, with or without their calibration mean.
+    /// Network input of window `i`: the 3 n_a residuals, with or without their calibration mean.
     pub fn network_input(&self, geometry: &Geometry, i: usize, self_calibrated: bool) -> Residuals {
         let mut mean = self.mean[i];
         if self_calibrated {
@@ -220,7 +220,7 @@ mod tests {
     use rotortwin_wire::link::in_process::InProcessLink;
     use rotortwin_wire::peers::FdiEnginePeer;
 
-    /// Keeps what the FDI engine says at the end of each window.
+    /// Keeps the FDI engine's verdicts at the end of each window.
     #[derive(Default)]
     struct Verdicts {
         t_test: Vec<i32>,
@@ -247,7 +247,7 @@ mod tests {
         }
     }
 
-    /// Welford's recursion in f32 over 25 samples of up to 10 N·s against an f64 sum.
+    /// Welford's recursion in f32 over 25 samples of up to 10 N·s compared with an f64 sum.
     const MEAN_TOLERANCE: f64 = 1e-5;
 
     fn base() -> Scenario {
@@ -299,13 +299,13 @@ mod tests {
                     assert!((f64::from(*got) - want).abs() < MEAN_TOLERANCE, "{got} {want}");
                 }
             }
-            // Blade b on rotor 5 from 45 s on, that is from window 720 on.
+            // Blade b on rotor 5 from 45 s on, i.e. from window 720 on.
             assert!(windows.labels[..720].iter().all(|label| *label == 0));
             assert!(windows.labels[720..].iter().all(|label| *label == 5));
         }
     }
 
-    /// What a network was trained on is what it reads in flight, with and without self-calibration.
+    /// A network's training inputs equal its inputs in flight, with and without self-calibration.
     #[test]
     fn val_network_verdicts_are_those_of_the_fdi_engine() {
         for name in ["reference-flight", "lag-aware-reference-flight"] {

@@ -3,7 +3,7 @@
 use serde::{Deserialize, Serialize};
 use std::fmt;
 
-/// Columns that every campaign has; an axis must not take their names.
+/// Columns that every campaign has; axes must not use their names.
 pub const FIXED_COLUMNS: [&str; 16] = [
     "flight",
     "seed",
@@ -37,7 +37,7 @@ pub enum Cell {
 }
 
 impl Cell {
-    /// What a TOML value is called in the results: numbers as they are, everything else as text.
+    /// Converts a TOML value to a result: numbers unchanged, everything else as text.
     pub fn from_value(value: &toml::Value) -> Self {
         match value {
             toml::Value::Integer(x) => Self::Integer(*x),
@@ -47,7 +47,7 @@ impl Cell {
         }
     }
 
-    /// As a number, if it is one.
+    /// Its numeric value, if any.
     pub fn number(&self) -> Option<f64> {
         match self {
             Self::Integer(x) => Some(*x as f64),

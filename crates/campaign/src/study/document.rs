@@ -1,4 +1,4 @@
-//! Campaign documents: a base scenario, what is set on it, and the axes that vary it.
+//! Campaign documents: a base scenario, the values set on it, and the axes that vary it.
 //!
 //! ```toml
 //! name = "example"
@@ -21,17 +21,17 @@
 //! log_uniform = [0.5, 20.0]                       # drawn anew for every flight
 //! ```
 //!
-//! This module only reads and checks form; [`Campaign`](super::plan::Campaign) gives it a meaning.
+//! This module only reads and checks the form; [`Campaign`](super::plan::Campaign) interprets it.
 
 use rotortwin_scenario::ConfigError;
 use rotortwin_scenario::template::TomlFile;
 use serde::{Deserialize, Serialize};
 use toml::{Table, Value};
 
-/// Most flights of a campaign.
+/// Maximum number of flights of a campaign.
 pub const MAX_FLIGHTS: u64 = 100_000_000;
 
-/// Most axes, and most values of one.
+/// Maximum number of axes, and of values per axis.
 const MAX_AXES: usize = 32;
 const MAX_VALUES: usize = 100_000;
 
@@ -184,7 +184,7 @@ impl CampaignDocument {
             );
             return refuse("name", reason);
         }
-        // A seed passes through formats that hold 53 bits exactly.
+        // A seed passes through formats that store only 53 bits exactly.
         if self.seed >= 1 << 53 {
             return refuse("seed", format!("expected a whole number below 2^53, got {}", self.seed));
         }
@@ -238,14 +238,14 @@ impl CampaignDocument {
     }
 }
 
-/// Usable as the name of a folder.
+/// True if usable as a folder name.
 fn is_plain(name: &str) -> bool {
     let plain = |c: char| c.is_ascii_alphanumeric() || matches!(c, '-' | '_' | '.');
     name.len() <= 64 && name.starts_with(|c: char| c.is_ascii_alphanumeric()) && name.chars().all(plain)
 }
 
 impl AxisDocument {
-    /// Every key that the value goes to.
+    /// Every key that receives the value.
     pub fn all_keys(&self) -> Vec<String> {
         self.key.iter().chain(&self.keys).cloned().collect()
     }

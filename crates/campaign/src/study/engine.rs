@@ -4,7 +4,7 @@
 //!  PlannedFlight ─▶ scenario ─▶ FlightEngine (plant ⇄ controller, FDI) ── every sample ─▶ FlightScorer ─▶ FlightRecord
 //! ```
 //!
-//! [`FlightEngine`] is the seam behind which flights are stepped: one by one ([`OneByOne`]), or many side by side ([`SideBySide`]).
+//! [`FlightEngine`] abstracts how flights are stepped: one by one ([`OneByOne`]), or many side by side ([`SideBySide`]).
 
 use super::document::Criteria;
 use super::plan::{Campaign, PlannedFlight};
@@ -25,10 +25,10 @@ use rotortwin_wire::frames::LossEstimate;
 use rotortwin_wire::link::in_process::InProcessLink;
 use rotortwin_wire::peers::{AirborneEngine, FdiEnginePeer, PidPeer};
 
-/// How a flight went, besides its score.
+/// Result of a flight, besides its score.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Flown {
-    /// Why it ended early, in one sentence.
+    /// Why it ended early, as a message.
     pub failure: Option<String>,
     /// Complete steps.
     pub steps: u64,
@@ -36,16 +36,16 @@ pub struct Flown {
     pub run_hash: String,
 }
 
-/// Steps flights to their end and shows every complete sample to the flight's scorer. Same bits, however it is done.
+/// Steps flights to their end and passes every complete sample to the flight's scorer. All implementations are bit-identical.
 pub trait FlightEngine: Sync {
-    /// Flights that it likes to get at a time.
+    /// Preferred number of flights at a time.
     fn lanes(&self) -> usize;
 
-    /// Flies every scenario with its seed; as many results as scenarios, in their order.
+    /// Flies every scenario with its seed; results in the order of the scenarios.
     fn fly(&self, flights: &[(Scenario, u64)], scorers: &mut [FlightScorer]) -> Vec<Flown>;
 }
 
-/// The lockstep loop of [`rotortwin_flight::lockstep`], one flight after the other.
+/// The lockstep loop of [`rotortwin_flight::lockstep`], one flight after another.
 pub struct OneByOne;
 
 impl FlightEngine for OneByOne {
@@ -140,7 +140,7 @@ fn flown_of(outcome: FlightOutcome) -> Flown {
 /// Scores a flight while it is flown.
 pub struct FlightScorer {
     rotor_count: usize,
-    /// Share of the hover thrust that each blade code gives.
+    /// Fraction of the hover thrust for each blade code.
     blade_share: Vec<f64>,
     /// Mean thrust of a rotor in hover, N.
     hover_thrust_n: f64,
@@ -153,7 +153,7 @@ pub struct FlightScorer {
     detectors: [DetectorScorer; DETECTORS.len()],
     /// Engine, its verdict, its score.
     curve: Vec<(AirborneEngine, Verdict, DetectorScorer)>,
-    /// Of the last window.
+    /// Verdict of the last window.
     verdict: i32,
     thrust_loss: LossEstimate,
     last_blade: [i32; MAX_ROTORS],
@@ -162,7 +162,7 @@ pub struct FlightScorer {
 }
 
 impl FlightScorer {
-    /// For one flight of `scenario`. `levels`: evidence, nats, of further instances of the sequential detector.
+    /// Scorer of one flight of `scenario`. `levels`: evidence, nats, of further instances of the sequential detector.
     pub fn new(scenario: &Scenario, criteria: &Criteria, levels: &[f32]) -> Result<Self, String> {
         let config = scenario.fdi_config();
         let vehicle = scenario.vehicle();
@@ -171,11 +171,11 @@ impl FlightScorer {
         let mut curve = Vec::with_capacity(levels.len());
         for level in levels {
             let mut config = config;
-            // A fault is absorbed on so much more evidence than it is named on, whatever that is.
+            // A fault is absorbed at a fixed margin of evidence above the naming threshold.
             let reserve = config.sequential.evidence_to_absorb - config.sequential.evidence_to_isolate;
             config.sequential.evidence_to_isolate = *level;
             config.sequential.evidence_to_absorb = level + reserve;
-            // Neither decides on this curve.
+            // The curve does not use them.
             config.network = None;
             let engine = AirborneEngine::new(config, ground(scenario)).map_err(|error| error.to_string())?;
             curve.push((engine, Verdict::of_code(NOT_READY), DetectorScorer::new(window_steps)));
@@ -213,7 +213,7 @@ impl FlightScorer {
     }
 
     fn window(&mut self, sample: &Sample) {
-        // The median label, as in the protocol; rotors of the sample that has it.
+        // The median label, as in the protocol; rotors of the corresponding sample.
         self.labels.sort_unstable();
         let (label, faulty_rotors) = self.labels[self.labels.len() / 2];
         let truth = WindowTruth {
@@ -247,13 +247,13 @@ impl FlightScorer {
         }
     }
 
-    /// The record of the flight that was watched.
+    /// The record of the observed flight.
     pub fn finish(mut self, planned: &PlannedFlight, scenario: &Scenario, flown: Flown) -> FlightRecord {
         let faulty = self.onset_step.is_some();
         let onset_loss = first_loss(scenario, &self.blade_share);
         self.blade_share = blade_shares(scenario, self.last_voltage_v);
         let final_loss = self.loss_share_of(&self.last_blade, &self.last_loss);
-        // Of a pair, the estimate is that of one of two rotors, and the truth that of the worst.
+        // For a pair, the estimate is that of one of two rotors, and the truth that of the worst.
         let estimate = (1..100).contains(&self.verdict).then_some(self.thrust_loss);
         FlightRecord {
             status: match flown.failure {
@@ -301,7 +301,7 @@ impl FlightObserver for FlightScorer {
         if sample.report.window_end == 1 {
             self.window(sample);
         } else if self.labels.len() as u64 > 4 * self.window_steps {
-            // Samples are rejected: the window waits, its truth is that of the latest samples.
+            // When samples are rejected, the window waits and its truth is that of the latest samples.
             self.labels.remove(0);
         }
         let [roll, pitch, _] = truth.attitude_rad;
@@ -334,8 +334,8 @@ impl FlightObserver for FlightScorer {
     }
 }
 
-/// Share of the nominal thrust that each blade gives at the duty with which the nominal one hovers at `voltage`, by the code of the
-/// truth. It varies by some per cent of itself over a discharge.
+/// Fraction of the nominal thrust that each blade gives at the duty at which the nominal one hovers at `voltage`, by truth code. It
+/// varies by a few per cent of itself over a discharge.
 fn blade_shares(scenario: &Scenario, voltage: f64) -> Vec<f64> {
     let vehicle = scenario.vehicle();
     let nominal = scenario.nominal_blade();
@@ -350,7 +350,7 @@ fn blade_shares(scenario: &Scenario, voltage: f64) -> Vec<f64> {
     std::iter::once(1.0).chain(shares).collect()
 }
 
-/// Share that the worst of the first faults takes, once it is fully there.
+/// Fractional loss of the worst of the first faults, once fully developed.
 fn first_loss(scenario: &Scenario, blade_share: &[f64]) -> f64 {
     let faults = &scenario.document().fault;
     let first = faults.iter().map(|fault| nearest_step(fault.time_s)).min();
@@ -398,7 +398,7 @@ fn blank(planned: &PlannedFlight) -> FlightRecord {
     }
 }
 
-/// A record of a flight of which nothing is known but why.
+/// Record of a flight that could not be flown, with the reason.
 pub(super) fn failed_record(campaign: &Campaign, index: u64, reason: String) -> FlightRecord {
     let planned = campaign.flight(index).unwrap_or(PlannedFlight {
         index,
@@ -467,7 +467,7 @@ pub fn fly(campaign: &Campaign, engine: &dyn FlightEngine, indices: std::ops::Ra
         .collect()
 }
 
-/// Flies one scenario as a flight of its own and scores it; for searches beyond the plan.
+/// Flies and scores one scenario as a separate flight, for searches beyond the plan.
 pub fn fly_scenario(
     campaign: &Campaign,
     engine: &dyn FlightEngine,
@@ -477,7 +477,7 @@ pub fn fly_scenario(
     records.pop().ok_or_else(|| "the engine flew nothing".to_owned())
 }
 
-/// Flies scenarios as flights of their own, all at once, and scores them; records in the order of the scenarios.
+/// Flies and scores scenarios as separate flights, all at once; records in the order of the scenarios.
 pub fn fly_scenarios(
     campaign: &Campaign,
     engine: &dyn FlightEngine,

@@ -1,14 +1,14 @@
-//! The folder of a campaign: a manifest, and shards of records that appear whole or not at all.
+//! The folder of a campaign: a manifest, and shards of records that are written atomically.
 //!
 //! ```text
-//!  campaign.json        what the folder belongs to; written first
+//!  campaign.json        identity of the campaign; written first
 //!  campaign.lock        held while a process works on it
 //!  shards/000000.parquet, 000001.parquet, …     32 flights each, in any order of appearance
-//!  campaign.parquet, campaign.csv, summary.json, report.html     made of the shards, at the end of every run of the command
+//!  campaign.parquet, campaign.csv, summary.json, report.html     created from the shards, at the end of every run of the command
 //! ```
-//! Files are written under a temporary name and renamed, so that whatever kills the process leaves only whole shards; what was being
-//! flown is flown again. Nothing is synchronised to the disk: a loss of power may cost the latest shards, or leave one that cannot be
-//! read, which is then named.
+//! Files are written under a temporary name and renamed, so that only complete shards remain however the process is killed; unfinished
+//! flights are repeated. Nothing is synced to disk: a power failure may lose the latest shards, or leave an unreadable one, which is then
+//! reported.
 
 use super::plan::Campaign;
 use super::record::{FlightRecord, columns};
@@ -22,30 +22,30 @@ use std::path::{Path, PathBuf};
 /// Flights of a shard.
 pub const SHARD_FLIGHTS: u64 = 32;
 
-/// Shards of so many flights.
+/// Number of shards for a number of flights.
 pub fn shards_of(flights: u64) -> u64 {
     flights.div_ceil(SHARD_FLIGHTS)
 }
 
-/// File that says what a folder belongs to.
+/// File that identifies the campaign of a folder.
 pub const MANIFEST: &str = "campaign.json";
 const LOCK: &str = "campaign.lock";
 const SHARDS: &str = "shards";
 const PART: &str = "part";
 const FORMAT: u32 = 1;
 
-/// What a folder belongs to.
+/// Identity of a folder's campaign.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 struct Manifest {
     format: u32,
     name: String,
     program: String,
-    /// Of the campaign document and every file that it names.
+    /// Hash of the campaign document and every file that it references.
     content_hash: String,
     flights: u64,
 }
 
-/// A folder that this process works on alone.
+/// A folder that this process has locked.
 #[derive(Debug)]
 pub struct CampaignFolder {
     path: PathBuf,
@@ -73,12 +73,12 @@ impl Manifest {
 /// The manifest of a campaign's folder, wherever it is.
 ///
 /// # Errors
-/// A file that the campaign names cannot be read.
+/// A file referenced by the campaign cannot be read.
 pub fn manifest(campaign: &Campaign) -> Result<String, String> {
     Ok(Manifest::of(campaign)?.to_json())
 }
 
-/// Whether what was found as the manifest of `place` is that of this campaign and this program; an error is one sentence that names `place`.
+/// Checks that the manifest `found` at `place` is that of this campaign and this program; the error message names `place`.
 ///
 /// # Errors
 /// It is not.
@@ -113,7 +113,7 @@ pub fn shard_name(shard: u64) -> String {
     format!("{SHARDS}/{shard:06}.parquet")
 }
 
-/// The shard whose path below the folder this is.
+/// The shard with this path below the folder.
 pub fn shard_number(name: &str) -> Option<u64> {
     let digits = name.strip_prefix(SHARDS)?.strip_prefix('/')?.strip_suffix(".parquet")?;
     let shard = digits.parse().ok()?;
@@ -126,7 +126,7 @@ pub fn program() -> String {
 }
 
 impl CampaignFolder {
-    /// Makes the folder of `campaign` at `path`, or opens it to go on. An error is one sentence, and nothing was changed.
+    /// Creates the folder of `campaign` at `path`, or opens it to resume. On an error, nothing was changed.
     pub fn open(path: &Path, campaign: &Campaign) -> Result<Self, String> {
         let wanted = Manifest::of(campaign)?;
         let shown = path.display();
@@ -174,7 +174,7 @@ impl CampaignFolder {
         Ok(folder)
     }
 
-    /// As [`CampaignFolder::open`], of a folder that is there already.
+    /// As [`CampaignFolder::open`], for an existing folder.
     pub fn open_present(path: &Path, campaign: &Campaign) -> Result<Self, String> {
         if path.join(MANIFEST).is_file() {
             Self::open(path, campaign)
@@ -186,7 +186,7 @@ impl CampaignFolder {
         }
     }
 
-    /// Removes what a killed process was writing.
+    /// Removes incomplete files of a killed process.
     fn sweep(&self) -> Result<(), String> {
         let shards = self.path.join(SHARDS);
         std::fs::create_dir_all(&shards).map_err(|error| format!("{}: {error}", shards.display()))?;
@@ -201,7 +201,7 @@ impl CampaignFolder {
         Ok(())
     }
 
-    /// Where it is.
+    /// Path of the folder.
     pub fn path(&self) -> &Path {
         &self.path
     }
@@ -231,18 +231,18 @@ impl CampaignFolder {
         std::fs::read(&path).map_err(|error| format!("{}: cannot be read: {error}", path.display()))
     }
 
-    /// Takes the bytes of a shard that was flown elsewhere, if they are those of its flights.
+    /// Stores the bytes of a shard flown elsewhere, if they belong to its flights.
     ///
     /// # Errors
-    /// They are not, or cannot be written: one sentence, which names `from` where it is about the bytes.
+    /// They do not, or cannot be written; the message names `from` if it concerns the bytes.
     pub fn put_shard(&self, shard: u64, content: &[u8], from: &str) -> Result<(), String> {
-        // What cannot be read is refused here, where its place can be named.
+        // Reject unreadable content here, where its place can be named.
         self.records(shard, bytes::Bytes::copy_from_slice(content))
             .map_err(|reason| format!("{from}: {reason}; remove it, fly it again and merge again"))?;
         write_whole(&self.shard_path(shard), content)
     }
 
-    /// Removes a shard that has been taken to its place.
+    /// Removes a shard that has been uploaded.
     ///
     /// # Errors
     /// The file cannot be removed.
@@ -291,10 +291,10 @@ impl CampaignFolder {
     }
 }
 
-/// The records of a shard's file, in the order of the flights.
+/// The records of a shard file, in the order of the flights.
 ///
 /// # Errors
-/// It is no shard of a campaign: a part of a sentence, without the file's name.
+/// It is not a shard of a campaign: part of a sentence, without the file's name.
 pub fn read_records(file: impl ChunkReader + 'static) -> Result<Vec<FlightRecord>, String> {
     let reader = SerializedFileReader::new(file).map_err(|error| format!("not a whole Parquet file: {error}"))?;
     let schema = reader.metadata().file_metadata().schema();

@@ -1,16 +1,15 @@
-//! Flights where the sequential detector fails, found by a seeded search and shrunk to the few parameters that matter.
+//! Finds flights in which the sequential detector fails, with a seeded search, and shrinks them to the few parameters that matter.
 //!
 //! ```text
-//!  draws of the campaign ─▶ fly ─▶ worst of them, moved a little ─▶ fly ─▶ failures ─▶ shrink ─▶ scenario files
+//!  draws of the campaign ─▶ fly ─▶ perturb the worst ─▶ fly ─▶ failures ─▶ shrink ─▶ scenario files
 //! ```
 //! *Failure*, the gravest that applies: a false alarm; a healthy rotor named; the fault never isolated; isolated later than
 //! `criteria.late_after_s`. *Shrink*: axis by axis back to the base's value, and the seed to the base's, as long as the flight fails in
-//! the same way; then every number that is left is moved towards the base's by bisection. The base is the campaign's scenario with
-//! `[set]`. The same seed and budget find the same cases, with any number of threads
-//! and with every engine; the flights of the search are flown side by side where the engine can, those of the shrinking one by one, as each
-//! depends on the one before.
+//! the same way; then every remaining number is moved towards the base's by bisection. The base is the campaign's scenario with
+//! `[set]`. The same seed and budget find the same cases, with any number of threads and every engine; the flights of the search are flown
+//! side by side where the engine supports it, those of the shrinking one by one, as each depends on the one before.
 //!
-//! Limits: the search knows nothing of the detector; what it does not find in its budget may exist all the same.
+//! Limits: the search knows nothing about the detector; failures not found within its budget may still exist.
 
 use super::cell::Cell;
 use super::document::Criteria;
@@ -26,16 +25,16 @@ use std::path::{Component, Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};
 use toml::{Table, Value};
 
-/// Share of the budget that is spent near the worst flights.
+/// Fraction of the budget spent near the worst flights.
 const REFINED_SHARE: u64 = 3;
-/// Flights that are moved a little.
+/// Number of flights to perturb.
 const PARENTS: usize = 8;
-/// Halvings of the way to the base's value.
+/// Bisections towards the base's value.
 const HALVINGS: usize = 6;
 /// Passes over the axes.
 const PASSES: usize = 3;
 
-/// How a detector fails, the gravest first.
+/// Failure modes of a detector, gravest first.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Failure {
     /// A verdict other than healthy while no rotor is faulty.
@@ -49,7 +48,7 @@ pub enum Failure {
 }
 
 impl Failure {
-    /// Of the sequential detector in a flight; `None` if all is well, or the flight did not reach its end.
+    /// Failure of the sequential detector in a flight; `None` if there is none, or the flight did not reach its end.
     pub fn of(record: &FlightRecord, criteria: &Criteria) -> Option<Self> {
         let score = record.detectors.first().filter(|score| score.is_ready())?;
         if record.status != FlightStatus::Done {
@@ -69,7 +68,7 @@ impl Failure {
         }
     }
 
-    /// As in names of files.
+    /// Name in file names.
     pub fn as_str(self) -> &'static str {
         match self {
             Self::FalseAlarm => "false-alarm",
@@ -80,37 +79,37 @@ impl Failure {
     }
 }
 
-/// How to search.
+/// Search options.
 #[derive(Clone, Copy, Debug)]
 pub struct HuntOptions {
-    /// Of the search.
+    /// Seed of the search.
     pub seed: u64,
     /// Flights of the search, without those of the shrinking.
     pub budget: u64,
-    /// Most cases that are shrunk.
+    /// Maximum number of cases to shrink.
     pub cases: usize,
     /// Threads.
     pub threads: NonZeroUsize,
 }
 
-/// A flight that fails, shrunk.
+/// A failing flight, shrunk.
 #[derive(Clone, Debug)]
 pub struct Case {
-    /// How.
+    /// Failure mode.
     pub failure: Failure,
-    /// In words, with numbers.
+    /// Description with numbers.
     pub words: String,
     /// Axes that must differ from the base, with their values.
     pub kept: Vec<(String, Cell)>,
     /// Whether the flight's own seed matters.
     pub own_seed: bool,
-    /// Flights flown to shrink it.
+    /// Flights flown while shrinking.
     pub flights: u64,
     /// The scenario, paths relative to the campaign's base.
     pub scenario: Table,
 }
 
-/// What a hunt found.
+/// Result of a hunt.
 #[derive(Clone, Debug, Default)]
 pub struct Hunt {
     /// Flights of the search.
@@ -119,17 +118,17 @@ pub struct Hunt {
     pub failures: Vec<(Failure, u64)>,
     /// Flights that did not reach their end; no verdict on the detector.
     pub unfinished: u64,
-    /// The shrunk ones.
+    /// Shrunk cases.
     pub cases: Vec<Case>,
 }
 
-/// A flight of the search and what came of it.
+/// A flight of the search and its result.
 struct Tried {
     flight: PlannedFlight,
     record: Option<FlightRecord>,
 }
 
-/// Searches and shrinks. `done` is told of every flight of the search; a stop ends it with what has been found.
+/// Searches and shrinks. `done` is called after every flight of the search; a stop ends it with the results so far.
 pub fn hunt(
     campaign: &Campaign,
     engine: &dyn FlightEngine,
@@ -140,7 +139,7 @@ pub fn hunt(
     let criteria = campaign.document().criteria;
     let fly = |flights: &[PlannedFlight]| fly_together(campaign, engine, flights, stop, done);
     let refined = options.budget / REFINED_SHARE;
-    // Numbers of flights beyond those of any campaign: draws of their own.
+    // Flight numbers beyond those of any campaign: independent draws.
     let first = (1u64 << 40) + (options.seed << 28);
     let drawn: Vec<PlannedFlight> = (first..first + (options.budget - refined))
         .filter_map(|i| campaign.flight(i).ok())
@@ -201,7 +200,7 @@ pub fn hunt(
     hunt
 }
 
-/// Flies as many at a time as the engine likes to get.
+/// Flies as many at a time as the engine prefers.
 fn try_all(
     flights: Vec<PlannedFlight>,
     threads: NonZeroUsize,
@@ -218,7 +217,7 @@ fn try_all(
         .collect()
 }
 
-/// A record for each flight; none of one that cannot be flown, and none after a stop.
+/// A record for each flight; `None` for one that cannot be flown, and after a stop.
 fn fly_together(
     campaign: &Campaign,
     engine: &dyn FlightEngine,
@@ -233,7 +232,7 @@ fn fly_together(
             .enumerate()
             .filter_map(|(place, flight)| Some((place, campaign.scenario(flight).ok()?)))
             .unzip();
-        // One that cannot even be scored must not take its neighbours along.
+        // A flight that cannot even be scored must not affect its neighbours.
         let flown = fly_scenarios(campaign, engine, scenarios.clone()).map_or_else(
             |_| {
                 let alone = |scenario| fly_scenario(campaign, engine, scenario).ok();
@@ -249,7 +248,7 @@ fn fly_together(
     records
 }
 
-/// How near to a failure, or how grave: for the choice of what is moved.
+/// How near to a failure, or how grave: determines which flights are perturbed.
 fn badness(tried: &Tried, criteria: &Criteria) -> f64 {
     let Some(record) = &tried.record else { return -1.0 };
     let Some(score) = record.detectors.first() else {
@@ -349,7 +348,7 @@ impl<'a> Shrinker<'a> {
         })
     }
 
-    /// Moves one number as near to the base's as the failure lasts, and to few digits.
+    /// Moves one number as near to the base's as the failure persists, rounded to few digits.
     fn move_to_base(&mut self, kept: &mut [Parameter], place: usize, seed: Option<u64>) -> Option<FlightRecord> {
         let Cell::Number(failing) = kept[place].cell else {
             return None;
@@ -393,7 +392,7 @@ fn set_number(parameter: &mut Parameter, x: f64) {
     }
 }
 
-/// Three significant digits.
+/// Rounds to three significant digits.
 fn rounded(x: f64) -> f64 {
     format!("{x:.2e}").parse().unwrap_or(x)
 }
@@ -420,7 +419,7 @@ fn words(failure: Failure, record: &FlightRecord, criteria: &Criteria) -> String
     }
 }
 
-/// Writes a case as a scenario of its own; returns its path. Paths in it are made relative to `folder`, which must exist.
+/// Writes a case as a separate scenario; returns its path. Its paths are made relative to `folder`, which must exist.
 pub fn write_case(campaign: &Campaign, case: &Case, number: usize, folder: &Path) -> Result<PathBuf, String> {
     let name = format!("{}-{}-{number}", campaign.document().name, case.failure.as_str());
     let mut table = case.scenario.clone();
@@ -465,7 +464,7 @@ pub fn write_case(campaign: &Campaign, case: &Case, number: usize, folder: &Path
     Ok(path)
 }
 
-/// `target` as seen from `folder`; both must exist.
+/// `target` relative to `folder`; both must exist.
 fn relative(target: &Path, folder: &Path) -> std::io::Result<String> {
     let (target, folder) = (target.canonicalize()?, folder.canonicalize()?);
     let shared = target
@@ -484,7 +483,7 @@ mod tests {
     use crate::study::engine::{OneByOne, SideBySide};
     use rotortwin_scenario::Scenario;
 
-    /// Blind for what is too small: a loss of 0.05 % is below what the detector ever reports, so it is missed whatever else is drawn.
+    /// The detector is blind to tiny losses: 0.05 % is below what it ever reports, so it is missed whatever else is drawn.
     const BLIND: &str = "name = 'blind'\ndescription = 'd'\nscenario = 'SCENARIO'\nflights = 10\n\
         [set]\nduration_s = 14.0\nfault = [{ time_s = 11.0, rotor = 2, thrust_loss_percent = 20.0 }]\n\
         [[axis]]\nname = 'charge'\nkey = 'initial.state_of_charge'\nuniform = [0.5, 1.0]\n\

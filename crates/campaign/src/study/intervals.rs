@@ -1,9 +1,9 @@
-//! Intervals of 95 %: shares (Wilson), shares of windows that hang together flight by flight, rates of rare events (Poisson).
+//! 95 % intervals: proportions (Wilson), proportions of windows clustered by flight, rates of rare events (Poisson).
 
 /// The 97.5 % quantile of the standard normal.
 const Z: f64 = 1.959_963_984_540_054;
 
-/// Wilson's interval for `hits` out of `total` independent trials (Wilson 1927); `None` of no trial.
+/// Wilson's interval for `hits` out of `total` independent trials (Wilson 1927); `None` for no trials.
 pub fn wilson(hits: f64, total: f64) -> Option<[f64; 2]> {
     if total <= 0.0 {
         return None;
@@ -15,7 +15,7 @@ pub fn wilson(hits: f64, total: f64) -> Option<[f64; 2]> {
     Some([(centre - half).max(0.0), (centre + half).min(1.0)])
 }
 
-/// Sums over clusters of windows, one cluster a flight; whole numbers, so that the order of addition does not matter.
+/// Sums over clusters of windows, one cluster per flight; integers, so that the order of addition does not matter.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct ClusterSums {
     clusters: u64,
@@ -27,7 +27,7 @@ pub struct ClusterSums {
 }
 
 impl ClusterSums {
-    /// Adds a flight with `hits` out of `total` windows; a flight without windows is none.
+    /// Adds a flight with `hits` out of `total` windows; a flight without windows is ignored.
     pub fn add(&mut self, hits: u64, total: u64) {
         if total == 0 {
             return;
@@ -41,7 +41,7 @@ impl ClusterSums {
         self.total_squared += t * t;
     }
 
-    /// Flights.
+    /// Number of flights.
     pub fn clusters(&self) -> u64 {
         self.clusters
     }
@@ -56,14 +56,14 @@ impl ClusterSums {
         self.total
     }
 
-    /// Share of all windows; `None` of none.
+    /// Fraction of all windows; `None` if there are none.
     pub fn share(&self) -> Option<f64> {
         (self.total > 0).then(|| self.hits as f64 / self.total as f64)
     }
 
-    /// Interval of the share. The windows of a flight are not independent: with the variance of the ratio estimator over flights,
-    /// n/(n − 1) Σ(h_i − p t_i)²/(Σt_i)², the windows count as p(1 − p)/variance independent ones, with which Wilson's interval is
-    /// taken. Where all flights are alike (as without any error), every flight counts as one trial, which is cautious.
+    /// Interval of the proportion. The windows of a flight are not independent: with the variance of the ratio estimator over flights,
+    /// n/(n − 1) Σ(h_i − p t_i)²/(Σt_i)², the windows count as p(1 − p)/variance independent ones, used in Wilson's interval. If all
+    /// flights are equal (as without any error), every flight counts as one trial, which is conservative.
     pub fn interval(&self) -> Option<[f64; 2]> {
         let p = self.share()?;
         let n = self.clusters as f64;
@@ -83,8 +83,8 @@ impl ClusterSums {
     }
 }
 
-/// Interval for the rate of events, per unit of `exposure`, from their count: Garwood's exact one (χ² quantiles), both tails 2.5 %. Of
-/// no event: from 0 to the one-sided limit of 95 %, 2.996/exposure. `None` of no exposure.
+/// Interval for the rate of events, per unit of `exposure`, from their count: Garwood's exact one (χ² quantiles), 2.5 % in both tails.
+/// With no events: from 0 to the one-sided 95 % limit, 2.996/exposure. `None` for no exposure.
 pub fn poisson_rate(count: u64, exposure: f64) -> Option<[f64; 2]> {
     if exposure <= 0.0 {
         return None;
@@ -198,7 +198,7 @@ mod tests {
 
     #[test]
     fn val_clustered_interval_between_its_limits() {
-        // Windows as independent as they can be within flights: near Wilson over windows. All-or-nothing flights: Wilson over flights.
+        // Windows independent within flights: near Wilson over windows. All-or-nothing flights: Wilson over flights.
         let mut spread = ClusterSums::default();
         let mut lumped = ClusterSums::default();
         for flight in 0..200u64 {

@@ -1,22 +1,22 @@
-//! Shards that were flown elsewhere are taken into a campaign's folder.
+//! Merges shards flown elsewhere into a campaign's folder.
 //!
 //! ```text
 //!  part-0/shards/000000.parquet ─┐
 //!  part-1/shards/000001.parquet ─┼─▶ whole/shards ─▶ campaign.parquet, summary.json, …
-//!  part-2/shards/000001.parquet ─┘   the same bytes as part-1's, or they are refused
+//!  part-2/shards/000001.parquet ─┘   must be identical to part-1's, or it is rejected
 //! ```
-//! Any order, any number of times. A flight depends on its campaign and its number alone, so two folders that hold the same shard hold the
-//! same bytes; where they do not, a machine or a program went wrong, and nothing says which.
+//! In any order, repeatably. A flight depends on its campaign and its number alone, so two folders with the same shard contain the
+//! same bytes; if they differ, a machine or a program is at fault, and there is no telling which.
 
 use super::folder::{CampaignFolder, shard_name};
 use super::plan::Campaign;
 use std::path::Path;
 
-/// Copies the shards of the folder `from` that `into` lacks; how many. An error is one sentence; what was copied before it stays.
+/// Copies the shards of the folder `from` that `into` lacks; returns their number. Shards copied before an error stay.
 ///
 /// # Errors
-/// `from` is no folder of this campaign, was flown by another program, is being worked on, holds a shard that cannot be read, or one that
-/// `into` has otherwise.
+/// `from` is not a folder of this campaign, was flown by another program, is in use, or contains an unreadable shard or one that
+/// differs from that of `into`.
 pub fn take_in(into: &CampaignFolder, from: &Path, campaign: &Campaign) -> Result<u64, String> {
     if from.canonicalize().ok() == into.path().canonicalize().ok() && from.exists() {
         return Err(format!(
@@ -33,10 +33,10 @@ pub fn take_in(into: &CampaignFolder, from: &Path, campaign: &Campaign) -> Resul
     Ok(taken)
 }
 
-/// Takes one shard that was found at `place`, a folder or an address; `false`: it is there already, with the same bytes.
+/// Merges one shard from `place`, a folder or an address; `false` if it already exists with the same bytes.
 ///
 /// # Errors
-/// It cannot be read, or `into` has it otherwise: one sentence.
+/// It cannot be read, or differs from that of `into`.
 pub fn take_in_shard(into: &CampaignFolder, place: &str, shard: u64, content: &[u8]) -> Result<bool, String> {
     if !into.has_shard(shard) {
         into.put_shard(shard, content, &format!("{place}/{}", shard_name(shard)))?;

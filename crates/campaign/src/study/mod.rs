@@ -4,7 +4,7 @@
 //!  document ─▶ plan ─▶ engine (one record per flight) ─▶ runner ─▶ folder: shards ─▶ totals ─▶ tables, report, summary
 //! ```
 //!
-//! * [`document`]: the file. * [`plan`]: what flight i is. * [`engine`], [`score`], [`record`]: what became of it.
+//! * [`document`]: the file. * [`plan`]: the parameters of flight i. * [`engine`], [`score`], [`record`]: its results.
 //! * [`runner`], [`folder`]: threads, progress, shards on disk. * [`totals`], [`intervals`]: sums over records, in the order of the
 //!   flights. * [`tables`], [`charts`], [`report`], [`results`]: for people and files.
 //! * [`log_score`]: the same counts of a log. [`merge`]: shards that were flown on other machines. [`hunt`]: flights where the detector

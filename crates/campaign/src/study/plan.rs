@@ -1,11 +1,11 @@
-//! What every flight of a campaign is: a pure function of the campaign and the flight's number.
+//! Definition of every flight of a campaign: a pure function of the campaign and the flight's number.
 //!
 //! ```text
 //!  flight number i ─┬▶ point i mod G of the grid, G the product of the axes that are combined
 //!                   ├▶ draws: one random stream per (campaign seed, axis name, i)
-//!                   └▶ seed of the flight: a stream of its own
+//!                   └▶ seed of the flight: a separate stream
 //! ```
-//! So a part of a campaign gives the same flights as the whole, on any number of threads, and adding an axis changes no draw of
+//! So part of a campaign gives the same flights as the whole, on any number of threads, and adding an axis changes no draw of
 //! another one.
 
 use super::cell::Cell;
@@ -20,17 +20,17 @@ use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 use toml::{Table, Value};
 
-/// Flights whose scenarios are checked before a larger campaign starts, besides every value of every axis.
+/// Number of flights whose scenarios are checked before a larger campaign starts, in addition to every value of every axis.
 const CHECKED_FLIGHTS: u64 = 500;
 
-/// One choice on an axis: what it is called in the results, and what it sets.
+/// One choice on an axis: its name in the results, and the values it sets.
 #[derive(Clone, Debug, PartialEq)]
 struct Choice {
     cell: Cell,
     set: Vec<(String, Value)>,
 }
 
-/// Where an axis takes its values from.
+/// Source of an axis's values.
 #[derive(Clone, Debug, PartialEq)]
 enum Source {
     List(Vec<Choice>),
@@ -49,7 +49,7 @@ pub struct Axis {
     source: Source,
     pick: Pick,
     other_than: Option<usize>,
-    /// Values on the grid; 1 if drawn.
+    /// Number of values on the grid; 1 if drawn.
     grid: u64,
 }
 
@@ -59,7 +59,7 @@ impl Axis {
         self.pick == Pick::Each
     }
 
-    /// What it varies, in words.
+    /// Human-readable description of what it varies.
     pub fn words(&self) -> String {
         let how = if self.is_grid() { "each of" } else { "drawn from" };
         match &self.source {
@@ -84,7 +84,7 @@ impl Axis {
         }
     }
 
-    /// Lowest and highest number that can be drawn, if it draws numbers, and whether factors are drawn alike.
+    /// Lowest and highest number drawn, if it draws numbers, and whether they are log-uniform.
     pub fn drawn_range(&self) -> Option<([f64; 2], bool)> {
         match self.source {
             Source::Uniform(range) => Some((range, false)),
@@ -93,7 +93,7 @@ impl Axis {
         }
     }
 
-    /// What it sets for the number `x`.
+    /// The choice for the number `x`.
     fn number(&self, x: f64) -> Choice {
         Choice {
             cell: Cell::Number(x),
@@ -114,21 +114,21 @@ impl Axis {
     }
 }
 
-/// What one axis gives one flight.
+/// Value of one axis in one flight.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Parameter {
     /// Name of the axis.
     pub axis: String,
-    /// As in the results.
+    /// Value in the results.
     pub cell: Cell,
-    /// What it sets on the scenario, dotted paths.
+    /// Values set on the scenario, by dotted path.
     pub set: Vec<(String, Value)>,
 }
 
 /// One flight, not yet checked.
 #[derive(Clone, Debug, PartialEq)]
 pub struct PlannedFlight {
-    /// From 0.
+    /// Zero-based.
     pub index: u64,
     /// Seed of its noise and draws of the vehicle.
     pub seed: u64,
@@ -153,13 +153,13 @@ pub struct Campaign {
 }
 
 impl Campaign {
-    /// Reads the campaign at `path` and everything that it names, and tries its flights: every value of every axis, the ends of every
+    /// Reads the campaign at `path` and all referenced files, and checks its flights: every value of every axis, the ends of every
     /// range, and a sample of the flights (all of a small campaign).
     pub fn load(path: &Path) -> Result<Self, ConfigError> {
         Self::of(TomlFile::read(path)?, path)
     }
 
-    /// As [`Campaign::load`], of a text that would stand at `path`.
+    /// As [`Campaign::load`], from a text with `path` as its location.
     pub fn parse(text: &str, path: &Path) -> Result<Self, ConfigError> {
         Self::of(TomlFile::from_text(&path.display().to_string(), text)?, path)
     }
@@ -211,7 +211,7 @@ impl Campaign {
         Ok(campaign)
     }
 
-    /// What is allowed but most likely not meant, one sentence each; of the flights that were tried.
+    /// Valid but probably unintended settings found in the checked flights, one sentence each.
     pub fn warnings(&self) -> &[String] {
         &self.warnings
     }
@@ -221,7 +221,7 @@ impl Campaign {
         &self.document
     }
 
-    /// As it was named.
+    /// Path as given.
     pub fn path(&self) -> &Path {
         &self.path
     }
@@ -231,7 +231,7 @@ impl Campaign {
         &self.axes
     }
 
-    /// Flights in all.
+    /// Total number of flights.
     pub fn flights(&self) -> u64 {
         self.flights
     }
@@ -259,12 +259,12 @@ impl Campaign {
         self.template.directory()
     }
 
-    /// Every file that its flights are made of: the document, the base, vehicles, blades, classifiers, effects.
+    /// Every file used by its flights: the document, the base, vehicles, blades, classifiers, effects.
     pub fn files(&self) -> BTreeSet<PathBuf> {
         let mut files = BTreeSet::from([self.path.clone(), self.scenario_path.clone()]);
         for choice in self.vehicle_choices() {
             let mut table = self.base.clone();
-            // What cannot be set has been refused.
+            // Values that cannot be set have been rejected.
             if choice
                 .into_iter()
                 .all(|(key, value)| set_value(&mut table, &key, value).is_ok())
@@ -275,7 +275,7 @@ impl Campaign {
         files
     }
 
-    /// The files that a scenario names, and those that these name.
+    /// The files referenced by a scenario, directly and indirectly.
     fn add_files(&self, table: &Table, files: &mut BTreeSet<PathBuf>) {
         let text = |key: &str| value_at(table, key).and_then(Value::as_str);
         if let Some(vehicle) = text("vehicle") {
@@ -293,9 +293,10 @@ impl Campaign {
         files.extend(effects.map(|effect| meant(Kind::Effect, self.directory(), effect)));
     }
 
-    /// Hash over the document, the base with its vehicle, blades and classifier: what decides the flights besides the program.
+    /// Hash over the document, the base with its vehicle, blades and classifier: everything that determines the flights except the
+    /// program.
     pub fn content_hash(&self) -> Result<String, ConfigError> {
-        // What it is said to show changes no flight.
+        // The description does not affect any flight.
         let document = CampaignDocument {
             description: String::new(),
             ..self.document.clone()
@@ -308,7 +309,7 @@ impl Campaign {
             for (key, value) in &choice {
                 set_value(&mut table, key, value.clone()).map_err(|reason| self.file.refuse("axis", reason))?;
             }
-            // A vehicle that needs other axes to be flyable has been tried with them; its files alone count here.
+            // A vehicle that needs other axes to be flyable has been checked with them; only its files matter here.
             if let Ok(scenario) = self.template.scenario(&table) {
                 let documents = scenario.documents();
                 let part = serde_json::to_string(&(&documents.vehicle, &documents.blades, &documents.classifier))
@@ -461,14 +462,14 @@ impl Campaign {
         flights.filter(|count| *count <= MAX_FLIGHTS).ok_or_else(too_many)
     }
 
-    /// An error of a scenario, told as one of this file.
+    /// Reports an error of a scenario as one of this file.
     fn blame(&self, key: &str, error: &ConfigError) -> ConfigError {
         self.file.refuse(key, error.to_string())
     }
 
-    /// Warnings of the flights that were tried.
+    /// Warnings of the checked flights.
     fn try_flights(&self) -> Result<Vec<String>, ConfigError> {
-        // `[set]` alone need not be flyable (an axis may bring the vehicle), but then the first flight tells.
+        // `[set]` alone need not be flyable (an axis may provide the vehicle); then the first flight is decisive.
         for (place, axis) in self.axes.iter().enumerate() {
             let choices: Vec<Choice> = match &axis.source {
                 Source::List(list) => list.iter().take(1000).cloned().collect(),
@@ -543,7 +544,7 @@ impl Campaign {
             cell: choice.cell,
             set: choice.set,
         };
-        // Rotors last: how many there are depends on the vehicle, which another axis may set.
+        // Rotors last: their number depends on the vehicle, which another axis may set.
         for (place, axis) in self.axes.iter().enumerate() {
             let choice = match &axis.source {
                 Source::Rotors => continue,
@@ -602,11 +603,11 @@ impl Campaign {
         let mut stream = RandomStream::new(seed, &format!("campaign/{index}"));
         let mut planned = PlannedFlight {
             index,
-            // 53 random bits: exact in every format that a seed may pass through.
+            // 53 random bits: exact in every format that stores a seed.
             seed: (stream.unit() * (1u64 << 53) as f64) as u64,
             parameters: parameters.into_iter().flatten().collect(),
         };
-        // An axis may give the seeds.
+        // An axis may set the seeds.
         let given = planned
             .parameters
             .iter()
@@ -621,8 +622,8 @@ impl Campaign {
         Ok(planned)
     }
 
-    /// A flight near `flight`: numbers moved by up to a tenth of their range, sometimes another value of a list, another seed half of
-    /// the time.
+    /// A flight near `flight`: numbers perturbed by up to a tenth of their range, sometimes another value of a list, another seed half
+    /// of the time.
     pub fn neighbour(&self, flight: &PlannedFlight, random: &mut RandomStream) -> PlannedFlight {
         let mut moved = flight.clone();
         for (axis, parameter) in self.axes.iter().zip(&mut moved.parameters) {
@@ -635,7 +636,7 @@ impl Campaign {
                     let factor = libm::exp(0.1 * libm::log(high / low) * random.symmetric());
                     axis.number((x * factor).clamp(*low, *high))
                 }
-                // An axis that another one depends on stays as it is.
+                // An axis that another one depends on is unchanged.
                 Source::List(list) if axis.other_than.is_none() && self.axes.iter().all(|a| a.other_than.is_none()) => {
                     match random.unit() < 0.15 {
                         true => list[index_of(random.unit(), list.len())].clone(),
@@ -658,7 +659,7 @@ impl Campaign {
         self.file.refuse(&format!("axis[{place}].other_than"), reason)
     }
 
-    /// Place on each axis; the last axis moves fastest.
+    /// Index on each axis; the last axis varies fastest.
     fn grid_point(&self, index: u64) -> Vec<usize> {
         let grid: u64 = self.axes.iter().map(|axis| axis.grid).product();
         let mut rest = index % grid;
@@ -670,7 +671,7 @@ impl Campaign {
         point
     }
 
-    /// The base with parameters laid over it.
+    /// The base with parameters merged into it.
     fn table<'a>(&self, parameters: impl Iterator<Item = &'a Parameter>) -> Result<Table, ConfigError> {
         let mut table = self.base.clone();
         for parameter in parameters {
@@ -688,7 +689,7 @@ impl Campaign {
         Ok(table)
     }
 
-    /// The scenario document of a flight, with its seed and a name of its own.
+    /// The scenario document of a flight, with its own seed and name.
     pub fn scenario_table(&self, flight: &PlannedFlight) -> Result<Table, ConfigError> {
         let mut table = self.table(flight.parameters.iter())?;
         let name = format!("{}-{}", self.document.name, flight.index);
@@ -709,12 +710,12 @@ impl Campaign {
     }
 }
 
-/// A refusal that says nothing against the values: the vehicle of this one flight cannot hover. Such a flight is a row of the results.
+/// A rejection unrelated to the values themselves: the vehicle of this one flight cannot hover. Such a flight is a row of the results.
 pub(super) fn is_of_the_combination(error: &ConfigError) -> bool {
     error.key() == Some("vehicle") && error.reason().contains("cannot hover")
 }
 
-/// Key and reason: the file is the base scenario's, but the value is not from there.
+/// Key and reason: the file is the base scenario's, but the value does not come from it.
 fn told(error: &ConfigError) -> String {
     match error.key() {
         Some(key) => format!("scenario key `{key}`: {}", error.reason()),
@@ -740,7 +741,7 @@ fn flattened(table: &Table) -> Vec<(String, Value)> {
     leaves
 }
 
-/// Uniform in [0, 1): of the campaign seed, the axis and the flight, and of nothing else.
+/// Uniform in [0, 1): depends only on the campaign seed, the axis and the flight.
 fn unit(seed: u64, axis: &str, index: u64) -> f64 {
     let mut key = seed.to_le_bytes().to_vec();
     key.extend(axis.as_bytes());

@@ -1,6 +1,6 @@
-//! One row of a campaign: what a flight was, how it ended, what every detector made of it.
+//! One row of a campaign: a flight's parameters, how it ended, and the results of every detector.
 //!
-//! Records are what a resumed campaign goes on from, so everything that the totals need is in them; they hold no wall-clock time.
+//! A campaign resumes from its records, so they contain everything that the totals need, and no wall-clock times.
 
 use super::cell::Cell;
 use super::plan::Axis;
@@ -22,7 +22,7 @@ pub enum FlightStatus {
 }
 
 impl FlightStatus {
-    /// As in files.
+    /// Name in files.
     pub fn as_str(self) -> &'static str {
         match self {
             Self::Done => "done",
@@ -77,7 +77,7 @@ pub struct FlightRecord {
 }
 
 impl FlightRecord {
-    /// As JSON, to the last bit.
+    /// Lossless JSON.
     pub fn to_json(&self) -> String {
         serde_json::to_string(self).expect("a record of numbers and texts is JSON")
     }

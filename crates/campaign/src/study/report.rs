@@ -10,17 +10,17 @@ use crate::result_table::ResultTable;
 use rotortwin_page::Report;
 use serde::Serialize;
 
-/// Curves of the operating chart, at most: more cannot be told apart.
+/// Maximum number of curves in the operating chart: more are indistinguishable.
 const MOST_CURVES: usize = 8;
 
-/// What is inside of the page.
+/// Embedded data of the page.
 #[derive(Serialize)]
 struct Inside<'a> {
     name: &'a str,
     description: &'a str,
     seed: u64,
     planned: u64,
-    /// As `summary.json` and the server have it.
+    /// As in `summary.json` and on the server.
     result: CampaignSummary,
     tables: Vec<ResultTable>,
     delays: Vec<Delays>,
@@ -38,7 +38,7 @@ struct Delays {
     isolated: Vec<u64>,
 }
 
-/// False alarms per hour against the median delay along the thresholds, for one severity.
+/// False alarms per hour versus median delay over the thresholds, for one severity.
 #[derive(Serialize)]
 struct Operating {
     severity: String,

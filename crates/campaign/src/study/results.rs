@@ -1,4 +1,4 @@
-//! What is made of the shards: totals, one table of all flights, the summary.
+//! Results from the shards: totals, one table of all flights, the summary.
 
 use super::folder::{CampaignFolder, write_whole};
 use super::plan::Campaign;
@@ -15,13 +15,13 @@ pub const PARQUET_FILE: &str = "campaign.parquet";
 pub const CSV_FILE: &str = "campaign.csv";
 /// The totals.
 pub const SUMMARY_FILE: &str = "summary.json";
-/// What to look at first.
+/// The report.
 pub const REPORT_FILE: &str = "report.html";
 
-/// Rows of a row group of `campaign.parquet`, at least: the index of the file stays small.
+/// Minimum rows of a row group of `campaign.parquet`: keeps the index of the file small.
 const ROW_GROUP: usize = 2048;
 
-/// Reads every shard that is there, in order, and writes the table of all flights on the way. Memory: one row group.
+/// Reads every existing shard, in order, and writes the table of all flights on the way. Memory: one row group.
 pub fn collect(campaign: &Campaign, folder: &CampaignFolder) -> Result<Totals, String> {
     let mut totals = Totals::new(campaign);
     let parquet = folder.path().join(PARQUET_FILE);

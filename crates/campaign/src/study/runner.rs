@@ -1,8 +1,7 @@
-//! Flies what is missing in a campaign's folder, on every core, with a bounded amount of memory.
+//! Flies the missing flights of a campaign's folder, on every core, with bounded memory.
 //!
-//! Threads take the flights in order, a few at a time; a shard is written as soon as its last flight has ended. At any moment only the
-//! shards that are being flown are in memory. After a stop no further shard is begun, and those that are begun are flown to their end: nothing
-//! that was flown is lost.
+//! Threads take the flights in order, a few at a time; a shard is written as soon as its last flight has ended. Only the shards in
+//! progress are in memory. After a stop no further shard is started, and those in progress are completed: no flight is lost.
 
 use super::engine::{FlightEngine, fly};
 use super::folder::{CampaignFolder, SHARD_FLIGHTS};
@@ -15,20 +14,20 @@ use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::sync::{Mutex, PoisonError};
 
-/// How to fly.
+/// Run options.
 #[derive(Clone, Debug)]
 pub struct RunOptions {
     /// Threads.
     pub threads: NonZeroUsize,
-    /// Fly only the shards that begin before this flight.
+    /// Fly only the shards that start before this flight.
     pub limit: Option<u64>,
     /// Fly only these shards; the others are flown elsewhere.
     pub shards: Option<std::ops::Range<u64>>,
-    /// Shards that are there, but not in the folder: in an object store.
+    /// Shards that exist in an object store rather than in the folder.
     pub elsewhere: BTreeSet<u64>,
 }
 
-/// What has been flown since the start, told after every few flights.
+/// Progress report, sent after every few flights.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Progress {
     /// Flights just ended.
@@ -44,29 +43,29 @@ pub struct Progress {
 /// How the run of the command ended.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum RunEnd {
-    /// All wanted flights are there.
+    /// All requested flights exist.
     Complete,
     /// It was stopped.
     Stopped,
 }
 
-/// Shards wanted and shards there.
+/// Requested and existing shards.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Plan {
-    /// Not there yet, in order.
+    /// Missing shards, in order.
     pub missing: Vec<u64>,
-    /// Wanted flights.
+    /// Number of requested flights.
     pub wanted_flights: u64,
-    /// Of these, there already.
+    /// Number of existing ones among them.
     pub present_flights: u64,
 }
 
-/// Of these shards, those that are not there, in order.
+/// The missing shards of a range, in order.
 pub fn missing(folder: &CampaignFolder, shards: std::ops::Range<u64>) -> Vec<u64> {
     shards.filter(|shard| !folder.has_shard(*shard)).collect()
 }
 
-/// What is to be done.
+/// The plan for these options.
 pub fn plan(folder: &CampaignFolder, options: &RunOptions) -> Plan {
     let all = folder.shard_count();
     let end = options
@@ -85,10 +84,10 @@ pub fn plan(folder: &CampaignFolder, options: &RunOptions) -> Plan {
     }
 }
 
-/// Flies a flight of the first and of the last shard that is there again: a program that makes something else of them must not go on.
+/// Repeats a flight of the first and of the last existing shard: a program with different results must not continue.
 ///
 /// # Errors
-/// It does: one sentence that names `place`, where the shards are.
+/// The results differ: the message names `place`, where the shards are.
 pub fn check_same_program(
     campaign: &Campaign,
     engine: &dyn FlightEngine,
@@ -112,13 +111,13 @@ pub fn check_same_program(
     Ok(())
 }
 
-/// A shard being flown: groups by their place, and how many are still out.
+/// A shard in progress: groups by index, and how many are outstanding.
 struct Open {
     groups: BTreeMap<u64, Vec<FlightRecord>>,
     missing: u64,
 }
 
-/// What is done with a shard once it is in the folder. An error ends the run of the command.
+/// Called for a shard once it is in the folder. An error aborts the run.
 pub type Keep<'a> = dyn Fn(u64) -> Result<(), String> + Sync + 'a;
 
 /// Flies the missing shards. `progress` and `keep` are called from any thread.
@@ -220,12 +219,12 @@ fn told(records: &[FlightRecord]) -> Progress {
     }
 }
 
-/// A flight that the program itself fails on is a record that says so, and does not take thousands of others with it.
+/// If the program itself fails on a flight, the record says so, without taking thousands of others with it.
 fn fly_guarded(campaign: &Campaign, engine: &dyn FlightEngine, range: std::ops::Range<u64>) -> Vec<FlightRecord> {
     if let Ok(records) = catch_unwind(AssertUnwindSafe(|| fly(campaign, engine, range.clone()))) {
         return records;
     }
-    // Which one of them was it?
+    // Find the one responsible.
     range
         .flat_map(|index| {
             catch_unwind(AssertUnwindSafe(|| fly(campaign, engine, index..index + 1))).unwrap_or_else(|panic| {
@@ -268,7 +267,7 @@ mod tests {
         }
     }
 
-    /// The scores of flights side by side are those of flights one after another: also of those that no lane takes, or that are lost.
+    /// Flights side by side have the same scores as flights one after another, including those that no lane accepts or that are lost.
     #[test]
     fn prop_side_by_side_gives_the_records_of_one_by_one() {
         for file in ["wide-draw", "quad-lag", "octo-lag", "detector-gain-errors"] {

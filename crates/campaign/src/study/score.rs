@@ -1,16 +1,16 @@
-//! What a detector made of one flight: counts over its windows, and its delays.
+//! Score of a detector in one flight: counts over its windows, and its delays.
 //!
 //! * **Window**: a verdict counts where `window_end` is 1, once the detector is ready. The truth of a window is the median of the fault
 //!   labels of its samples, as in the 48-flight protocol: 0 healthy, the rotor from 1, −1 if several rotors are faulty.
-//! * **Right**: the verdict is the truth. With several faulty rotors, as in the summary of a run: "unknown fault", exactly these two
-//!   named, or an ambiguous verdict whose suspects hold them all.
-//! * **Wrong rotor**: a healthy rotor is named, alone or in a pair. *Unclear*: unknown or ambiguous where one rotor is faulty, or only a
-//!   part of several faulty rotors named.
-//! * **False alarm**: a verdict other than healthy at the end of a window none of whose samples is faulty. Windows in a row are one event.
-//! * **Delay**: from the first step with a fault to the end of a window. *Detected*: any verdict but healthy. *Isolated*: the first right
-//!   one. *Settled*: right from then on to the end of the flight; absent if the last window is not right.
+//! * **Right**: the verdict equals the truth. With several faulty rotors, as in the summary of a run: "unknown fault", exactly these two
+//!   named, or an ambiguous verdict whose suspects include them all.
+//! * **Wrong rotor**: a healthy rotor is named, alone or in a pair. *Unclear*: unknown or ambiguous with one faulty rotor, or only some
+//!   of several faulty rotors named.
+//! * **False alarm**: a verdict other than healthy at the end of a window without any faulty sample. Consecutive windows are one event.
+//! * **Delay**: from the first step with a fault to the end of a window. *Detected*: any verdict other than healthy. *Isolated*: the first
+//!   correct one. *Settled*: correct from then on to the end of the flight; absent if the last window is not correct.
 //!
-//! Delays are kept in steps of 2.5 ms: whole numbers, so that totals do not depend on an order of addition.
+//! Delays are stored in steps of 2.5 ms: integers, so that totals do not depend on the order of addition.
 
 use rotortwin_flight_core::fdi::verdict_code::{AMBIGUOUS, NOT_READY, UNKNOWN};
 use rotortwin_plant::STEP_S;
@@ -18,10 +18,10 @@ use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use utoipa::ToSchema;
 
-/// Upper ends of the bins of severity, share of the hover thrust lost by the worst rotor. Blades b and d lose 3.1 to 3.7 %, c 7.6 to 8 %.
+/// Upper ends of the severity bins, fraction of the hover thrust lost by the worst rotor. Blades b and d lose 3.1 to 3.7 %, c 7.6 to 8 %.
 pub const SEVERITY_BINS: [f64; 11] = [0.005, 0.01, 0.02, 0.03, 0.04, 0.05, 0.075, 0.1, 0.2, 0.5, 1.0];
 
-/// Place of a share in [`SEVERITY_BINS`].
+/// Index of a fraction in [`SEVERITY_BINS`].
 pub fn severity_bin(share: f64) -> usize {
     SEVERITY_BINS
         .iter()
@@ -29,7 +29,7 @@ pub fn severity_bin(share: f64) -> usize {
         .unwrap_or(SEVERITY_BINS.len() - 1)
 }
 
-/// Lower and upper end of a bin, percent, in words.
+/// Lower and upper end of a bin in percent, as text.
 pub fn severity_name(bin: usize) -> String {
     let lower = if bin == 0 { 0.0 } else { SEVERITY_BINS[bin - 1] };
     format!("{} – {} %", 100.0 * lower, 100.0 * SEVERITY_BINS[bin])
@@ -43,25 +43,25 @@ pub struct DetectorScore {
     pub window_steps: u64,
     /// Windows with a verdict.
     pub windows: u64,
-    /// With the right one.
+    /// Correct windows.
     pub right: u64,
-    /// Faulty windows called healthy.
+    /// Faulty windows with the verdict healthy.
     pub missed: u64,
     /// Faulty windows that name a healthy rotor.
     pub wrong_rotor: u64,
-    /// Faulty windows that are neither right nor missed, and name no healthy rotor.
+    /// Faulty windows that are neither correct nor missed, and name no healthy rotor.
     pub unclear: u64,
     /// Windows without a fault.
     pub healthy_windows: u64,
     /// Of these, with a verdict other than healthy.
     pub false_alarm_windows: u64,
-    /// Rows of them.
+    /// Uninterrupted series of such windows.
     pub false_alarm_events: u64,
-    /// Steps from the onset to the end of the first window with any verdict but healthy.
+    /// Steps from the onset to the end of the first window with any verdict other than healthy.
     pub detected_after_steps: Option<u64>,
-    /// To the end of the first right window.
+    /// To the end of the first correct window.
     pub isolated_after_steps: Option<u64>,
-    /// To the end of the window from which on all are right.
+    /// To the end of the window from which on all are correct.
     pub settled_after_steps: Option<u64>,
     /// Verdict of the last window; −2 if it was never ready.
     pub final_verdict: i32,
@@ -72,22 +72,22 @@ pub struct DetectorScore {
 }
 
 impl DetectorScore {
-    /// Time without a fault in which the detector was ready, s.
+    /// Fault-free time in which the detector was ready, s.
     pub fn healthy_s(&self) -> f64 {
         (self.healthy_windows * self.window_steps) as f64 * STEP_S
     }
 
-    /// See the module, s.
+    /// See the module documentation, s.
     pub fn detected_after_s(&self) -> Option<f64> {
         self.detected_after_steps.map(|steps| steps as f64 * STEP_S)
     }
 
-    /// See the module, s.
+    /// See the module documentation, s.
     pub fn isolated_after_s(&self) -> Option<f64> {
         self.isolated_after_steps.map(|steps| steps as f64 * STEP_S)
     }
 
-    /// See the module, s.
+    /// See the module documentation, s.
     pub fn settled_after_s(&self) -> Option<f64> {
         self.settled_after_steps.map(|steps| steps as f64 * STEP_S)
     }
@@ -105,25 +105,25 @@ pub struct WindowTruth {
     pub label: i32,
     /// Rotors that are faulty in most of the window: bit 0 is rotor 1.
     pub faulty_rotors: u32,
-    /// Whether any sample of it is faulty.
+    /// Whether any of its samples is faulty.
     pub touched: bool,
-    /// Share of its hover thrust that the worst rotor has lost at the end.
+    /// Fraction of its hover thrust that the worst rotor has lost at the end.
     pub loss_share: f64,
     /// Steps from the first onset to the end of the window, if there was one.
     pub after_onset_steps: Option<u64>,
 }
 
-/// What a detector says.
+/// A detector's verdict.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Verdict {
     /// −3 ambiguous, −2 not ready, −1 unknown, 0 healthy, i rotor i, 100 i + j rotors i and j.
     pub code: i32,
-    /// Rotors that are or may be concerned: bit 0 is rotor 1.
+    /// Rotors that are or may be faulty: bit 0 is rotor 1.
     pub suspect_rotors: u32,
 }
 
 impl Verdict {
-    /// Of a detector that only has codes.
+    /// Verdict of a detector that only provides codes.
     pub fn of_code(code: i32) -> Self {
         Self {
             code,
@@ -148,7 +148,7 @@ impl Verdict {
 }
 
 impl WindowTruth {
-    /// Whether a verdict is right.
+    /// Whether a verdict is correct.
     pub fn is_right(&self, verdict: Verdict) -> bool {
         match (self.label, verdict.code) {
             (label, code) if label == code => true,
@@ -159,7 +159,7 @@ impl WindowTruth {
     }
 }
 
-/// Counts as windows end.
+/// Accumulates counts at window ends.
 #[derive(Clone, Debug, Default)]
 pub struct DetectorScorer {
     score: DetectorScore,
@@ -222,7 +222,7 @@ impl DetectorScorer {
         };
     }
 
-    /// What was counted.
+    /// The counts.
     pub fn finish(self) -> DetectorScore {
         let mut score = self.score;
         score.confusion = self

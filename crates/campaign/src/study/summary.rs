@@ -1,4 +1,4 @@
-//! `summary.json` of a campaign: its totals as they are written, and described in the API's document.
+//! `summary.json` of a campaign: its totals as written to file and documented in the API.
 
 use super::document::Criteria;
 use super::folder::program;
@@ -192,7 +192,7 @@ pub struct LossErrorSummary {
 }
 
 impl CampaignSummary {
-    /// Of the flights that are there.
+    /// Summary of the existing flights.
     pub fn new(campaign: &Campaign, totals: &Totals) -> Self {
         let criteria = campaign.document().criteria;
         Self {
@@ -228,7 +228,7 @@ impl CampaignSummary {
         }
     }
 
-    /// As it is printed.
+    /// As printed.
     pub fn json(&self) -> String {
         let value = serde_json::to_value(self).expect("text and numbers are JSON");
         format!("{value:#}")

@@ -1,6 +1,6 @@
-//! The totals as tables for people, for the terminal and the report alike.
+//! The totals as tables, for terminal and report.
 //!
-//! Shares are percentages with their interval of 95 % behind them; see [`super::intervals`] for how it is taken.
+//! Percentages with their 95 % interval; see [`super::intervals`] for its definition.
 
 use super::document::Criteria;
 use super::intervals::{poisson_rate, wilson};
@@ -10,14 +10,14 @@ use super::score::severity_name;
 use super::totals::{AxisTotals, DetectorTotals, GroupTotals, Totals};
 use crate::result_table::ResultTable;
 
-/// A detector as people call it.
+/// Display name of a detector.
 pub fn title(detector: usize) -> &'static str {
     ["sequential", "network", "T-test"][detector]
 }
 
 const NONE: &str = "–";
 
-/// A share as a percentage; never 100 unless it is.
+/// A fraction as a percentage; never rounded up to 100.
 pub fn percent(share: Option<f64>) -> String {
     match share {
         None => NONE.to_owned(),
@@ -308,7 +308,7 @@ fn operating_curve(totals: &Totals) -> Option<ResultTable> {
     })
 }
 
-/// Flights with most to be sorry about, and those that did not reach their end; each with the command that flies it again.
+/// The worst flights, and those that did not reach their end; each with the command that repeats it.
 pub fn listed_flights(campaign: &Campaign, totals: &Totals) -> Vec<ResultTable> {
     let command = |flight: u64| format!("rotortwin campaign {} --flight {flight}", campaign.path().display());
     let parameters = |listed: &super::totals::Listed| {

@@ -1,6 +1,6 @@
 //! Totals of a campaign: sums over records in the order of the flights, in memory that does not grow with their number.
 //!
-//! Everything is a whole number or a count per whole number of steps, so totals are the same however the records came about. Delays are
+//! All quantities are integers or histograms over steps, so totals do not depend on how the records were produced. Delays are
 //! histograms over steps of 2.5 ms: quantiles are exact.
 
 use super::cell::Cell;
@@ -13,14 +13,14 @@ use rotortwin_plant::STEP_S;
 use std::collections::BTreeMap;
 use xxhash_rust::xxh3::Xxh3;
 
-/// Values of an axis that are told apart; more are put into bins (numbers) or left out (texts).
+/// Maximum number of distinct values of an axis; more are binned (numbers) or omitted (texts).
 const MAX_GROUPS: usize = 24;
-/// Bins of an axis of numbers.
+/// Number of bins of a numeric axis.
 const BINS: usize = 6;
-/// Flights listed as worst, and as failed.
+/// Number of flights listed as worst, and as failed.
 pub const LISTED: usize = 15;
 
-/// Counts per number of steps.
+/// Histogram over numbers of steps.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Delays {
     counts: BTreeMap<u64, u64>,
@@ -35,12 +35,12 @@ impl Delays {
         }
     }
 
-    /// Delays counted.
+    /// Number of delays.
     pub fn total(&self) -> u64 {
         self.total
     }
 
-    /// Nearest-rank quantile, s; `None` of none.
+    /// Nearest-rank quantile, s; `None` if empty.
     pub fn quantile_s(&self, q: f64) -> Option<f64> {
         let rank = ((q * self.total as f64).ceil() as u64).clamp(1, self.total.max(1));
         let mut seen = 0;
@@ -59,7 +59,7 @@ impl Delays {
         self.counts.range(..=limit).map(|(_, count)| count).sum()
     }
 
-    /// Delay in s and how many have been seen by then, in order.
+    /// Delay in s and the cumulative count, in order.
     pub fn cumulative(&self) -> impl Iterator<Item = (f64, u64)> + '_ {
         self.counts.iter().scan(0, |seen, (steps, count)| {
             *seen += count;
@@ -71,39 +71,39 @@ impl Delays {
 /// One detector over any set of flights.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct DetectorTotals {
-    /// Right windows out of all, flight by flight.
+    /// Correct windows of all, flight by flight.
     pub windows: ClusterSums,
-    /// Right windows out of those without a fault.
+    /// Correct windows of the fault-free ones.
     pub healthy: ClusterSums,
-    /// Right windows out of those with one.
+    /// Correct windows of the faulty ones.
     pub faulty: ClusterSums,
     /// Truth, verdict, windows.
     pub confusion: BTreeMap<(i32, i32), u64>,
-    /// Windows with a fault called healthy.
+    /// Faulty windows with the verdict healthy.
     pub missed: u64,
-    /// Naming a healthy rotor.
+    /// Faulty windows that name a healthy rotor.
     pub wrong_rotor: u64,
-    /// Neither right nor missed, naming no healthy rotor.
+    /// Faulty windows neither correct nor missed, naming no healthy rotor.
     pub unclear: u64,
-    /// Rows of false alarms.
+    /// False alarm events.
     pub false_alarm_events: u64,
-    /// Flights with one.
+    /// Flights with a false alarm.
     pub false_alarm_flights: u64,
-    /// Time without a fault in which it was ready, steps.
+    /// Fault-free time in which it was ready, steps.
     pub healthy_steps: u64,
     /// Flights with a fault in which it was ready.
     pub fault_flights: u64,
-    /// To the first verdict but healthy after the onset.
+    /// Delay from the onset to the first verdict other than healthy.
     pub detected: Delays,
-    /// To the first right verdict.
+    /// Delay to the first correct verdict.
     pub isolated: Delays,
-    /// To the first of the right verdicts that last to the end.
+    /// Delay to the first of the correct verdicts that last to the end.
     pub settled: Delays,
     /// Flights that ever named a healthy rotor after the onset.
     pub wrong_rotor_flights: u64,
-    /// By the loss of the window: faulty windows.
+    /// Faulty windows by their loss.
     pub by_severity: BTreeMap<usize, ClusterSums>,
-    /// By the loss of the first fault: flights, delays to isolation.
+    /// Flights and isolation delays by the loss of the first fault.
     pub delay_by_severity: BTreeMap<usize, (u64, Delays)>,
 }
 
@@ -145,24 +145,24 @@ impl DetectorTotals {
         }
     }
 
-    /// Time without a fault in which it was ready, h.
+    /// Fault-free time in which it was ready, h.
     pub fn healthy_h(&self) -> f64 {
         self.healthy_steps as f64 * STEP_S / 3600.0
     }
 
-    /// False alarms per hour without a fault.
+    /// False alarms per fault-free hour.
     pub fn false_alarms_per_h(&self) -> Option<f64> {
         (self.healthy_steps > 0).then(|| self.false_alarm_events as f64 / self.healthy_h())
     }
 }
 
-/// Sums of a whole number and its square, in units of 0.1 mN.
+/// Sums of an integer and its square, in units of 0.1 mN.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct LossError {
     count: u64,
     sum: i64,
     squares: u128,
-    /// Flights whose interval holds the truth.
+    /// Flights whose interval contains the truth.
     covered: u64,
 }
 
@@ -175,7 +175,7 @@ impl LossError {
         self.squares += u128::from(units.unsigned_abs()) * u128::from(units.unsigned_abs());
     }
 
-    /// Flights whose interval of 95 % holds the truth.
+    /// Flights whose 95 % interval contains the truth.
     pub fn covered(&self) -> u64 {
         self.covered
     }
@@ -193,12 +193,12 @@ impl LossError {
     }
 }
 
-/// How the values of an axis are told apart.
+/// How the values of an axis are grouped.
 #[derive(Clone, Debug, PartialEq)]
 enum Grouping {
     /// By the value itself, until there are too many.
     Values,
-    /// By equal parts of a range, maybe of its logarithm.
+    /// By equal parts of a range, optionally of its logarithm.
     Bins { range: [f64; 2], logarithmic: bool },
 }
 
@@ -208,7 +208,7 @@ pub struct AxisTotals {
     /// Name of the axis.
     pub axis: String,
     grouping: Grouping,
-    /// Too many values to tell apart.
+    /// Too many distinct values.
     pub overflown: bool,
     /// In the order of appearance, or of the bins.
     pub groups: Vec<GroupTotals>,
@@ -298,7 +298,7 @@ fn bin_edge(range: [f64; 2], logarithmic: bool, i: usize) -> f64 {
     }
 }
 
-/// Three significant digits.
+/// Rounds to three significant digits.
 fn short(x: f64) -> String {
     if x == 0.0 {
         return "0".to_owned();
@@ -321,9 +321,9 @@ pub struct Listed {
     pub parameters: Vec<(String, Cell)>,
     /// Why it did not reach its end; empty if it did.
     pub reason: String,
-    /// Of the sequential detector.
+    /// Score of the sequential detector.
     pub score: DetectorScore,
-    /// With a fault.
+    /// Whether it has a fault.
     pub faulty: bool,
 }
 
@@ -338,7 +338,7 @@ impl Listed {
         }
     }
 
-    /// The worse, the larger: false alarms first, then faults that were never isolated, then windows that are not right.
+    /// Larger is worse: false alarms first, then faults that were never isolated, then incorrect windows.
     fn badness(&self) -> (u64, bool, u64) {
         let score = &self.score;
         let never = self.faulty && score.is_ready() && score.isolated_after_steps.is_none();
@@ -346,10 +346,10 @@ impl Listed {
     }
 }
 
-/// Everything about a campaign.
+/// Totals of a campaign.
 #[derive(Clone)]
 pub struct Totals {
-    /// Flights seen.
+    /// Number of flights.
     pub flights: u64,
     /// Flown to their end.
     pub done: u64,
@@ -359,17 +359,17 @@ pub struct Totals {
     pub refused: u64,
     /// Steps flown.
     pub steps: u64,
-    /// Most rotors of a vehicle.
+    /// Largest rotor count of a vehicle.
     pub rotor_count: u32,
     /// In the order of [`DETECTORS`].
     pub detectors: [DetectorTotals; DETECTORS.len()],
-    /// Evidence, nats, and what the sequential detector does with it.
+    /// Evidence, nats, and the sequential detector's results with it.
     pub curve: Vec<(f32, DetectorTotals)>,
     /// Axis by axis.
     pub axes: Vec<AxisTotals>,
-    /// Estimated less true loss of thrust at the end, where the right rotor is named.
+    /// Estimated minus true loss of thrust at the end, where the correct rotor is named.
     pub loss_error: LossError,
-    /// Flights with most to be sorry about, worst first.
+    /// The worst flights, worst first.
     pub worst: Vec<Listed>,
     /// The first that did not reach their end.
     pub unfinished: Vec<Listed>,
@@ -377,7 +377,7 @@ pub struct Totals {
 }
 
 impl Totals {
-    /// Of no flight yet.
+    /// Empty totals.
     pub fn new(campaign: &Campaign) -> Self {
         Self {
             flights: 0,
@@ -400,7 +400,7 @@ impl Totals {
         }
     }
 
-    /// Adds the next flight; records come in the order of their numbers.
+    /// Adds the next flight; records must come in the order of their numbers.
     pub fn add(&mut self, record: &FlightRecord) {
         self.hash.update(record.to_json().as_bytes());
         self.flights += 1;
@@ -441,7 +441,7 @@ impl Totals {
         }
     }
 
-    /// Hash over all records in order: the same flights give the same one, however they were flown.
+    /// Hash over all records in order: the same flights give the same hash, however they were flown.
     pub fn hash(&self) -> String {
         format!("{:032x}", self.hash.digest128())
     }
@@ -451,7 +451,7 @@ impl Totals {
         self.steps as f64 * STEP_S / 3600.0
     }
 
-    /// What was flown of so many flights, in a line.
+    /// Progress for a number of planned flights, in one line.
     pub fn in_words(&self, flights: u64) -> String {
         format!(
             "{} of {flights} flights, {:.2} h flown; {} failed, {} could not be flown; hash {}",

@@ -1,11 +1,11 @@
-//! Wrench to duties: pseudo-inverse, then thrust to duty, then the limits of a motor.
+//! Wrench to duties: pseudo-inverse, thrust-to-duty map, motor limits.
 
 use super::ThrustToDuty;
 use crate::MAX_ROTORS;
 use crate::geometry::Geometry;
 use crate::signals::MotorCommand;
 
-/// Duties for a wrench (Fz, Mx, My, Mz), and the bit mask of the rotors that were limited.
+/// Duties for a wrench (Fz, Mx, My, Mz), and a bit mask of the saturated rotors.
 ///
 /// f = F⁺ w; u_i = clip(map(f_i), 0, 1). The limits are applied rotor by rotor, without redistribution.
 #[inline]
@@ -34,7 +34,7 @@ pub(super) fn duties(
     (command, saturated)
 }
 
-/// Duties on a straight line through 0; the bit mask of the rotors that were limited.
+/// Duties from the linear map through 0, and a bit mask of the saturated rotors.
 #[inline(always)]
 pub(super) fn linear_duties(thrust: &[f32], full_thrust: f32, limited: &mut [f32]) -> u32 {
     let mut saturated = 0;
@@ -46,7 +46,7 @@ pub(super) fn linear_duties(thrust: &[f32], full_thrust: f32, limited: &mut [f32
     saturated
 }
 
-/// Into \[0, 1\]; NaN becomes 0, which stops the rotor.
+/// Clamps to \[0, 1\]; NaN becomes 0, which stops the rotor.
 #[inline(always)]
 fn limit_duty(duty: f32) -> f32 {
     if duty >= 1.0 {

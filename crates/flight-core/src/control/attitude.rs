@@ -8,8 +8,8 @@ use crate::signals::NavState;
 
 /// PID on the Euler angle errors, derivative on the measured body rates: α = Kp e + Ki ∫e − Kd ω, rad/s², body.
 ///
-/// Euler angle errors stand for body axis errors, as in the paper: right near level flight, with some coupling between
-/// the axes at the tilt limit.
+/// Euler angle errors stand in for body-axis errors, as in the paper: exact near level flight, with some coupling
+/// between the axes at the tilt limit.
 #[inline(always)]
 pub(super) fn angular_acceleration_setpoint(
     state: &mut PidState,

@@ -203,8 +203,9 @@ fn controller(thrust_to_duty: ThrustToDuty) -> Controller {
     Controller::new(config(thrust_to_duty)).expect("valid")
 }
 
-/// Flies the 12 s of the closed-loop vector; `observe` sees sample, plant and output before each step of the plant, and
-/// `disturb` may spoil what the controller is told.
+/// Flies the 12 s of the closed-loop vector; `observe` is called with sample, plant and output before each plant step,
+/// and
+/// `disturb` may corrupt the controller's inputs.
 fn fly(
     thrust_to_duty: ThrustToDuty,
     disturb: impl Fn(usize, &mut NavState),
@@ -303,7 +304,7 @@ fn scenario_inverse_map_flies_the_helicoid() {
         |_, _| (),
         |sample, plant, output| {
             assert!(!output.input_rejected);
-            // From rest, the step of the reference velocity asks for more roll torque than the lift at hand allows.
+            // From rest, the step in reference velocity demands more roll torque than the available lift allows.
             assert!(output.saturated_rotors == 0 || sample < 400, "sample {sample}");
             last = distance(sample, plant);
         },
@@ -337,7 +338,8 @@ fn scenario_rejected_input_is_flown_through() {
     let mut clean = [0.0; STATES];
     fly(LINEAR, |_, _| (), |_, plant, _| clean = plant.state);
     for k in 0..3 {
-        // 50 ms blind shift the flight by centimetres, which 7 s later have decayed; poisoned integrators would not.
+        // A 50 ms sensor outage shifts the flight by centimetres, which decay within 7 s; corrupted integrators would
+        // not recover.
         assert!(
             (spoilt[k] - clean[k]).abs() < 1e-3,
             "axis {k}: {} against {}",
@@ -360,7 +362,7 @@ fn val_trim_commands_the_hover_duty() {
         let mut controller = controller(map);
         controller.trim(0.381, 16.3);
         let (nav, reference) = at_rest();
-        // Before anything valid has come in, the trimmed command is what is held.
+        // Until a valid input arrives, the trimmed command is held.
         let lost = NavState {
             body_rates: Vec3::new(0.0, f32::NAN, 0.0),
             ..nav
@@ -414,7 +416,7 @@ fn val_signs_and_limits_of_the_setpoint() {
         };
         controller.step(&nav, &reference, 16.0)
     };
-    // Degrees of a setpoint; asin, atan2 and sqrt of f32.
+    // Degrees of a setpoint; f32 asin, atan2 and sqrt.
     let close = |got: f32, want: f32| (got.to_degrees() - want).abs() < 1e-4;
 
     let north = towards(100.0, 0.0, 0.0, 0.0).attitude_setpoint;
@@ -426,11 +428,11 @@ fn val_signs_and_limits_of_the_setpoint() {
         close(east_facing_east.pitch, -35.0) && close(east_facing_east.roll, 0.0),
         "{east_facing_east:?}"
     );
-    // Small: tan θ = −a/g, a = 4.98 · 0.1.
+    // Small angles: tan θ = −a/g, a = 4.98 · 0.1.
     let near = towards(0.1, 0.0, 0.0, 0.0).attitude_setpoint;
     assert!(close(near.pitch, -(0.498f32 / 9.81).atan().to_degrees()), "{near:?}");
 
-    // Far below: the least specific force is kept. Far above: more than the motors can give.
+    // Far below: the minimum specific force applies. Far above: more than the motors can deliver.
     let sink = towards(0.0, 0.0, 100.0, 0.0);
     assert!((sink.collective_thrust - 1.55 * position::MIN_SPECIFIC_THRUST).abs() < 1e-6);
     assert_eq!(sink.saturated_rotors, 0);
@@ -479,7 +481,7 @@ fn val_yaw_error_takes_the_short_way() {
         // The wrap itself rounds 6.2 rad to 2.4e-7, times 4.98 · 0.0498 · 10.4 / 12.
         assert!((across - short[k]).abs() < 1e-6, "rotor {k}");
     }
-    // Nose left: less of the rotors that turn counter-clockwise and push it right.
+    // Nose left: less thrust on the rotors that turn counter-clockwise and yaw it to the right.
     assert!(short[0] < short[1]);
 }
 
@@ -487,7 +489,7 @@ fn val_yaw_error_takes_the_short_way() {
 fn val_saturated_rotors_are_named() {
     let (nav, reference) = at_rest();
     for map in [LINEAR, inverse_map()] {
-        // Rolls hard to the right: the right-hand rotors 1 to 3 shall stop, the left-hand ones give all.
+        // Rolls hard to the right: the right-hand rotors 1 to 3 must stop, the left-hand ones saturate at full duty.
         let nav = NavState {
             body_rates: Vec3::new(-50.0, 0.0, 0.0),
             ..nav
@@ -569,7 +571,8 @@ fn val_refusals_name_the_reason() {
             "rotor 1 cannot give the thrust that hover asks of it",
         ),
         (
-            // Forward of the centre of mass but for one rotor: the least-squares allocation makes that one push down.
+            // All rotors but one are forward of the centre of mass: the least-squares allocation makes that one push
+            // down.
             |c| {
                 let mut rotors = [c.geometry.rotors()[0]; 5];
                 rotors.copy_from_slice(&c.geometry.rotors()[..5]);

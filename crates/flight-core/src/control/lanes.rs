@@ -1,7 +1,7 @@
-//! The controller of several flights side by side: the equations of [`Controller::step`], one flight after another in plain loops
-//! without branches, so that a compiler can do all lanes at once. Same bits.
+//! The controllers of several flights side by side: the equations of [`Controller::step`] for each flight in turn, in plain
+//! branch-free loops that a compiler can vectorise over the lanes. Bit-identical results.
 //!
-//! Only for [`ThrustToDuty::Linear`]; the inverse map iterates, and every flight has to iterate alone.
+//! Only for [`ThrustToDuty::Linear`]; the inverse map iterates separately for every flight.
 
 use super::allocation::linear_duties;
 use super::pid::PidState;
@@ -18,7 +18,7 @@ pub type MeasuredRows<const L: usize> = [[f32; L]; 13];
 /// Reference position (m, NED), velocity (m/s, NED), yaw (rad).
 pub type ReferenceRows<const L: usize> = [[f32; L]; 7];
 
-/// The sensed state of one lane.
+/// Sensed state of one lane.
 #[inline(always)]
 pub(crate) fn nav<const L: usize>(rows: &MeasuredRows<L>, lane: usize) -> NavState {
     NavState {
@@ -37,18 +37,18 @@ pub(crate) fn nav<const L: usize>(rows: &MeasuredRows<L>, lane: usize) -> NavSta
 #[derive(Clone, Debug)]
 pub struct SineRows<const L: usize> {
     rows: [[f32; L]; 6],
-    /// Not 0 where an angle is beyond the range of the branch-free functions.
+    /// Non-zero where an angle exceeds the range of the branch-free functions.
     pub outside: [u32; L],
 }
 
 impl<const L: usize> SineRows<L> {
-    /// Of no attitude yet.
+    /// Placeholder before any attitude has been computed.
     pub const NONE: Self = Self {
         rows: [[0.0; L]; 6],
         outside: [0; L],
     };
 
-    /// Works them out.
+    /// Computes them for every lane.
     #[inline(always)]
     pub fn fill(&mut self, measured: &MeasuredRows<L>) {
         for angle in 0..3 {
@@ -85,8 +85,8 @@ pub struct ControlRows<const N: usize, const L: usize> {
     pub attitude_setpoint: [[f32; L]; 3],
     /// As in [`super::ControlOutput`].
     pub saturated_rotors: [u32; L],
-    /// Not 0 where this step has to be done alone, by [`ControlRows::step_alone`]: an input that [`Controller::step`] would not use
-    /// as it is, or one beyond the range of the branch-free functions.
+    /// Non-zero where this step must be done by [`ControlRows::step_alone`]: an input that [`Controller::step`] would not use as it
+    /// is, or one outside the range of the branch-free functions.
     pub outside: [u32; L],
 }
 
@@ -101,13 +101,13 @@ impl<const N: usize, const L: usize> ControlRows<N, L> {
         outside: [0; L],
     };
 
-    /// True if a controller can have a lane.
+    /// True if the controller can run in a lane.
     pub fn suits(controller: &Controller) -> bool {
         controller.cfg.geometry.rotor_count() == N
             && matches!(controller.cfg.thrust_to_duty, ThrustToDuty::Linear { .. })
     }
 
-    /// Puts the state of a controller, as it is after [`Controller::trim`], into a lane.
+    /// Copies the state of a controller, as left by [`Controller::trim`], into a lane.
     pub fn seat(&mut self, lane: usize, controller: &Controller) {
         self.set_integrals(lane, &controller.position, &controller.attitude);
     }
@@ -120,9 +120,9 @@ impl<const N: usize, const L: usize> ControlRows<N, L> {
         }
     }
 
-    /// One step of every lane with the configuration of `controller`, which all of them share.
+    /// One step of every lane with the configuration of `controller`, which all lanes share.
     ///
-    /// Lanes that are [`ControlRows::outside`] keep their integrators and have no output.
+    /// Lanes marked in [`ControlRows::outside`] keep their integrators and produce no output.
     #[inline(always)]
     pub fn step(
         &mut self,
@@ -200,8 +200,8 @@ impl<const N: usize, const L: usize> ControlRows<N, L> {
         }
     }
 
-    /// The step of one lane that [`ControlRows::step`] has left out. False if [`Controller::step`] would reject the input: then the
-    /// lane cannot go on, as it does not keep what the controller would repeat.
+    /// Steps one lane that [`ControlRows::step`] skipped. False if [`Controller::step`] would reject the input: the lane cannot
+    /// continue, as it does not store the output that the controller would repeat.
     pub fn step_alone(
         &mut self,
         controller: &Controller,

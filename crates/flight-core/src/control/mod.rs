@@ -14,7 +14,7 @@
 //! Choices that the paper leaves open: derivative action on measured velocity error and body rates; integrators updated after
 //! their use; tilt limited to [`ControllerConfig::tilt_limit`]; no anti-windup, no feed-forward, no filter.
 //!
-//! Limits: no take-off or landing logic, no arming, no failsafe. An input that cannot be true is not used: see
+//! Limits: no take-off or landing logic, no arming, no failsafe. Implausible inputs are not used: see
 //! [`ControlOutput::input_rejected`]. Euler angles, hence not for flight near ±90° pitch.
 
 mod allocation;
@@ -36,7 +36,7 @@ pub use pid::PidGains;
 use pid::PidState;
 use position::ThrustVector;
 
-/// Inputs beyond this (m, m/s, rad, rad/s, V) cannot be true, and are kept from the integrators like NaN.
+/// Inputs beyond this (m, m/s, rad, rad/s, V) are implausible and, like NaN, never reach the integrators.
 pub const INPUT_LIMIT: f32 = 1e6;
 
 /// Largest tilt limit, 80°: keeps the attitude setpoint away from the singularity of the Euler angles.
@@ -48,23 +48,23 @@ pub const MAX_PERIOD: f32 = 1.0;
 /// Largest gain: keeps the sums of a flight far from overflow with any inputs within [`INPUT_LIMIT`].
 pub const MAX_GAIN: f32 = 1e6;
 
-/// How a thrust becomes a duty.
+/// How a thrust is converted to a duty.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[expect(
     clippy::large_enum_variant,
     reason = "one per controller, and nothing here allocates"
 )]
 pub enum ThrustToDuty {
-    /// u = f / `full_thrust`, whatever the battery voltage; the z integrator carries the offset.
+    /// u = f / `full_thrust`, independent of the battery voltage; the z integrator absorbs the offset.
     Linear {
-        /// N at full duty: 12.0059 N in Table 5.
+        /// Thrust at full duty, N: 12.0059 N in Table 5.
         full_thrust: f32,
     },
     /// Inverse of Eq. 19 at the measured battery voltage.
     InverseMap(ThrustMap),
 }
 
-/// What a [`Controller`] must know of the vehicle, and its gains.
+/// Vehicle parameters and gains of a [`Controller`].
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ControllerConfig {
     /// Rotor layout.
@@ -84,12 +84,12 @@ pub struct ControllerConfig {
     /// Largest angle between the commanded thrust and the vertical, rad, up to [`MAX_TILT_LIMIT`]; 35° in the reference
     /// flights.
     pub tilt_limit: f32,
-    /// How a thrust becomes a duty.
+    /// How a thrust is converted to a duty.
     pub thrust_to_duty: ThrustToDuty,
 }
 
 impl ControllerConfig {
-    /// No vehicle; only a place to put a configuration into.
+    /// Placeholder without a vehicle, to be filled with a configuration.
     pub const BLANK: Self = Self {
         geometry: Geometry::BLANK,
         mass: 0.0,
@@ -161,15 +161,15 @@ pub struct ControlOutput {
     pub command: MotorCommand,
     /// φ_ref, θ_ref, ψ_ref, rad.
     pub attitude_setpoint: EulerAngles,
-    /// T, the sum of the thrusts asked for, N.
+    /// T, commanded collective thrust, N.
     pub collective_thrust: f32,
-    /// Bit k (from 0) is set if rotor k was asked for less than 0 or more than its full duty gives.
+    /// Bit k (from 0) is set if the thrust demanded of rotor k was below 0 or above its thrust at full duty.
     pub saturated_rotors: u32,
-    /// The state or the reference could not be true (NaN, infinite or beyond [`INPUT_LIMIT`]): all the rest of this
-    /// output repeats the last step's, and the integrators have not moved.
+    /// The state or the reference was implausible (NaN, infinite or beyond [`INPUT_LIMIT`]): the rest of this output repeats
+    /// the last step's, and the integrators are unchanged.
     pub input_rejected: bool,
-    /// The battery voltage could not be true, and the last one that could was used in its place. Only where
-    /// [`ThrustToDuty::InverseMap`] needs a voltage; before there has been a usable one, the input is rejected.
+    /// The battery voltage was implausible and the last usable one replaced it. Only where [`ThrustToDuty::InverseMap`] needs
+    /// a voltage; until there has been a usable one, the input is rejected.
     pub voltage_substituted: bool,
 }
 
@@ -227,8 +227,8 @@ pub struct Controller {
 }
 
 impl Controller {
-    /// A controller without a vehicle: its commands mean nothing before [`Controller::configure`]. All bits are 0, so that it takes no room
-    /// in the image of a board.
+    /// A controller without a vehicle: its commands are meaningless before [`Controller::configure`]. All bits are 0, so that it takes no
+    /// space in a board's image.
     pub const BLANK: Self = Self {
         cfg: ControllerConfig::BLANK,
         tilt_limit_tan: 0.0,
@@ -240,7 +240,7 @@ impl Controller {
 
     /// A controller at rest: integrators zero, motors off until the first accepted step.
     ///
-    /// Refuses, with the reason, what [`ControllerConfigError`] lists.
+    /// Returns a [`ControllerConfigError`] if the configuration is invalid.
     pub fn new(cfg: ControllerConfig) -> Result<Self, ControllerConfigError> {
         let mut controller = Self::BLANK;
         controller.configure(|own| {
@@ -250,15 +250,15 @@ impl Controller {
         Ok(controller)
     }
 
-    /// [`Controller::new`] in place, with the configuration that `fill` leaves: a board has no room for a second one. Every field is to be
-    /// set, as those of an earlier configuration stand in it. A controller whose configuration was refused is not to be used.
+    /// [`Controller::new`] in place, with the configuration that `fill` writes: a board has no room for a second one. `fill` must set every
+    /// field, as the fields still hold the previous configuration. Do not use a controller whose configuration was rejected.
     pub fn configure<E: From<ControllerConfigError>>(
         &mut self,
         fill: impl FnOnce(&mut ControllerConfig) -> Result<(), E>,
     ) -> Result<(), E> {
         fill(&mut self.cfg)?;
         self.cfg.check()?;
-        // Taken apart, so that no field is forgotten.
+        // Destructured, so that no field is forgotten.
         let Self {
             cfg,
             tilt_limit_tan,
@@ -275,7 +275,7 @@ impl Controller {
         Ok(())
     }
 
-    /// As given to [`Controller::new`].
+    /// Configuration passed to [`Controller::new`].
     #[inline]
     pub const fn config(&self) -> &ControllerConfig {
         &self.cfg
@@ -284,12 +284,12 @@ impl Controller {
     /// Presets the z integrator for a start in trimmed hover: level, at the reference, it commands `hover_duty` on
     /// average.
     ///
-    /// Ki ∫e_z = g − T/m, T the sum of the thrusts that the controller's own map gives at that duty
+    /// Ki ∫e_z = g − T/m, where T is the total thrust that the controller's own map gives at that duty
     ///
     /// * `hover_duty`: fraction   * `battery_voltage`: V, used by [`ThrustToDuty::InverseMap`] only
     ///
-    /// Also sets the command that is held should the very first input be rejected. Does nothing to the integrator if
-    /// its gain is zero, and nothing at all if a value is not usable (NaN, duty outside \[0, 1\], voltage too low).
+    /// Also sets the command held if the very first input is rejected. Leaves the integrator unchanged if its gain is zero,
+    /// and does nothing at all if a value is unusable (NaN, duty outside \[0, 1\], voltage too low).
     pub fn trim(&mut self, hover_duty: f32, battery_voltage: f32) {
         if !(0.0..=1.0).contains(&hover_duty) {
             return;
@@ -320,8 +320,7 @@ impl Controller {
     /// * `nav`: sensed state   * `reference`: what to follow   * `battery_voltage`: V, used by
     ///   [`ThrustToDuty::InverseMap`] only
     ///
-    /// Never fails and never gives a duty outside \[0, 1\]; for inputs that cannot be true see
-    /// [`ControlOutput::input_rejected`].
+    /// Never fails and never returns a duty outside \[0, 1\]; for implausible inputs see [`ControlOutput::input_rejected`].
     #[inline]
     pub fn step(&mut self, nav: &NavState, reference: &Reference, battery_voltage: f32) -> ControlOutput {
         let voltage_substituted = match &self.cfg.thrust_to_duty {
@@ -343,7 +342,7 @@ impl Controller {
         let sines = AttitudeSines::new(nav.attitude, &mut Libm);
         let loops = (&mut self.position, &mut self.attitude);
         let (vector, wrench) = control_law(cfg, self.tilt_limit_tan, loops, nav, &sines, reference, &mut Libm);
-        // The linear map, which never has a last voltage, does not read it.
+        // The linear map never stores a last voltage and does not read this one.
         let voltage = self.last_voltage.unwrap_or(battery_voltage);
         let (command, saturated_rotors) = allocation::duties(&cfg.geometry, &cfg.thrust_to_duty, wrench, voltage);
         self.last_output = ControlOutput {
@@ -358,7 +357,7 @@ impl Controller {
     }
 }
 
-/// Both loops: what thrust and attitude to have, and the wrench (Fz, Mx, My, Mz) for it, N and N·m.
+/// Both loops: thrust and attitude setpoints, and the wrench (Fz, Mx, My, Mz) that realises them, N and N·m.
 #[inline(always)]
 fn control_law(
     cfg: &ControllerConfig,
@@ -381,14 +380,13 @@ fn control_law(
     (vector, wrench)
 }
 
-/// True for a voltage at which the map gives any thrust. Zero, as of a sensor that has dropped out, would ask for full
-/// duty.
+/// True for a voltage at which the map gives any thrust. A zero, as from a failed sensor, would demand full duty.
 #[inline]
 fn is_voltage_usable(map: &ThrustMap, battery_voltage: f32) -> bool {
     battery_voltage > map.voltage_offset() && battery_voltage <= INPUT_LIMIT
 }
 
-/// True if every component is a number within [`INPUT_LIMIT`].
+/// True if every component is finite and within [`INPUT_LIMIT`].
 #[inline(always)]
 fn is_plausible(nav: &NavState, reference: &Reference) -> bool {
     // NaN compares false; no short circuit, so that the comparisons need no branches.
@@ -403,26 +401,26 @@ fn is_plausible(nav: &NavState, reference: &Reference) -> bool {
         & (reference.yaw.abs() <= INPUT_LIMIT)
 }
 
-/// Why a controller configuration is refused. Rotor indices count from 0, the text from 1.
+/// Why a controller configuration is rejected. Rotor indices count from 0; the text counts from 1.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum ControllerConfigError {
     /// A quantity must be above zero and finite.
     NotPositive {
-        /// In words.
+        /// Human-readable name.
         quantity: &'static str,
     },
     /// Above [`MAX_PERIOD`].
     PeriodTooLong,
-    /// Not above 0 and up to [`MAX_TILT_LIMIT`].
+    /// Not above 0, or above [`MAX_TILT_LIMIT`].
     TiltLimitOutOfRange,
     /// A gain is negative, NaN or above [`MAX_GAIN`].
     GainOutOfRange {
-        /// In words.
+        /// Human-readable name.
         axis: &'static str,
     },
-    /// In hover the allocation asks a rotor for no thrust, for a negative one, or for more than full duty gives.
+    /// In hover the allocation demands zero, negative or more than full-duty thrust from a rotor.
     HoverOutOfReach {
-        /// From 0.
+        /// Zero-based.
         rotor: usize,
     },
 }

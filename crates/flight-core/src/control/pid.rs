@@ -3,7 +3,7 @@
 /// Gains of one axis; the output is an acceleration, m/s² or rad/s².
 ///
 /// Table 5 prints no units; {Kp, Ki, Kd} are the coefficients of (s+1)(s+1.3)(s+1.6) and (s+8)(s+9)(s+10), which only
-/// an acceleration output explains.
+/// makes sense for an acceleration output.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PidGains {
     /// Kp, 1/s².
@@ -15,7 +15,7 @@ pub struct PidGains {
 }
 
 impl PidGains {
-    /// No action.
+    /// All gains zero.
     pub const NONE: Self = Self {
         proportional: 0.0,
         integral: 0.0,
@@ -33,7 +33,7 @@ pub(super) struct PidState {
 impl PidState {
     pub(super) const ZERO: Self = Self { integral: [0.0; 3] };
 
-    /// Kp e + Ki ∫e dt + Kd ė per axis; the integrators are updated after their use, without anti-windup.
+    /// Kp e + Ki ∫e dt + Kd ė per axis; the integrators are updated after use, without anti-windup.
     ///
     /// * `error`: e   * `error_rate`: ė, taken as measured and never differentiated here   * `period`: dt, s
     #[inline(always)]

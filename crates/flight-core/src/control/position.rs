@@ -6,15 +6,15 @@ use crate::elementary::{Elementary, square_root};
 use crate::frames::{AttitudeSines, EulerAngles, Ned, Vec3};
 use crate::signals::{NavState, Reference};
 
-/// Least downward specific force that the thrust must balance, m/s²: the vehicle never asks for inverted or
+/// Minimum downward specific force that the thrust must balance, m/s²: the vehicle never commands inverted or
 /// free-falling flight.
 pub(super) const MIN_SPECIFIC_THRUST: f32 = 1.0;
 
-/// Lower bound of cos φ cos θ in the tilt compensation: more than 3.3 times the thrust is not asked for however far it
-/// tips.
+/// Lower bound of cos φ cos θ in the tilt compensation: never more than 3.3 times the thrust is commanded, however far
+/// the vehicle tips.
 pub(super) const MIN_TILT_COSINE: f32 = 0.3;
 
-/// What the outer loop asks of the inner one.
+/// Setpoints from the outer loop to the inner one.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct ThrustVector {
     /// T, N.

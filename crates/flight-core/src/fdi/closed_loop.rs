@@ -1,5 +1,5 @@
-//! Tests of the engine in the loop with the controller and a compact rigid body: lagged rotors, biases, sensor noise of Table 4,
-//! gusts. Not the project's plant (which the FDI engine may not see), and simpler than it: constant voltage, no drag.
+//! Tests of the engine in closed loop with the controller and a compact rigid body: lagged rotors, biases, sensor noise of Table
+//! 4, gusts. Not the project's plant (which the FDI engine must not see), and simpler: constant voltage, no drag.
 
 use super::test_vectors::{PERIOD, blade_a, body};
 use super::*;
@@ -15,7 +15,7 @@ const VOLTAGE: f32 = 16.0;
 const ROTOR_LAG: f64 = 0.05;
 const FULL_THRUST: f32 = 12.0059;
 
-/// Normal deviates from a linear congruential generator; good enough for tests, the same everywhere.
+/// Normal deviates from a linear congruential generator; good enough for tests and identical on every platform.
 struct Noise(u64);
 
 impl Noise {
@@ -38,16 +38,16 @@ struct Conditions {
     rotor_count: usize,
     seed: u64,
     duration_s: f64,
-    /// Loss of lift, share, of `rotor` between the two times.
+    /// Fractional thrust loss of `rotor` between the two times.
     loss: f64,
     rotor: usize,
-    /// Another rotor that loses as much, from another time on.
+    /// Another rotor with the same loss, and its onset time.
     second: Option<(usize, f64)>,
     from_s: f64,
     to_s: f64,
     /// Standard deviations of force (N) and torque (N·m) with 2 s of correlation.
     gust: (f64, f64),
-    /// Torque about pitch that sets in at `from_s` and stays, N·m.
+    /// Pitch torque that sets in at `from_s` and persists, N·m.
     pitch_torque: f64,
     /// Factor on τ.
     lag: f64,
@@ -124,7 +124,7 @@ fn controller(rotor_count: usize) -> Controller {
     controller
 }
 
-/// Flies and hands every measurement to `each`.
+/// Flies and passes every measurement to `each`.
 fn fly(conditions: &Conditions, mut each: impl FnMut(f64, &Measurement)) {
     let c = conditions;
     let n = c.rotor_count;
@@ -200,7 +200,7 @@ fn fly(conditions: &Conditions, mut each: impl FnMut(f64, &Measurement)) {
                 share * f64::from(map.thrust(command.duty[i], VOLTAGE)) + bias[i]
             })
             .collect();
-        // Midpoint rule, with the thrust of the lag in closed form.
+        // Midpoint rule, with the lagged thrust in closed form.
         let half = rigid.rates(&x, &wrench_after(&settled, &thrust, 0.0, f, c), &push);
         let middle: [f64; 12] = core::array::from_fn(|i| x[i] + 0.5 * dt * half[i]);
         let full = rigid.rates(&middle, &wrench_after(&settled, &thrust, 0.5 * dt, f, c), &push);
@@ -224,7 +224,7 @@ fn wrench_after(settled: &[f64], start: &[f64], after: f64, f: &[[f32; MAX_ROTOR
     })
 }
 
-/// When the sequential detector first said what, s.
+/// First time of each verdict of the sequential detector, s.
 #[derive(Default, Debug)]
 struct Log {
     changes: Vec<(f64, FaultVerdict)>,
@@ -271,7 +271,7 @@ fn scenario_every_rotor_is_isolated_at_once() {
             assert!((0.0..=0.4).contains(&delay), "{delay}");
             let last = log.last.expect("samples");
             assert!(last.sequential_probability > 0.99);
-            // 3.5 % of a hover thrust, which the controller raises by as much.
+            // 3.5 % of a rotor's hover thrust; the controller raises the demand by as much.
             let lost = 0.035 * 1.55 * 9.81 / rotor_count as f32;
             assert!(
                 (last.thrust_loss[0].loss / lost - 1.0).abs() < 0.1,
@@ -308,7 +308,8 @@ fn scenario_wind_and_wrong_lag_raise_no_alarm_and_hide_no_fault() {
 
 #[test]
 fn scenario_two_faults_are_named_or_left_open() {
-    // Together and one after the other; opposite rotors of a hexarotor that fail alike at once are a pure vertical force.
+    // Simultaneously and in sequence; opposite rotors of a hexarotor that fail equally at the same time are a pure vertical
+    // force.
     for rotor_count in [4, 6, 8] {
         for second in 1..rotor_count {
             for second_from_s in [12.0, 16.0] {
@@ -370,7 +371,7 @@ fn scenario_fault_that_heals_is_forgotten() {
 
 #[test]
 fn scenario_torque_between_two_rotors_is_unknown() {
-    // Rotors 1 and 6 sit 30° to the right and left of forward: a nose-down torque is what both lose on average.
+    // Rotors 1 and 6 sit 30° right and left of forward: a nose-down torque is their average fault direction.
     let log = run(&Conditions {
         pitch_torque: -0.02,
         duration_s: 16.0,
@@ -425,7 +426,7 @@ fn scenario_t_test_isolates_in_calm_hover() {
     };
     assert_eq!(share(0.0, 10.0, FaultVerdict::NotReady), 1.0);
     assert_eq!(share(10.1, 12.0, FaultVerdict::Healthy), 1.0);
-    // From a second after the onset: h = 5/s has settled.
+    // From one second after the onset: h = 5/s has settled.
     assert!(share(13.0, 16.0, FaultVerdict::Faulty { rotor: 2 }) > 0.8);
 }
 

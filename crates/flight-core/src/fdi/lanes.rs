@@ -1,7 +1,7 @@
-//! The FDI engines of several flights side by side: what [`FdiEngine::step`] does with every sample, one flight after another in
-//! plain loops without branches, so that a compiler can do all lanes at once. Same bits.
+//! The FDI engines of several flights side by side: the per-sample work of [`FdiEngine::step`] for each flight in turn, in plain
+//! branch-free loops that a compiler can vectorise over the lanes. Bit-identical results.
 //!
-//! Blocks and windows end every few samples; there each lane's own [`FdiEngine`] takes over:
+//! Blocks and windows end every few samples; each lane's own [`FdiEngine`] then takes over:
 //!
 //! ```text
 //!  engine ──seat──▶ rows ──step, step, …──▶ rows ──at the end of a block──▶ engine.close ──▶ rows …
@@ -14,7 +14,7 @@ use super::window::{WrenchStatistics, dot};
 use super::{FdiEngine, FdiOutput, PLAUSIBLE};
 use crate::control::lanes::{MeasuredRows, SineRows, nav};
 
-/// What samples change, of `L` flights with `N` rotors.
+/// Per-sample state of `L` flights with `N` rotors.
 #[derive(Clone, Debug)]
 pub struct FdiRows<const N: usize, const L: usize> {
     observer_state: [[f32; L]; 4],
@@ -28,11 +28,11 @@ pub struct FdiRows<const N: usize, const L: usize> {
     baseline_mean: [[f32; L]; 4],
     meter: MeterRows<N, L>,
     samples: [u32; L],
-    /// Not 0 while the sequential detector measures the sensor noise.
+    /// Non-zero while the sequential detector measures the sensor noise.
     warm_up: [u32; L],
-    /// Not 0 if the calibration was over before this sample.
+    /// Non-zero if the calibration had ended before this sample.
     calibrated: [u32; L],
-    /// Not 0 if this sample was the last of a window.
+    /// Non-zero if this sample was the last of a window.
     pub window_end: [u32; L],
 
     momentum: [[f32; L]; 4],
@@ -42,12 +42,12 @@ pub struct FdiRows<const N: usize, const L: usize> {
     static_wrench: [[f32; L]; 4],
     nominal_wrench: [[f32; L]; 4],
 
-    /// Of this sample (F_z, M_x, M_y, M_z), kg·m/s and kg·m²/s.
+    /// Wrench residual of this sample (F_z, M_x, M_y, M_z), kg·m/s and kg·m²/s.
     pub wrench_residual: [[f32; L]; 4],
     /// r_i of this sample: arm, lever, yaw of the first rotor, then of the next.
     pub residuals: [[[f32; L]; 3]; N],
-    /// Not 0 where the sample is one that [`FdiEngine::step`] would reject, or beyond the range of the branch-free functions: the
-    /// lane cannot go on.
+    /// Non-zero where [`FdiEngine::step`] would reject the sample, or where it exceeds the range of the branch-free functions: the
+    /// lane cannot continue.
     pub outside: [u32; L],
 }
 
@@ -95,7 +95,7 @@ impl<const N: usize, const L: usize> FdiRows<N, L> {
         outside: [0; L],
     };
 
-    /// Takes over an engine that has seen at least one sample. False if it has not, or has another number of rotors.
+    /// Takes over an engine that has seen at least one sample. False if it has not, or has a different number of rotors.
     pub fn seat(&mut self, lane: usize, engine: &FdiEngine) -> bool {
         let Some(state) = engine.observer.state else {
             return false;
@@ -119,7 +119,7 @@ impl<const N: usize, const L: usize> FdiRows<N, L> {
         true
     }
 
-    /// The lane's state back into its engine, which must be the one that it came from.
+    /// Writes the lane's state back to its engine, which must be the one it came from.
     fn leave(&self, lane: usize, engine: &mut FdiEngine) {
         engine.observer.state = Some(get(&self.observer_state, lane));
         engine.observer.rate = get(&self.observer_rate, lane);
@@ -141,8 +141,8 @@ impl<const N: usize, const L: usize> FdiRows<N, L> {
         }
     }
 
-    /// What [`FdiEngine::step`] does at the end of a block or a window, if the last sample of this lane was one; to be called once
-    /// for each lane after each [`FdiRows::step`]. True at the end of a window.
+    /// Does what [`FdiEngine::step`] does at the end of a block or window, if this lane's last sample ended one; call it once per
+    /// lane after each [`FdiRows::step`]. True at the end of a window.
     #[inline]
     pub fn close(&mut self, lane: usize, engine: &mut FdiEngine) -> bool {
         let count = self.window_count[lane] as u16;
@@ -154,7 +154,7 @@ impl<const N: usize, const L: usize> FdiRows<N, L> {
         window_end
     }
 
-    /// Takes over the residuals of a sample that an engine has seen itself.
+    /// Copies in the residuals of a sample that an engine has processed itself.
     pub fn set_output(&mut self, lane: usize, output: &FdiOutput) {
         set(&mut self.wrench_residual, lane, &output.wrench_residual);
         for i in 0..N {
@@ -234,7 +234,7 @@ impl<const N: usize, const L: usize> FdiRows<N, L> {
             set(&mut self.static_wrench, lane, &geometry.wrench_of(&thrust));
         }
         for lane in 0..L {
-            // As `is_usable`: NaN and infinity fail the comparison.
+            // As in `is_usable`: NaN and infinity fail the comparison.
             let mut usable = true;
             for row in 3..13 {
                 usable &= measured[row][lane].abs() <= PLAUSIBLE;
@@ -337,7 +337,7 @@ impl<const N: usize, const L: usize> FdiRows<N, L> {
         (residuals, get(&self.wrench_residual, lane))
     }
 
-    /// What the engine of a lane says of its last sample, as [`FdiEngine::step`] would.
+    /// Output of a lane's engine for its last sample, as [`FdiEngine::step`] would return it.
     pub fn output(&self, lane: usize, engine: &FdiEngine) -> FdiOutput {
         let mut output = engine.output;
         output.window_end = self.window_end[lane] != 0;

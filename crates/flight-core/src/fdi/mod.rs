@@ -10,13 +10,13 @@
 //! window (25 samples) and are held in between:
 //!
 //! * [`t_test`]: the paper's statistical test. * [`network`]: the paper's classifier, if weights are given.
-//! * [`sequential`]: decides over time with a self-calibrated model of the disturbances; the one to leave switched on.
+//! [`sequential`]: decides over time with a self-calibrated disturbance model; the one to leave switched on.
 //!
-//! Rejected samples: a measurement with a NaN or infinity in it (state, voltage, or the duty of a used rotor), or with a value that
-//! no flight can have (1000 m/s, 1000 rad/s, 1000 rad, 1000 V), never enters any state. The observers coast on their last rate for
-//! that step, the window waits, residuals and verdicts are held, and [`FdiOutput::rejected_samples`] counts it.
+//! Rejected samples: a measurement with a NaN or infinity (state, voltage, or the duty of a used rotor), or with a value beyond any
+//! real flight (1000 m/s, 1000 rad/s, 1000 rad, 1000 V), never enters any state. The observers coast on their last rate for that
+//! step, the window waits, residuals and verdicts are held, and [`FdiOutput::rejected_samples`] counts it.
 //!
-//! Glossary: *fault* is damage to a propeller, *failure* the loss of a rotor; *detect* says that something is wrong, *isolate*
+//! Glossary: *fault* is damage to a propeller, *failure* the loss of a rotor; *detect* decides that something is wrong, *isolate*
 //! names the rotor; *baseline* is the healthy mean of a residual.
 
 pub mod lanes;
@@ -50,10 +50,10 @@ use sequential::{MAX_UPDATES_PER_WINDOW, SequentialDetector};
 use t_test::TTest;
 use window::{Baseline, WrenchStatistics};
 
-/// Largest magnitude of a velocity (m/s), rate (rad/s), angle (rad) or voltage (V) that is taken for a measurement.
+/// Largest plausible magnitude of a velocity (m/s), rate (rad/s), angle (rad) or voltage (V).
 const PLAUSIBLE: f32 = 1e3;
 
-/// What a detector says about the rotors.
+/// A detector's conclusion about the rotors.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum FaultVerdict {
     /// Still calibrating, or the detector has no parameters.
@@ -63,19 +63,19 @@ pub enum FaultVerdict {
     Healthy,
     /// One rotor has lost thrust.
     Faulty {
-        /// From 0.
+        /// Zero-based.
         rotor: u8,
     },
-    /// Something is wrong, but it fits no single rotor, and no pair of rotors.
+    /// Something is wrong, but neither a single rotor nor a pair fits.
     Unknown,
-    /// Two rotors have lost thrust, and no other explanation comes close; only the sequential detector says so.
+    /// Two rotors have lost thrust, and no other explanation comes close; only the sequential detector reports it.
     FaultyPair {
-        /// From 0.
+        /// Zero-based.
         first: u8,
-        /// From 0, above `first`.
+        /// Zero-based, above `first`.
         second: u8,
     },
-    /// Some rotors have lost thrust, but several sets of them explain it: see [`Suspects`]. Only the sequential detector says so.
+    /// Some rotors have lost thrust, but several sets of them explain it: see [`Suspects`]. Only the sequential detector reports it.
     Ambiguous,
 }
 
@@ -95,7 +95,7 @@ impl FaultVerdict {
     }
 }
 
-/// Everything that the FDI engine has to know about the healthy vehicle, and its tuning.
+/// Model of the healthy vehicle and tuning of the FDI engine.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct FdiConfig {
     /// Rotor layout.
@@ -129,7 +129,7 @@ pub struct FdiConfig {
 }
 
 impl FdiConfig {
-    /// No vehicle; only a place to put a configuration into.
+    /// Placeholder without a vehicle, to be filled with a configuration.
     pub const BLANK: Self = Self {
         geometry: Geometry::BLANK,
         mass: 0.0,
@@ -149,24 +149,24 @@ impl FdiConfig {
     };
 }
 
-/// Why a configuration is refused.
+/// Why a configuration is rejected.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum FdiConfigError {
-    /// A number is not finite or outside of its range.
+    /// A number is not finite or out of range.
     OutOfRange {
         /// Field of [`FdiConfig`].
         field: &'static str,
-        /// The range, in words.
+        /// The range, human-readable.
         expected: &'static str,
     },
-    /// The classifier was trained for another number of rotors.
+    /// The classifier was trained for a different number of rotors.
     NetworkRotorCount {
-        /// Of the vehicle.
+        /// Rotors of the vehicle.
         vehicle: usize,
-        /// Of the network.
+        /// Rotors of the network.
         network: usize,
     },
-    /// The sequential detector refuses its part.
+    /// The sequential detector rejects its part.
     Sequential(SequentialConfigError),
 }
 
@@ -193,7 +193,7 @@ impl From<SequentialConfigError> for FdiConfigError {
     }
 }
 
-/// What one step gives.
+/// Output of one step.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct FdiOutput {
     /// r_i of this sample; held if it is rejected.
@@ -210,7 +210,7 @@ pub struct FdiOutput {
     pub sequential_probability: f32,
     /// Thrust lost by the rotor, or the two, that the sequential detector names, in the order of their numbers.
     pub thrust_loss: [LossEstimate; 2],
-    /// Rotors that the sequential verdict is about.
+    /// Rotors that the sequential verdict concerns.
     pub suspects: Suspects,
     /// True on the last sample of a window: the verdicts are new.
     pub window_end: bool,
@@ -233,7 +233,7 @@ impl FdiOutput {
     };
 }
 
-/// Which detectors run; what one says does not depend on the others.
+/// Which detectors run; their verdicts are independent of each other.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Detectors {
     /// T-test (§5.3).
@@ -277,8 +277,8 @@ pub struct FdiEngine {
 }
 
 impl FdiEngine {
-    /// An engine without a vehicle: what it says means nothing before [`FdiEngine::configure`]. All bits are 0, so that it takes no room in
-    /// the image of a board.
+    /// An engine without a vehicle: its output is meaningless before [`FdiEngine::configure`]. All bits are 0, so that it takes no space in
+    /// a board's image.
     pub const BLANK: Self = Self {
         config: FdiConfig::BLANK,
         detectors: Detectors::NONE,
@@ -299,7 +299,7 @@ impl FdiEngine {
         output: FdiOutput::NONE,
     };
 
-    /// Checks the configuration and works out everything that does not change.
+    /// Checks the configuration and precomputes all constants.
     pub fn new(config: FdiConfig) -> Result<Self, FdiConfigError> {
         let mut engine = Self::BLANK;
         engine.configure(|own| {
@@ -309,8 +309,8 @@ impl FdiEngine {
         Ok(engine)
     }
 
-    /// Starts afresh with the configuration that `fill` leaves, in place: a board has no room for a second one. Every field is to be set, as
-    /// those of an earlier configuration stand in it; all detectors run. What an engine says whose configuration was refused means nothing.
+    /// Restarts in place with the configuration that `fill` writes: a board has no room for a second one. `fill` must set every field, as
+    /// the fields still hold the previous configuration; all detectors run. After a rejected configuration the output is meaningless.
     pub fn configure<E: From<FdiConfigError>>(
         &mut self,
         fill: impl FnOnce(&mut FdiConfig) -> Result<(), E>,
@@ -394,7 +394,7 @@ impl FdiEngine {
         for k in 0..u {
             block_end[usize::from(k)] = (u32::from(config.window_len) * (u32::from(k) + 1) / u32::from(u)) as u16;
         }
-        // Taken apart, so that no field is forgotten.
+        // Destructured, so that no field is forgotten.
         let Self {
             config: _,
             detectors,
@@ -433,8 +433,8 @@ impl FdiEngine {
         Ok(())
     }
 
-    /// The same engine, in which only these detectors run; the verdict of another stays [`FaultVerdict::NotReady`]. For boards, where
-    /// time is short; flights side by side ([`lanes`]) ask for all.
+    /// The same engine running only these detectors; the verdicts of the others stay [`FaultVerdict::NotReady`]. For boards, where time is
+    /// short; flights side by side ([`lanes`]) need all of them.
     #[must_use]
     pub const fn with_detectors(mut self, detectors: Detectors) -> Self {
         self.set_detectors(detectors);
@@ -452,13 +452,13 @@ impl FdiEngine {
         &self.config
     }
 
-    /// What the last step gave.
+    /// Output of the last step.
     #[inline]
     pub const fn output(&self) -> &FdiOutput {
         &self.output
     }
 
-    /// Takes in one sample. A fixed amount of work, no panic, no error: what cannot be used is rejected and counted.
+    /// Processes one sample. Bounded work, no panic, no error: unusable samples are rejected and counted.
     #[inline]
     pub fn step(&mut self, input: &Measurement) -> FdiOutput {
         self.output.window_end = false;
@@ -488,9 +488,9 @@ impl FdiEngine {
         self.output
     }
 
-    /// What is due after a sample: at the end of a block the sequential detector's filters, at the end of a window the verdicts.
+    /// Work due after a sample: the sequential detector's filters at the end of a block, the verdicts at the end of a window.
     ///
-    /// * `calibrated`: the calibration of the baseline was over before this sample
+    /// * `calibrated`: the baseline calibration had ended before this sample
     #[inline]
     fn close(&mut self, calibrated: bool) {
         let geometry = &self.config.geometry;
@@ -531,7 +531,7 @@ impl FdiEngine {
     }
 }
 
-/// True if nothing in a measurement can do harm: see the module.
+/// True if a measurement is safe to use: see the module documentation.
 #[inline]
 fn is_usable(input: &Measurement, rotor_count: usize) -> bool {
     // NaN and infinity fail the comparison.
@@ -554,7 +554,7 @@ fn is_usable(input: &Measurement, rotor_count: usize) -> bool {
         && input.command.duty[..rotor_count].iter().all(|u| u.is_finite())
 }
 
-/// Reference vectors and the vehicle behind them, for the tests of this module.
+/// Reference vectors and their vehicle, for the tests of this module.
 #[cfg(test)]
 mod test_vectors {
     use super::*;

@@ -9,9 +9,9 @@ use super::FaultVerdict;
 use super::residual::Residuals;
 use crate::MAX_ROTORS;
 
-/// Most inputs, and most hidden neurons.
+/// Maximum number of inputs and of hidden neurons.
 pub const MAX_FEATURES: usize = 3 * MAX_ROTORS;
-/// Most classes: healthy and every rotor.
+/// Maximum number of classes: healthy and every rotor.
 pub const MAX_CLASSES: usize = MAX_ROTORS + 1;
 
 /// Weights of a trained classifier, checked.
@@ -22,7 +22,7 @@ pub struct Network {
     mean: [f32; MAX_FEATURES],
     /// 1/deviation.
     scale: [f32; MAX_FEATURES],
-    /// Stored by input: `hidden_weight[input][neuron]`, so that the inner loop runs over neighbours in memory.
+    /// Stored by input: `hidden_weight[input][neuron]`, so that the inner loop is contiguous in memory.
     hidden_weight: [[f32; MAX_FEATURES]; MAX_FEATURES],
     hidden_bias: [f32; MAX_FEATURES],
     /// Stored by neuron: `output_weight[neuron][class]`.
@@ -30,7 +30,7 @@ pub struct Network {
     output_bias: [f32; MAX_CLASSES],
 }
 
-/// Parameters of a network as a trainer hands them over; f = 3 n_a features, f hidden neurons, c = n_a + 1 classes.
+/// Network parameters as a trainer provides them; f = 3 n_a features, f hidden neurons, c = n_a + 1 classes.
 #[derive(Clone, Copy, Debug)]
 pub struct NetworkWeights<'a> {
     /// Mean of every feature over the training set, f values.
@@ -47,15 +47,15 @@ pub struct NetworkWeights<'a> {
     pub output_bias: &'a [f32],
 }
 
-/// Why a set of weights is refused.
+/// Why a set of weights is rejected.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum NetworkError {
     /// n_a outside of 1 to [`MAX_ROTORS`].
     RotorCount {
-        /// As given.
+        /// Count given.
         count: usize,
     },
-    /// A table does not have the length that the rotor count asks for.
+    /// A table does not have the length that the rotor count requires.
     Length {
         /// Field of [`NetworkWeights`].
         field: &'static str,
@@ -71,7 +71,7 @@ pub enum NetworkError {
     },
     /// A deviation that is not above 0 (or so small that its inverse overflows).
     DeviationNotPositive {
-        /// Feature, from 0.
+        /// Zero-based feature index.
         feature: usize,
     },
 }
@@ -118,7 +118,7 @@ pub enum WeightTable {
 }
 
 impl WeightTable {
-    /// Values in it, for a number of rotors.
+    /// Number of values for a given rotor count.
     pub const fn length(self, rotor_count: usize) -> usize {
         let (features, classes) = (3 * rotor_count, rotor_count + 1);
         match self {
@@ -143,7 +143,7 @@ impl WeightTable {
 }
 
 impl Network {
-    /// Of no vehicle, all weights 0: a place to fill with [`Network::prepare`] and [`Network::set`] where there is no room for a second one.
+    /// Placeholder with all weights 0, to be filled with [`Network::prepare`] and [`Network::set`] where there is no room for a second one.
     pub const BLANK: Self = Self {
         rotor_count: 0,
         self_calibrated: false,
@@ -181,7 +181,7 @@ impl Network {
         Ok(network)
     }
 
-    /// Starts over, for `rotor_count` rotors: all weights 0 until [`Network::set`] has been called for every value of every table.
+    /// Restarts for `rotor_count` rotors: all weights are 0 until [`Network::set`] has been called for every value of every table.
     pub fn prepare(&mut self, rotor_count: usize) -> Result<(), NetworkError> {
         if !(1..=MAX_ROTORS).contains(&rotor_count) {
             return Err(NetworkError::RotorCount { count: rotor_count });
@@ -223,7 +223,8 @@ impl Network {
         Ok(())
     }
 
-    /// The same network, for residuals with or without their calibration mean; without, as in the paper, unless this is called.
+    /// The same network with self-calibration on or off: subtracting the calibration mean from the residuals. Off by default, as in the
+    /// paper.
     #[must_use]
     pub const fn with_self_calibration(mut self, self_calibrated: bool) -> Self {
         self.set_self_calibration(self_calibrated);
@@ -235,7 +236,7 @@ impl Network {
         self.self_calibrated = self_calibrated;
     }
 
-    /// Whether the mean of the calibration time is to be taken off the residuals first; the paper's network reads them as they are.
+    /// Whether the calibration mean is subtracted from the residuals first; the paper's network uses them unchanged.
     #[inline]
     pub const fn self_calibrated(&self) -> bool {
         self.self_calibrated
@@ -273,7 +274,7 @@ impl Network {
         output
     }
 
-    /// The most probable class as a verdict; the first of equals.
+    /// The most probable class as a verdict; ties go to the first.
     pub fn evaluate(&self, residual_mean: &Residuals) -> FaultVerdict {
         let probability = self.class_probabilities(residual_mean);
         if probability[0].is_nan() {

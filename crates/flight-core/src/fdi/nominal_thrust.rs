@@ -1,4 +1,4 @@
-//! What a healthy vehicle's rotors give: the nominal thrust f̄ of Eq. 19 with a choice of rotor dynamics.
+//! Thrust of a healthy vehicle's rotors: the nominal thrust f̄ of Eq. 19 with a choice of rotor dynamics.
 //!
 //! Feeds the residual generators. Three choices: the static map (the paper), the map through a first-order rotor lag (§6 of the
 //! paper simulates a lag but leaves it out of the observer; see `docs/paper-map.md`), and a straight line without the voltage
@@ -39,7 +39,7 @@ pub fn static_thrust(map: &ThrustMap, rotor_count: usize, input: &Measurement) -
     thrust
 }
 
-/// First-order lag of `N` signals that are held over each step, integrated exactly.
+/// First-order lag of `N` signals held over each step, integrated exactly.
 ///
 /// s₀ = x₀, a = 1 − e^(−dt/τ), s_{k+1} = s_k + a (x_k − s_k); output is the mean over the step, s_k + (x_k − s_k)(1 − a τ/dt)
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -88,7 +88,7 @@ pub(super) fn lag<const N: usize>(
     mean
 }
 
-/// Wrench F f̄ that healthy rotors give over a step, for one choice of [`NominalThrust`].
+/// Wrench F f̄ of healthy rotors over a step, for one choice of [`NominalThrust`].
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum NominalWrench {
     /// See [`NominalThrust::Static`].

@@ -1,4 +1,4 @@
-//! Residual generators (§4): what the measured motion says about the rotors that the nominal thrust does not explain.
+//! Residual generators (§4): the part of the measured motion that the nominal thrust does not explain.
 //!
 //! ```text
 //!  NavState ─▶ BodyMomentum{momentum, drift} ─┐
@@ -9,8 +9,8 @@
 //!
 //! r_i = Φ_i(y) − z_i,   ż_i = g̃_i(y) + V_iᵀ F f̄ + H r_i,   Φ_i = V_iᵀ col(m Rᵀṗ_F, J ω)
 //!
-//! With H = h I all of them are V_iᵀ of one 4-axis observer (F_z, M_x, M_y, M_z): 3 n_a numbers of rank 4. [`WrenchObserver`] is
-//! that one, and what the engine runs; [`ObserverBank`] is the paper's form, kept to check it.
+//! With H = h I, all of them are projections V_iᵀ of one 4-axis observer (F_z, M_x, M_y, M_z): 3 n_a numbers of rank 4. The engine
+//! runs that one, [`WrenchObserver`]; [`ObserverBank`] is the paper's form, kept for verification.
 //!
 //! Discretisation: explicit Euler at the sampling rate, z₀ = Φ(y₀), z_{k+1} = z_k + dt (g̃(y_k) + Vᵀ F f̄_k + h r_k).
 //!
@@ -26,7 +26,7 @@ use crate::frames::{AttitudeSines, BodyToNed};
 use crate::geometry::Geometry;
 use crate::signals::NavState;
 
-/// What the rigid body needs to know about itself (Eq. 1).
+/// Rigid-body parameters (Eq. 1).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct RigidBody {
     /// m, kg.
@@ -59,7 +59,7 @@ impl BodyMomentum {
         Self::from_sines(body, nav, &AttitudeSines::new(nav.attitude, &mut Libm))
     }
 
-    /// [`BodyMomentum::from_nav`] with the sines and cosines of the attitude already there.
+    /// [`BodyMomentum::from_nav`] with precomputed sines and cosines of the attitude.
     #[inline(always)]
     pub fn from_sines(body: &RigidBody, nav: &NavState, sines: &AttitudeSines) -> Self {
         let ned_from_body = BodyToNed::from_sines(sines);
@@ -83,7 +83,7 @@ impl BodyMomentum {
     }
 }
 
-/// Observer of the 4-axis momentum; its residual is a low-pass of the wrench that nothing explains, divided by h.
+/// Observer of the 4-axis momentum; its residual is the low-pass filtered unexplained wrench, divided by h.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct WrenchObserver {
     pub(super) gain: f32,
@@ -113,7 +113,7 @@ impl WrenchObserver {
         observe(self.gain, self.period, state, &mut self.rate, body, wrench)
     }
 
-    /// Moves on by one step without a measurement: the last rate is held.
+    /// Advances by one step without a measurement: the last rate is held.
     #[inline]
     pub fn coast(&mut self) {
         if let Some(state) = &mut self.state {
@@ -168,7 +168,7 @@ impl Residuals {
     }
 }
 
-/// The paper's bank: one observer per rotor with three kept components.
+/// The paper's bank: one observer per rotor, with three components kept.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ObserverBank {
     gain: f32,
@@ -221,8 +221,8 @@ mod tests {
 
     const GAIN: f32 = 5.0;
 
-    /// kg·m²/s. The state is a momentum of up to 1 kg·m/s rounded to f32 (6e-8) at each of 600 steps, of which h = 5/s forgets all
-    /// but the last 80; the input file itself is rounded to f32. A blade-b fault is 4e-3 to 8e-3.
+    /// kg·m²/s. The state is a momentum of up to 1 kg·m/s rounded to f32 (6e-8) at each of 600 steps, all but the last 80 of which
+    /// h = 5/s forgets; the input file itself is rounded to f32. A blade-b fault is 4e-3 to 8e-3.
     const VECTOR_TOLERANCE: f64 = 2e-6;
 
     fn run(model: NominalThrust) -> Vec<Residuals> {
@@ -278,7 +278,7 @@ mod tests {
         compare("resid_lag.csv", NominalThrust::Lagged { time_constant: 0.05 });
     }
 
-    /// A vehicle in exact hover balance but for a lost thrust: the residual must settle at p_ik (−Δf)/h.
+    /// A vehicle in exact hover balance except for a lost thrust: the residual must settle at p_ik (−Δf)/h.
     #[test]
     fn val_steady_state_of_a_fault() {
         let geometry = test_vectors::hexa_x();
@@ -306,7 +306,7 @@ mod tests {
         }
         let r = Residuals::from_wrench(&geometry, &last);
         for c in 0..3 {
-            // Five figures are given; momentum grows to 1 kg·m/s, rounded to f32.
+            // Five digits are given; momentum grows to 1 kg·m/s, rounded to f32.
             assert!((r.component[0][c] - want[c]).abs() < 3e-6, "{:?}", r.component[0]);
         }
         for c in 0..3 {
@@ -356,7 +356,7 @@ mod tests {
                 let other = bank.step(&geometry, &momentum, &thrust);
                 for i in 0..count {
                     for c in 0..3 {
-                        // Residuals of size 10 here (the motion is not one of this vehicle); 40 steps of rounding.
+                        // Residuals of size 10 here (the motion does not match this vehicle); 40 steps of rounding.
                         prop_assert!((one.component[i][c] - other.component[i][c]).abs() < 5e-5);
                     }
                 }
@@ -375,7 +375,7 @@ mod tests {
             let mut faulty = WrenchObserver::new(GAIN, PERIOD);
             let mut lost = [0.0; MAX_ROTORS];
             lost[rotor] = loss;
-            // Linearity: what the loss adds to the momentum is what it adds to the residual through Eq. 35.
+            // Linearity: the momentum that the loss adds is what it adds to the residual through Eq. 35.
             let mut extra = [0.0f32; 4];
             let lost_wrench = geometry.wrench_from_thrust(&lost);
             let mut moved = 0.0f32;
@@ -396,7 +396,7 @@ mod tests {
                 moved = (one.component[next][0] - other.component[next][0]).abs()
                     + (one.component[next][1] - other.component[next][1]).abs();
             }
-            // The neighbour does see it: p has at least 0.3·sin 22° m of arm over 2.5 ms and more.
+            // The neighbouring rotor's residual does react: p has at least 0.3·sin 22° m of arm over 2.5 ms and more.
             prop_assert!(moved > 0.5 * PERIOD * loss * 0.1);
         }
     }

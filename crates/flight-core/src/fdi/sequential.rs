@@ -1,4 +1,4 @@
-//! Sequential detector: decides over time instead of window by window, and calibrates itself to the flight that it is on.
+//! Sequential detector: decides over time instead of window by window, and calibrates itself to the current flight.
 //!
 //! ```text
 //!  BodyMomentum, nominal thrust ─▶ defect ──block means──▶ axis_filter ×4 ──innovations──▶ onset ──evidence──▶ decision
@@ -9,18 +9,18 @@
 //! # Theory of operation
 //!
 //! 1. *Defect.* Momentum that the rotors, lagged with τ, do not explain (four axes; all residuals of Eq. 32 are projections of
-//!    these). A lost thrust is a constant slope in it.
+//!    these). A lost thrust appears as a constant slope.
 //! 2. *Filters.* Per axis, a Kalman filter explains the defect by what a healthy vehicle may do: gusts (coloured noise whose level is
 //!    learnt), a constant bias (rotor biases, offset of the centre of mass), gain errors, the error of τ. What it learns in one
-//!    manoeuvre it knows in the next. So the same tuning decides within one or two windows where there is nothing but sensor noise,
-//!    and takes its time in wind.
-//! 3. *Onset.* Generalised likelihood ratio of a step of lost thrust, for every rotor, over some twenty moments of onset. Losses are
-//!    positive: the side of the torque tells opposite rotors apart. What a jump of the momentum itself explains better (a sensor that
-//!    shifts, a knock) does not count.
+//!    manoeuvre carries over to the next. So the same tuning decides within one or two windows where there is only sensor noise, and
+//!    takes longer in wind.
+//! 3. *Onset.* Generalised likelihood ratio of a step of lost thrust, for every rotor, over some twenty onset times. Losses are
+//!    positive: the sign of the torque distinguishes opposite rotors. Anything that a jump of the momentum itself explains better (a
+//!    sensor shift, a knock) does not count.
 //! 4. *Decision*, at each window's end: the evidence for the best rotor, in nats, and its lead over the next one, and over every pair of
-//!    rotors ([`sets`]). Where one rotor does not explain the lost wrench, a pair is named if it stands alone, else the verdict is
-//!    ambiguous and lists the sets that do. A settled fault becomes part of the model, after which *changes* are sought: of the same
-//!    rotor either way (a fault may grow or heal), of another one only as a loss.
+//!    rotors ([`sets`]). Where one rotor does not explain the lost wrench, a pair is named if it is the only candidate, otherwise the
+//!    verdict is ambiguous and lists the candidate sets. A settled fault becomes part of the model, after which *changes* are sought: of
+//!    the same rotor in either direction (a fault may grow or heal), of another one only as a loss.
 //!
 //! ```text
 //!   NotReady ──calibration_end──▶ Healthy ⇄ Faulty{rotor}, FaultyPair (pending: every window may revise it)
@@ -32,19 +32,18 @@
 //! # Calibration
 //!
 //! * up to `calibration_start`: sensor noise, from the differences of neighbouring samples (the first quarter is skipped);
-//! * up to `calibration_end`: ten levels of gusts side by side on each axis; the largest that is not clearly less likely than the best
-//!   is chosen. The vehicle must be healthy until then: a fault present from the start is taken for bias;
-//! * afterwards: the level follows the likelihood, slowly; in a sudden storm evidence counts less (*surprise*).
+//! * up to `calibration_end`: ten gust levels in parallel on each axis; the largest that is not clearly less likely than the best is
+//!   chosen. The vehicle must be healthy until then: a fault present from the start is mistaken for bias;
+//! * afterwards: the level follows the likelihood slowly; in a sudden storm, evidence is discounted (*surprise*).
 //!
 //! # Limits
 //!
-//! Sets of up to two rotors at a time; more, one after the other, are reported as one set of an ambiguous verdict. What geometry and gusts
-//! leave undecided is said to be: a rotor that heals and an opposite one that fails alike differ in the vertical force alone, as do
-//! equal losses of opposite rotors and none at all. A second loss below about a tenth of the first may hide in the uncertainty of the
-//! gains until a manoeuvre has shown them. Torque disturbances that
-//! come suddenly and last, and point like a rotor's loss, are taken for one; those that point between rotors are an unknown fault, and
-//! stay one until later data speak against it. A loss below `smallest_loss` is never reported. The
-//! sensor noise is taken to stay as it was measured.
+//! Sets of up to two rotors at a time; further faults, one after the other, are reported as one set of an ambiguous verdict. What geometry
+//! and gusts leave undecided is reported as such: a rotor that heals and an opposite one that fails equally differ in the vertical force
+//! alone, as do equal losses of opposite rotors and no loss at all. A second loss below about a tenth of the first may be hidden by the
+//! uncertainty of the gains until a manoeuvre has excited them. Torque disturbances that set in suddenly, persist and point like a rotor's
+//! loss are mistaken for one; those that point between rotors are an unknown fault, and remain one until later data contradict it. A loss
+//! below `smallest_loss` is never reported. The sensor noise is assumed to stay as measured.
 //!
 //! Glossary: *block*, part of a window after which the filters are updated; *level*, standard deviation of the gusts; *lever*, the
 //! longest lever of an axis, which turns its torques into thrusts at a rotor; *absorb*, make a fault part of the model.
@@ -69,13 +68,13 @@ use defect::{AXES, Block, DefectMeter};
 pub use estimate::{LossEstimate, MAX_HYPOTHESES, Suspects};
 use onset::OnsetHypotheses;
 
-/// Levels of gusts tried during the calibration.
+/// Gust levels tried during the calibration.
 const LEVELS: usize = 10;
 
-/// Time over which the thrust of every rotor is averaged to turn a loss in newtons into a share, s.
+/// Averaging time of each rotor's thrust, used to convert a loss in newtons to a fraction, s.
 const THRUST_TIME: f32 = 1.0;
 
-/// What the detector says after a window.
+/// The detector's decision after a window.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SequentialDecision {
     /// Held until the next window.
@@ -84,7 +83,7 @@ pub struct SequentialDecision {
     pub probability: f32,
     /// Thrust lost by the rotors named, in the order of their numbers.
     pub thrust_loss: [LossEstimate; 2],
-    /// Rotors that the verdict is about.
+    /// Rotors that the verdict concerns.
     pub suspects: Suspects,
 }
 
@@ -99,15 +98,15 @@ impl SequentialDecision {
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Phase {
-    /// Sensor noise is measured.
+    /// Measures the sensor noise.
     WarmUp,
-    /// Levels of gusts compete.
+    /// Compares gust levels.
     Calibration,
-    /// Decisions.
+    /// Makes decisions.
     Watch,
 }
 
-/// One level of gusts in the calibration.
+/// One gust level in the calibration.
 #[derive(Clone, Copy, Debug, Default)]
 struct Contender {
     filter: AxisFilter,
@@ -127,15 +126,15 @@ impl Contender {
 #[derive(Clone, Copy, Debug, Default)]
 struct Axis {
     filter: AxisFilter,
-    /// Level of the gusts, squared, N².
+    /// Gust level, squared, N².
     variance: f32,
     /// Variance of the noise of one sample, (N·s)².
     noise: f32,
-    /// Average of the limited squared innovations: 1 if the model holds.
+    /// Average of the clipped squared innovations: 1 if the model holds.
     surprise: f32,
     /// Above and below the level in use.
     probe: [LevelProbe; 2],
-    /// Mean squared entry of F on this axis, levers taken out.
+    /// Mean squared entry of F on this axis, levers divided out.
     column_square: f32,
 }
 
@@ -169,20 +168,20 @@ impl KnownFault {
     };
 }
 
-/// What the configuration and the vehicle fix for a whole flight.
+/// Constants of a flight, from the configuration and the vehicle.
 #[derive(Clone, Copy, Debug)]
 struct Tuning {
     config: SequentialConfig,
     rotor_count: usize,
     block_period: f32,
-    /// Of the gusts, from block to block.
+    /// Correlation of the gusts from block to block.
     correlation: f32,
     /// 1 − e^(−block/τ).
     lag_weight: f32,
     /// Mean hover thrust of a rotor, N.
     mean_hover_thrust: f32,
     hover_thrust: [f32; MAX_ROTORS],
-    /// Columns of F, levers taken out.
+    /// Columns of F, levers divided out.
     column: [[f32; AXES]; MAX_ROTORS],
     arm: [f32; AXES],
     mass: f32,
@@ -191,7 +190,7 @@ struct Tuning {
     watch_from: u32,
     settling_blocks: u32,
     ambiguity_windows: u16,
-    /// Age from which a pair may be named: the vertical force, which tells it from a mere torque, is known late.
+    /// Age from which a pair may be named: the vertical force, which distinguishes it from a pure torque, becomes known late.
     pair_blocks: u32,
 }
 
@@ -220,7 +219,7 @@ impl Tuning {
         let f = geometry.effectiveness();
         let weight = body.mass * body.gravity;
         let mean_hover_thrust = weight / rotor_count as f32;
-        // Rotors that hardly carry anything in hover get a tenth of the mean, so that shares of them stay meaningful.
+        // Rotors that carry almost nothing in hover get a tenth of the mean, so that fractions of their thrust stay meaningful.
         let hover_thrust = geometry.allocate([-weight, 0.0, 0.0, 0.0]);
         let hover_thrust = hover_thrust.map(|thrust| thrust.max(0.1 * mean_hover_thrust));
         let mut arm = [0.0f32; AXES];
@@ -259,11 +258,11 @@ impl Tuning {
     }
 }
 
-/// What competes during the calibration, and what it finds of the rotors.
+/// State of the calibration, including what it learns about the rotors.
 #[derive(Clone, Copy, Debug)]
 struct Calibration {
     contender: [[Contender; LEVELS]; AXES],
-    /// Of the share by which rotors differ.
+    /// Variance of the relative thrust differences between rotors.
     rotor_gain_variance: f32,
 }
 
@@ -275,7 +274,7 @@ impl Calibration {
 
     /// In place, see [`SequentialDetector::configure`].
     fn clear(&mut self, tuning: &Tuning) {
-        // Taken apart, so that no field is forgotten.
+        // Destructured, so that no field is forgotten.
         let Self {
             contender,
             rotor_gain_variance,
@@ -287,29 +286,29 @@ impl Calibration {
     }
 }
 
-/// What is followed once the calibration has ended.
+/// State tracked after the calibration.
 #[derive(Clone, Copy, Debug)]
 struct Watch {
     axis: [Axis; AXES],
     onset: OnsetHypotheses,
-    /// Averaged static thrust of every rotor, N; held while something stands out, so that it is the thrust at an onset.
+    /// Averaged static thrust of every rotor, N; frozen while something stands out, so that it is the thrust at onset.
     thrust: [f32; MAX_ROTORS],
     /// The same over the last block.
     recent_thrust: [f32; MAX_ROTORS],
-    /// The one with the most evidence at the last window's end.
+    /// Rotor with the most evidence at the last window's end.
     leading_rotor: usize,
     /// See [`SequentialDetector::follow_demand`].
     extra_demand: f32,
     /// Nothing stands out.
     quiet: bool,
-    /// A fault stands out so far that the level of gusts waits for it to be absorbed.
+    /// A fault stands out enough that the gust level is frozen until it is absorbed.
     pending: bool,
     ambiguous_windows: u16,
     known: [KnownFault; MAX_ROTORS],
     /// Gain errors of the axes and their variances as of the last quiet window.
     gain: [f32; AXES],
     gain_variance: [f32; AXES],
-    /// As the meter wants it.
+    /// In the form that the meter expects.
     loss_fraction: [f32; MAX_ROTORS],
     decision: SequentialDecision,
 }
@@ -334,7 +333,7 @@ impl Watch {
 
     /// In place, see [`SequentialDetector::configure`].
     fn clear(&mut self, tuning: &Tuning) {
-        // Taken apart, so that no field is forgotten.
+        // Destructured, so that no field is forgotten.
         let Self {
             axis,
             onset,
@@ -375,7 +374,7 @@ impl Watch {
     }
 }
 
-/// See the module.
+/// See the module documentation.
 #[derive(Clone, Copy, Debug)]
 pub struct SequentialDetector {
     tuning: Tuning,
@@ -386,13 +385,13 @@ pub struct SequentialDetector {
     watch: Watch,
 }
 
-/// The index of a rotor, in a form whose bound the compiler sees: no way into a panic is left in the step.
+/// A rotor index with a bound visible to the compiler: keeps the step panic-free.
 #[inline(always)]
 const fn within(rotor: usize) -> usize {
     if rotor < MAX_ROTORS { rotor } else { MAX_ROTORS - 1 }
 }
 
-/// `f32::clamp` without its check that the limits are in order: the configuration's are.
+/// `f32::clamp` without its check that the limits are ordered: those of the configuration are.
 #[inline(always)]
 fn limited(value: f32, low: f32, high: f32) -> f32 {
     if value < low {
@@ -415,8 +414,8 @@ impl SequentialDetector {
         watch: Watch::BLANK,
     };
 
-    /// Takes a configuration that passes [`SequentialConfig::check`] with the same `period` and `window_len`, and starts afresh; in place,
-    /// as a board has no room for two.
+    /// Restarts with a configuration that passes [`SequentialConfig::check`] for the same `period` and `window_len`; in place, as a board
+    /// has no room for two.
     ///
     /// * `body`: mass, inertia and gravity of the document   * `period`: dt, s   * `window_len`: samples per decision
     pub fn configure(
@@ -427,7 +426,7 @@ impl SequentialDetector {
         period: f32,
         window_len: u16,
     ) {
-        // Taken apart, so that no field is forgotten.
+        // Destructured, so that no field is forgotten.
         let Self {
             tuning,
             phase,
@@ -452,7 +451,7 @@ impl SequentialDetector {
         watch.clear(tuning);
     }
 
-    /// n_a, in a form whose bound the compiler sees.
+    /// n_a, with a bound visible to the compiler.
     #[inline(always)]
     fn rotors(&self) -> usize {
         self.tuning.rotor_count.min(MAX_ROTORS)
@@ -464,9 +463,9 @@ impl SequentialDetector {
         &self.watch.decision
     }
 
-    /// Takes in one sample.
+    /// Processes one sample.
     ///
-    /// * `static_wrench`, `static_thrust`: what healthy rotors would settle at, N and N·m
+    /// * `static_wrench`, `static_thrust`: steady-state values of healthy rotors, N and N·m
     #[inline]
     pub fn step(&mut self, body: &BodyMomentum, static_wrench: &[f32; AXES], static_thrust: &[f32; MAX_ROTORS]) {
         let learn_noise = self.phase == Phase::WarmUp && self.samples >= self.tuning.noise_from;
@@ -480,13 +479,13 @@ impl SequentialDetector {
         self.samples = self.samples.saturating_add(1);
     }
 
-    /// Puts what samples change into a lane; returns the samples so far.
+    /// Copies per-sample state into a lane; returns the number of samples so far.
     pub(super) fn seat_meter<const N: usize, const L: usize>(&self, lane: usize, rows: &mut MeterRows<N, L>) -> u32 {
         rows.seat(lane, &self.meter, &self.watch.loss_fraction);
         self.samples
     }
 
-    /// Takes back what [`SequentialDetector::seat_meter`] gave.
+    /// Copies back what [`SequentialDetector::seat_meter`] moved out.
     pub(super) fn leave_meter<const N: usize, const L: usize>(
         &mut self,
         lane: usize,
@@ -515,13 +514,13 @@ impl SequentialDetector {
         self.phase == Phase::WarmUp
     }
 
-    /// Sample from which on differences count for the noise.
+    /// First sample whose differences count towards the noise.
     #[inline(always)]
     pub(super) fn noise_from(&self) -> u32 {
         self.tuning.noise_from
     }
 
-    /// Lets one step pass without a sample.
+    /// Advances by one step without a sample.
     #[inline]
     pub fn coast(&mut self) {
         self.meter.hold();
@@ -555,8 +554,8 @@ impl SequentialDetector {
         }
     }
 
-    /// By how much more than before anything stood out the leading rotor is asked for, share, through the lag. A rotor that loses a share
-    /// of its thrust is asked for more at once, and loses the same share of that: the lost thrust grows with it.
+    /// Additional demand on the leading rotor relative to the time before anything stood out, as a fraction, through the lag. A rotor that
+    /// loses a fraction of its thrust is immediately commanded more, and loses the same fraction of that: the lost thrust grows with it.
     fn follow_demand(&mut self, block: &Block) {
         if self.watch.quiet {
             self.watch.extra_demand = 0.0;
@@ -587,7 +586,7 @@ impl SequentialDetector {
         ]
     }
 
-    /// What the filters assume about one axis over this block.
+    /// Disturbance model of one axis over this block.
     #[inline]
     fn disturbance(&self, axis: usize, variance: f32, block: &Block) -> Disturbance {
         let measurement = self.watch.axis[axis].noise / block.samples;
@@ -617,7 +616,7 @@ impl SequentialDetector {
             let second = match axis {
                 0 => c.drag_spread * self.tuning.mass,
                 1 | 2 => c.centre_of_mass_spread,
-                // Not the centre of mass, but rotors that are not quite alike do to the yaw torque what it does to the others.
+                // For yaw this is not the centre of mass: small differences between rotors affect the yaw torque as it affects the others.
                 _ => c.centre_of_mass_spread * self.tuning.arm[3] / self.tuning.arm[1].max(self.tuning.arm[2]),
             };
             let mut prior = [
@@ -675,7 +674,7 @@ impl SequentialDetector {
             state.filter = chosen.filter;
             state.variance = chosen.variance;
             state.probe = [LevelProbe::new(&chosen.filter); 2];
-            // Independent errors of gain ε on n rotors make a bias of variance ε² f² n · mean(F²).
+            // Independent gain errors ε on n rotors produce a bias of variance ε² f² n · mean(F²).
             let unit = self.tuning.mean_hover_thrust
                 * self.tuning.mean_hover_thrust
                 * state.column_square
@@ -719,7 +718,7 @@ impl SequentialDetector {
         );
     }
 
-    /// Moves the level of gusts of one axis towards the likelier of the two probes.
+    /// Moves the gust level of one axis towards the likelier of the two probes.
     fn follow_level(&mut self, axis: usize, block: &Block, known: f32, known_variance: f32, disturbance: &Disturbance) {
         let c = &self.tuning.config;
         let state = &mut self.watch.axis[axis];

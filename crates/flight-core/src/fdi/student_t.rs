@@ -6,16 +6,16 @@
 //! Method: the two-sided p-value is the regularised incomplete beta function I_x(ν/2, ½) at x = ν/(ν + t²), by its continued
 //! fraction (modified Lentz). About 1e-12 relative for 1 ≤ ν ≤ 10⁴ and p ≥ 1e-300.
 
-/// Smallest magnitude that a partial denominator of the continued fraction may have.
+/// Smallest allowed magnitude of a partial denominator of the continued fraction.
 const TINY: f64 = 1e-300;
 
 /// Relative change at which the continued fraction has converged.
 const CONVERGED: f64 = 1e-15;
 
-/// Terms of the continued fraction at most; fewer than 200 are needed for ν ≤ 10⁴.
+/// Maximum number of terms of the continued fraction; fewer than 200 are needed for ν ≤ 10⁴.
 const MAX_TERMS: u32 = 1000;
 
-/// Probability of a t at least as far from 0, p = P(|T| ≥ |t|), two-sided.
+/// Probability of |T| at least |t|, p = P(|T| ≥ |t|), two-sided.
 ///
 /// * `t`: statistic; an infinite one gives 0, NaN gives NaN   * `degrees_of_freedom`: ν, at least 1
 pub fn two_sided_p_value(t: f64, degrees_of_freedom: f64) -> f64 {
@@ -26,7 +26,7 @@ pub fn two_sided_p_value(t: f64, degrees_of_freedom: f64) -> f64 {
     if t_squared.is_infinite() {
         return 0.0;
     }
-    // 1 − x is formed directly: it would lose its digits for a small t.
+    // 1 − x is formed directly: a subtraction would lose digits for a small t.
     let sum = degrees_of_freedom + t_squared;
     incomplete_beta(0.5 * degrees_of_freedom, 0.5, degrees_of_freedom / sum, t_squared / sum)
 }
@@ -37,7 +37,7 @@ pub fn two_sided_p_value(t: f64, degrees_of_freedom: f64) -> f64 {
 ///
 /// None outside of these ranges, and where t would not be finite.
 pub fn two_sided_critical_value(significance: f64, degrees_of_freedom: f64) -> Option<f64> {
-    // Written so that NaN is refused, too.
+    // Written so that NaN is rejected, too.
     let in_range =
         significance > 0.0 && significance < 1.0 && degrees_of_freedom >= 1.0 && degrees_of_freedom.is_finite();
     if !in_range {
@@ -52,7 +52,7 @@ pub fn two_sided_critical_value(significance: f64, degrees_of_freedom: f64) -> O
             return None;
         }
     }
-    // 60 halvings take an interval of its own size below one unit in the last place.
+    // 60 halvings shrink the interval below one unit in the last place.
     for _ in 0..60 {
         let middle = 0.5 * (low + high);
         if two_sided_p_value(middle, degrees_of_freedom) > significance {
@@ -162,7 +162,7 @@ mod tests {
             let alpha = libm::pow(10.0, exponent);
             if let Some(t) = two_sided_critical_value(alpha, f64::from(dof)) {
                 let back = two_sided_p_value(t, f64::from(dof));
-                // Bisection ends at one unit in the last place of t; the tail magnifies it by up to ν + 1.
+                // Bisection ends at one unit in the last place of t; the tail amplifies it by up to ν + 1.
                 prop_assert!((back - alpha).abs() <= 1e-9 * alpha, "{} {}", back, alpha);
             }
         }

@@ -1,16 +1,16 @@
 //! Student's T-test on the window means of the residuals, and the signature matrix (§5.3).
 //!
-//! Once per window of n samples (25 in Table 5), after a calibration time in which the vehicle is taken to be healthy:
+//! Once per window of n samples (25 in Table 5), after a calibration period in which the vehicle is assumed healthy:
 //!
 //! t = (mean − µ₀)/(s/√n), rejected if |t| exceeds the two-sided critical value with n − 1 degrees of freedom
 //!
-//! 1. *Detect*: the first component (arm) of every r_i against α_FD. With opposite rotors alike, a fault triggers n_a − 2 of them;
+//! 1. *Detect*: the first component (arm) of every r_i against α_FD. With equal opposite rotors, a fault triggers n_a − 2 of them;
 //!    fewer mean healthy.
 //! 2. *Isolate*: all three components of every r_i against α_FDI. Triggering pattern ρ_i = 1 if any of the three is rejected.
 //! 3. *Signature* (Table 3): column i is all ones but for a 0 in row i. ρ equal to column i: rotor i; else an unknown fault.
 //!
-//! Limits: two-sided, although a fault can only be a loss; every window for itself. Needs sensor noise: without it the
-//! window's own spread vanishes and everything is significant.
+//! Limits: two-sided, although a fault can only be a loss; windows are independent. Needs sensor noise: without it the window's
+//! own spread vanishes and everything is significant.
 
 use super::FaultVerdict;
 use super::student_t::two_sided_critical_value;
@@ -31,7 +31,7 @@ pub struct TTestConfig {
 }
 
 impl TTestConfig {
-    /// Nothing; only a place to put a configuration into.
+    /// Placeholder, to be filled with a configuration.
     pub(super) const BLANK: Self = Self {
         alpha_detect: 0.0,
         alpha_isolate: 0.0,
@@ -50,7 +50,7 @@ impl TTestConfig {
     }
 }
 
-/// The T-test with its thresholds worked out.
+/// The T-test with precomputed thresholds.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct TTest {
     /// Squared critical values over the window length: reject if (mean − µ₀)² > this · s².
@@ -144,7 +144,7 @@ mod tests {
                 (got - want).abs() <= STATISTIC_TOLERANCE * want.abs(),
                 "{got} against {want}"
             );
-            // The squared form that the step uses decides likewise, just below and above the statistic.
+            // The squared form used by the step decides the same way, just below and above the statistic.
             let baseline = [0.0, mu0, 0.0, 0.0];
             let t_squared = (want * want / 25.0) as f32;
             assert!(rejects(&axis, &window, &baseline, 0.9999 * t_squared));
@@ -155,7 +155,7 @@ mod tests {
     #[test]
     fn val_thresholds_of_table_5() {
         let test = TTest::new(&TTestConfig::paper(), 25).expect("in range");
-        // Critical values of vectors/README, f32.
+        // Critical values from vectors/README, f32.
         assert!((test.detect - 10.836_978 * 10.836_978 / 25.0).abs() < 1e-5);
         assert!((test.isolate - 8.527_84 * 8.527_84 / 25.0).abs() < 1e-5);
     }

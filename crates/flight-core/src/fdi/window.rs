@@ -1,12 +1,12 @@
 //! Running statistics of the 4-axis wrench residual: over one decision window, and over the calibration time.
 //!
-//! Between the residual generators and the T-test and network. Both want means (and the T-test variances) of 3 n_a scalar
-//! residuals, but those are fixed linear combinations of four numbers: so mean vector and covariance matrix of the four are kept
-//! (14 numbers), and a projection `v` has mean vᵀμ and variance vᵀΣv, exactly.
+//! Between the residual generators and the T-test and network. Both need means (and the T-test variances) of 3 n_a scalar
+//! residuals, but those are fixed linear combinations of four numbers: so the mean vector and covariance matrix of the four are
+//! kept (14 numbers), and a projection `v` has mean vᵀμ and variance vᵀΣv, exactly.
 //!
 //! Method: Welford's recursion, one update per sample, no buffer. Windows do not overlap.
 
-/// Mean and covariance of a sequence of 4-vectors, recursively.
+/// Recursive mean and covariance of a sequence of 4-vectors.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct WrenchStatistics {
     pub(super) count: u32,
@@ -22,7 +22,7 @@ impl WrenchStatistics {
         co_moment: [0.0; 10],
     };
 
-    /// Takes in one sample.
+    /// Adds one sample.
     #[inline(always)]
     pub fn push(&mut self, sample: &[f32; 4]) {
         self.count = self.count.saturating_add(1);
@@ -34,7 +34,7 @@ impl WrenchStatistics {
             self.mean[axis] += weight * before[axis];
             after[axis] = sample[axis] - self.mean[axis];
         }
-        // Spelled out: no index is left to check.
+        // Unrolled: no index checks are left.
         let ([b0, b1, b2, b3], [a0, a1, a2, a3]) = (before, after);
         let products = [
             b0 * a0,
@@ -53,13 +53,13 @@ impl WrenchStatistics {
         }
     }
 
-    /// Forgets everything.
+    /// Resets.
     #[inline]
     pub fn clear(&mut self) {
         *self = Self::default();
     }
 
-    /// Samples taken in.
+    /// Number of samples.
     #[inline]
     pub const fn count(&self) -> u32 {
         self.count
@@ -92,7 +92,7 @@ impl WrenchStatistics {
     }
 }
 
-/// Mean of the wrench residual over the calibration time, in which the vehicle is taken to be healthy (µ₀ of §5.3).
+/// Mean of the wrench residual over the calibration period, in which the vehicle is assumed healthy (µ₀ of §5.3).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Baseline {
     pub(super) first: u32,
@@ -114,7 +114,7 @@ impl Baseline {
         }
     }
 
-    /// Takes in the next sample.
+    /// Adds the next sample.
     #[inline]
     pub fn push(&mut self, sample: &[f32; 4]) {
         if self.seen >= self.end {
@@ -130,7 +130,7 @@ impl Baseline {
         self.seen += 1;
     }
 
-    /// The mean, once all samples are in.
+    /// The mean, once complete.
     #[inline]
     pub fn mean(&self) -> Option<[f32; 4]> {
         (self.seen >= self.end).then_some(self.mean)
@@ -186,7 +186,7 @@ mod tests {
 
     #[test]
     fn val_large_offset_keeps_the_variance() {
-        // Welford's point: a variance 1e6 times smaller than the squared mean survives in f32.
+        // The point of Welford's method: a variance 1e6 times smaller than the squared mean survives in f32.
         let mut statistics = WrenchStatistics::default();
         for k in 0..100u8 {
             let x = 1000.0 + if k % 2 == 0 { 1.0 } else { -1.0 };

@@ -16,24 +16,24 @@ use rotortwin_wire::frames::{CommandFrame, FdiReport, SensorFrame, Stamp};
 use rotortwin_wire::peers::report;
 use std::time::Instant;
 
-/// No residual of a flight comes near: projections of it are still numbers.
+/// Far above any residual of a flight; projections of it are still finite.
 const LARGEST_RESIDUAL: f32 = 1e30;
 
 /// A flight that has left its lane.
 #[expect(clippy::large_enum_variant, reason = "one for each flight that ends, read at once")]
 pub(super) enum Left<O> {
-    /// As `lockstep::fly` would have ended it.
+    /// Ended as `lockstep::fly` would have ended it.
     Ended { index: usize, outcome: BatchOutcome<O> },
-    /// It cannot go on in lanes; its observer has seen that many samples.
+    /// Cannot continue in lanes; its observer has seen this many samples.
     Lost { index: usize, observer: O, seen: u64 },
 }
 
-/// What belongs to one lane's flight.
+/// State of one lane's flight.
 struct Rider<O> {
     index: usize,
     engine: Box<FdiEngine>,
     hasher: RunHasher,
-    /// Verdicts of the last window, and as they are hashed.
+    /// Verdicts of the last window, and their hashed form.
     report: FdiReport,
     verdicts: VerdictBytes,
     observer: O,
@@ -42,21 +42,21 @@ struct Rider<O> {
 }
 
 impl<O> Rider<O> {
-    /// New verdicts.
+    /// Stores new verdicts.
     fn report(&mut self, report: FdiReport) {
         self.report = report.canonical();
         self.verdicts = VerdictBytes::of(&self.report);
     }
 }
 
-/// Peers' inputs in canonical form, where −0 has become +0.
+/// Peers' inputs in canonical form, with −0 replaced by +0.
 struct PeerInputs {
     controller: Controller,
     engine: Box<FdiEngine>,
     sensed: SensedRows,
 }
 
-/// What the peers compute.
+/// Outputs of the peers.
 struct PeerOutputs<const N: usize> {
     measured: MeasuredRows<LANES>,
     references: ReferenceRows<LANES>,
@@ -65,7 +65,7 @@ struct PeerOutputs<const N: usize> {
     fdi: FdiRows<N, LANES>,
 }
 
-/// Canonical inputs, sines, and the controllers.
+/// Computes canonical inputs, sines, and the controllers.
 struct Control<const N: usize>;
 
 impl<const N: usize> VectorWork for Control<N> {
@@ -92,7 +92,7 @@ impl<const N: usize> VectorWork for Control<N> {
     }
 }
 
-/// The FDI engines' part of every sample.
+/// Per-sample part of the FDI engines.
 struct Diagnose<const N: usize>;
 
 impl<const N: usize> VectorWork for Diagnose<N> {
@@ -108,7 +108,7 @@ impl<const N: usize> VectorWork for Diagnose<N> {
     }
 }
 
-/// See the module.
+/// See the module documentation.
 pub(super) struct LaneGroup<const N: usize, O> {
     dispatch: Dispatch,
     plant: BatchSimulation<N>,
@@ -162,7 +162,7 @@ impl<const N: usize, O: FlightObserver> LaneGroup<N, O> {
         self.plant.check(simulation)
     }
 
-    /// Gives a checked flight a free lane.
+    /// Assigns a checked flight to a free lane.
     pub(super) fn seat(&mut self, lane: usize, waiting: Waiting<O>) -> Result<(), String> {
         let mut controller = self.inputs.controller;
         if let Some(trim) = waiting.trim {
@@ -227,8 +227,8 @@ impl<const N: usize, O: FlightObserver> LaneGroup<N, O> {
         Ok(())
     }
 
-    /// The engine's part at block and window ends, the hash of this step, and its sample if anyone looks; false if the lane cannot go
-    /// on.
+    /// Runs the engine at block and window ends, hashes this step, and passes on its sample if observed; false if the lane cannot
+    /// continue.
     #[inline]
     fn complete(&mut self, lane: usize) -> bool {
         let (Some(rider), Some(simulation)) = (&mut self.riders[lane], self.plant.simulation(lane)) else {
@@ -245,7 +245,7 @@ impl<const N: usize, O: FlightObserver> LaneGroup<N, O> {
         let setpoint = canonical(column(&out.control.attitude_setpoint, lane));
         let saturated_rotors = out.control.saturated_rotors[lane];
         let window_end = if rider.steps == 0 {
-            // An engine starts its observers from the first sample.
+            // An engine initialises its observers from the first sample.
             let sensors = sensor_frame(&self.inputs.sensed, lane, stamp).canonical();
             let command = command_frame(stamp, &duty, setpoint, saturated_rotors);
             let output = rider.engine.step(&command.measurement(&sensors));
@@ -262,7 +262,7 @@ impl<const N: usize, O: FlightObserver> LaneGroup<N, O> {
             let window_end = out.fdi.close(lane, &mut rider.engine);
             if window_end {
                 rider.report(report(stamp, &out.fdi.output(lane, &rider.engine)));
-                // The link's own check where verdicts are new: it would refuse the report, and with it the flight.
+                // The link's own check of new verdicts: it would reject the report, and the flight would fail.
                 if check_report(&rider.report, N).is_err() {
                     return false;
                 }
@@ -334,7 +334,7 @@ impl<const N: usize, O: FlightObserver> LaneGroup<N, O> {
             Ok(()) => Ok(()),
             Err(sentence) => {
                 let failed = StopReason::Failed(Failure::of("plant", sentence));
-                // Whoever asked to stop knows why, as in `lockstep::fly`.
+                // The observer knows why it asked to stop, as in `lockstep::fly`.
                 let reason = rider.observer.stop_requested().unwrap_or(failed);
                 self.end(lane, end_of(reason), leave)
             }

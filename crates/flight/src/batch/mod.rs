@@ -1,14 +1,14 @@
-//! Many flights at once: the closed loop of [`crate::lockstep`] with the plant, controllers and FDI engines of several flights side by
-//! side in vector registers. Same samples, same run hashes, at a fraction of the time for each flight.
+//! Many flights at once: the closed loop of [`crate::lockstep`] with the plants, controllers and FDI engines of several flights side
+//! by side in vector registers. Same samples and run hashes, at a fraction of the time per flight.
 //!
 //! ```text
 //!  flights ─▶ groups of one controller and FDI configuration ─▶ lanes ─▶ observers, outcomes, in the order of the flights
 //!                                                     └─▶ what has no form for lanes ─▶ alone, by crate::lockstep; counted
 //! ```
 //!
-//! Flights may differ in everything; those of a group share rotor count, controller and FDI configuration. A lane whose flight has
-//! ended takes the next one. A flight that leaves what lanes can do (see [`Alone`]) is flown again from its start by the one-flight
-//! loop; its observer does not see a sample twice.
+//! Flights may differ in everything; those of a group share rotor count, controller and FDI configuration. When a lane's flight ends,
+//! the lane takes the next one. A flight that exceeds what lanes support (see [`Alone`]) is flown again from its start by the
+//! single-flight loop; its observer does not see a sample twice.
 //!
 //! Limits: as fast as possible, on one thread; 4, 6 or 8 rotors; no external peers.
 
@@ -31,18 +31,18 @@ use rotortwin_wire::peers::{FdiEnginePeer, PidPeer};
 use rotortwin_wire::setup::{self, Trim};
 use std::collections::BTreeMap;
 
-/// Groups of fewer flights are flown alone: a step of all lanes takes as long as about three steps alone.
+/// Groups of fewer flights are flown alone: a step of all lanes costs about as much as three single steps.
 const FEWEST_IN_LANES: usize = 3;
 
-/// Run id of flights that nothing but this process sees.
+/// Run id of flights visible only to this process.
 const RUN_ID: u64 = 1;
 
-/// One flight to be flown.
+/// One flight to fly.
 #[derive(Clone, Copy, Debug)]
 pub struct BatchFlight<'a> {
-    /// What to fly.
+    /// Scenario to fly.
     pub scenario: &'a Scenario,
-    /// Its random numbers.
+    /// Seed of its random numbers.
     pub seed: u64,
 }
 
@@ -51,7 +51,7 @@ pub struct BatchFlight<'a> {
 pub enum Alone {
     /// No lanes for this number of rotors.
     RotorCount,
-    /// Its controller inverts the thrust map, which iterates.
+    /// Its controller inverts the thrust map iteratively.
     InverseMap,
     /// It has sensor faults.
     SensorFaults,
@@ -59,12 +59,12 @@ pub enum Alone {
     Effects,
     /// Too few flights share its configurations: empty lanes cost as much as full ones.
     Few,
-    /// Something happened that lanes do not follow: an empty battery, a state or an input that is not a number or not plausible.
+    /// Something happened that lanes do not support: an empty battery, or a state or input that is not finite or not plausible.
     Left,
 }
 
 impl Alone {
-    /// In words.
+    /// Human-readable reason.
     pub fn as_str(self) -> &'static str {
         match self {
             Self::RotorCount => "rotor count without lanes",
@@ -89,13 +89,13 @@ pub struct BatchReport {
 /// Result of one flight.
 #[derive(Debug)]
 pub struct BatchOutcome<O> {
-    /// As of [`lockstep::fly`]; the wall-clock time is shared by the flights that were under way together.
+    /// As returned by [`lockstep::fly`]; wall-clock time is shared by the flights that ran together.
     pub outcome: FlightOutcome,
-    /// What watched it.
+    /// Its observer.
     pub observer: O,
 }
 
-/// What all lanes of a group share.
+/// Properties shared by all lanes of a group.
 #[derive(Clone, PartialEq)]
 struct GroupKey {
     controller: ControllerConfig,
@@ -103,7 +103,7 @@ struct GroupKey {
     substeps: u32,
 }
 
-/// A flight that waits for its lane.
+/// A flight waiting for a lane.
 struct Waiting<O> {
     index: usize,
     simulation: Simulation,
@@ -111,9 +111,9 @@ struct Waiting<O> {
     observer: O,
 }
 
-/// Flies all of `flights`; `observer` makes the observer of each, by its index. Results in the order of the flights.
+/// Flies all of `flights`; `observer` creates the observer of each, by its index. Results are in the order of the flights.
 ///
-/// An error is one sentence: a scenario that cannot be flown at all.
+/// Fails with an error message if a scenario cannot be flown at all.
 pub fn fly_batch<O: FlightObserver>(
     flights: &[BatchFlight<'_>],
     dispatch: Dispatch,
@@ -121,7 +121,7 @@ pub fn fly_batch<O: FlightObserver>(
 ) -> Result<(Vec<BatchOutcome<O>>, BatchReport), String> {
     let mut report = BatchReport::default();
     let mut results: Vec<Option<BatchOutcome<O>>> = flights.iter().map(|_| None).collect();
-    // Flights of the same scenario document have the same configurations; of others they are compared.
+    // Flights of the same scenario document have the same configurations; those of different documents are compared.
     let mut groups: Vec<(GroupKey, Vec<usize>)> = Vec::new();
     let mut last: Option<(&Scenario, usize)> = None;
     for (index, flight) in flights.iter().enumerate() {
@@ -155,7 +155,7 @@ pub fn fly_batch<O: FlightObserver>(
     Ok((outcomes, report))
 }
 
-/// The configurations that a flight's peers get, through the same hand-shake as over any link.
+/// The configurations that a flight's peers receive, through the same handshake as over any link.
 fn prepare(flight: &BatchFlight<'_>) -> Result<GroupKey, String> {
     let simulation = flight
         .scenario
@@ -171,7 +171,7 @@ fn prepare(flight: &BatchFlight<'_>) -> Result<GroupKey, String> {
     })
 }
 
-/// Whether [`fly_batch`] takes a flight: what it refuses is refused by the one-flight loop as well, in the loop's own words.
+/// Whether [`fly_batch`] accepts a flight: the single-flight loop rejects the same ones, with its own messages.
 pub fn takes(flight: &BatchFlight<'_>) -> bool {
     prepare(flight).is_ok_and(|key| Controller::new(key.controller).is_ok() && FdiEngine::new(key.fdi).is_ok())
 }
@@ -268,7 +268,7 @@ fn fly_lanes<const N: usize, O: FlightObserver>(
     }
 }
 
-/// Flies one flight by the one-flight loop; the observer does not see the first `seen` samples.
+/// Flies one flight with the single-flight loop; the observer does not see the first `seen` samples.
 fn fly_alone<O: FlightObserver>(flight: &BatchFlight<'_>, observer: O, seen: u64) -> Result<BatchOutcome<O>, String> {
     let mut simulation = flight
         .scenario
@@ -284,10 +284,10 @@ fn fly_alone<O: FlightObserver>(flight: &BatchFlight<'_>, observer: O, seen: u64
     })
 }
 
-/// Keeps the samples from an observer that it has seen already.
+/// Withholds samples that the observer has already seen.
 struct LateObserver<O> {
     observer: O,
-    /// First step that it has not seen.
+    /// First step not yet seen.
     unseen: u64,
 }
 

@@ -1,4 +1,4 @@
-//! A short flight with the controller under test: does it hold, follow, turn?
+//! A short flight with the controller under test: does it hold position, follow, turn?
 
 use super::probe::{Prober, Trouble};
 use super::response::wrap;
@@ -10,15 +10,15 @@ const LEG_S: f64 = 4.0;
 const TURN_RATE_RAD_S: f64 = 0.4;
 /// Final reference yaw, rad.
 const TURN_RAD: f64 = 1.2;
-/// Farthest from the reference at the end of a leg, m.
+/// Largest distance from the reference at the end of a leg, m.
 const NEAR_M: f64 = 0.25;
-/// Largest error of yaw at the end of a leg, rad.
+/// Largest yaw error at the end of a leg, rad.
 const NEAR_RAD: f64 = 0.3;
-/// Beyond these the flight is over, m and rad.
+/// Limits beyond which the flight is over, m and rad.
 const LOST_M: f64 = 3.0;
 const LOST_RAD: f64 = 1.05;
 
-/// Legs: what they are called, and the reference at their end, m from the first point.
+/// Legs: name, and the reference at the end, m from the first point.
 const LEGS: [(&str, [f64; 3]); 5] = [
     ("hover", [0.0, 0.0, 0.0]),
     ("step of 0.5 m north", [0.5, 0.0, 0.0]),
@@ -28,10 +28,10 @@ const LEGS: [(&str, [f64; 3]); 5] = [
 ];
 const TURNING: usize = 3;
 
-/// Steps that the flight takes at most.
+/// Maximum number of steps of the flight.
 pub(super) const STEPS: u64 = (LEGS.len() as f64 * LEG_S * 400.0) as u64;
 
-/// What became of it.
+/// Result of the flight.
 pub(super) struct Outcome {
     pub(super) flown: bool,
     /// One clause.

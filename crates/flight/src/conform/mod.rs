@@ -1,18 +1,18 @@
-//! Conformance of an unknown controller: the plant is played to it, and what it does wrong is named.
+//! Conformance test of an unknown controller: it flies the simulated plant, and its errors are identified.
 //!
 //! ```text
-//!  hover held still ─▶ one number of the sensors changed at a time ─▶ answers: delay, sign, frame, order of motors, spin
-//!                                                                  └▶ gains ─▶ would they fly? in which unit?
-//!  a short flight, closed loop ─▶ does it hold, follow, turn? ─▶ extreme sensors ─▶ only fractions?
+//!  hover held still ─▶ change one sensor value at a time ─▶ responses: delay, sign, frame, motor order, spin
+//!                                                       └▶ gains ─▶ would they fly? in which unit?
+//!  a short closed-loop flight ─▶ does it hold, follow, turn? ─▶ extreme sensor values ─▶ only fractions?
 //! ```
-//! An autopilot, which cannot be held still in a hover, goes on a stand instead ([`spin_test`]): order and spin of its motors.
+//! An autopilot, which cannot be held still in a hover, is tested on a stand instead ([`spin_test`]): order and spin of its motors.
 //!
-//! The flight decides, the answers name the reason: a controller that flies is not blamed for gains or a structure that are unusual. Blamed
-//! whatever becomes of the flight: what the protocol forbids (NaN, duties out of range, steps left out or answered twice), late or rarely
-//! computed answers, references that are not followed, a yaw that is not wrapped.
+//! The flight decides, the responses give the reason: a controller that flies is not faulted for unusual gains or structure. Always
+//! faulted, whatever happens in flight: protocol violations (NaN, duties out of range, steps skipped or answered twice), late or
+//! infrequently computed answers, references that are not followed, a yaw that is not wrapped.
 //!
-//! Limits: one fault of a kind is named well, several at once may hide each other; what was not explained is said. The controller is
-//! probed around hover and for 60 ms at a time: integrators and slow filters are seen in the flight only.
+//! Limits: a single fault is identified reliably, several at once may mask each other; anything unexplained is reported. The controller
+//! is probed around hover and for 60 ms at a time: integrators and slow filters only show in the flight.
 
 mod flight;
 mod probe;
@@ -36,49 +36,49 @@ use rotortwin_wire::link::{LinkError, PlantLink};
 use serde::Serialize;
 use std::time::Duration;
 
-/// Steps of the run at most, as the peers are told.
+/// Maximum number of steps of the run, as announced to the peers.
 const MOST_STEPS: u64 = 100_000;
-/// Thrust over weight at the reference that is taken for a hover.
+/// Thrust-to-weight ratio at the reference that counts as hover.
 const LIFT: std::ops::RangeInclusive<f64> = 0.5..=2.0;
-/// Answer to the reference over the answer to the sensed number.
+/// Ratio of the response to the reference and the response to the sensed value.
 const ALIKE: std::ops::RangeInclusive<f64> = 0.2..=5.0;
-/// Vertical gains below which nothing is said about the voltage.
+/// Vertical gains below which the voltage is not assessed.
 const SIGN: f64 = 1e-9;
 
-/// What kind of mistake.
+/// Kind of error.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Fault {
     /// A field is missing, swapped with another, or not used.
     Field,
-    /// Degrees for radians, pulses for fractions, centimetres for metres.
+    /// Degrees instead of radians, pulse widths instead of fractions, centimetres instead of metres.
     Unit,
     /// A sign.
     Sign,
     /// NED, ENU, FRD, FLU; heading.
     Frame,
-    /// Duties stand in the place of others.
+    /// Duties assigned to the wrong motors.
     MotorOrder,
-    /// Sense of rotation of a rotor, or sign of the yaw moment.
+    /// Rotation direction of a rotor, or sign of the yaw moment.
     Spin,
-    /// It computes more rarely than it is asked.
+    /// It computes less often than it is called.
     Rate,
-    /// It answers with what was asked earlier, or takes too long.
+    /// It answers with an earlier step's result, or takes too long.
     Latency,
-    /// A step without an answer, or an answer to a step that was not asked.
+    /// A step without an answer, or an answer to a step that was not requested.
     MissedStep,
     /// NaN or infinite.
     NotFinite,
     /// A step answered more than once.
     Duplicate,
-    /// It refuses, or ends.
+    /// It refuses to fly, or exits.
     Refusal,
-    /// It does not fly, and why is not known.
+    /// It does not fly, for an unknown reason.
     Flight,
 }
 
 impl Fault {
-    /// As it is printed.
+    /// Printed name.
     pub fn name(self) -> &'static str {
         match self {
             Self::Field => "field",
@@ -98,47 +98,47 @@ impl Fault {
     }
 }
 
-/// One thing that is wrong.
+/// One suspected error.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Suspicion {
-    /// What kind.
+    /// Kind of error.
     pub fault: Fault,
-    /// Fields of the messages that are concerned.
+    /// Affected message fields.
     pub field: String,
     /// What is wrong with them.
     pub sentence: String,
-    /// What was seen.
+    /// Observed evidence.
     pub evidence: String,
-    /// What explains it just as well.
+    /// Alternative explanations that fit equally well.
     pub others: Vec<String>,
 }
 
-/// One thing that was looked at.
+/// One check.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Check {
-    /// What.
+    /// Name.
     pub name: &'static str,
-    /// As it should be.
+    /// Whether it passed.
     pub passed: bool,
-    /// What was seen.
+    /// Observed evidence.
     pub evidence: String,
 }
 
-/// What came of it.
+/// Result of the conformance test.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct Report {
-    /// In the order in which they were made.
+    /// In the order in which they were run.
     pub checks: Vec<Check>,
-    /// What is wrong; none: it conforms.
+    /// Errors found; empty if it conforms.
     pub findings: Vec<Suspicion>,
-    /// Steps that were asked.
+    /// Number of steps requested.
     pub steps: u64,
-    /// Median and 99th percentile of the time of an answer, ms of wall clock.
+    /// Median and 99th percentile of the response time, ms of wall clock.
     pub answer_ms: [f64; 2],
 }
 
 impl Report {
-    /// Nothing is wrong.
+    /// True if there are no findings.
     pub fn conforms(&self) -> bool {
         self.findings.is_empty()
     }
@@ -164,17 +164,17 @@ impl Report {
     }
 }
 
-/// What is asked of a controller besides the protocol.
+/// Requirements on a controller in addition to the protocol.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Demands {
-    /// Longest median time of an answer, of wall clock.
+    /// Largest median response time, wall clock.
     pub answer: Option<Duration>,
 }
 
-/// Plays the plant of `scenario`, which begins in trimmed hover, to the controller behind `link`.
+/// Simulates the plant of `scenario`, which starts in trimmed hover, for the controller behind `link`.
 ///
 /// # Errors
-/// One sentence: nobody came, the scenario cannot be flown, or something other than the controller failed.
+/// No controller connected, the scenario cannot be flown, or something other than the controller failed.
 pub fn conform(
     link: &mut dyn PlantLink,
     scenario: &Scenario,
@@ -229,7 +229,7 @@ pub fn conform(
     Ok(report)
 }
 
-/// Everything between the hand-shake and the end.
+/// Everything between the handshake and the end.
 fn examine(
     prober: &mut Prober<'_>,
     simulation: &mut Simulation,
@@ -270,7 +270,7 @@ fn examine(
     } else {
         explain(&airframe, &responses, lift, &flight.evidence, report);
     }
-    // A sensed number that is taken wrongly differs from its reference, too.
+    // A misinterpreted sensed value also differs from its reference.
     let blamed = |sensed: usize| {
         let field = Input::Motion(sensed).field();
         let group = field.split('.').next().unwrap_or_default().to_owned();
@@ -298,7 +298,7 @@ fn examine(
     Ok(())
 }
 
-/// Delay of the answer to a body rate, or where it has none to the pitch angle.
+/// Delay of the response to a body rate, or if there is none, to the pitch angle.
 fn delays(prober: &mut Prober<'_>, base: SensorFrame) -> Result<(Input, Option<Delays>), Trouble> {
     for input in [Input::Motion(10), Input::Motion(7)] {
         let (response, size) = prober.response(base, input)?;
@@ -341,7 +341,7 @@ fn timing(report: &mut Report, input: Input, delays: Option<Delays>) {
     }
 }
 
-/// A reference has to count as the sensed number does, the other way round. What does not, with the sensed number.
+/// A reference must act like the sensed value with the opposite sign. Returns those that do not, with the sensed value.
 fn references(
     prober: &mut Prober<'_>,
     base: SensorFrame,
@@ -394,7 +394,7 @@ fn references(
     Ok(wrong)
 }
 
-/// From just east of south to just west of it is a short way. `None`: it does not hold its yaw at all.
+/// From just east of south to just west of it must be a short turn. `None`: it does not hold yaw at all.
 fn wrap(
     prober: &mut Prober<'_>,
     base: SensorFrame,
@@ -418,7 +418,7 @@ fn wrap(
     prober.hold(at(south - BEYOND, south - BEYOND))?;
     prober.hold(base)?;
     let change = std::array::from_fn(|i| across[i] - rest[i]);
-    // Sensed 0.02 rad to the left of the reference.
+    // Sensed yaw 0.02 rad left of the reference.
     let ratio = airframe.accelerations(&change)[YAW] / (-2.0 * f64::from(BEYOND) * expected);
     let passed = (0.2..=5.0).contains(&ratio);
     let evidence = format!("0.02 rad across 180° of yaw are answered like {:.2} rad", 0.02 * ratio);
@@ -437,7 +437,7 @@ fn wrap(
     Ok(Some((check, suspicion)))
 }
 
-/// More volts need no more duty.
+/// A higher voltage must not need a higher duty.
 fn voltage(
     prober: &mut Prober<'_>,
     base: SensorFrame,
@@ -459,7 +459,7 @@ fn voltage(
     Ok(())
 }
 
-/// Says how the answers point, without a verdict: the flight gives that.
+/// Reports the direction of the responses, without a verdict: the flight decides.
 fn directions(airframe: &Airframe, responses: &Responses, report: &mut Report) {
     let Some(direction) = suspect::direction(airframe, &responses.motion) else {
         return;
@@ -481,7 +481,7 @@ fn directions(airframe: &Airframe, responses: &Responses, report: &mut Report) {
     );
 }
 
-/// Why it does not fly.
+/// Explains why it does not fly.
 fn explain(airframe: &Airframe, responses: &Responses, lift: f64, flight: &str, report: &mut Report) {
     let mut columns = responses.motion;
     if !LIFT.contains(&lift) {
@@ -508,7 +508,7 @@ fn explain(airframe: &Airframe, responses: &Responses, lift: f64, flight: &str, 
         explained = true;
         report.findings.push(found.suspicion);
         if found.reversed != 0 {
-            // The gains of the yaw are those of rotors that turn otherwise.
+            // These yaw gains belong to rotors that spin the other way.
             return;
         }
     }
@@ -524,7 +524,7 @@ fn explain(airframe: &Airframe, responses: &Responses, lift: f64, flight: &str, 
     }
 }
 
-/// The largest change that was tried of each number without an answer.
+/// The largest change tried of each value without a response.
 fn largest(columns: &[response::Duties; MOTION]) -> String {
     let tried = (0..MOTION).filter(|&i| response::length(&columns[i]) == 0.0).map(|i| {
         let input = Input::Motion(i);
@@ -533,7 +533,7 @@ fn largest(columns: &[response::Duties; MOTION]) -> String {
     tried.collect::<Vec<_>>().join(", ")
 }
 
-/// Distances have to be turned into the body by the yaw.
+/// Position errors must be rotated into the body frame by the yaw.
 fn heading(turn: f64, flight: &str, report: &mut Report) {
     let evidence = format!(
         "at {:.0}° of yaw the answer to a distance is turned by {:.0}°, expected {:.0}°; {flight}",
@@ -568,7 +568,7 @@ fn gains(airframe: &Airframe, columns: &[response::Duties; MOTION]) -> units::Ga
     gains
 }
 
-/// Sensors that can be true and are far from any hover.
+/// Physically possible sensor values, far from any hover.
 fn extremes(prober: &mut Prober<'_>, base: SensorFrame) -> Result<(), Trouble> {
     let changes: [(usize, f64); 8] = [
         (6, 1.0),
@@ -612,7 +612,7 @@ fn answer_times(report: &mut Report, answers: &[Duration], demands: &Demands) {
     }
 }
 
-/// What a broken conversation says about the controller; `None`: it is not the controller's.
+/// What a protocol failure says about the controller; `None`: not the controller's fault.
 fn blame(error: &LinkError) -> Option<Suspicion> {
     let of_controller = |role: &Role| *role == Role::Controller;
     let (fault, field, sentence) = match error {
@@ -639,7 +639,7 @@ fn blame(error: &LinkError) -> Option<Suspicion> {
     })
 }
 
-/// What is wrong with an answer that the link refused, in the words of its check.
+/// What is wrong with an answer that the link rejected, from the message of its check.
 fn nonsense(reason: &str) -> (Fault, String) {
     if reason.contains("the plant is only at step") {
         return (Fault::MissedStep, "it answers a step that was not asked".to_owned());

@@ -1,4 +1,4 @@
-//! Sensors of our making, one number changed at a time, and what comes back.
+//! Synthetic sensor frames with one value changed at a time, and the responses.
 
 use super::response::{Duties, Input, MOTION, Responses, TURN_RAD, length};
 use rotortwin_flight_core::MAX_ROTORS;
@@ -8,21 +8,21 @@ use rotortwin_wire::frames::{CommandFrame, SensorFrame, Stamp};
 use rotortwin_wire::link::{LinkError, PlantLink};
 use std::time::{Duration, Instant};
 
-/// Steps for which a change is held: 60 ms, longer than usual filters of a controller.
+/// Steps for which a change is held: 60 ms, longer than typical controller filters.
 const HOLD: usize = 24;
-/// Of these the last are looked at.
+/// Number of final steps that are evaluated.
 const LOOK: usize = 8;
-/// A change of the duty that is well above rounding and well below the limits.
+/// A change in duty well above rounding and well below the limits.
 const CLEAR: f64 = 0.01;
-/// A change of the duty below which nothing is said: a tenth of a microsecond of a pulse.
+/// A change in duty below which nothing is concluded: a tenth of a microsecond of pulse width.
 const FLOOR: f64 = 1e-4;
-/// Times that the delay is measured, at different places in the controller's own period.
+/// Number of delay measurements, at different phases of the controller's own period.
 const DELAYS: usize = 24;
 
-/// Why probing cannot go on.
+/// Why probing cannot continue.
 #[derive(Debug)]
 pub(super) enum Trouble {
-    /// The controller, or the way to it.
+    /// The controller, or its link.
     Link(LinkError),
     /// The plant.
     Plant(String),
@@ -34,17 +34,17 @@ impl From<LinkError> for Trouble {
     }
 }
 
-/// Asks a controller, step after step.
+/// Queries a controller, step by step.
 pub(super) struct Prober<'a> {
     link: &'a mut dyn PlantLink,
     run_id: u64,
     rotors: usize,
     pub(super) steps: u64,
-    /// Wall clock of each answer.
+    /// Wall-clock time of each answer.
     pub(super) answers: Vec<Duration>,
 }
 
-/// Where the delays of a controller lie, steps.
+/// Range of a controller's delays, steps.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct Delays {
     pub(super) least: usize,
@@ -62,7 +62,7 @@ impl<'a> Prober<'a> {
         }
     }
 
-    /// A frame that is at its reference.
+    /// A frame at its reference.
     pub(super) fn frame(&self, nav: &NavState, voltage_v: f32) -> SensorFrame {
         let reference = Reference {
             position_ned: nav.position_ned,
@@ -95,7 +95,7 @@ impl<'a> Prober<'a> {
         Ok(duties)
     }
 
-    /// Holds a frame and gives the mean of the last duties.
+    /// Holds a frame and returns the mean of the last duties.
     pub(super) fn hold(&mut self, frame: SensorFrame) -> Result<Duties, Trouble> {
         let mut sum = [0.0; MAX_ROTORS];
         for step in 0..HOLD {
@@ -109,8 +109,8 @@ impl<'a> Prober<'a> {
         Ok(sum)
     }
 
-    /// Change of the duties per unit of one number: up, back, down, back, so that integrators end where they began. The change grows until the
-    /// answer is clear, so that neither rounding nor limits are measured. With the change that was used.
+    /// Change of the duties per unit of one value: up, back, down, back, so that integrators end where they began. The change is increased
+    /// until the response is clear, so that neither rounding nor limits are measured. Also returns the change used.
     pub(super) fn response(&mut self, base: SensorFrame, input: Input) -> Result<(Duties, f64), Trouble> {
         let [mut size, most] = input.sizes();
         loop {
@@ -133,12 +133,12 @@ impl<'a> Prober<'a> {
         }
     }
 
-    /// Steps from a change of one number to the first change of the duties.
+    /// Steps from a change of one value to the first change of the duties.
     pub(super) fn delays(&mut self, base: SensorFrame, input: Input, size: f64) -> Result<Option<Delays>, Trouble> {
         let mut delays: Option<Delays> = None;
         let mut sign = 1.0;
         for round in 0..DELAYS {
-            // Not in step with any period of a controller.
+            // Not synchronised with any period of a controller.
             for _ in 0..HOLD + (5 * round) % 13 {
                 self.duties(base)?;
             }
@@ -164,7 +164,7 @@ impl<'a> Prober<'a> {
         Ok(delays)
     }
 
-    /// Everything of the motion.
+    /// Responses to all motion values.
     pub(super) fn responses(&mut self, base: SensorFrame, delay_steps: usize) -> Result<Responses, Trouble> {
         let mut motion = [[0.0; MAX_ROTORS]; MOTION];
         for (i, column) in motion.iter_mut().enumerate() {
@@ -181,7 +181,7 @@ impl<'a> Prober<'a> {
         })
     }
 
-    /// The same vehicle at its reference, turned.
+    /// The same vehicle at its reference, yawed.
     fn turned(base: SensorFrame) -> SensorFrame {
         let mut frame = base;
         frame.attitude_rad[2] += TURN_RAD as f32;

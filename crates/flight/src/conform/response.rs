@@ -1,25 +1,25 @@
-//! What a controller's duties do when one number of its sensors changes a little, and what they should do.
+//! Response of a controller's duties to a small change of one sensor value, and the expected response.
 
 use rotortwin_flight_core::MAX_ROTORS;
 use rotortwin_plant::vehicle::model::{RotorPlacement, SpinDirection};
 use rotortwin_scenario::Scenario;
 use rotortwin_wire::frames::SensorFrame;
 
-/// Numbers of the sensed motion: position, velocity, attitude, body rates.
+/// Number of sensed motion values: position, velocity, attitude, body rates.
 pub(super) const MOTION: usize = 12;
 /// Duties of all rotors.
 pub(super) type Duties = [f64; MAX_ROTORS];
 
-/// Axes of a wrench, as accelerations.
+/// Wrench axes, as accelerations.
 pub(super) const UP: usize = 0;
 pub(super) const ROLL: usize = 1;
 pub(super) const PITCH: usize = 2;
 pub(super) const YAW: usize = 3;
 
-/// One number of a [`SensorFrame`].
+/// One value of a [`SensorFrame`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Input {
-    /// By its place in the motion.
+    /// Index into the motion values.
     Motion(usize),
     /// Reference position, 0 to 2.
     ReferencePosition(usize),
@@ -46,7 +46,7 @@ impl Input {
         }
     }
 
-    /// Smallest and largest change that is tried, in the unit of the field.
+    /// Smallest and largest change tried, in the unit of the field.
     pub(super) fn sizes(self) -> [f64; 2] {
         match self {
             Self::Motion(0..6) | Self::ReferencePosition(_) => [0.001, 2.0],
@@ -67,7 +67,7 @@ impl Input {
         }
     }
 
-    /// Changes that number of a frame.
+    /// Changes this value of a frame.
     pub(super) fn add(self, frame: &mut SensorFrame, change: f64) {
         let number = match self {
             Self::Motion(i @ 0..3) => &mut frame.position_ned_m[i],
@@ -81,9 +81,9 @@ impl Input {
         *number += change as f32;
     }
 
-    /// Axis of the wrench that has to answer an increase, at yaw 0, and its sign: the vehicle is to come back.
+    /// Wrench axis that must respond to an increase, at yaw 0, and its sign: the vehicle must return.
     ///
-    /// North of the reference: nose up. East of it: left side down. Below it: more thrust. Tilted, turned, or turning: against it.
+    /// North of the reference: nose up. East of it: left side down. Below it: more thrust. Tilted, turned, or turning: opposing it.
     pub(super) fn answer(motion: usize) -> (usize, f64) {
         match motion {
             0 | 3 => (PITCH, 1.0),
@@ -99,7 +99,7 @@ pub(super) fn axis_name(axis: usize) -> &'static str {
     ["thrust", "roll moment", "pitch moment", "yaw moment"][axis]
 }
 
-/// How duties accelerate the vehicle around hover.
+/// Effect of the duties on the vehicle's accelerations around hover.
 #[derive(Clone, Debug)]
 pub(super) struct Airframe {
     rotors: Vec<RotorPlacement>,
@@ -116,7 +116,7 @@ pub(super) struct Airframe {
 }
 
 impl Airframe {
-    /// The nominal vehicle of a scenario at a voltage, hovering at a duty.
+    /// The nominal vehicle of a scenario at a voltage, hovering at a given duty.
     pub(super) fn new(scenario: &Scenario, hover_duty: f32, voltage_v: f32) -> Self {
         let vehicle = scenario.vehicle();
         let map = scenario.thrust_map();
@@ -149,14 +149,14 @@ impl Airframe {
         y.atan2(x).to_degrees()
     }
 
-    /// Thrust over weight at some duties, around hover.
+    /// Thrust-to-weight ratio at the given duties, around hover.
     pub(super) fn lift(&self, duties: &Duties) -> f64 {
         let weight = self.mass_kg * self.gravity;
         let thrust = |duty: &f64| self.hover_thrust_n + self.slope_n * (duty - self.hover_duty);
         duties[..self.rotor_count()].iter().map(thrust).sum::<f64>() / weight
     }
 
-    /// Accelerations (up, m/s²; roll, pitch, yaw, rad/s²) for one unit of duty of a rotor; `reversed`: bit i, rotor i turns the other way.
+    /// Accelerations (up, m/s²; roll, pitch, yaw, rad/s²) per unit duty of a rotor; `reversed`: bit i set, rotor i turns the other way.
     fn column(&self, rotor: usize, reversed: u32) -> [f64; 4] {
         let mut arm = self.rotors[rotor].torque_arm([0.0; 3], 1.0);
         if reversed >> rotor & 1 == 1 {
@@ -183,7 +183,7 @@ impl Airframe {
         sum
     }
 
-    /// The smallest change of duties that brings one unit of each axis alone: Bᵀ(BBᵀ)⁻¹, by axis; `None`: the rotors do not span four axes.
+    /// Minimum-norm change of duties that produces one unit on each axis alone: Bᵀ(BBᵀ)⁻¹, by axis; `None`: the rotors do not span four axes.
     pub(super) fn patterns(&self, reversed: u32) -> Option<[Duties; 4]> {
         let columns: Vec<[f64; 4]> = (0..self.rotor_count()).map(|i| self.column(i, reversed)).collect();
         let mut gram = [[0.0; 8]; 4];
@@ -204,7 +204,7 @@ impl Airframe {
     }
 }
 
-/// Gauss and Jordan on four rows, the right half becomes the inverse.
+/// Gauss–Jordan elimination on four rows; the right half becomes the inverse.
 fn invert(rows: &mut [[f64; 8]; 4]) -> Option<()> {
     let scale = rows.iter().flatten().fold(0.0, |most: f64, x| most.max(x.abs()));
     for pivot in 0..4 {
@@ -228,12 +228,12 @@ fn invert(rows: &mut [[f64; 8]; 4]) -> Option<()> {
     Some(())
 }
 
-/// Length of a change of duties.
+/// Norm of a change of duties.
 pub(super) fn length(duties: &Duties) -> f64 {
     duties.iter().map(|x| x * x).sum::<f64>().sqrt()
 }
 
-/// Cosine between two changes of duties; 0 if one is nothing.
+/// Cosine between two changes of duties; 0 if either is zero.
 pub(super) fn cosine(a: &Duties, b: &Duties) -> f64 {
     let product = length(a) * length(b);
     if product == 0.0 {
@@ -242,22 +242,22 @@ pub(super) fn cosine(a: &Duties, b: &Duties) -> f64 {
     a.iter().zip(b).map(|(x, y)| x * y).sum::<f64>() / product
 }
 
-/// Everything that was measured by changing one number at a time around hover.
+/// All responses measured by changing one value at a time around hover.
 #[derive(Clone, Debug)]
 pub(super) struct Responses {
-    /// Change of the duties per unit of each number of the motion, at yaw 0.
+    /// Change of the duties per unit of each motion value, at yaw 0.
     pub(super) motion: [Duties; MOTION],
-    /// Change of the duties per metre north of the reference when the vehicle stands turned by [`TURN_RAD`].
+    /// Change of the duties per metre north of the reference with the vehicle yawed by [`TURN_RAD`].
     pub(super) turned_north: Duties,
     /// Steps from a change of the sensors to the first change of the duties.
     pub(super) delay_steps: usize,
 }
 
-/// Heading at which the answer to distances is measured again, rad.
+/// Heading at which the response to position errors is measured again, rad.
 pub(super) const TURN_RAD: f64 = 0.3;
 
-/// Angle by which the answer to a distance turns in the body between two headings, rad, clockwise from above: minus the change of the heading
-/// for a controller that is right. `None`: one of the two is no answer.
+/// Angle by which the response to a position error turns in the body frame between two headings, rad, clockwise from above: for a correct
+/// controller, minus the change of heading. `None`: no response in one of the two.
 pub(super) fn turn(airframe: &Airframe, north: &Duties, turned_north: &Duties, axes: &[f64; 4]) -> Option<f64> {
     let angle = |duties: &Duties| {
         let accelerations = airframe.accelerations(duties);
@@ -268,7 +268,7 @@ pub(super) fn turn(airframe: &Airframe, north: &Duties, turned_north: &Duties, a
     Some(wrap(angle(turned_north)? - angle(north)?))
 }
 
-/// To (−π, π].
+/// Wraps to (−π, π].
 pub(super) fn wrap(angle: f64) -> f64 {
     let turn = std::f64::consts::TAU;
     angle - turn * (angle / turn).round()

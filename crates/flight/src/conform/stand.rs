@@ -1,13 +1,13 @@
-//! Which motor answers which tilt: an autopilot on a stand.
+//! Which motor responds to which tilt: an autopilot on a test stand.
 //!
 //! ```text
-//!  arms, climbs along a pole (only the sum of the thrust moves it) ─▶ is rocked in roll, pitch, yaw, 5.6 s each ─▶ which duties answer
+//!  arms, climbs along a pole (only the total thrust moves it) ─▶ is rocked in roll, pitch, yaw, 5.6 s each ─▶ which duties respond
 //! ```
-//! As a hand does that tilts a vehicle to see whether the right motors speed up: the attitude is given, whatever the autopilot does, so that
-//! one whose motors are swapped is not lost before it has been seen. Instruments say what is consistent with that motion.
+//! Like tilting a vehicle by hand to see whether the right motors speed up: the attitude is imposed, whatever the autopilot does, so that
+//! one with swapped motors is not lost before it has been tested. Instrument readings are consistent with that motion.
 //!
-//! The answer to a swing A sin ωt is −(k A sin ωt + d A ω cos ωt), shared out over the motors as the autopilot believes that they stand. The share
-//! in roll and pitch says where it believes each to be, that in yaw how it believes it to turn.
+//! The response to a swing A sin ωt is −(k A sin ωt + d A ω cos ωt), distributed over the motors according to the autopilot's mixer. The
+//! share in roll and pitch shows where the mixer places each motor, that in yaw how it assumes the motor to turn.
 
 use super::response::{Airframe, Duties, PITCH, ROLL, YAW, cosine, length};
 use super::suspect::permute;
@@ -21,75 +21,75 @@ use rotortwin_scenario::Scenario;
 use rotortwin_wire::autopilot::{Autopilot, Readings, Wanted};
 use serde::Serialize;
 
-/// Simulated time until it has to hover near the first point, s.
+/// Simulated time within which it must hover near the first point, s.
 const CLIMB_S: f64 = 600.0;
-/// When it does: distance m, speed m/s, for how long s.
+/// Hover criterion: distance m, speed m/s, duration s.
 const NEAR_M: f64 = 0.5;
 const STILL_M_S: f64 = 0.3;
 const HOVER_S: f64 = 2.0;
-/// Each axis: how long, s; amplitude, rad; period, s, short enough for integrators not to lead. The first two periods are not looked at.
+/// Each axis: duration, s; amplitude, rad; period, s, short enough that integrators do not dominate. The first two periods are ignored.
 const ROCK_S: f64 = 5.6;
 const SWING_RAD: [f64; 3] = [0.08, 0.08, 0.15];
 const PERIOD_S: f64 = 0.8;
-/// Rest between two axes, s.
+/// Pause between two axes, s.
 const REST_S: f64 = 1.5;
 /// Longest landing, s.
 const LAND_S: f64 = 60.0;
-/// Smallest swing of a duty that is an answer.
+/// Smallest duty amplitude that counts as a response.
 const ANSWER: f64 = 1e-3;
-/// Shares fit an order of the motors above this cosine.
+/// Shares match a motor order above this cosine.
 const FITS: f64 = 0.8;
-/// A mean cosine that leaves nothing to explain.
+/// A mean cosine that leaves nothing unexplained.
 const EXPLAINS: f64 = 0.97;
-/// By how much the mean cosine has to be better before motors are said to turn the other way.
+/// Required improvement of the mean cosine before motors are reported as reversed.
 const CLEAR: f64 = 0.05;
 
-/// One rotor of the vehicle, and what the autopilot takes its motor for.
+/// One rotor of the vehicle, and how the autopilot treats its motor.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct MotorVerdict {
-    /// Ours, from 1.
+    /// Our rotor number, from 1.
     pub rotor: usize,
-    /// Output of the autopilot that drives it, from 1.
+    /// Autopilot output that drives it, from 1.
     pub channel: usize,
-    /// Where it stands, degrees clockwise from the nose.
+    /// Azimuth, degrees clockwise from the nose.
     pub azimuth_deg: f64,
     /// It turns counter-clockwise, seen from above.
     pub turns_ccw: bool,
-    /// The rotor in whose place the autopilot believes that motor to be, from 1.
+    /// The rotor whose place the autopilot assumes for that motor, from 1.
     pub answers_as: usize,
-    /// The autopilot believes that it turns the other way.
+    /// The autopilot assumes the opposite rotation direction.
     pub reversed: bool,
 }
 
 impl MotorVerdict {
-    /// Where the autopilot drives it right.
+    /// True if the autopilot drives it correctly.
     pub fn is_right(&self) -> bool {
         self.rotor == self.answers_as && !self.reversed
     }
 }
 
-/// What was seen on the stand.
+/// Result of the stand test.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct SpinReport {
-    /// Who it was.
+    /// Name of the autopilot.
     pub peer: String,
     /// By channel.
     pub motors: Vec<MotorVerdict>,
-    /// Cosines of the shares in roll, pitch and yaw with those of the vehicle, after motors were put where they are believed to be.
+    /// Cosines of the shares in roll, pitch and yaw with those of the vehicle, after assigning the motors to their assumed places.
     pub cosines: [f64; 3],
 }
 
 impl SpinReport {
-    /// Every motor is where the autopilot believes it to be, and turns as it believes.
+    /// Every motor is where the autopilot assumes it to be, and turns as assumed.
     pub fn is_right(&self) -> bool {
         self.motors.iter().all(MotorVerdict::is_right)
     }
 }
 
-/// Puts an autopilot on the stand. `rotor_of_channel` is the table under test; `say` hears the words of the autopilot with the time, s.
+/// Puts an autopilot on the stand. `rotor_of_channel` is the table under test; `say` receives the autopilot's messages with the time, s.
 ///
 /// # Errors
-/// One sentence: the autopilot is lost or does not climb, or its answers fit no order of motors.
+/// The autopilot is lost or does not climb, or its responses fit no motor order.
 pub fn spin_test(
     autopilot: &mut impl Autopilot,
     scenario: &Scenario,
@@ -111,7 +111,7 @@ struct Stand {
     parts: u64,
     parts_left: u32,
     duty: [f64; MAX_ROTORS],
-    /// Thrust, as acceleration, behind the lag of the rotors, m/s².
+    /// Thrust as an acceleration, after the rotor lag, m/s².
     lift: f64,
     down_m: f64,
     speed_down: f64,
@@ -174,7 +174,7 @@ impl Stand {
         }
     }
 
-    /// 2.5 ms at an attitude and its rate.
+    /// Advances by 2.5 ms at a given attitude and rate.
     fn step(
         &mut self,
         autopilot: &mut impl Autopilot,
@@ -200,7 +200,7 @@ impl Stand {
             self.parts_left -= 1;
             let tilt = self.attitude[0].cos() * self.attitude[1].cos();
             let share = DT / (DT + self.airframe.lag_s);
-            // Linear around hover, nothing without a duty.
+            // Linear around hover, zero at zero duty.
             let wanted = if self.duty.iter().all(|duty| *duty == 0.0) {
                 0.0
             } else {
@@ -256,7 +256,7 @@ impl Stand {
         Ok(())
     }
 
-    /// Swings about one axis, and gives the share of each rotor in the answer against it.
+    /// Rocks about one axis, and returns each rotor's share of the opposing response.
     fn rock(
         &mut self,
         autopilot: &mut impl Autopilot,
@@ -285,7 +285,7 @@ impl Stand {
             }
         }
         let [sine, cosine] = [sine, cosine].map(|sum| sum.map(|x| -2.0 * x / looked));
-        // The phase in which the answer is largest, within a quarter turn of one against angle and rate alike.
+        // The phase at which the response is largest, within a quarter turn of one that opposes both angle and rate.
         let (ss, cc) = (length(&sine).powi(2), length(&cosine).powi(2));
         let sc: f64 = sine.iter().zip(&cosine).map(|(s, c)| s * c).sum();
         let mut phase = 0.5 * (2.0 * sc).atan2(ss - cc);
@@ -295,7 +295,7 @@ impl Stand {
         Ok(std::array::from_fn(|i| sine[i] * phase.cos() + cosine[i] * phase.sin()))
     }
 
-    /// What becomes of the landing changes nothing.
+    /// The outcome of the landing does not matter.
     fn land(&mut self, autopilot: &mut impl Autopilot, say: &mut dyn FnMut(f64, String)) {
         if !autopilot.flight_ends() {
             return;
@@ -308,7 +308,7 @@ impl Stand {
     }
 }
 
-/// Names motors from their shares in the answers to roll, pitch and yaw.
+/// Identifies motors from their shares in the responses to roll, pitch and yaw.
 fn judge(
     airframe: &Airframe,
     shares: &[Duties; 3],
@@ -337,7 +337,7 @@ fn judge(
         [(0, ROLL), (1, PITCH), (2, YAW)]
             .map(|(axis, pattern)| cosine(&in_order(order, &shares[axis]), &patterns[pattern]))
     };
-    // The yaw counts little: a motor that turns the other way is no other motor. Of equals the order as it is.
+    // Yaw has little weight: a reversed motor is not a swapped one. Ties go to the order as wired.
     let worth = |order: &[usize]| {
         let [roll, pitch, yaw] = cosines(order);
         roll + pitch + 0.1 * yaw
@@ -351,7 +351,7 @@ fn judge(
             best = (worth, order.to_vec());
         }
     });
-    // Motors that turn otherwise change the shares of a least-squares mixer in roll and pitch, too: if they explain all, no order does.
+    // Reversed motors also change the shares of a least-squares mixer in roll and pitch: if they explain everything, the order is not at fault.
     let as_it_is: Vec<usize> = (0..rotors).collect();
     let (_, mean) = reversed(airframe, shares);
     let order = if mean > EXPLAINS { as_it_is } else { best.1 };
@@ -379,8 +379,8 @@ fn judge(
     Ok(SpinReport { peer, motors, cosines })
 }
 
-/// Bit i: the autopilot takes rotor i to turn the other way; and the mean cosine with that. One that shares out by least squares lets all motors answer otherwise then, one that shares
-/// out by a table only that motor in yaw: each is tried.
+/// Bit i: the autopilot assumes that rotor i turns the other way; and the resulting mean cosine. With a least-squares mixer, one reversed
+/// motor changes the responses of all motors; with a mixer table, only that motor in yaw: both are tried.
 fn reversed(airframe: &Airframe, shares: &[Duties; 3]) -> (u32, f64) {
     let Some(nominal) = airframe.patterns(0) else {
         return (0, 0.0);

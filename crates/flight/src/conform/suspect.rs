@@ -1,32 +1,32 @@
-//! Which sign, frame, order of motors or spin explains the answers of a controller.
+//! Which sign, frame, motor order or spin explains the responses of a controller.
 //!
-//! Each answer is a change of all duties; the right one is the smallest change that brings the right acceleration alone. The cosine between
-//! the two is 1 for a controller that is right, whatever its gains are. A suspicion says how to undo itself; the one after which all answers
-//! point the right way is named.
+//! Each response is a change of all duties; the correct one is the smallest change that produces the right acceleration alone. The cosine
+//! between the two is 1 for a correct controller, whatever its gains. Each suspicion knows how to undo itself; the one after which all
+//! responses point the right way is reported.
 
 use super::response::{Airframe, Duties, Input, MOTION, ROLL, Responses, TURN_RAD, axis_name, cosine, length, turn};
 use super::{Fault, Suspicion};
 use rotortwin_flight_core::MAX_ROTORS;
 
-/// An answer points the right way above this cosine: 45°.
+/// A response points the right way above this cosine: 45°.
 const RIGHT: f64 = 0.7;
 /// Two suspicions explain the answers equally well within this.
 const TIE: f64 = 0.01;
-/// How far the measured turn of the answer may be from the expected one, rad.
+/// Tolerance on the measured turn of the response, rad.
 const TURN_TOLERANCE_RAD: f64 = 0.5 * TURN_RAD;
 
-/// What a suspicion makes of what was measured.
+/// How a suspicion transforms the measurements.
 #[derive(Clone, Debug)]
 struct Repair {
     /// Column of the measurement, and sign, for each number of the motion.
     inputs: [(usize, f64); MOTION],
-    /// `order[i]`: our rotor whose duty is meant for rotor i.
+    /// `order[i]`: our rotor that receives the duty meant for rotor i.
     order: [usize; MAX_ROTORS],
-    /// Bit i: it takes rotor i to turn the other way.
+    /// Bit i: it assumes that rotor i turns the other way.
     reversed: u32,
     /// Signs of the axes of its own wrench.
     axes: [f64; 4],
-    /// Sign with which it takes the yaw.
+    /// Sign that it applies to the yaw.
     yaw: f64,
 }
 
@@ -68,10 +68,10 @@ impl Repair {
     }
 }
 
-/// How well answers point the right way.
+/// How well responses point the right way.
 #[derive(Clone, Debug)]
 pub(super) struct Direction {
-    /// By number of the motion; `None`: no answer.
+    /// By motion value; `None`: no response.
     pub(super) cosines: [Option<f64>; MOTION],
 }
 
@@ -94,25 +94,25 @@ impl Direction {
         answered.iter().sum::<f64>() / answered.len().max(1) as f64
     }
 
-    /// All answers that there are point the right way.
+    /// True if all existing responses point the right way.
     pub(super) fn is_right(&self) -> bool {
         self.worst() >= RIGHT
     }
 }
 
-/// As measured, nothing undone.
+/// As measured, uncorrected.
 pub(super) fn direction(airframe: &Airframe, measured: &[Duties; MOTION]) -> Option<Direction> {
     Some(Direction::of(measured, &airframe.patterns(0)?))
 }
 
-/// What was found, and the measurement with it undone.
+/// The explanation found, and the corrected measurements.
 pub(super) struct Explained {
     pub(super) suspicion: Suspicion,
     pub(super) repaired: [Duties; MOTION],
     pub(super) reversed: u32,
 }
 
-/// A suspicion that is tried.
+/// A suspicion to try.
 struct Candidate {
     fault: Fault,
     field: String,
@@ -120,7 +120,7 @@ struct Candidate {
     repair: Repair,
 }
 
-/// The simplest suspicion after which all answers point the right way; `None`: none does.
+/// The simplest suspicion after which all responses point the right way; `None` if there is none.
 pub(super) fn suspect(airframe: &Airframe, responses: &Responses) -> Option<Explained> {
     let rotors = airframe.rotor_count();
     let mut fitting: Vec<(f64, usize, Candidate)> = Vec::new();
@@ -172,7 +172,7 @@ pub(super) fn suspect(airframe: &Airframe, responses: &Responses) -> Option<Expl
     })
 }
 
-/// Undoes signs of axes in a change of duties.
+/// Undoes axis signs in a change of duties.
 fn undo_axes(airframe: &Airframe, duties: &Duties, repair: &Repair) -> Duties {
     let Some(patterns) = airframe.patterns(0) else {
         return *duties;
@@ -188,7 +188,7 @@ fn undo_axes(airframe: &Airframe, duties: &Duties, repair: &Repair) -> Duties {
     })
 }
 
-/// Does the answer to distances turn with the heading as it would after this repair? One that does not turn at all says nothing.
+/// Does the response to position errors turn with the heading as expected after this repair? One that does not turn at all says nothing.
 fn heading_fits(airframe: &Airframe, responses: &Responses, repair: &Repair) -> bool {
     let in_order = |duties: &Duties| {
         let mut ordered = [0.0; MAX_ROTORS];
@@ -205,7 +205,7 @@ fn heading_fits(airframe: &Airframe, responses: &Responses, repair: &Repair) -> 
     off(-repair.yaw) > TURN_TOLERANCE_RAD || off(repair.yaw) < TURN_TOLERANCE_RAD
 }
 
-/// The first two answers that point the wrong way, in words.
+/// The first two responses that point the wrong way, as text.
 fn wrong_answers(airframe: &Airframe, responses: &Responses, before: &Direction) -> String {
     let wrong: Vec<usize> = (0..MOTION)
         .filter(|&i| before.cosines[i].is_some_and(|cosine| cosine < RIGHT))
@@ -401,7 +401,7 @@ fn spins(airframe: &Airframe) -> Vec<Candidate> {
     all
 }
 
-/// Orders of the motors under which all answers point the right way, found by trying each.
+/// Motor orders with which all responses point the right way, found by exhaustive search.
 fn orders(airframe: &Airframe, responses: &Responses) -> Vec<Candidate> {
     let Some(patterns) = airframe.patterns(0) else {
         return Vec::new();
@@ -428,7 +428,7 @@ fn orders(airframe: &Airframe, responses: &Responses) -> Vec<Candidate> {
     all
 }
 
-/// Calls `visit` with each order of the numbers from `first` on.
+/// Calls `visit` with each permutation of the entries from `first` on.
 pub(super) fn permute(order: &mut Vec<usize>, first: usize, visit: &mut impl FnMut(&[usize])) {
     if first + 1 >= order.len() {
         visit(order);
@@ -441,7 +441,7 @@ pub(super) fn permute(order: &mut Vec<usize>, first: usize, visit: &mut impl FnM
     }
 }
 
-/// What is wrong with an order: `order[i]` is the rotor whose duty is meant for rotor i.
+/// Describes what is wrong with an order: `order[i]` is the rotor that receives the duty meant for rotor i.
 fn order_words(order: &[usize]) -> String {
     let count = order.len();
     let moved: Vec<usize> = (0..count).filter(|&i| order[i] != i).collect();

@@ -1,27 +1,27 @@
 //! Does a controller with these gains fly, and if not, in which unit would it?
 //!
-//! The vehicle around hover, linear: ṗ = v, v̇ = (−gθ, gφ, −a_up), η̇ = ω, ω̇ = α, (a_up, α) following G·(p, v, η, ω) with the lag of the
-//! rotors and the delay of the controller. G is what was measured. Only gains are in it: no integrators, no limits, no noise.
+//! The linearised vehicle around hover: ṗ = v, v̇ = (−gθ, gφ, −a_up), η̇ = ω, ω̇ = α, with (a_up, α) following G·(p, v, η, ω) with the lag
+//! of the rotors and the delay of the controller. G is measured. It contains gains only: no integrators, no limits, no noise.
 
 use super::response::{Airframe, MOTION, PITCH, ROLL, UP};
 use super::{Fault, Suspicion};
 use std::collections::VecDeque;
 
-/// Accelerations per unit of each number of the motion.
+/// Accelerations per unit of each motion value.
 pub(super) type Gains = [[f64; MOTION]; 4];
 
 const STEP_S: f64 = 1.0 / 400.0;
-/// Offsets that it has to come back from, m and rad.
+/// Initial offsets that it must recover from, m and rad.
 const OFFSET_M: f64 = 0.3;
 const OFFSET_RAD: f64 = 0.1;
-/// In which time, s, to which share of them.
+/// Time limit, s, and the fraction of the offset to reach.
 const TIME_S: f64 = 10.0;
 const LEFT: f64 = 0.35;
 
 /// Degrees in a radian.
 const DEG: f64 = 180.0 / std::f64::consts::PI;
 
-/// Σ over offsets of ∫ (|p|/0.3 m)² + (|η|/0.1 rad)² dt, s; `None`: it does not come back from one of them.
+/// Σ over offsets of ∫ (|p|/0.3 m)² + (|η|/0.1 rad)² dt, s; `None` if it does not recover from one of them.
 pub(super) fn cost(airframe: &Airframe, gains: &Gains, delay_steps: usize) -> Option<f64> {
     (0..6).try_fold(0.0, |sum, which| {
         let start = if which < 3 { which } else { which + 3 };
@@ -69,12 +69,12 @@ fn one_cost(airframe: &Airframe, gains: &Gains, delay_steps: usize, start: usize
     (late.sqrt() < LEFT).then_some(cost)
 }
 
-/// A change of units or fields that a controller may have made.
+/// A change of units or fields that a controller may have made by mistake.
 struct Candidate {
     fault: Fault,
     fields: &'static str,
     inputs: &'static [usize],
-    /// What undoes it: those columns times this.
+    /// Factor on those columns that undoes it.
     repair: f64,
     words: &'static str,
 }
@@ -86,7 +86,8 @@ const ATTITUDE: &[usize] = &[6, 7, 8];
 const RATES: &[usize] = &[9, 10, 11];
 const ANGULAR: &[usize] = &[6, 7, 8, 9, 10, 11];
 
-/// Weak by a factor: it takes the number of the large unit for one of the small unit. Strong: it converts it, and its gains want the other.
+/// Too weak by a factor: it reads a value in the large unit as one in the small unit. Too strong: it converts, but its gains expect the
+/// original.
 fn candidates() -> Vec<Candidate> {
     let angles: [(&str, &[usize]); 5] = [
         ("attitude_rad", ATTITUDE),
@@ -208,7 +209,7 @@ pub(super) fn suspect(airframe: &Airframe, gains: &Gains, delay_steps: usize) ->
     })
 }
 
-/// Measured gains of pitch, as natural frequency and damping, for people.
+/// Measured pitch gains as natural frequency and damping, human-readable.
 fn stiffness(gains: &Gains) -> String {
     let (k, d) = (-gains[PITCH][7], -gains[PITCH][10]);
     if k > 0.0 && d > 0.0 {

@@ -1,4 +1,4 @@
-//! What a file says of its columns.
+//! Column metadata of a file.
 
 use parquet::basic::Type as Physical;
 use parquet::file::metadata::FileMetaData;
@@ -10,9 +10,9 @@ use std::collections::BTreeMap;
 pub struct Channel {
     /// Unique.
     pub name: String,
-    /// As people write it (`m/s`), `1` for fractions and codes; empty where the file does not say.
+    /// Display unit (`m/s`), `1` for fractions and codes; empty if unknown.
     pub unit: String,
-    /// What it means; empty where the file does not say.
+    /// Description; empty if unknown.
     pub description: String,
     /// Type of its values.
     pub kind: ChannelKind,
@@ -26,15 +26,15 @@ pub enum ChannelKind {
     F64,
     /// Single precision.
     F32,
-    /// Whole numbers, 32 bits.
+    /// 32-bit integers.
     I32,
-    /// Whole numbers, 64 bits; exact below 2⁵³.
+    /// 64-bit integers; exact below 2⁵³.
     I64,
-    /// Yes or no, as 1 and 0.
+    /// Booleans, as 1 and 0.
     Bool,
-    /// No numbers: listed, not answered.
+    /// Text: listed, but not available in queries.
     Text,
-    /// Lists and dates: listed, not answered.
+    /// Lists and dates: listed, but not available in queries.
     Other,
 }
 
@@ -55,7 +55,7 @@ impl From<crate::telemetry::Column> for Channel {
 }
 
 impl ChannelKind {
-    /// It can be asked for.
+    /// True if it can be queried.
     pub const fn is_number(self) -> bool {
         !matches!(self, Self::Text | Self::Other)
     }
@@ -100,7 +100,8 @@ pub(super) fn channels(metadata: &FileMetaData) -> Vec<Channel> {
         .collect()
 }
 
-/// Units and descriptions: of a run `rotortwin.columns` (JSON), of a flight log `rotortwin.units` (`name: unit; …`).
+/// Units and descriptions: of a run from `rotortwin.columns` (JSON), of a flight log from `rotortwin.units` (`name:
+/// unit; …`).
 fn words(metadata: &FileMetaData) -> BTreeMap<String, Words> {
     let entries = metadata.key_value_metadata().map_or(&[][..], Vec::as_slice);
     let value = |key: &str| {

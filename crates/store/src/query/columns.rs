@@ -9,7 +9,7 @@ use std::fs::File;
 /// Reads a column from its first row on.
 pub(super) struct ColumnStream {
     reader: ColumnReader,
-    /// Definition level of a value that is there; 0: none can be missing.
+    /// Definition level of a present value; 0: the column is required.
     full_level: i16,
 }
 
@@ -26,7 +26,7 @@ impl ColumnStream {
         Ok(Self { reader, full_level })
     }
 
-    /// Passes over rows; whole pages are not even decompressed.
+    /// Skips rows; whole pages are not even decompressed.
     pub(super) fn skip(&mut self, rows: usize) -> Result<(), ParquetError> {
         if rows == 0 {
             return Ok(());
@@ -42,7 +42,7 @@ impl ColumnStream {
         .map(|_| ())
     }
 
-    /// Appends the next `rows` values, fewer at the end; NaN: none there.
+    /// Appends the next `rows` values, fewer at the end; NaN: missing.
     pub(super) fn read(&mut self, rows: usize, into: &mut Vec<f64>) -> Result<(), ParquetError> {
         let level = self.full_level;
         match &mut self.reader {

@@ -1,33 +1,33 @@
-//! Fewer rows of which a picture shows the same.
+//! Decimation that preserves the appearance of a plot.
 //!
-//! The rows of the interval are cut into buckets of (almost) equal length, two rows of the answer each:
+//! The rows of the interval are split into buckets of (almost) equal length, with two output rows each:
 //!
 //! | column | first row of a bucket | second row |
 //! |---|---|---|
 //! | the time | of the bucket's first row | of its last row |
-//! | numbers and codes | least and largest value, in the order in which they came | |
-//! | masks of bits | bits that are set in all rows | bits that are set in any row |
+//! | numbers and codes | smallest and largest value, in the order of occurrence | |
+//! | bit masks | bits set in all rows | bits set in any row |
 //!
-//! So every value of the answer is one that was measured (masks aside), extremes are never lost, and the time of a value is right to the
-//! length of a bucket. All channels share the time. NaN (no value) is passed over; a bucket of nothing else gives NaN. If there are not
-//! more rows than points, every row is given as it is.
+//! So every output value was measured (except masks), extremes are never lost, and times are accurate to the length of a bucket. All
+//! channels share the time. NaN (no value) is skipped; a bucket of NaN gives NaN. If there are no more rows than points, every row is
+//! returned unchanged.
 
-/// Columns whose values are sets of bits.
+/// Columns that contain bit masks.
 pub(crate) const MASKS: [&str; 4] = ["faulty_rotors", "saturated_rotors", "sensor_faults", "suspect_rotors"];
 
-/// What of a bucket is kept.
+/// Values kept of a bucket.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Keep {
     /// First and last value: the time.
     Ends,
-    /// Least and largest value in their order.
+    /// Smallest and largest value in order of occurrence.
     Extremes,
-    /// Bits that all rows have, bits that any row has.
+    /// Bits set in all rows, bits set in any row.
     Bits,
 }
 
 impl Keep {
-    /// What suits the column of this name.
+    /// The method appropriate for the column of this name.
     pub fn of(name: &str) -> Self {
         if MASKS.contains(&name) {
             Self::Bits
@@ -37,7 +37,7 @@ impl Keep {
     }
 }
 
-/// Takes a column in order and keeps what a picture needs.
+/// Processes a column in order and keeps what a plot needs.
 #[derive(Debug)]
 pub struct Decimator {
     rows: u64,
@@ -54,7 +54,7 @@ pub struct Decimator {
 struct State {
     least: f64,
     largest: f64,
-    /// The largest came before the least.
+    /// The largest came before the smallest.
     falls: bool,
     first: f64,
     last: f64,
@@ -75,7 +75,7 @@ impl State {
 
     fn extremes(&mut self, values: &[f64]) {
         for &value in values {
-            // Also true while there is none yet; NaN is neither less nor more.
+            // Also true before the first value; NaN is neither less nor greater.
             if value < self.least || (self.least.is_nan() && !value.is_nan()) {
                 self.least = value;
                 self.falls = true;
@@ -96,7 +96,7 @@ impl State {
 }
 
 impl Decimator {
-    /// For a column of `rows` values of which at most `points` (at least 2) are to be kept.
+    /// For a column of `rows` values of which at most `points` (at least 2) are kept.
     pub fn new(rows: u64, points: usize, keep: Keep) -> Self {
         let points = points.max(2) as u64;
         let buckets = if rows <= points { rows } else { points / 2 };
@@ -120,7 +120,7 @@ impl Decimator {
         u64::try_from(end).unwrap_or(u64::MAX)
     }
 
-    /// Takes the next values; more than were announced are passed over.
+    /// Processes the next values; more than announced are ignored.
     pub fn push(&mut self, mut values: &[f64]) {
         let left = usize::try_from(self.rows - self.at).unwrap_or(usize::MAX);
         values = &values[..values.len().min(left)];
@@ -162,7 +162,7 @@ impl Decimator {
         self.bucket_end = self.end_of(self.bucket);
     }
 
-    /// What is kept.
+    /// The values kept.
     pub fn finish(self) -> Vec<f64> {
         self.out
     }
@@ -179,7 +179,7 @@ mod tests {
         decimator.finish()
     }
 
-    /// Rows of bucket `bucket`, written down in another way than the decimator does.
+    /// Rows of bucket `bucket`, formulated differently from the decimator.
     fn bucket(values: &[f64], buckets: usize, bucket: usize) -> &[f64] {
         &values[bucket * values.len() / buckets..(bucket + 1) * values.len() / buckets]
     }

@@ -1,15 +1,15 @@
-//! Why a query has no answer.
+//! Errors of queries.
 
 use super::channel::Channel;
 use std::path::PathBuf;
 
-/// One sentence each.
+/// Each message is one sentence.
 #[derive(Debug, thiserror::Error)]
 pub enum QueryError {
-    /// There is no such channel.
+    /// Unknown channel.
     #[error("there is no channel '{name}'{nearest}")]
     UnknownChannel {
-        /// As it was asked for.
+        /// Requested name.
         name: String,
         /// `; the nearest are …`, or nothing.
         nearest: String,
@@ -17,16 +17,16 @@ pub enum QueryError {
     /// The channel holds text or lists.
     #[error("channel '{name}' holds no numbers; expected one that does")]
     NotNumbers {
-        /// Which.
+        /// Channel.
         name: String,
     },
     /// Too few points.
     #[error("`points` is {points}; expected at least 2")]
     Points {
-        /// As asked for.
+        /// Requested number.
         points: usize,
     },
-    /// An interval that is none.
+    /// An invalid interval.
     #[error("the interval from {from} s to {to} s is none; expected from_s ≤ to_s")]
     Interval {
         /// s.
@@ -34,13 +34,13 @@ pub enum QueryError {
         /// s.
         to: f64,
     },
-    /// The answer would be too large.
+    /// The result would be too large.
     #[error(
         "that would be {values} values; expected at most {most}: ask for fewer channels, fewer `points`, or take the whole file",
         most = super::MOST_VALUES
     )]
     TooMany {
-        /// How many.
+        /// Number of values.
         values: u64,
     },
     /// The file cannot be opened or written.
@@ -51,7 +51,7 @@ pub enum QueryError {
         /// Why.
         source: std::io::Error,
     },
-    /// The file cannot be understood.
+    /// The file cannot be decoded.
     #[error("{}: {reason}", path.display())]
     Damaged {
         /// The file.
@@ -59,13 +59,13 @@ pub enum QueryError {
         /// What is wrong.
         reason: String,
     },
-    /// What was to be written cannot be.
+    /// The output cannot be written.
     #[error("it cannot be written: {source}")]
     Output {
         /// Why.
         source: std::io::Error,
     },
-    /// The answer cannot be written.
+    /// The result cannot be encoded.
     #[error("the answer cannot be written as Parquet: {source}")]
     Write {
         /// Why.
@@ -75,7 +75,7 @@ pub enum QueryError {
 }
 
 impl QueryError {
-    /// The file is at fault, not the question.
+    /// The file is at fault, not the query.
     pub fn is_of_the_file(&self) -> bool {
         matches!(
             self,
@@ -86,7 +86,7 @@ impl QueryError {
     pub(crate) fn unknown(name: &str, channels: &[Channel]) -> Self {
         let nearest = nearest(name, channels.iter().map(|channel| channel.name.as_str()));
         Self::UnknownChannel {
-            // A stranger's word, as long as a name may be.
+            // User input, truncated to the length of a name.
             name: name.chars().take(80).collect(),
             nearest: match nearest.as_slice() {
                 [] => String::new(),
@@ -97,7 +97,7 @@ impl QueryError {
     }
 }
 
-/// Up to three names that may have been meant: those that contain the word or are in it first, then by the letters to change.
+/// Up to three likely names: those that contain the word or are contained in it first, then by edit distance.
 fn nearest<'a>(word: &str, names: impl Iterator<Item = &'a str>) -> Vec<&'a str> {
     let word = word.chars().take(80).collect::<String>().to_lowercase();
     let mut ranked: Vec<(usize, &str)> = names

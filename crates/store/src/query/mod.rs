@@ -1,14 +1,14 @@
-//! Questions to the telemetry of a run that has ended: some channels, an interval, not more rows than a picture needs.
+//! Queries on the telemetry of a completed run: some channels, an interval, no more rows than a plot needs.
 //!
 //! ```text
-//! telemetry.parquet ─▶ row groups that the interval touches ─▶ asked columns only ─▶ decimator ─▶ table ─▶ JSON, CSV, Parquet
+//! telemetry.parquet ─▶ row groups overlapping the interval ─▶ requested columns only ─▶ decimator ─▶ table ─▶ JSON, CSV, Parquet
 //! ```
 //! * [`TelemetryFile`] opens a file, lists its channels and answers a [`Query`].
-//! * [`decimate`] says what a row of a decimated table means: extremes are never lost.
+//! * [`decimate`] defines the meaning of a row of a decimated table: extremes are never lost.
 //! * [`render`] writes a table.
 //!
-//! Memory: one block of [`BATCH`] rows and the decimated column; what a query may give is bounded by [`MOST_VALUES`]. Time is taken to rise
-//! from row to row, as it does in what [`finalise`](crate::run_folder::finalise) writes.
+//! Memory: one block of [`BATCH`] rows and the decimated column; the size of a result is bounded by [`MOST_VALUES`]. Time is assumed to
+//! increase from row to row, as in the output of [`finalise`](crate::run_folder::finalise).
 
 mod channel;
 mod columns;
@@ -31,30 +31,30 @@ use std::fs::File;
 use std::ops::Range;
 use std::path::{Path, PathBuf};
 
-/// Rows that are decoded at a time.
+/// Rows decoded at a time.
 const BATCH: usize = 16_384;
-/// Most values that one query gives, over all its channels.
+/// Maximum number of values in a result, over all its channels.
 pub const MOST_VALUES: u64 = 2_000_000;
-/// Rows of a picture, if nobody asks for another number.
+/// Default number of rows for a plot.
 pub const DEFAULT_POINTS: usize = 2_000;
-/// The channel that every table begins with.
+/// First channel of every table.
 pub const TIME: &str = "time_s";
 
-/// What is asked.
+/// A query.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Query {
-    /// Names, or patterns in which one `*` stands for anything (`duty_*`); the time is always given and need not be named.
+    /// Names, or patterns in which one `*` matches anything (`duty_*`); the time is always included and need not be named.
     pub channels: Vec<String>,
-    /// First time that counts, s; from the start without it.
+    /// First time, s; `None`: from the start.
     pub from_s: Option<f64>,
-    /// Last time that counts, s; to the end without it.
+    /// Last time, s; `None`: to the end.
     pub to_s: Option<f64>,
-    /// Most rows of the answer, at least 2.
+    /// Maximum number of rows of the result, at least 2.
     pub points: usize,
 }
 
 impl Query {
-    /// All of a run, in as many rows as a picture needs.
+    /// A whole run, in as many rows as a plot needs.
     pub fn of<S: Into<String>>(channels: impl IntoIterator<Item = S>) -> Self {
         Self {
             channels: channels.into_iter().map(Into::into).collect(),
@@ -65,14 +65,14 @@ impl Query {
     }
 }
 
-/// The answer.
+/// The result.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Table {
     /// Rows of the file in the interval.
     pub source_rows: u64,
-    /// There are fewer rows here than in the file: see [`decimate`].
+    /// There are fewer rows than in the file: see [`decimate`].
     pub decimated: bool,
-    /// The time, then the channels in the order in which they were asked for.
+    /// The time, then the channels in the order requested.
     pub columns: Vec<TableColumn>,
 }
 
@@ -86,13 +86,13 @@ impl Table {
 /// One channel of a table.
 #[derive(Clone, Debug, PartialEq)]
 pub struct TableColumn {
-    /// Which.
+    /// Channel.
     pub channel: Channel,
-    /// A value a row; NaN: none.
+    /// One value per row; NaN: missing.
     pub values: Vec<f64>,
 }
 
-/// A `telemetry.parquet`, open for questions.
+/// A `telemetry.parquet` opened for queries.
 pub struct TelemetryFile {
     path: PathBuf,
     reader: SerializedFileReader<File>,
@@ -100,10 +100,10 @@ pub struct TelemetryFile {
 }
 
 impl TelemetryFile {
-    /// Opens a file; its data are read when they are asked for.
+    /// Opens a file; its data are read on demand.
     ///
     /// # Errors
-    /// It is not there, or no Parquet file.
+    /// The file is missing or not a Parquet file.
     pub fn open(path: &Path) -> Result<Self, QueryError> {
         let file = File::open(path).map_err(|source| QueryError::Io {
             path: path.to_path_buf(),
@@ -134,7 +134,7 @@ impl TelemetryFile {
         u64::try_from(self.reader.metadata().file_metadata().num_rows()).unwrap_or(0)
     }
 
-    /// A fact that the file's metadata tell, such as `seed`.
+    /// A fact from the file's metadata, such as `seed`.
     pub fn fact(&self, name: &str) -> Option<&str> {
         let entries = self.reader.metadata().file_metadata().key_value_metadata()?;
         let entry = entries
@@ -143,7 +143,7 @@ impl TelemetryFile {
         entry.value.as_deref()
     }
 
-    /// Place of a channel that holds numbers.
+    /// Index of a numeric channel.
     fn number_channel(&self, name: &str) -> Result<usize, QueryError> {
         number_channel(&self.channels, name)
     }
@@ -151,7 +151,7 @@ impl TelemetryFile {
     /// Answers a query.
     ///
     /// # Errors
-    /// A channel that is not there, an interval or number of points that is none, more values than [`MOST_VALUES`], a damaged file.
+    /// An unknown channel, an invalid interval or number of points, more values than [`MOST_VALUES`], a damaged file.
     pub fn query(&self, query: &Query) -> Result<Table, QueryError> {
         // The decoder panics on some damaged pages.
         let answer = std::panic::catch_unwind(std::panic::AssertUnwindSafe(|| self.answer(query)));
@@ -196,7 +196,7 @@ impl TelemetryFile {
         self.number_channel(TIME)
     }
 
-    /// The time, then the asked channels, each once.
+    /// The time, then the requested channels, each once.
     fn places(&self, names: &[String]) -> Result<Vec<usize>, QueryError> {
         let mut places = vec![self.time()?];
         for name in names {
@@ -209,12 +209,12 @@ impl TelemetryFile {
         Ok(places)
     }
 
-    /// Places of a channel or of all that fit a pattern.
+    /// Indices of a channel or of all that match a pattern.
     fn matching(&self, name: &str) -> Result<Vec<usize>, QueryError> {
         matching(&self.channels, name)
     }
 
-    /// Row groups that the interval touches, with the rows of each that lie in it.
+    /// Row groups that overlap the interval, with the range of rows inside it.
     fn rows_between(&self, from_s: Option<f64>, to_s: Option<f64>) -> Result<Vec<(usize, Range<usize>)>, QueryError> {
         let (from, to) = (from_s.unwrap_or(f64::NEG_INFINITY), to_s.unwrap_or(f64::INFINITY));
         if from.is_nan() || to.is_nan() || from > to {
@@ -241,7 +241,7 @@ impl TelemetryFile {
         Ok(ranges)
     }
 
-    /// Hands the values of a column to `take`, a batch at a time.
+    /// Passes the values of a column to `take`, a batch at a time.
     fn read(
         &self,
         place: usize,
@@ -267,10 +267,10 @@ impl TelemetryFile {
         Ok(())
     }
 
-    /// Hands all rows of some columns to `take`, a block of rows at a time, column by column.
+    /// Passes all rows of some columns to `take`, a block of rows at a time, column by column.
     ///
     /// # Errors
-    /// A column that is not there; a damaged file; whatever `take` says.
+    /// A missing column; a damaged file; errors of `take`.
     pub fn for_each_block<E: From<QueryError>>(
         &self,
         names: &[&str],
@@ -324,10 +324,10 @@ fn number_channel(channels: &[Channel], name: &str) -> Result<usize, QueryError>
     }
 }
 
-/// Places of the channel of this name, or of all channels of numbers that fit a pattern with one `*`; at least one.
+/// Indices of the channel of this name, or of all numeric channels that match a pattern with one `*`; at least one.
 ///
 /// # Errors
-/// There is none, or it holds no numbers.
+/// There is none, or it is not numeric.
 pub fn matching(channels: &[Channel], name: &str) -> Result<Vec<usize>, QueryError> {
     let Some((head, tail)) = name.split_once('*') else {
         return Ok(vec![number_channel(channels, name)?]);
@@ -345,7 +345,7 @@ pub fn matching(channels: &[Channel], name: &str) -> Result<Vec<usize>, QueryErr
     Ok(places)
 }
 
-/// Least and largest time of a row group, if the file says them.
+/// Smallest and largest time of a row group, if the file contains statistics.
 fn time_bounds(metadata: &RowGroupMetaData, time: usize) -> Option<(f64, f64)> {
     match metadata.column(time).statistics()? {
         Statistics::Double(statistics) => Some((*statistics.min_opt()?, *statistics.max_opt()?)),

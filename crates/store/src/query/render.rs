@@ -2,9 +2,9 @@
 //!
 //! | | no value | numbers |
 //! |---|---|---|
-//! | JSON | `null`, also for infinite values, which JSON lacks | the shortest text that gives the same bits in the column's own precision |
+//! | JSON | `null`, also for infinite values, which JSON lacks | the shortest text that round-trips in the column's own precision |
 //! | CSV | an empty cell | the same; `inf`, `-inf` |
-//! | Parquet | NaN | the column's own type; a column of whole numbers with gaps becomes double |
+//! | Parquet | NaN | the column's own type; an integer column with gaps becomes double |
 
 use super::channel::ChannelKind;
 use super::{QueryError, Table, TableColumn, TelemetryFile};
@@ -18,12 +18,12 @@ use parquet::schema::types::Type;
 use std::io::Write as _;
 use std::sync::Arc;
 
-/// How a table is written.
+/// Output format.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Format {
     /// One object: `units` and `data` by channel.
     Json,
-    /// A header line, then a line a row.
+    /// A header line, then one line per row.
     Csv,
     /// One row group, zstd.
     Parquet,
@@ -40,19 +40,19 @@ impl Format {
     }
 }
 
-/// A table and the run that it is of.
+/// A table and its run.
 #[derive(Clone, Debug, PartialEq)]
 pub struct RunTable {
     /// Id.
     pub run: String,
-    /// What was asked.
+    /// The result.
     pub table: Table,
 }
 
 /// One run: JSON is an object, CSV and Parquet have the columns of the table.
 ///
 /// # Errors
-/// Parquet refuses.
+/// Parquet encoding fails.
 pub fn one(table: &RunTable, format: Format) -> Result<Vec<u8>, QueryError> {
     match format {
         Format::Json => {
@@ -66,11 +66,11 @@ pub fn one(table: &RunTable, format: Format) -> Result<Vec<u8>, QueryError> {
     }
 }
 
-/// Several runs that were asked for the same channels: JSON `items`, an object a run; CSV and Parquet below each other, with a first
+/// Several runs queried for the same channels: JSON `items`, one object per run; CSV and Parquet concatenated, with an additional first
 /// column `run`.
 ///
 /// # Errors
-/// Parquet refuses.
+/// Parquet encoding fails.
 pub fn several(tables: &[RunTable], format: Format) -> Result<Vec<u8>, QueryError> {
     match format {
         Format::Json => {
@@ -93,7 +93,7 @@ fn text(out: &mut Vec<u8>, value: &str) {
     serde_json::to_writer(out, value).expect("a string is JSON, and memory takes it");
 }
 
-/// A finite number, as short as it can be.
+/// A finite number in its shortest form.
 fn number(out: &mut Vec<u8>, kind: ChannelKind, value: f64) {
     let written = match kind {
         ChannelKind::F32 => serde_json::to_writer(out, &(value as f32)),
@@ -146,7 +146,7 @@ fn json(out: &mut Vec<u8>, RunTable { run, table }: &RunTable) {
 /// All rows of all columns of a file as CSV.
 ///
 /// # Errors
-/// The file is damaged, or `out` refuses.
+/// The file is damaged, or writing to `out` fails.
 pub fn whole_csv(file: &TelemetryFile, out: &mut impl std::io::Write) -> Result<(), QueryError> {
     let columns: Vec<_> = file
         .channels()
@@ -204,7 +204,7 @@ fn csv(tables: &[RunTable], with_run: bool) -> Vec<u8> {
     out
 }
 
-/// Type in a Parquet answer.
+/// Physical type in Parquet output.
 fn physical(columns: &[&TableColumn]) -> Physical {
     let gaps = || {
         columns

@@ -1,4 +1,4 @@
-//! A file that [`finalise`](crate::run_folder::finalise) would write, read by the query and by hand.
+//! A file as written by [`finalise`](crate::run_folder::finalise), read by the query and by hand.
 
 use super::*;
 use crate::parquet::ParquetSink;
@@ -9,7 +9,7 @@ use crate::synthetic;
 /// Rows: two row groups.
 const ROWS: u64 = 70_000;
 
-/// A telemetry file of `rows` made-up rows, and all its values.
+/// A telemetry file of `rows` synthetic rows, and all its values.
 fn file(folder: &Path, rows: u64) -> (PathBuf, Vec<Vec<f64>>) {
     let header = SpoolHeader {
         rotor_count: 6,
@@ -59,7 +59,7 @@ fn val_answers_are_the_values_that_were_written() {
     let duty = file.channels().iter().find(|channel| channel.name == "duty_1").unwrap();
     assert_eq!((duty.kind, duty.unit.as_str()), (ChannelKind::F32, "1"));
 
-    // An interval across the border of the row groups, every row.
+    // An interval across the row group boundary, every row.
     let query = Query {
         from_s: Some(163.0),
         to_s: Some(164.5),

@@ -1,12 +1,12 @@
 //! Telemetry → ULog, the log format of PX4 (version 1, PX4 user guide, "ULog File Format"): for Flight Review, PlotJuggler, pyulog.
 //!
 //! ```text
-//! header 16 B │ B flag bits · I facts · F a format a topic · A topic ↔ id │ D a sample a topic and step · L changes · S a mark a second
-//! message = u16 length of the payload, u8 type, payload
+//! header 16 B │ B flag bits · I facts · F one format per topic · A topic ↔ id │ D one sample per topic and step · L changes · S one mark per
+//! second message = u16 length of the payload, u8 type, payload
 //! ```
-//! Time is simulated time, µs since the start of the run. Every column of the telemetry is in one of the [`topics`], each at the full rate; what
-//! PX4 keeps in single precision (also the true motion) is in single precision. Changes of the truth and of the sequential detector's verdict are
-//! log messages.
+//! Time is simulated time, µs since the start of the run. Every column of the telemetry is in one of the [`topics`], each at the full rate;
+//! quantities that PX4 stores in single precision (including the true motion) are in single precision. Changes of the truth and of the
+//! sequential detector's verdict are log messages.
 
 mod topics;
 
@@ -17,11 +17,11 @@ use std::io::Write;
 use topics::{Number, Topic, Value};
 
 const MAGIC: [u8; 8] = *b"ULog\x01\x12\x35\x01";
-/// Marks where reading can go on after damage.
+/// Sync marker from which reading can resume after damage.
 const SYNC: [u8; 8] = [0x2f, 0x73, 0x13, 0x20, 0x25, 0x0c, 0xbb, 0x12];
 /// Rows between two marks: 1 s at 400 Hz.
 const ROWS_PER_SYNC: u64 = 400;
-/// Facts of the run that the log tells, if they fit into a message.
+/// Facts of the run included in the log if they fit into a message.
 const FACTS: [&str; 9] = [
     "run",
     "scenario",
@@ -33,13 +33,13 @@ const FACTS: [&str; 9] = [
     "rotor_count",
     "scenario_text",
 ];
-/// A message cannot have more.
+/// Maximum payload of a message.
 const LONGEST_PAYLOAD: usize = u16::MAX as usize;
 
 /// Writes a run's telemetry as ULog.
 ///
 /// # Errors
-/// The file lacks a column that runs have, or is damaged; the log cannot be written.
+/// The file lacks a required column or is damaged, or the log cannot be written.
 pub(crate) fn write_ulog(file: &TelemetryFile, out: &mut impl Write) -> Result<(), QueryError> {
     let names: Vec<&str> = file.channels().iter().map(|channel| channel.name.as_str()).collect();
     let places: HashMap<&str, usize> = names.iter().enumerate().map(|(at, name)| (*name, at)).collect();
@@ -91,7 +91,7 @@ fn truth_text(label: i32) -> String {
     }
 }
 
-/// Messages that wait to be written.
+/// Buffered messages.
 #[derive(Default)]
 struct Log {
     bytes: Vec<u8>,
@@ -109,7 +109,7 @@ impl Log {
     fn definitions(&mut self, file: &TelemetryFile, topics: &[Topic]) {
         self.bytes.extend_from_slice(&MAGIC);
         self.bytes.extend_from_slice(&0u64.to_le_bytes());
-        // No flag that a reader must know, nothing appended.
+        // No incompatible flags, nothing appended.
         self.message(b'B', &[0; 40]);
         self.fact("sys_name", "rotortwin");
         self.fact("ver_sw", env!("CARGO_PKG_VERSION"));
@@ -139,7 +139,7 @@ impl Log {
         }
     }
 
-    /// A line of the log, at level "info".
+    /// A log message at level "info".
     fn words(&mut self, time_us: u64, text: &str) {
         let payload = [&b"6"[..], &time_us.to_le_bytes(), text.as_bytes()].concat();
         self.message(b'L', &payload);
@@ -206,7 +206,7 @@ mod tests {
                     Value::Constant(_) => {}
                 }
             }
-            // The time is every sample's first field.
+            // The time is the first field of every sample.
             seen[0] = true;
             let missing: Vec<&str> = columns
                 .iter()

@@ -1,7 +1,7 @@
-//! Which topics a log has, and which column stands behind each field.
+//! Topics of a log, and the columns behind their fields.
 //!
-//! Topics and fields that PX4 knows have PX4's names, units and frames (world NED, body FRD, quaternion w x y z from body to world), so that
-//! tools for PX4 logs show them. What PX4 has no place for is in `rotortwin_…`. Fields of PX4's that nothing is known of are left out.
+//! Topics and fields known to PX4 have PX4's names, units and frames (world NED, body FRD, quaternion w x y z from body to world), so that
+//! tools for PX4 logs show them. Data without a PX4 counterpart are in `rotortwin_…`. PX4 fields without data are omitted.
 
 use crate::query::QueryError;
 
@@ -35,7 +35,7 @@ impl Number {
         }
     }
 
-    /// Appends a value; whole numbers are cut off at the ends of their range.
+    /// Appends a value; integers saturate at the ends of their range.
     #[inline]
     pub(super) fn write(self, value: f64, out: &mut Vec<u8>) {
         match self {
@@ -51,13 +51,13 @@ impl Number {
 
 /// Where the values of a field come from.
 enum Source {
-    /// Columns, one an entry. `#` in a name stands for the rotor's number: as many entries as rotors.
+    /// Columns, one per entry. `#` in a name stands for the rotor number: one entry per rotor.
     Columns(&'static [&'static str]),
-    /// As above, filled up with NaN to a fixed number of entries.
+    /// As above, padded with NaN to a fixed number of entries.
     Padded(&'static str, usize),
     /// Roll, pitch, yaw as quaternion w x y z.
     Quaternion([&'static str; 3]),
-    /// Always this.
+    /// A constant.
     Constant(f64),
 }
 use Source::{Columns, Constant, Padded, Quaternion};
@@ -252,11 +252,11 @@ const TOPICS: [(&str, &[Field]); 13] = [
 /// One value of a sample.
 #[derive(Clone, Copy, Debug)]
 pub(super) enum Value {
-    /// Of this column.
+    /// Value of this column.
     Column(usize),
-    /// Always this.
+    /// A constant.
     Constant(f64),
-    /// All four of a quaternion: columns of roll, pitch, yaw.
+    /// All four components of a quaternion: columns of roll, pitch, yaw.
     Quaternion([usize; 3]),
 }
 
@@ -267,11 +267,11 @@ pub(super) struct Topic {
     pub(super) name: &'static str,
     /// `name:type field;…`, the time first.
     pub(super) format: String,
-    /// What follows the time.
+    /// Values after the time.
     pub(super) values: Vec<(Number, Value)>,
 }
 
-/// The topics of a vehicle with `rotors` rotors; `place` finds a column.
+/// The topics of a vehicle with `rotors` rotors; `place` returns the index of a column.
 pub(super) fn topics(
     rotors: usize,
     place: impl Fn(&str) -> Result<usize, QueryError>,

@@ -1,10 +1,10 @@
-//! A made-up flight with the look of the reference flight (helix, fault of rotor 3 from 45 s), for tests of this crate and for
-//! looking at the report. No physics: analytic signals and noise.
+//! A synthetic flight that looks like the reference flight (helix, fault of rotor 3 from 45 s), for tests of this crate and
+//! for inspecting the report. No physics: analytic signals and noise.
 
 use rotortwin_flight_core::fdi::verdict_code::{HEALTHY, NOT_READY, UNKNOWN};
 use rotortwin_store::telemetry::{TelemetryRow, TruthRow};
 
-/// Rotors of the made-up vehicle.
+/// Rotors of the synthetic vehicle.
 pub const ROTORS: usize = 6;
 /// Length of a step, ns.
 pub const STEP_NS: u64 = 2_500_000;
@@ -26,7 +26,7 @@ fn normal(step: u64, stream: u64) -> f64 {
     radius * (std::f64::consts::TAU * uniform(step, 2 * stream + 1)).cos()
 }
 
-/// As [`normal`], but it changes slowly: new every 0.15 s, linear in between.
+/// As [`normal`], but slowly varying: new every 0.15 s, linear in between.
 fn slow(step: u64, stream: u64) -> f64 {
     const KNOT: u64 = 60;
     let part = (step % KNOT) as f64 / KNOT as f64;
@@ -116,7 +116,7 @@ pub fn row(step: u64) -> TelemetryRow {
             (0.39 + 0.0004 * t + 0.02 * (phase + rotor as f64).sin() + noise(20 + rotor as u64, 0.01)) as f32;
         row.truth.thrust_n[rotor] =
             2.53 + 0.1 * (phase + rotor as f64).sin() - if rotor == 2 { 0.1 * loss } else { 0.0 };
-        // Residual r_i does not see rotor i; opposite rotors see each other only off the arm.
+        // Residual r_i does not react to rotor i; opposite rotors affect each other's residuals except on the arm.
         let angle = std::f64::consts::FRAC_PI_3 * (rotor as f64 - 2.0);
         let shape = [angle.sin(), 0.6 * (1.0 - angle.cos()), 0.1 * (1.0 - angle.cos())];
         for component in 0..3 {

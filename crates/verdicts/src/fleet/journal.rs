@@ -1,13 +1,13 @@
-//! What is written down about a vehicle: one file of JSON lines, which only grows.
+//! Journal of a vehicle: one append-only file of JSON lines.
 //!
 //! ```text
-//! fleet/NAME.jsonl   {"event":"vehicle", …}      first line: name, model, what a loss of each rotor changes
-//!                    {"event":"flight", …}       a flight that was judged
-//!                    {"event":"acknowledge", …}  somebody has looked at a rotor
+//! fleet/NAME.jsonl   {"event":"vehicle", …}      first line: name, model, effect of a loss of each rotor
+//!                    {"event":"flight", …}       an evaluated flight
+//!                    {"event":"acknowledge", …}  a rotor was inspected
 //!                    {"event":"reset", …}        its propeller was replaced
 //! ```
-//! Whoever writes holds a lock on the file, reads what others have written, and adds whole lines, synced to the disk. A file that holds anything else is refused with
-//! its line, and left as it is.
+//! A writer locks the file, reads what others have written, and appends complete lines, synced to disk. A file with any other content is
+//! rejected with the line number, and left unchanged.
 
 use humantime::{format_rfc3339_seconds, parse_rfc3339_weak};
 use rotortwin_twin::log::FlightLog;
@@ -18,40 +18,40 @@ use std::io::{Read as _, Write as _};
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant, SystemTime};
 
-/// Ending of a vehicle's file.
+/// Extension of a vehicle's file.
 const ENDING: &str = "jsonl";
 /// Longest wait for another writer.
 const LONGEST_WAIT: Duration = Duration::from_secs(10);
-/// Between two looks at the lock.
+/// Polling interval of the lock.
 const LOOK: Duration = Duration::from_millis(20);
 
 /// First line of a vehicle's file.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct VehicleEntry {
-    /// Its name, that of the file.
+    /// Its name, equal to that of the file.
     pub name: String,
-    /// Model that biases are counted from, as it was named.
+    /// Reference model of the biases, as named.
     pub model: String,
-    /// Content hash of that version: flights are held against one model only.
+    /// Content hash of that version: flights are compared with one model only.
     pub model_hash: String,
-    /// For each rotor: change of every rotor's `asked` per x, where this rotor alone has lost the share 1 − e⁻ˣ of its thrust.
+    /// For each rotor: change of every rotor's `asked` per x, if this rotor alone has lost the fraction 1 − e⁻ˣ of its thrust.
     pub signatures: Vec<Vec<f64>>,
 }
 
-/// Thrust that a rotor was found to have lost within a flight.
+/// Loss of thrust of a rotor detected within a flight.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct LossEntry {
     /// From 1.
     pub rotor: usize,
-    /// Share of its thrust.
+    /// Fraction of its thrust.
     pub share: f64,
     /// Lower end of the 95 % interval.
     pub low: f64,
     /// Upper end.
     pub high: f64,
-    /// Probability that the detector gave to its verdict.
+    /// Probability of the detector's verdict.
     pub probability: f64,
 }
 
@@ -59,35 +59,35 @@ pub struct LossEntry {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct FlightEntry {
-    /// The log, as it was named.
+    /// The log, as named.
     pub log: String,
     /// Hash (XXH3-128) of its file: the same file counts once.
     pub log_hash: String,
-    /// When it was flown, UTC (RFC 3339), if somebody said so.
+    /// Date of the flight, UTC (RFC 3339), if known.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub date: Option<String>,
     /// When it was added, UTC.
     pub added: String,
-    /// Seconds in the air that the means are of.
+    /// Averaging time in the air, s.
     pub air_s: f64,
-    /// Of each rotor: ln of the mean thrust that it was asked for over what the model asks of it in hover.
+    /// For each rotor: ln of its mean commanded thrust over the model's hover thrust.
     pub asked: Vec<f64>,
-    /// Standard error of that within the flight, manoeuvres in it: for people, no claim is made by it.
+    /// Its standard error within the flight, including manoeuvres: for information, no decision uses it.
     pub deviation: Vec<f64>,
-    /// Losses that the sequential detector named at the end of what it judged after one calibration.
+    /// Losses named by the sequential detector at the end of each stretch after one calibration.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub losses: Vec<LossEntry>,
-    /// Rotors, from 1, that an ambiguous or unknown verdict leaves open.
+    /// Suspect rotors, from 1, of an ambiguous or unknown verdict.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub suspects: Vec<usize>,
-    /// Seconds that the sequential detector had a verdict for.
+    /// Seconds with a verdict of the sequential detector.
     pub judged_s: f64,
-    /// Smallest share of each rotor's thrust whose loss it would have found at the end; empty where it had no verdict.
+    /// Smallest detectable fractional thrust loss of each rotor at the end; empty without a verdict.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub smallest_loss: Vec<f64>,
 }
 
-/// What somebody has done about a rotor.
+/// Maintenance of a rotor.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct MaintenanceEntry {
@@ -97,7 +97,7 @@ pub struct MaintenanceEntry {
     pub by: String,
     /// When, UTC (RFC 3339).
     pub date: String,
-    /// What was found or done.
+    /// Findings or work done.
     #[serde(default, skip_serializing_if = "String::is_empty")]
     pub note: String,
 }
@@ -110,9 +110,9 @@ pub enum Event {
     Vehicle(VehicleEntry),
     /// A flight.
     Flight(FlightEntry),
-    /// Somebody has looked at a rotor: what was known by then asks for no inspection any more.
+    /// A rotor was inspected: what was known by then no longer requires inspection.
     Acknowledge(MaintenanceEntry),
-    /// A propeller was replaced: the rotor's history begins here.
+    /// A propeller was replaced: the rotor's history restarts here.
     Reset(MaintenanceEntry),
 }
 
@@ -131,9 +131,9 @@ impl Event {
 pub struct History {
     /// The vehicle.
     pub vehicle: VehicleEntry,
-    /// The rest, in the order of time: by date if every flight has one, else as it was written.
+    /// The other events, in chronological order: by date if every flight has one, otherwise as written.
     pub events: Vec<Event>,
-    /// By date.
+    /// Ordered by date.
     pub by_date: bool,
 }
 
@@ -158,19 +158,19 @@ pub struct Fleet {
     folder: PathBuf,
 }
 
-/// What became of a log.
+/// Result of adding a log.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Added {
-    /// It is written down.
+    /// It was added.
     New,
-    /// It was there already, so many flights from the first.
+    /// It already exists, as this flight number.
     Known(usize),
 }
 
-/// A date as files have it: UTC, to the second.
+/// A date in file format: UTC, to the second.
 ///
 /// # Errors
-/// One sentence.
+/// The text is not a date.
 pub fn date(text: &str) -> Result<String, String> {
     let whole = if text.len() == "2026-01-31".len() {
         format!("{text}T00:00:00Z")
@@ -184,23 +184,23 @@ pub fn date(text: &str) -> Result<String, String> {
         })
 }
 
-/// When a log began, as files have it; `None` where it holds no date.
+/// Start of a log in file format; `None` if it contains no date.
 pub fn date_of(log: &FlightLog) -> Option<String> {
     let since_1970_s = log.report.flown.as_ref()?.unix_s + log.time_s.first()?;
     let since = Duration::try_from_secs_f64(since_1970_s).ok()?;
     Some(format_rfc3339_seconds(SystemTime::UNIX_EPOCH.checked_add(since)?).to_string())
 }
 
-/// Now, as files have it.
+/// Current time in file format.
 #[expect(clippy::disallowed_methods, reason = "for people: when something was written down")]
 pub fn now() -> String {
     format_rfc3339_seconds(SystemTime::now()).to_string()
 }
 
-/// A name that is a file's, too.
+/// A name that is also a valid file name.
 ///
 /// # Errors
-/// One sentence.
+/// The name is invalid.
 pub fn vehicle_name(text: &str) -> Result<String, String> {
     let letters = text
         .chars()
@@ -214,7 +214,7 @@ pub fn vehicle_name(text: &str) -> Result<String, String> {
 }
 
 impl Fleet {
-    /// In a folder, which is made with the first vehicle.
+    /// In a folder, created with the first vehicle.
     pub fn new(folder: &Path) -> Self {
         Self {
             folder: folder.to_path_buf(),
@@ -228,7 +228,7 @@ impl Fleet {
     /// Names of all vehicles, in order.
     ///
     /// # Errors
-    /// One sentence: no such folder.
+    /// The folder does not exist.
     pub fn vehicles(&self) -> Result<Vec<String>, String> {
         let entries = std::fs::read_dir(&self.folder).map_err(|error| {
             format!(
@@ -254,7 +254,7 @@ impl Fleet {
     /// The history of a vehicle.
     ///
     /// # Errors
-    /// One sentence: no such vehicle, or a file that is none.
+    /// Unknown vehicle, or invalid file.
     pub fn read(&self, name: &str) -> Result<History, String> {
         let path = self.file_of(name);
         let file = match File::open(&path) {
@@ -279,10 +279,10 @@ impl Fleet {
         )
     }
 
-    /// Adds a flight, to a new file if there is none; not if its log is in it already.
+    /// Adds a flight, to a new file if there is none; skipped if its log already exists.
     ///
     /// # Errors
-    /// One sentence: a file that is none, another model than that of the flights before, a file that cannot be written or is held by another process.
+    /// Invalid file, a different model from the earlier flights, or a file that cannot be written or is locked by another process.
     pub fn add(&self, vehicle: &VehicleEntry, flight: FlightEntry) -> Result<Added, String> {
         std::fs::create_dir_all(&self.folder)
             .map_err(|error| format!("{}: the folder cannot be made: {error}", self.folder.display()))?;
@@ -310,7 +310,7 @@ impl Fleet {
         Ok(Added::New)
     }
 
-    /// Refuses what [`Self::add`] would, before a log is judged; the place of a log that is there already.
+    /// Rejects what [`Self::add`] would reject, before a log is evaluated; returns the number of an existing log.
     ///
     /// # Errors
     /// One sentence.
@@ -328,10 +328,10 @@ impl Fleet {
         Ok(place_in(&history, log_hash))
     }
 
-    /// Writes down that somebody looked at rotors of a vehicle or replaced their propellers.
+    /// Records inspections of rotors or replacements of their propellers.
     ///
     /// # Errors
-    /// One sentence: no such vehicle or rotor, or a file that cannot be written.
+    /// Unknown vehicle or rotor, or a file that cannot be written.
     pub fn maintain(&self, name: &str, events: &[Event]) -> Result<(), String> {
         let path = self.file_of(name);
         let mut file = match File::options().read(true).append(true).open(&path) {
@@ -352,7 +352,7 @@ fn place_in(history: &History, log_hash: &str) -> Option<usize> {
     history.flights().position(|known| known.log_hash == log_hash)
 }
 
-/// Biases of two models are not comparable: its name and the content hash of its version.
+/// Biases of different models are not comparable: checks its name and the content hash of its version.
 fn same_model(path: &Path, known: &VehicleEntry, (name, hash): (&str, &str)) -> Result<(), String> {
     if known.model_hash == hash {
         return Ok(());
@@ -406,7 +406,7 @@ fn append(file: &mut File, path: &Path, events: &[Event]) -> Result<(), String> 
         .map_err(|error| format!("{}: cannot be written: {error}", path.display()))
 }
 
-/// A file's text; `None` of an empty one.
+/// Parses a file's text; `None` if it is empty.
 fn parse(name: &str, path: &Path, text: &str) -> Result<Option<History>, String> {
     let at = |line: usize, reason: String| format!("{}, line {}: {reason}", path.display(), line + 1);
     let mut events = Vec::new();
@@ -445,7 +445,7 @@ fn parse(name: &str, path: &Path, text: &str) -> Result<Option<History>, String>
         .iter()
         .all(|event| !matches!(event, Event::Flight(flight) if flight.date.is_none()));
     if by_date {
-        // Dates are all of one form, so that they sort as text; of one date what was written first is first.
+        // Dates have a uniform format, so that they sort as text; the sort is stable for equal dates.
         events.sort_by(|a, b| a.date().cmp(&b.date()));
     }
     Ok(Some(History {

@@ -1,16 +1,16 @@
-//! The flights of one vehicle, one after the other: which rotor loses thrust, how fast, and which propeller to look at.
+//! The flights of one vehicle over time: which rotor loses thrust, how fast, and which propeller to inspect.
 //!
 //! ```text
-//! log ─┬▶ twin::baseline::rotor_loads: thrust asked of each rotor ─┐
-//!      └▶ log::judge: what was lost within the flight ─────────────┴▶ journal (a file a vehicle) ─▶ trend ─▶ FleetView
+//! log ─┬▶ twin::baseline::rotor_loads: commanded thrust of each rotor ─┐
+//!      └▶ log::judge: losses within the flight ────────────────────────┴▶ journal (one file per vehicle) ─▶ trend ─▶ FleetView
 //! ```
-//! The detectors of a flight take for healthy what flies when they calibrate, so a propeller that wears a little in every flight is healthy
-//! in each. Here flights are held against each other: by the mean thrust that each rotor is asked for, in which a loss shows whenever it
-//! came ([`trend`]). What the detectors found within a flight stands beside it.
+//! The detectors assume the vehicle to be healthy while they calibrate, so a propeller that wears a little in every flight is healthy in
+//! each. Here flights are compared with each other by the mean commanded thrust of each rotor, in which a loss shows whenever it occurred
+//! ([`trend`]). Losses detected within a flight are reported as well.
 //!
-//! * [`journal`]: the file: what is written down and how.
+//! * [`journal`]: file format and updates.
 //! * [`trend`]: the statistics.
-//! * [`view`]: both as a result, with a word for each rotor: nothing, inspect, acknowledged.
+//! * [`view`]: the combined result, with a status for each rotor: ok, inspect, acknowledged.
 
 pub mod journal;
 pub mod trend;
@@ -24,13 +24,13 @@ use rotortwin_twin::baseline::rotor_loads;
 use rotortwin_twin::log::FlightLog;
 use rotortwin_twin::model::ModelVersion;
 
-/// A verdict below this probability asks for no inspection.
+/// A verdict below this probability does not require an inspection.
 const SURE: f32 = 0.95;
 
-/// A flight as it is written down, and its vehicle.
+/// Journal entries of a flight and its vehicle.
 ///
 /// # Errors
-/// One sentence with the log's name: it cannot be held against the model, or the detectors can say nothing of it.
+/// The message contains the log's name: it cannot be compared with the model, or the detectors cannot evaluate it.
 pub fn measure(
     name: &str,
     model: (&str, &ModelVersion),
@@ -74,7 +74,7 @@ pub fn measure(
     ))
 }
 
-/// Losses that are named at the end of a stretch, each rotor's largest, and the rotors that other faults leave open.
+/// Losses named at the end of a stretch, the largest of each rotor, and the suspect rotors of other faults.
 fn found_within(report: &LogReport) -> (Vec<LossEntry>, Vec<usize>) {
     let mut losses: Vec<LossEntry> = Vec::new();
     let mut suspects: Vec<usize> = Vec::new();

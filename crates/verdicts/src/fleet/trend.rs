@@ -1,77 +1,76 @@
-//! What the flights of one vehicle say about its rotors: which has lost thrust since when, and how well that is known.
+//! Statistics of the flights of one vehicle: which rotor has lost thrust since when, and how certain that is.
 //!
-//! Flight t has asked the rotors for `d_t` (ln of thrust over hover's). A loss of rotor i to the share e⁻ˣ adds `x s_i`. What all rotors have
-//! in common (battery, air, mass) is taken out of both; `r_t` and `s_i` are what is left, in a space of q dimensions (three of most vehicles):
+//! Flight t has commanded `d_t` (ln of thrust over hover's). A loss of rotor i to the fraction e⁻ˣ adds `x s_i`. The component common to all
+//! rotors (battery, air, mass) is removed from both; `r_t` and `s_i` are the remainder, in a space of q dimensions (three for most vehicles):
 //!
 //! ```text
 //! r_t = μ_g + b z_t + e_t,   e_t ~ N(0, σ²),   z_t: a ramp from 0 to 1 over the flights, or a step at one of them
 //! ```
-//! with a mean μ of its own after every replaced propeller. Least squares give b with q dimensions and σ² with ν = q (flights − means − 1)
-//! degrees of freedom. σ is the spread *between flights*: the spread within one is manoeuvres, which leave no mean behind, and wind, which
-//! is another one next time. A set S of one or two
-//! rotors explains b by losses x_i ≥ 0; its likelihood is Student's t of what it leaves,
+//! with a separate mean μ after every propeller replacement. Least squares give b with q dimensions and σ² with ν = q (flights − means − 1)
+//! degrees of freedom. σ is the spread *between flights*: the spread within one is due to manoeuvres, which do not affect the mean, and wind,
+//! which differs in the next. A set S of one or two rotors explains b by losses x_i ≥ 0; its likelihood is Student's t of the remainder,
 //!
 //! ```text
 //! ln L_S = −(ν + q)/2 ln(1 + Z |b − Σ x_i s_i|²/(ν σ²)),   Z = Σ (z_t − mean)²
 //! ```
-//! and a pair pays for its further parameter (Occam's factor under a uniform prior up to [`LARGEST_LOSS`]) and a prior of [`PAIR_PRIOR`].
+//! and a pair pays for its additional parameter (Occam's factor under a uniform prior up to [`LARGEST_LOSS`]) and a prior of [`PAIR_PRIOR`].
 //!
-//! A claim is made only where the best rotor's t is beyond what one healthy vehicle in 1/[`FALSE_CLAIMS`] shows over all rotors and shapes that
-//! were tried, and where the loss is at least [`LEAST_LOSS`]; a rotor is named where its sets have [`NAMED`] of the posterior. What was named is taken off, and the rest looked
-//! at again, without that rotor.
+//! A claim is made only if the best rotor's t exceeds what one healthy vehicle in 1/[`FALSE_CLAIMS`] shows over all rotors and shapes
+//! tried, and if the loss is at least [`LEAST_LOSS`]; a rotor is named if its sets have [`NAMED`] of the posterior. A named loss is
+//! subtracted, and the remainder is searched again, without that rotor.
 //!
-//! Limits: a gain of a rotor is the loss of the one across from it (of six rotors), and propellers do not gain; equal losses of opposite
-//! rotors change only what all have in common; flights count as independent of each other, and as far apart as they are in the list.
+//! Limits: a thrust gain of a rotor looks like a loss of the opposite one (of six rotors), but propellers do not gain; equal losses of
+//! opposite rotors change only the common component; flights are assumed independent and equally spaced.
 
 use rotortwin_flight_core::fdi::student_t::{two_sided_critical_value, two_sided_p_value};
 
-/// Fewest flights since a propeller was replaced that can show a trend.
+/// Minimum number of flights since a propeller replacement for a trend.
 pub const LEAST_FLIGHTS: usize = 5;
-/// Fewest flights before a step.
+/// Minimum number of flights before a step.
 pub const LEAST_BEFORE: usize = 3;
-/// Share of healthy histories in which a claim is made, over all rotors and shapes tried, at one look.
+/// Fraction of healthy histories with a claim, over all rotors and shapes tried, per evaluation.
 pub const FALSE_CLAIMS: f64 = 1e-3;
-/// A step that one flight alone shows is claimed at so much rarer a level: one odd flight (a gale, another load) is likelier than its spread says.
+/// Additional factor on that level for a step seen in one flight only: one odd flight (a gale, a different load) is likelier than its spread suggests.
 pub const LONE_FLIGHT: f64 = 1e-3;
-/// A smaller loss is not worth a claim, share.
+/// A smaller loss is not worth reporting, fraction.
 pub const LEAST_LOSS: f64 = 0.01;
-/// Posterior from which a rotor is named.
+/// Posterior above which a rotor is named.
 pub const NAMED: f64 = 0.95;
-/// Prior odds of a pair against a rotor.
+/// Prior odds of a pair versus a single rotor.
 const PAIR_PRIOR: f64 = 0.02;
-/// Losses are taken for equally likely up to this x.
+/// Losses are assumed equally likely up to this x.
 const LARGEST_LOSS: f64 = 0.3;
-/// Spread below which no two flights are known to be alike, ln of thrust.
+/// Lower bound of the spread between flights, ln of thrust.
 const LEAST_SPREAD: f64 = 0.001;
-/// Rounds in which named rotors take their shapes beside each other.
+/// Number of sweeps in which named rotors choose their shapes given the others.
 const SWEEPS: usize = 4;
-/// Flights that a loss per flight counts from.
+/// Reference flights for the loss per flight.
 pub const REFERENCE_FLIGHTS: usize = 3;
 
 /// One flight.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Flight {
-    /// ln of thrust asked for over hover's, rotor by rotor.
+    /// ln of commanded thrust over hover's, rotor by rotor.
     pub asked: Vec<f64>,
-    /// Propellers replaced before it, of any rotor: flights with the same number share their mean.
+    /// Number of propeller replacements before it, of any rotor: flights with the same number share their mean.
     pub mount: usize,
 }
 
-/// How a loss has come.
+/// Shape of a loss over time.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Shape {
-    /// By the same share from flight to flight.
+    /// Linear from flight to flight.
     Ramp,
-    /// With this flight of the list, from 0; it is there from then on.
+    /// From this flight of the list on, zero-based.
     Step(usize),
 }
 
 /// A rotor that has lost thrust.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Named {
-    /// From 0.
+    /// Zero-based.
     pub rotor: usize,
-    /// How.
+    /// Shape of the loss.
     pub shape: Shape,
     /// x over all flights of the list: the share lost is 1 − e⁻ˣ.
     pub total: f64,
@@ -79,24 +78,24 @@ pub struct Named {
     pub half_width: f64,
     /// Posterior that this rotor has lost thrust, given that one or two have.
     pub posterior: f64,
-    /// Two-sided p of its t, before the many trials are allowed for.
+    /// Two-sided p of its t, before correction for multiple trials.
     pub p: f64,
 }
 
-/// What the flights say.
+/// Result of the statistics.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Finding {
-    /// Rotors that are named, in the order in which they were found.
+    /// Named rotors, in the order in which they were found.
     pub named: Vec<Named>,
-    /// Something has changed, and these rotors (from 0) have 95 % of the posterior together; none of them alone.
+    /// Something has changed; these rotors (from 0) together have 95 % of the posterior, none of them alone.
     pub suspects: Vec<usize>,
-    /// Spread between flights of what rotors do not have in common, ln of thrust.
+    /// Spread between flights of the non-common component, ln of thrust.
     pub spread: f64,
-    /// Degrees of freedom of the spread; 0 where there are too few flights.
+    /// Degrees of freedom of the spread; 0 if there are too few flights.
     pub freedom: f64,
 }
 
-/// Signatures without what all rotors have in common.
+/// Signatures without the common component.
 #[derive(Debug, Clone)]
 pub struct Signatures {
     own: Vec<Vec<f64>>,
@@ -107,7 +106,7 @@ fn dot(a: &[f64], b: &[f64]) -> f64 {
     a.iter().zip(b).map(|(x, y)| x * y).sum()
 }
 
-/// Less its mean.
+/// Subtracts the mean.
 fn without_common(values: &[f64]) -> Vec<f64> {
     let mean = values.iter().sum::<f64>() / values.len() as f64;
     values.iter().map(|x| x - mean).collect()
@@ -132,7 +131,7 @@ impl Signatures {
                 take(&mut rest, along, direction);
             }
             let length = dot(&rest, &rest).sqrt();
-            // Opposite rotors' changes are the same but for the sign, to rounding and the curve of the logarithm.
+            // Changes of opposite rotors are equal up to sign, rounding and the curvature of the logarithm.
             if length > 0.05 {
                 basis.push(rest.iter().map(|x| x / length).collect());
             }
@@ -144,7 +143,7 @@ impl Signatures {
         self.own.len()
     }
 
-    /// x of a rotor that explains a change best, if it alone has changed.
+    /// Best-fitting x of a rotor for a change, if it alone has changed.
     pub fn loss(&self, rotor: usize, change: &[f64]) -> f64 {
         let own = &self.own[rotor];
         dot(own, &without_common(change)) / dot(own, own)
@@ -156,7 +155,7 @@ impl Signatures {
     }
 }
 
-/// Takes the mean of each mount off.
+/// Subtracts the mean of each mount.
 fn centred(values: &[f64], flights: &[Flight]) -> Vec<f64> {
     let mut out = values.to_vec();
     let mut begin = 0;
@@ -176,18 +175,18 @@ fn mounts(flights: &[Flight]) -> usize {
     1 + flights.windows(2).filter(|pair| pair[0].mount != pair[1].mount).count()
 }
 
-/// A shape with the free change that fits it.
+/// A shape with the best-fitting unconstrained change.
 struct Fit {
     shape: Shape,
     /// b.
     change: Vec<f64>,
     /// Z.
     weight: f64,
-    /// Sum of squares that is left.
+    /// Remaining sum of squares.
     rest: f64,
 }
 
-/// z of each flight; at the last one it is 1.
+/// z of each flight; 1 at the last one.
 fn regressor(shape: Shape, count: usize) -> Vec<f64> {
     let of = |t: usize| match shape {
         Shape::Ramp => t as f64 / (count - 1) as f64,
@@ -196,7 +195,7 @@ fn regressor(shape: Shape, count: usize) -> Vec<f64> {
     (0..count).map(of).collect()
 }
 
-/// Rows, flight by flight, each mount's mean taken off.
+/// Rows, flight by flight, with each mount's mean subtracted.
 fn rows_of(flights: &[Flight]) -> Vec<Vec<f64>> {
     let own: Vec<Vec<f64>> = flights.iter().map(|f| without_common(&f.asked)).collect();
     let rotors = own.first().map_or(0, Vec::len);
@@ -211,7 +210,7 @@ fn rows_of(flights: &[Flight]) -> Vec<Vec<f64>> {
 fn fit(shape: Shape, rows: &[Vec<f64>], flights: &[Flight]) -> Option<Fit> {
     let z = centred(&regressor(shape, flights.len()), flights);
     let weight = dot(&z, &z);
-    // A step with a new propeller has a mean of its own already.
+    // A step that coincides with a new propeller already has its own mean.
     if weight < 1e-9 {
         return None;
     }
@@ -236,7 +235,7 @@ struct Weighed {
     log_weight: f64,
 }
 
-/// Losses of a set that explain a change; none where one of them is a gain.
+/// Losses of a set that explain a change; `None` if one of them is a gain.
 fn solve(set: &[usize], change: &[f64], signatures: &Signatures) -> Option<Vec<f64>> {
     let own = |i: usize| &signatures.own[set[i]];
     let losses = match set.len() {
@@ -304,7 +303,7 @@ fn posterior(weighed: &[Weighed], rotors: usize) -> (Vec<f64>, Option<&Weighed>)
     (of, best)
 }
 
-/// What a list of flights says; the earliest first.
+/// Evaluates a list of flights, earliest first.
 pub fn assess(flights: &[Flight], signatures: &Signatures) -> Finding {
     let mut rows = rows_of(flights);
     let rotors = signatures.rotors();
@@ -326,7 +325,7 @@ pub fn assess(flights: &[Flight], signatures: &Signatures) -> Finding {
             .filter_map(|shape| fit(*shape, &rows, flights))
             .min_by(|a, b| a.rest.total_cmp(&b.rest));
         let Some(best) = best else { break };
-        // Each loss that was taken off has cost a degree of freedom.
+        // Each loss subtracted has cost a degree of freedom.
         let freedom =
             signatures.rank as f64 * (flights.len() as f64 - mounts(flights) as f64 - 1.0) - found.named.len() as f64;
         if freedom < 1.0 {
@@ -380,7 +379,7 @@ pub fn assess(flights: &[Flight], signatures: &Signatures) -> Finding {
     found
 }
 
-/// Lets each named rotor have its own shape: in turn, beside the losses of the others; then the intervals by the spread that is left.
+/// Refits the shape of each named rotor in turn, given the losses of the others; then the intervals from the remaining spread.
 fn refine(found: &mut Finding, rows: &mut [Vec<f64>], flights: &[Flight], signatures: &Signatures, shapes: &[Shape]) {
     let regressor = |shape| centred(&regressor(shape, flights.len()), flights);
     for _ in 0..SWEEPS {
@@ -410,7 +409,7 @@ fn refine(found: &mut Finding, rows: &mut [Vec<f64>], flights: &[Flight], signat
     }
 }
 
-/// The fewest of the likeliest sets that have [`NAMED`] together, as one list of rotors.
+/// The smallest number of likeliest sets that together have [`NAMED`], as one list of rotors.
 fn likeliest_union(mut weighed: Vec<Weighed>, of: &[f64]) -> Vec<usize> {
     weighed.sort_by(|a, b| b.log_weight.total_cmp(&a.log_weight));
     let top = weighed[0].log_weight;
@@ -429,7 +428,7 @@ fn likeliest_union(mut weighed: Vec<Weighed>, of: &[f64]) -> Vec<usize> {
     (0..of.len()).filter(|i| union[*i]).collect()
 }
 
-/// Spread about the means, without any change but those that were taken off.
+/// Spread about the means, without any change except those subtracted.
 fn plain_spread(rows: &[Vec<f64>], flights: &[Flight], signatures: &Signatures, taken: usize) -> (f64, f64) {
     let freedom = signatures.rank as f64 * (flights.len() as f64 - mounts(flights) as f64) - taken as f64;
     if flights.is_empty() || freedom < 1.0 {
@@ -443,7 +442,7 @@ fn plain_spread(rows: &[Vec<f64>], flights: &[Flight], signatures: &Signatures, 
 mod tests {
     use super::*;
 
-    /// Deterministic numbers, about normal with deviation 1 (sum of 12 uniforms).
+    /// Deterministic pseudo-random numbers, approximately standard normal (sum of 12 uniforms).
     struct Draw(u64);
     impl Draw {
         fn normal(&mut self) -> f64 {
@@ -518,7 +517,7 @@ mod tests {
                 !found.named.is_empty() || !found.suspects.is_empty()
             })
             .count();
-        // One in a thousand is what it is made for.
+        // The design rate is one in a thousand.
         assert!(claims <= 6, "{claims} of 2000");
     }
 
@@ -569,7 +568,7 @@ mod tests {
         assert!(found.named.is_empty() && found.suspects.is_empty(), "{found:?}");
     }
 
-    /// Normal flights with now and then one that is six spreads off: a claim needs a second flight, or a loss far beyond any such.
+    /// Normal flights with an occasional outlier of six spreads: a claim needs a second flight, or a loss far beyond any outlier.
     #[test]
     fn val_one_odd_flight_is_no_step_and_a_broken_tip_is() {
         let signatures = Signatures::of(&hexarotor());

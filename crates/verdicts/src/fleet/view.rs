@@ -1,4 +1,4 @@
-//! The history of a vehicle as a result: each rotor with its bias, its loss over the flights, and a word on what to do.
+//! Result for the history of a vehicle: each rotor with its bias, its loss over the flights, and a recommended action.
 
 use super::journal::{Event, FlightEntry, History, LossEntry};
 use super::trend::{
@@ -7,9 +7,9 @@ use super::trend::{
 use rotortwin_flight_core::fdi::student_t::{two_sided_critical_value, two_sided_p_value};
 use serde::Serialize;
 
-/// A rotor that is asked for so much more than the model, beside what all rotors have in common, stands out.
+/// A rotor stands out if its commanded thrust exceeds the model's by this fraction, beyond the common component.
 pub const OUTSTANDING_BIAS: f64 = 0.10;
-/// Flights that the present bias is the mean of, at most.
+/// Maximum number of flights averaged for the present bias.
 const PRESENT_FLIGHTS: usize = 3;
 
 /// A share with its 95 % interval.
@@ -23,55 +23,55 @@ pub struct Share {
     pub high: f64,
 }
 
-/// What to do about a rotor.
+/// Recommended action for a rotor.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Status {
-    /// Nothing.
+    /// None.
     Ok,
-    /// Look at its propeller: the reasons say why.
+    /// Inspect its propeller, for the reasons given.
     Inspect,
-    /// There are reasons, and somebody has looked since.
+    /// There are reasons, but it has been inspected since.
     Acknowledged,
-    /// Fewer than [`LEAST_BEFORE`] + 1 flights since its propeller was replaced: no change can show yet.
+    /// Fewer than [`LEAST_BEFORE`] + 1 flights since its propeller was replaced: too few to detect a change.
     TooFewFlights,
 }
 
-/// How a loss came over the flights.
+/// Course of a loss over the flights.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Course {
-    /// From flight to flight.
+    /// Gradual.
     Trend,
-    /// From one flight to the next.
+    /// Sudden.
     Step,
 }
 
-/// A loss over the flights that survives the spread between them.
+/// A loss over the flights that is significant against the spread between them.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct LossOverFlights {
-    /// How it came.
+    /// Its course.
     pub course: Course,
-    /// First flight with it, from 1; of a trend the first that counts.
+    /// First flight with it, from 1; for a trend the first one evaluated.
     pub from_flight: usize,
-    /// Flights that count.
+    /// Number of flights evaluated.
     pub flights: usize,
-    /// Share of the thrust lost over them.
+    /// Fraction of the thrust lost over them.
     pub lost: Share,
-    /// Of a trend: share lost per flight.
+    /// For a trend: fraction lost per flight.
     pub per_flight: Option<Share>,
-    /// Posterior that this rotor is one of those that have lost thrust.
+    /// Posterior that this rotor has lost thrust.
     pub posterior: f64,
-    /// p of no loss, two-sided, allowed for the rotors and shapes that were tried.
+    /// Two-sided p of no loss, corrected for the rotors and shapes tried.
     pub p: f64,
 }
 
-/// The loss of a rotor in one flight against the first ones since a propeller was replaced, if it alone had changed; negative: a gain.
+/// The loss of a rotor in one flight relative to the first ones since a propeller replacement, if it alone had changed; negative: a gain.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct FlightLoss {
     /// From 1.
     pub flight: usize,
-    /// Share; the interval is by the spread between flights.
+    /// Fraction; the interval is from the spread between flights.
     #[serde(flatten)]
     pub loss: Share,
 }
@@ -81,17 +81,17 @@ pub struct FlightLoss {
 pub struct RotorView {
     /// From 1.
     pub rotor: usize,
-    /// What to do.
+    /// Recommended action.
     pub status: Status,
-    /// Why, one sentence each.
+    /// Reasons, one sentence each.
     pub reasons: Vec<String>,
     /// First flight since its propeller was replaced, from 1.
     pub since_flight: usize,
-    /// Thrust that it is asked for over the model's, less 1 and without what all rotors have in common: mean of the last flights, three at most.
+    /// Commanded thrust over the model's, minus 1 and the common component: mean of up to three last flights.
     pub bias: Option<Share>,
-    /// What it has lost over the flights.
+    /// Its loss over the flights.
     pub loss: Option<LossOverFlights>,
-    /// Flight by flight, since a propeller of any rotor was replaced last.
+    /// Flight by flight, since the last propeller replacement of any rotor.
     pub course: Vec<FlightLoss>,
 }
 
@@ -104,23 +104,23 @@ pub struct FlightView {
     pub log: String,
     /// Hash of its file.
     pub log_hash: String,
-    /// UTC, where somebody said so.
+    /// UTC, if known.
     pub date: Option<String>,
-    /// Seconds in the air that count.
+    /// Evaluated seconds in the air.
     pub air_s: f64,
-    /// Thrust asked of all rotors over the model's in hover, less 1: battery, air, mass, tilt.
+    /// Commanded thrust of all rotors over the model's in hover, minus 1: battery, air, mass, tilt.
     pub common_bias: f64,
-    /// Of each rotor beside that.
+    /// Bias of each rotor beyond that.
     pub bias: Vec<f64>,
     /// Losses within the flight.
     pub losses: Vec<LossEntry>,
-    /// Rotors, from 1, that an ambiguous verdict leaves open.
+    /// Suspect rotors, from 1, of an ambiguous verdict.
     pub suspects: Vec<usize>,
-    /// Smallest loss that would have been seen within the flight.
+    /// Smallest detectable loss within the flight.
     pub smallest_loss: Vec<f64>,
 }
 
-/// What somebody did.
+/// A maintenance event.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct MaintenanceView {
     /// `acknowledge` or `reset`.
@@ -133,36 +133,36 @@ pub struct MaintenanceView {
     pub by: String,
     /// When, UTC.
     pub date: String,
-    /// What was found or done.
+    /// Findings or work done.
     pub note: String,
 }
 
-/// The history of a vehicle, judged.
+/// The evaluated history of a vehicle.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct FleetView {
     /// The vehicle.
     pub vehicle: String,
-    /// Model that biases are counted from.
+    /// Reference model of the biases.
     pub model: String,
     /// Content hash of its version.
     pub model_hash: String,
-    /// In the order of dates, else of entry.
+    /// Ordered by date, otherwise by entry.
     pub by_date: bool,
-    /// Spread of rotors between flights beside what they have in common, 1 σ, fraction of thrust; none while it cannot be told.
+    /// Spread of rotors between flights beyond the common component, 1 σ, fraction of thrust; none while unknown.
     pub spread: Option<f64>,
-    /// Change of what all rotors are asked for, per flight, where it is beyond the spread.
+    /// Change of the common component per flight, if it exceeds the spread.
     pub common_per_flight: Option<Share>,
-    /// Something has changed, and it cannot be told which of these rotors it was, from 1.
+    /// Something has changed in one of these rotors, from 1, which cannot be distinguished.
     pub suspects: Vec<usize>,
     /// The rotors.
     pub rotors: Vec<RotorView>,
     /// The flights.
     pub flights: Vec<FlightView>,
-    /// What was done about rotors.
+    /// Maintenance events.
     pub maintenance: Vec<MaintenanceView>,
 }
 
-/// 1 − e⁻ˣ about an x.
+/// 1 − e⁻ˣ with its interval.
 fn lost(x: f64, half_width: f64) -> Share {
     let share = |x: f64| 1.0 - (-x).exp();
     Share {
@@ -186,7 +186,7 @@ fn percent(share: &Share) -> String {
     )
 }
 
-/// Places of events among the flights.
+/// Positions of events among the flights.
 struct Places {
     /// Flights before the last replacement of each rotor's propeller.
     reset: Vec<usize>,
@@ -243,7 +243,7 @@ pub fn view(history: &History) -> FleetView {
             let begin = places.reset[rotor];
             let window = &flights[begin..];
             let found = trend::assess(window, &signatures);
-            // A change that cannot be told apart concerns the rotors whose history it is.
+            // An ambiguous change concerns the rotors whose history it is.
             if found.suspects.contains(&rotor) {
                 suspects.push(rotor + 1);
             }
@@ -292,7 +292,7 @@ fn flight_view(k: usize, entry: &FlightEntry) -> FlightView {
     }
 }
 
-/// Slope of what all rotors have in common, where it is beyond the spread at the level of all claims.
+/// Slope of the common component, if it exceeds the spread at the level of all claims.
 fn common_per_flight(flights: &[Flight]) -> Option<Share> {
     if flights.len() < LEAST_FLIGHTS {
         return None;
@@ -359,13 +359,13 @@ fn rotor_view(
     let loss = named.map(|one| loss_view(one, begin, window.len(), trials));
     let own: Vec<f64> = window.iter().map(|f| without_common(&f.asked).1[rotor]).collect();
     let bias = present_bias(&own, found);
-    // Each reason, and whether it was known when somebody looked.
+    // Each reason, and whether it was known at the time of the inspection.
     let mut reasons: Vec<(String, bool)> = Vec::new();
     let seen = |flight: usize| acknowledged.is_some_and(|place| flight < place);
     if let (Some(loss), Some(named)) = (&loss, named) {
         reasons.push(over_flights(loss, named, begin, window.len(), acknowledged));
     }
-    // A step that somebody has looked at may not hide what came after it.
+    // An acknowledged step must not hide later changes.
     if let (Some(Shape::Step(at)), Some(place)) = (named.map(|one| one.shape), acknowledged)
         && begin + at < place
     {
@@ -433,7 +433,7 @@ fn rotor_view(
     }
 }
 
-/// The loss over the flights as a reason, and whether it was known when somebody looked: a trend is new again once it has taken [`LEAST_LOSS`] more.
+/// The loss over the flights as a reason, and whether it was known at the inspection: a trend counts as new after another [`LEAST_LOSS`].
 fn over_flights(
     loss: &LossOverFlights,
     named: &Named,
@@ -475,7 +475,7 @@ fn over_flights(
     }
 }
 
-/// Mean of the last flights with an interval by the spread.
+/// Mean of the last flights with an interval from the spread.
 fn present_bias(own: &[f64], found: &trend::Finding) -> Option<Share> {
     let last = &own[own.len().saturating_sub(PRESENT_FLIGHTS)..];
     if last.is_empty() {
@@ -493,7 +493,7 @@ fn present_bias(own: &[f64], found: &trend::Finding) -> Option<Share> {
     })
 }
 
-/// Since a propeller was replaced last, of whichever rotor: a new one changes what the others are asked for.
+/// Since the last propeller replacement of any rotor: a new one changes the commands of the others.
 fn course_of(rotor: usize, flights: &[Flight], found: &trend::Finding, signatures: &Signatures) -> Vec<FlightLoss> {
     let mount = flights.last().map(|flight| flight.mount);
     let begin = flights

@@ -1,7 +1,8 @@
 //! Plant, controller and FDI engine in one process: a step is two function calls.
 //!
-//! The fastest link, and the reference for the others: no threads, no copies beyond the frames, no clock. It makes the same
-//! checks and hands over the same `canonical` frames as the links between processes, so a run has the same hash over each.
+//! The fastest link, and the reference for the others: no threads, no copies beyond the frames, no clock. It performs the
+//! same checks and delivers the same `canonical` frames as the links between processes, so a run has the same hash over
+//! each.
 
 use super::{ControllerPeer, FdiPeer, LinkError, PlantLink, RunSetup};
 use crate::autopilot::Identity;
@@ -10,7 +11,7 @@ use crate::frames::{CommandFrame, FdiReport, SensorFrame};
 use rotortwin_proto::Role;
 use std::collections::VecDeque;
 
-/// [`PlantLink`] to a controller and an FDI engine of this process.
+/// [`PlantLink`] to a controller and an FDI engine in this process.
 #[derive(Debug)]
 pub struct InProcessLink<C, F> {
     controller: C,
@@ -21,7 +22,7 @@ pub struct InProcessLink<C, F> {
 }
 
 impl<C: ControllerPeer, F: FdiPeer> InProcessLink<C, F> {
-    /// A link to these two.
+    /// A link to these peers.
     pub fn new(controller: C, fdi: F) -> Self {
         Self {
             controller,

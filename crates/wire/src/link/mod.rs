@@ -1,6 +1,7 @@
-//! Who stands on the other side of the plant, whatever carries the messages.
+//! The plant's link to its peers, independent of the transport.
 //!
-//! [`PlantLink`] is the plant's view of its two peers; [`ControllerPeer`] and [`FdiPeer`] are what the peers do. Between them:
+//! [`PlantLink`] is the plant's view of its two peers; [`ControllerPeer`] and [`FdiPeer`] are implemented by the peers. Between
+//! them:
 //!
 //! * [`in_process`]: a function call;
 //! * iceoryx2: shared memory between processes of one host (crate `rotortwin-links`);
@@ -13,13 +14,13 @@
 //!  plant ── SensorFrame k ──▶ fdi ── FdiReport k ──▶ plant          at most `fdi_window` steps behind
 //!  plant ── Finish ──▶ both                                         however the run ends
 //! ```
-//! The plant waits for command k before it goes to step k+1. The FDI engine's reports feed nothing back, so it may trail by up
+//! The plant waits for command k before it proceeds to step k+1. The FDI engine's reports are not fed back, so it may trail by up
 //! to `fdi_window` steps through a bounded queue: nothing is lost, results do not depend on how far it trails, and the loop runs
 //! about twice as fast. A window of 0 waits for each report.
 //!
-//! # When something dies
-//! Every wait has a time-out. A peer whose process ends is named at once ([`LinkError::PeerDied`]), a peer that is alive and silent
-//! after the time-out ([`LinkError::PeerSilent`]); both with the last step it answered and the length of its silence.
+//! # When a peer dies
+//! Every wait has a time-out. A peer whose process ends is reported at once ([`LinkError::PeerDied`]), one that is alive but silent
+//! after the time-out ([`LinkError::PeerSilent`]); both with the last step answered and the duration of the silence.
 
 use crate::autopilot::Identity;
 use crate::frames::{CommandFrame, FdiReport, SensorFrame};
@@ -30,73 +31,73 @@ pub mod in_process;
 
 /// The plant's view of the controller and the FDI engine of its run.
 pub trait PlantLink {
-    /// Waits until both peers are there, hands them their parameters and waits until both are ready.
+    /// Waits for both peers to connect, sends their parameters and waits until both are ready.
     fn open(&mut self, setup: &RunSetup) -> Result<(), LinkError>;
 
     /// Sends the sensors of a step to both peers and waits for the controller's command of this step.
     ///
-    /// Returns early with an error if a peer dies, is silent for too long, or answers nonsense.
+    /// Returns early with an error if a peer dies, is silent for too long, or violates the protocol.
     fn exchange(&mut self, sensors: &SensorFrame) -> Result<CommandFrame, LinkError>;
 
-    /// The FDI report of the oldest step not yet taken, if it is there. Waits for it if the engine would otherwise trail
+    /// The FDI report of the oldest step not yet taken, if available. Waits for it if the engine would otherwise trail
     /// by more than the window, or if `wait` is set (after the last step).
     fn next_report(&mut self, wait: bool) -> Result<Option<FdiReport>, LinkError>;
 
-    /// What came beside the answers that were waited for, since the link was opened.
+    /// Unexpected messages since the link was opened.
     fn strays(&self) -> Strays {
         Strays::default()
     }
 
-    /// Who flies, as far as it has said; of use once the link was opened.
+    /// Identity of the controller, as far as reported; valid after the link was opened.
     fn controller(&self) -> Option<Identity> {
         None
     }
 
-    /// Process id of a peer that runs under the kernel of the plant and can be seen there; of use once the link was opened.
+    /// Process id of a peer visible under the plant's kernel; valid after the link was opened.
     fn process(&self, _role: Role) -> Option<u32> {
         None
     }
 
-    /// Tells both peers that the run is over; `failure` is the reason if it failed. Never blocks for longer than 100 ms.
+    /// Notifies both peers of the end of the run; `failure` is the reason if it failed. Never blocks for longer than 100 ms.
     fn finish(&mut self, steps: u64, failure: Option<&str>);
 }
 
-/// What came and was not used.
+/// Messages received but not used.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Strays {
-    /// Commands for steps that the controller had answered before.
+    /// Commands for steps already answered.
     pub repeated: u64,
 }
 
-/// What a controller does.
+/// Implementation of a controller.
 pub trait ControllerPeer {
-    /// Takes the parameters of a run; a sentence if it cannot fly with them.
+    /// Accepts the parameters of a run, or returns an error message if it cannot fly with them.
     fn setup(&mut self, setup: &ControllerSetup) -> Result<(), String>;
 
-    /// The command of one step. Called once for each step, in order.
+    /// Computes the command of one step. Called once for each step, in order.
     fn step(&mut self, sensors: &SensorFrame) -> CommandFrame;
 
-    /// What it calls itself: name and version.
+    /// Its name and version.
     fn program(&self) -> String {
         "a controller in the process of the plant".to_owned()
     }
 }
 
-/// What an FDI engine does.
+/// Implementation of an FDI engine.
 pub trait FdiPeer {
-    /// Takes the parameters of a run; a sentence if it cannot work with them.
+    /// Accepts the parameters of a run, or returns an error message if it cannot work with them.
     fn setup(&mut self, setup: &FdiSetup) -> Result<(), String>;
 
-    /// The report of one step. Called once for each step, in order.
+    /// Computes the report of one step. Called once for each step, in order.
     fn step(&mut self, sensors: &SensorFrame, command: &CommandFrame) -> FdiReport;
 }
 
-/// What the plant hands to its peers before step 0.
+/// Parameters sent to the peers before step 0.
 #[derive(Clone, Debug)]
 pub struct RunSetup {
     /// Identity of this execution, never 0.
     pub run_id: u64,
-    /// Name of the scenario, for messages to people.
+    /// Name of the scenario, for messages.
     pub scenario: String,
     /// Content hash of the vehicle model.
     pub model_hash: String,
@@ -108,16 +109,16 @@ pub struct RunSetup {
     pub fdi: FdiSetup,
 }
 
-/// How long to wait, and how far the FDI engine may trail.
+/// Time-outs, and how far the FDI engine may trail.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct LinkTiming {
     /// For both peers to join and be ready.
     pub join: Duration,
-    /// For the answer to one step, of a peer that is alive.
+    /// For the answer of a live peer to one step.
     pub step: Duration,
-    /// Steps that the FDI engine may be behind; 0: its report is waited for in each step.
+    /// Steps that the FDI engine may trail; 0: wait for its report in each step.
     pub fdi_window: u64,
-    /// The FDI engine is woken once every so many steps, at most `max(fdi_window, 1)`.
+    /// Number of steps between wake-ups of the FDI engine, at most `max(fdi_window, 1)`.
     pub fdi_batch: u64,
 }
 
@@ -132,7 +133,7 @@ impl Default for LinkTiming {
     }
 }
 
-/// Why a link gave up. Each text names the peer.
+/// Why a link failed. Each message names the peer.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum LinkError {
     /// The process of a peer ended.
@@ -142,46 +143,46 @@ pub enum LinkError {
         role: Role,
         /// Program and process id, as far as known.
         program: String,
-        /// Last step that it answered.
+        /// Last step answered.
         last_step: Option<u64>,
         /// Time since its last message.
         silence: Duration,
     },
-    /// A peer is alive, or its death cannot be seen, and did not answer in time.
+    /// A peer is alive, or its death is not observable, and did not answer in time.
     #[error("the {} ({program}) did not answer {}: silent for {} ms, allowed are {} ms", role_name(*role), after(*last_step), silence.as_millis(), limit.as_millis())]
     PeerSilent {
         /// Which peer.
         role: Role,
         /// Program and process id, as far as known.
         program: String,
-        /// Last step that it answered.
+        /// Last step answered.
         last_step: Option<u64>,
         /// Time since its last message.
         silence: Duration,
-        /// Time-out that ran out.
+        /// Time-out that expired.
         limit: Duration,
     },
-    /// A peer never came.
+    /// A peer never connected.
     #[error("the {} did not join run {run_id:016x} over {address} within {} ms", role_name(*role), limit.as_millis())]
     PeerMissing {
         /// Which peer.
         role: Role,
         /// The run it should have joined.
         run_id: u64,
-        /// Where it was waited for.
+        /// Address where it was expected.
         address: String,
-        /// Time-out that ran out.
+        /// Time-out that expired.
         limit: Duration,
     },
-    /// A peer refused its parameters, or speaks another version.
+    /// A peer rejected its parameters, or uses another protocol version.
     #[error("the {} refused to start: {reason}", role_name(*role))]
     Refused {
         /// Which peer.
         role: Role,
-        /// Its sentence.
+        /// Its error message.
         reason: String,
     },
-    /// A peer answered something that no correct peer answers.
+    /// Protocol violation by a peer.
     #[error("the {} answered step {step} wrongly: {reason}", role_name(*role))]
     Nonsense {
         /// Which peer.
@@ -199,7 +200,7 @@ pub enum LinkError {
         /// The plant's reason.
         failure: String,
     },
-    /// This side was asked to stop while it waited; nobody is to blame.
+    /// This side was asked to stop while waiting; nobody is at fault.
     #[error("stopped while waiting")]
     Stopped,
     /// The transport itself failed.
@@ -207,14 +208,14 @@ pub enum LinkError {
     Transport {
         /// "iceoryx2" or "zenoh".
         transport: &'static str,
-        /// What was being done.
+        /// Attempted action.
         action: String,
-        /// The transport's own words.
+        /// The transport's error message.
         reason: String,
     },
 }
 
-/// The field's word for a role, for messages to people.
+/// Display name of a role.
 pub fn role_name(role: Role) -> &'static str {
     match role {
         Role::Plant => "plant",
@@ -224,7 +225,7 @@ pub fn role_name(role: Role) -> &'static str {
     }
 }
 
-/// How long it had been silent when its end was noticed; nothing if that was at once.
+/// How long it had been silent when its end was noticed; empty if that was immediate.
 fn silent(silence: Duration) -> String {
     match silence.as_millis() {
         0 => String::new(),

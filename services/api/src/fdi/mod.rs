@@ -1,10 +1,10 @@
-//! FDI as a service behind HTTP: the sessions that are open, and logs that are judged.
+//! FDI as an HTTP service: open sessions, and log evaluation.
 //!
 //! ```text
 //!  routes::fdi ─▶ FdiSessions ─▶ Entry{FdiSession, verdicts that changed}
 //!  routes::fdi_reports ─▶ a process of `rotortwin fdi-log`
 //! ```
-//! * [`samples`]: what comes in as JSON, lines of JSON, or CSV. * [`sessions`]: who is open, for how long. What goes out as JSON stands in
+//! * [`samples`]: input as JSON, JSON lines, or CSV. * [`sessions`]: open sessions and their lifetime. The JSON output is defined in
 //!   [`rotortwin_verdicts::view`].
 //!
 //! Sessions live in the memory of the server and end with it.

@@ -1,6 +1,6 @@
-//! Samples as they come over HTTP: a JSON array, a JSON object a line, or CSV with the canonical columns of a flight log.
+//! Samples received over HTTP: a JSON array, JSON lines, or CSV with the canonical columns of a flight log.
 //!
-//! Only what cannot be read as samples is refused here, naming the sample; their numbers are the session's matter.
+//! Only syntax errors are rejected here, naming the sample; the session checks the values.
 
 use crate::problem::Problem;
 use rotortwin_fdi_session::session::LONGEST_CHUNK;
@@ -82,7 +82,7 @@ fn taken(bodies: Vec<SampleBody>, rotor_count: usize) -> Result<Vec<Sample>, Str
     bodies.into_iter().enumerate().map(sample).collect()
 }
 
-/// The forms that a chunk can have.
+/// Format of a chunk.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Form {
     Json,
@@ -91,7 +91,7 @@ pub(crate) enum Form {
 }
 
 impl Form {
-    /// Of a content type.
+    /// From a content type.
     ///
     /// # Errors
     /// 415.
@@ -119,7 +119,7 @@ impl Form {
 /// Reads the samples of a chunk.
 ///
 /// # Errors
-/// 400: no text. 422, with the sample that cannot be read.
+/// 400: not text. 422, with the first unreadable sample.
 pub(crate) fn read(form: Form, body: &[u8], rotor_count: usize) -> Result<Vec<Sample>, Problem> {
     let text = std::str::from_utf8(body)
         .map_err(|error| Problem::bad_request(format!("the chunk is no UTF-8 text: {error}")))?;
@@ -138,7 +138,7 @@ fn from_json(text: &str) -> Result<Vec<SampleBody>, String> {
     })
 }
 
-/// Which sample of an array it is that cannot be read.
+/// Index of the first unreadable sample of an array.
 fn first_unreadable(text: &str) -> Option<(usize, serde_json::Error)> {
     let values: Vec<serde_json::Value> = serde_json::from_str(text).ok()?;
     values.into_iter().enumerate().find_map(|(index, value)| {
@@ -157,7 +157,7 @@ fn from_lines(text: &str) -> Result<Vec<SampleBody>, String> {
         .collect()
 }
 
-/// Where the columns of a sample stand in a row.
+/// Column indices of a sample's fields.
 struct Places {
     velocity: [usize; 3],
     attitude: [usize; 3],

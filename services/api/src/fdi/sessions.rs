@@ -1,7 +1,7 @@
-//! The sessions that are open: who, for how long, how many.
+//! Open sessions: owner, lifetime and limits.
 //!
-//! A session that nothing is asked of for the idle time is gone; so is every session when the server ends. Looked after whenever somebody
-//! asks for one, so that no clock runs while nobody does.
+//! A session without requests for the idle time is closed; all sessions are closed when the server ends. Expired ones are removed
+//! whenever a session is accessed, so that no timer is needed.
 
 use crate::access::Caller;
 use crate::problem::Problem;
@@ -18,17 +18,17 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 use utoipa::ToSchema;
 
-/// Changes of the verdict that a session remembers.
+/// Verdict changes remembered per session.
 const LONGEST_HISTORY: usize = 1000;
 
 /// Limits of the service.
 #[derive(Debug, Clone, Copy)]
 pub struct FdiLimits {
-    /// Sessions that are open at the same time.
+    /// Maximum number of open sessions.
     pub sessions: usize,
-    /// Of these, on one account where there are several.
+    /// Maximum per tenant, if there are several.
     pub tenant_sessions: usize,
-    /// A session ends when nothing is asked of it for so long.
+    /// Idle time after which a session is closed.
     pub idle: Duration,
 }
 
@@ -52,7 +52,7 @@ pub(crate) struct FdiSessions {
     link: Option<TopicSession>,
 }
 
-/// The connection of a link's address.
+/// The connection for a link's address.
 fn topics(address: &LinkAddress) -> Result<TopicSession, String> {
     let options = match address {
         LinkAddress::ZenohListen { endpoint, config: None } => ZenohOptions::listen(endpoint.clone()),
@@ -128,7 +128,7 @@ fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
 }
 
 impl Entry {
-    /// Takes a chunk; the answer and, if it is refused, the step that is waited for.
+    /// Processes a chunk; returns the result and, if it is rejected, the expected step.
     pub(crate) fn feed(&self, chunk: &Chunk) -> Result<ChunkAnswer, (Refusal, u64)> {
         self.touch();
         let mut session = lock(&self.session);
@@ -137,7 +137,7 @@ impl Entry {
         Ok(ChunkAnswer::from(&answer))
     }
 
-    /// Notes the changes of the verdict in an answer.
+    /// Records verdict changes of a result.
     pub(crate) fn remember(&self, answer: &Answer) {
         self.touch();
         if answer.repeated {
@@ -162,12 +162,12 @@ impl Entry {
         lock(&self.session)
     }
 
-    /// The session, to be fed by a topic.
+    /// The session, for feeding by a topic.
     pub(crate) fn shared(&self) -> Arc<Mutex<FdiSession>> {
         Arc::clone(&self.session)
     }
 
-    /// The topic lives as long as the session.
+    /// Keeps the topic alive as long as the session.
     pub(crate) fn keep(&self, topic: TopicService) {
         *lock(&self.topic) = Some(topic);
     }
@@ -182,10 +182,10 @@ impl Entry {
 }
 
 impl FdiSessions {
-    /// * `link`: where measurements also come over zenoh
+    /// * `link`: also accept measurements over zenoh
     ///
     /// # Errors
-    /// The link cannot be opened; one sentence.
+    /// The link cannot be opened.
     pub(crate) fn open_with(limits: FdiLimits, link: Option<&LinkAddress>) -> Result<Self, String> {
         Ok(Self {
             limits,
@@ -200,7 +200,7 @@ impl FdiSessions {
         self.link.is_some()
     }
 
-    /// Has a session fed over zenoh as well.
+    /// Also feeds a session over zenoh.
     ///
     /// # Errors
     /// 500: zenoh fails.
@@ -221,16 +221,16 @@ impl FdiSessions {
         Ok(())
     }
 
-    /// How long a session may be idle.
+    /// Maximum idle time of a session.
     pub(crate) fn idle(&self) -> Duration {
         self.limits.idle
     }
 
-    /// Opens one. An account has its share, so that one client's sessions are not all there are; without tokens there is one account, and
-    /// all are its.
+    /// Opens one. Each tenant has its share, so that one client cannot use up all sessions; without tokens there is a single tenant,
+    /// which may use all.
     ///
     /// # Errors
-    /// 429 if the account has its share, 503 if there are too many of all; 422 if the engine refuses its configuration.
+    /// 429 if the tenant's share is used up, 503 if there are too many in total; 422 if the engine rejects its configuration.
     pub(crate) fn open(&self, caller: &Caller, detectors: &Detectors) -> Result<Arc<Entry>, Problem> {
         let number = rand::random::<u64>().max(1);
         let session =
@@ -266,7 +266,7 @@ impl FdiSessions {
         Ok(entry)
     }
 
-    /// The session of this id. Somebody else's is as if it were not there.
+    /// The session with this id. Other tenants' sessions appear not to exist.
     ///
     /// # Errors
     /// 404.
@@ -299,7 +299,7 @@ impl FdiSessions {
         open.contains_key(id)
     }
 
-    /// The caller's sessions as they stand, the oldest id first. Looking at them keeps none alive.
+    /// The caller's current sessions, ordered by id. Listing does not keep them alive.
     pub(crate) fn list(&self, caller: &Caller) -> Vec<SessionView> {
         let mut open = lock(&self.open);
         self.sweep(&mut open);
@@ -310,7 +310,7 @@ impl FdiSessions {
         entries.iter().map(|entry| self.look_at(entry)).collect()
     }
 
-    /// A session as it stands, for whoever uses it.
+    /// The current state of a session.
     pub(crate) fn view(&self, entry: &Entry) -> SessionView {
         entry.touch();
         self.look_at(entry)

@@ -1,41 +1,41 @@
-//! Autopilots that operators have listed. A run names one; nobody opens a port by request.
+//! Autopilots listed by operators. A run names one; a request never opens a port.
 //!
 //! ```text
 //!  serve, worker --autopilot NAME=ADDRESS ──offers, every few seconds──▶ autopilot (name, worker, until)
 //!                                                                            ▲
 //!  run with this autopilot: queued ──claim: that worker alone, one run at a time──┘
 //! ```
-//! The address stays with the process that lists it. A process that is gone offers nothing after its time is over, and another one that
-//! lists the same name takes its place.
+//! The address stays with the listing process. When a process is gone, its offer expires, and another one that lists the same name
+//! takes its place.
 
 use crate::jobs::database::Database;
 use crate::jobs::table::Transaction;
 use sqlx::Row as _;
 use std::time::Duration;
 
-/// An autopilot as it is known to everybody.
+/// A listed autopilot, as visible to all clients.
 #[derive(Debug, Clone)]
 pub(crate) struct Listed {
-    /// As runs name it.
+    /// Name used by runs.
     pub(crate) name: String,
     /// `ardupilot`, `px4`, `betaflight`.
     pub(crate) protocol: String,
-    /// It waits for the plant in each of its steps.
+    /// True if it waits for the plant in each of its steps.
     pub(crate) lockstep: bool,
-    /// The process that lists it, or did.
+    /// The process that lists it, or last listed it.
     pub(crate) worker: String,
-    /// That process is there.
+    /// That process is alive.
     pub(crate) offered: bool,
-    /// What it called itself in its last flight.
+    /// Version reported in its last flight.
     pub(crate) version: Option<String>,
     /// End of that flight, ms since 1970.
     pub(crate) flown_ms: Option<i64>,
-    /// The run that it flies, and whose it is.
+    /// The run that it is flying, and its tenant.
     pub(crate) run: Option<(String, String)>,
 }
 
 impl Database {
-    /// Says for some time that this worker can reach an autopilot; `false`: another one, which is there, says so.
+    /// Offers an autopilot reachable from this worker for a limited time; `false` if another live worker offers it.
     ///
     /// # Errors
     /// The database.
@@ -61,7 +61,7 @@ impl Database {
         Ok(written > 0)
     }
 
-    /// This worker offers nothing any more; no worker: nobody does, because nobody else is there.
+    /// Withdraws the offers of this worker; `None`: of all, because no other process exists.
     ///
     /// # Errors
     /// The database.
@@ -103,7 +103,7 @@ impl Database {
             .collect()
     }
 
-    /// What an autopilot called itself in a flight that has just ended.
+    /// Records the version reported by an autopilot in a flight that has just ended.
     ///
     /// # Errors
     /// The database.
@@ -116,8 +116,8 @@ impl Database {
             .map(|_| ())
     }
 
-    /// Whether no other run has the autopilot; its row is held until the transaction ends, so that two that ask at once ask one after the
-    /// other.
+    /// Whether no other run uses the autopilot; its row is locked until the transaction ends, so that simultaneous requests are
+    /// serialised.
     pub(super) async fn has_alone(
         &self,
         transaction: &mut Transaction,
@@ -128,7 +128,7 @@ impl Database {
             .bind(name)
             .execute(&mut **transaction)
             .await?;
-        // A statement of its own: it sees what the one that held the row before has written.
+        // A separate statement: it sees what the previous holder of the row has written.
         let others =
             sqlx::query("SELECT COUNT(*) AS runs FROM job WHERE status = 'running' AND autopilot = $1 AND id <> $2")
                 .bind(name)

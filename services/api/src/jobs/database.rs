@@ -1,5 +1,5 @@
-//! The database: SQLite in the data folder, or a Postgres that several servers and workers share. One set of statements serves both; what
-//! differs stands here.
+//! The database: SQLite in the data folder, or a Postgres shared by several servers and workers. One set of statements serves both; the
+//! differences are defined here.
 
 use crate::data_folder::OWN_FILE;
 use crate::jobs::hub::Hub;
@@ -13,39 +13,39 @@ use std::path::Path;
 use std::sync::Arc;
 use std::time::Duration;
 
-/// Postgres: whoever looks after jobs listens here; the payload is a job's id, or empty for the queue.
+/// Postgres: notification channel for job changes; the payload is a job's id, or empty for the queue.
 pub(crate) const CHANNEL: &str = "rotortwin_job";
 
 /// Postgres: live samples, `ID LINE`.
 const LIVE_CHANNEL: &str = "rotortwin_live";
-/// Connections that a server takes, beside the one on which it listens.
+/// Connections of a server, in addition to the listening one.
 pub(crate) const SERVER_CONNECTIONS: u32 = 10;
-/// Connections that a worker takes, however many jobs it does at the same time, beside the one on which it listens.
+/// Connections of a worker, independent of its number of concurrent jobs, in addition to the listening one.
 pub(crate) const WORKER_CONNECTIONS: u32 = 3;
-/// Postgres takes no longer notices than 8000 bytes.
+/// Postgres limits notifications to 8000 bytes.
 const LONGEST_NOTICE: usize = 7900;
 
-/// A connection that is given back answers within this, or is closed.
+/// Timeout for the health check of a returned connection.
 const RETURN: Duration = Duration::from_secs(2);
-/// A connection on which nothing was heard for so long is asked whether it is there.
+/// Idle time after which a listening connection is checked.
 const QUIET: Duration = Duration::from_secs(20);
-/// The database is reached within this.
+/// Timeout for connecting.
 const CONNECT: Duration = Duration::from_secs(10);
-/// Connections that nobody has used for so long are closed.
+/// Idle time after which connections are closed.
 const IDLE: Duration = Duration::from_secs(60);
-/// What each connection to Postgres sets.
+/// Settings of each connection to Postgres.
 ///
-/// * A statement waits 5 s for a row that another one holds, and takes 15 s at most.
-/// * A transaction in which nothing is said for 5 s is undone, and its rows are free: ours say all that they have to say at once, so whoever
-///   is silent is gone.
-/// * A host that is gone is noticed after 10 s of silence and 3 questions 3 s apart, and what cannot be delivered to it after 10 s.
+/// * A statement waits 5 s for a locked row, and takes 15 s at most.
+/// * A transaction idle for 5 s is rolled back, and its rows are unlocked: ours send all their statements at once, so an idle client is
+///   gone.
+/// * A vanished host is detected after 10 s of silence and 3 probes 3 s apart, and undeliverable data after 10 s.
 ///
-/// (That an accepted job survives a power cut needs nothing here: `synchronous_commit` is on by default.)
+/// (Durability of accepted jobs needs nothing here: `synchronous_commit` is on by default.)
 const POSTGRES_SETTINGS: &str = "SET lock_timeout = '5s'; SET statement_timeout = '15s'; SET idle_in_transaction_session_timeout = '5s'; \
      SET tcp_keepalives_idle = 10; SET tcp_keepalives_interval = 3; SET tcp_keepalives_count = 3; SET tcp_user_timeout = '10s'; \
      SET client_min_messages = warning;";
 
-/// Which of the two.
+/// Database type.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Dialect {
     Sqlite,
@@ -57,19 +57,19 @@ pub(crate) enum Dialect {
 pub(crate) struct Database {
     pub(crate) pool: TimedPool,
     dialect: Dialect,
-    /// Those who wait in this process.
+    /// Waiting tasks of this process.
     pub(crate) hub: Arc<Hub>,
 }
 
 impl Database {
-    /// Opens SQLite in a file, and brings it to the present schema; a copy of what was there stays beside it.
+    /// Opens SQLite in a file, and migrates it to the current schema; a backup is kept next to it.
     ///
     /// # Errors
     /// One sentence.
     pub(crate) async fn open_file(path: &Path) -> Result<Self, String> {
         let told =
             |error: &dyn std::fmt::Display| format!("{}: the database cannot be opened: {error}", path.display());
-        // The files beside it get its permissions.
+        // The accompanying files inherit its permissions.
         std::fs::File::options()
             .create(true)
             .truncate(false)
@@ -86,10 +86,10 @@ impl Database {
         Ok(database)
     }
 
-    /// Connects to Postgres, and brings it to the present schema.
+    /// Connects to Postgres, and migrates it to the current schema.
     ///
     /// # Errors
-    /// One sentence; the password is not in it.
+    /// The message does not contain the password.
     pub(crate) async fn open_postgres(url: &str, most_connections: u32) -> Result<Self, String> {
         if !(url.starts_with("postgres://") || url.starts_with("postgresql://")) {
             return Err("DATABASE_URL: expected postgres://USER:PASSWORD@HOST/DATABASE; without it SQLite in the data folder is used".to_owned());
@@ -115,7 +115,7 @@ impl Database {
             .after_connect(move |connection, _| {
                 Box::pin(async move {
                     use sqlx::Executor as _;
-                    // An accepted job survives a power cut: FULL, not NORMAL.
+                    // An accepted job survives a power failure: FULL, not NORMAL.
                     let settings = match dialect {
                         Dialect::Sqlite => {
                             "PRAGMA journal_mode = WAL; PRAGMA synchronous = FULL; PRAGMA busy_timeout = 10000; PRAGMA foreign_keys = ON;"
@@ -128,7 +128,7 @@ impl Database {
             .after_release(|connection, _| {
                 Box::pin(async {
                     let clean = tokio::time::timeout(RETURN, is_clean(connection)).await;
-                    // An error: it is closed without a word.
+                    // On error it is closed immediately.
                     clean.unwrap_or_else(|_| Err(sqlx::Error::PoolTimedOut))
                 })
             })
@@ -148,7 +148,7 @@ impl Database {
             .map_err(|error| sqlx::Error::Configuration(Box::new(error)))
     }
 
-    /// Copies a database that has an older schema to `NAME.before-VERSION`.
+    /// Copies a database with an older schema to `NAME.before-VERSION`.
     async fn back_up(&self, path: &Path) -> Result<(), sqlx::Error> {
         let mut connection = self.pool.untimed().acquire().await?;
         connection
@@ -178,12 +178,12 @@ impl Database {
             .map(|_| ())
     }
 
-    /// A statement with `@NOW` (ms since 1970 by the database's clock, so that hosts need not agree), `@SKIP` (rows that another one has
-    /// just taken are passed over) and `@OPEN` (the smallest number of a transaction that writes now or later) in this database's words,
-    /// and `@VEHICLE`, what lists show as a job's vehicle.
+    /// Translates a statement with `@NOW` (ms since 1970 by the database's clock, so that hosts need not agree), `@SKIP` (skip rows just
+    /// locked by others), `@OPEN` (the smallest id of a transaction writing now or later) and `@VEHICLE` (the vehicle of a job in lists)
+    /// to this database's dialect.
     pub(crate) fn sql(&self, text: &str) -> AssertSqlSafe<String> {
         let (now, skip, open, vehicle) = match self.dialect {
-            // Transactions that write follow one another: all have the number 0.
+            // Writing transactions are serialised: all have the id 0.
             Dialect::Sqlite => (
                 "CAST(unixepoch('subsec') * 1000 AS INTEGER)",
                 "",
@@ -205,7 +205,7 @@ impl Database {
         )
     }
 
-    /// Tells other processes, once the transaction is committed, to look at a job again, or at the queue (no id).
+    /// Notifies other processes, once the transaction is committed, of a changed job, or of the queue (no id).
     pub(super) async fn tell(&self, transaction: &mut Transaction, id: &str) -> Result<(), sqlx::Error> {
         if self.dialect == Dialect::Postgres {
             sqlx::query("SELECT pg_notify($1, $2)")
@@ -217,7 +217,7 @@ impl Database {
         Ok(())
     }
 
-    /// Shows servers in other processes a live sample; nobody misses one that does not come through.
+    /// Sends a live sample to servers in other processes; losing one does not matter.
     pub(crate) async fn tell_live(&self, id: &str, line: &str) {
         if line.len() + id.len() >= LONGEST_NOTICE {
             return;
@@ -237,7 +237,7 @@ impl Database {
         self.dialect == Dialect::Postgres
     }
 
-    /// Whether it answers.
+    /// Whether it responds.
     ///
     /// # Errors
     /// It does not.
@@ -245,18 +245,18 @@ impl Database {
         sqlx::query("SELECT 1").execute(&self.pool).await.map(|_| ())
     }
 
-    /// Ends all connections.
+    /// Closes all connections.
     pub(crate) async fn close(&self) {
         self.pool.untimed().close().await;
     }
 }
 
-/// Whether a connection can be used again. One on which a statement was given up still owes its answer: it is asked for a sign of life,
-/// which comes after that. SQLite ends a transaction by itself when the disk is full; sqlx then fails to roll it back, and
-/// would go on in a transaction that never ends and locks everybody else out.
+/// Whether a connection can be reused. One on which a statement was abandoned still owes its response: it is pinged, which is processed
+/// after that. SQLite ends a transaction by itself when the disk is full; sqlx then fails to roll it back, and would continue in a
+/// transaction that never ends and locks everyone else out.
 async fn is_clean(connection: &mut sqlx::AnyConnection) -> Result<bool, sqlx::Error> {
     use sqlx::Connection as _;
-    // A roll-back that was begun when the transaction was dropped comes before this.
+    // A rollback started when the transaction was dropped precedes this.
     connection.ping().await?;
     let is_clean = !connection.is_in_transaction();
     if !is_clean {
@@ -265,7 +265,7 @@ async fn is_clean(connection: &mut sqlx::AnyConnection) -> Result<bool, sqlx::Er
     Ok(is_clean)
 }
 
-/// Passes on what other processes say, as long as the process lives; what is said while the connection is down is made up for by waking all.
+/// Forwards notifications from other processes, as long as the process lives; those missed while disconnected are compensated by waking all.
 async fn listen(url: String, hub: Arc<Hub>) {
     loop {
         let connected = tokio::time::timeout(CONNECT, PgListener::connect(&url)).await;
@@ -294,7 +294,7 @@ async fn listen(url: String, hub: Arc<Hub>) {
     }
 }
 
-/// What another process says; `None`: the connection is lost. One that is silent is asked whether it is still there.
+/// The next notification; `None`: the connection is lost. A silent connection is checked.
 async fn next_notice(listener: &mut PgListener) -> Option<PgNotification> {
     loop {
         match tokio::time::timeout(QUIET, listener.try_recv()).await {
@@ -309,7 +309,7 @@ async fn next_notice(listener: &mut PgListener) -> Option<PgNotification> {
     }
 }
 
-/// Every schema there has been, in order. A file that was released is never changed: another one follows it.
+/// All schema versions, in order. A released file is never changed; add another one.
 fn migrations(dialect: Dialect) -> Migrator {
     let files: &[(i64, &'static str, &'static str)] = match dialect {
         Dialect::Sqlite => &[

@@ -1,8 +1,8 @@
-//! Parts that are done by a cluster of others: who looks after them, and who may deliver.
+//! Parts executed by an external cluster: supervision and delivery.
 //!
-//! Such an attempt has two secrets. Its claim is the server's that looks after it, as of every job; another server takes it up with a new
-//! claim when that one is gone. Its ticket is the node's: it stays as long as the attempt, so that a node delivers whoever looks after it, and
-//! is worth nothing once the attempt has ended, whatever ended it.
+//! Such an attempt has two secrets. Its claim belongs to the supervising server, as for every job; another server takes over with a new
+//! claim when that one is gone. Its ticket belongs to the node: it is valid for the whole attempt, so that a node can deliver whoever
+//! supervises it, and becomes invalid once the attempt has ended, for any reason.
 
 use super::Job;
 use super::database::Database;
@@ -11,12 +11,12 @@ use super::table::job_of;
 use sqlx::Row as _;
 use std::time::Duration;
 
-/// Their attempt has a ticket.
+/// Attempts with a ticket.
 const HANDED_OVER: &str =
     "j.status = 'running' AND j.kind IN ('campaign-shard', 'blind-bench-shard') AND j.ticket IS NOT NULL";
 
 impl Database {
-    /// The next part that is handed over, and that nobody looks after; it gets a new claim, its attempt stays.
+    /// Adopts the next unsupervised part; it gets a new claim, its attempt is unchanged.
     ///
     /// # Errors
     /// The database.
@@ -34,7 +34,7 @@ impl Database {
         row.map(|row| Ok((job_of(&row)?, token))).transpose()
     }
 
-    /// Whether somebody wants a claimed job stopped. `None`: the claim is lost.
+    /// Whether cancellation of a claimed job was requested. `None`: the claim is lost.
     ///
     /// # Errors
     /// The database.
@@ -48,7 +48,7 @@ impl Database {
             .transpose()
     }
 
-    /// Gives a claimed part a ticket, and leaves it to whoever [adopts](Self::adopt) it; `false`: the claim is lost.
+    /// Gives a claimed part a ticket, and leaves it for [adoption](Self::adopt); `false`: the claim is lost.
     ///
     /// # Errors
     /// The database.
@@ -65,7 +65,7 @@ impl Database {
         Ok(written > 0)
     }
 
-    /// Whoever has looked after parts that are handed over is gone: in a database that one process has, where it begins.
+    /// Marks all handed-over parts as unsupervised: at the start of a process with exclusive use of the database.
     ///
     /// # Errors
     /// The database.
@@ -78,7 +78,7 @@ impl Database {
         .map(drop)
     }
 
-    /// A part whose attempt runs and is handed over, and its claim of this moment; `None`: that attempt is over.
+    /// A part whose running attempt is handed over, and its current claim; `None`: that attempt is over.
     ///
     /// # Errors
     /// The database.

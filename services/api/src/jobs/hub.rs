@@ -1,7 +1,7 @@
-//! Wakes those who wait: workers for a job in the queue, watchers for an event. Nothing is sent here but "look again", so that nobody can
-//! miss anything: what there is stands in the database.
+//! Wakes waiting tasks: workers for a queued job, watchers for an event. Only "look again" is signalled, so that nothing can be missed:
+//! the state is in the database.
 //!
-//! Live samples ([`LiveRuns`]) are the exception: they stand in no database.
+//! Live samples ([`LiveRuns`]) are the exception: they are not stored in the database.
 
 use super::live::LiveRuns;
 use std::collections::HashMap;
@@ -11,16 +11,16 @@ use tokio::sync::{Notify, watch};
 /// Wakes workers and watchers.
 #[derive(Debug, Default)]
 pub(crate) struct Hub {
-    /// One permit a queued job.
+    /// One permit per queued job.
     pub(crate) queue: Notify,
-    /// Samples of runs that fly.
+    /// Samples of running flights.
     pub(crate) live: LiveRuns,
     jobs: Mutex<HashMap<String, watch::Sender<u64>>>,
     any: watch::Sender<u64>,
 }
 
 impl Hub {
-    /// Tells the watchers of a job to look again.
+    /// Wakes the watchers of a job.
     pub(crate) fn wake(&self, id: &str) {
         self.any.send_modify(|count| *count += 1);
         let mut jobs = self.lock();
@@ -32,7 +32,7 @@ impl Hub {
         }
     }
 
-    /// Tells everybody to look again.
+    /// Wakes everyone.
     pub(crate) fn wake_all(&self) {
         self.any.send_modify(|count| *count += 1);
         self.lock().retain(|_, sender| {
@@ -42,12 +42,12 @@ impl Hub {
         self.queue.notify_one();
     }
 
-    /// Changes whenever there is something new about any job.
+    /// Changes on any job's update.
     pub(crate) fn watch_any(&self) -> watch::Receiver<u64> {
         self.any.subscribe()
     }
 
-    /// Changes whenever there is something new about a job.
+    /// Changes on a job's update.
     pub(crate) fn watch(self: &Arc<Self>, id: &str) -> watch::Receiver<u64> {
         self.lock()
             .entry(id.to_owned())

@@ -1,8 +1,8 @@
-//! Live samples of runs: handed to those who look on, and kept for those who come later, as far as memory goes.
+//! Live samples of runs: passed to viewers, and stored for later ones, within a memory limit.
 //!
-//! A run keeps at most [`MOST_KEPT`] samples. When there are more, every other one goes, and from then on only every other one that comes is
-//! kept: what is kept always begins with the first sample of the attempt and is evenly spaced, only coarser. Nothing of it is on disk; once
-//! the run has ended, what was recorded is in its telemetry.
+//! A run keeps at most [`MOST_KEPT`] samples. When there are more, every second one is dropped, and from then on only every second new one
+//! is kept: the stored samples always start with the first one of the attempt and are evenly spaced, only coarser. Nothing is written to
+//! disk; once the run has ended, the recording is in its telemetry.
 
 use rotortwin_wire::events::{LiveSample, RunEvent};
 use std::collections::HashMap;
@@ -10,21 +10,21 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 use tokio::sync::broadcast;
 
-/// Samples that wait for a slow watcher before it loses the oldest: some seconds.
+/// Queue length of a slow viewer before it loses the oldest samples: some seconds.
 const BACKLOG: usize = 256;
-/// Samples that a run keeps: 82 s at the 100 a second that a flight tells at most; from then on half as many a second, and so on.
+/// Maximum samples per run: 82 s at the maximum rate of 100 per second; then half as many per second, and so on.
 const MOST_KEPT: usize = 8192;
-/// Runs of which nothing was heard for so long are forgotten: their worker is gone.
+/// Runs without samples for this long are forgotten: their worker is gone.
 const SILENCE: Duration = Duration::from_secs(600);
-/// How a line with a live sample begins.
+/// Prefix of a line with a live sample.
 const LINE: &str = r#"{"event":"sample""#;
 
-/// What is kept of a run, from its first sample on.
+/// Stored samples of a run, from the first one on.
 #[derive(Debug, Clone)]
 pub(crate) struct Past {
     /// In the order of their steps.
     pub(crate) samples: Vec<Arc<LiveSample>>,
-    /// Only one of so many was kept.
+    /// Only one in this many was kept.
     pub(crate) every: u64,
 }
 
@@ -33,7 +33,7 @@ struct Run {
     sender: broadcast::Sender<Arc<LiveSample>>,
     samples: Vec<Arc<LiveSample>>,
     every: u64,
-    /// Samples that came.
+    /// Samples received.
     count: u64,
     heard: Instant,
 }
@@ -51,7 +51,7 @@ impl Run {
 
     fn take(&mut self, sample: Arc<LiveSample>) {
         if self.samples.last().is_some_and(|last| sample.step <= last.step) {
-            // It is flown again.
+            // The run was restarted.
             (self.samples, self.every, self.count) = (Vec::new(), 1, 0);
         }
         if self.count.is_multiple_of(self.every) {
@@ -69,7 +69,7 @@ impl Run {
         }
         self.count += 1;
         self.heard = Instant::now();
-        // Nobody looks on: nothing is lost.
+        // No viewers: nothing is lost.
         drop(self.sender.send(sample));
     }
 }
@@ -79,7 +79,7 @@ impl Run {
 pub(crate) struct LiveRuns(Mutex<HashMap<String, Run>>);
 
 impl LiveRuns {
-    /// Takes a line of a flight's standard output if it is a live sample; `false`: it is something else. Never waits.
+    /// Processes a line of a flight's standard output if it is a live sample; `false` otherwise. Never waits.
     pub(crate) fn take(&self, id: &str, line: &str) -> bool {
         if !line.starts_with(LINE) {
             return false;
@@ -96,7 +96,7 @@ impl LiveRuns {
         true
     }
 
-    /// What is kept of a run, and all that comes after it; the channel closes when an attempt to fly it has ended.
+    /// The stored samples of a run, and a channel for the following ones, which closes when the attempt has ended.
     pub(crate) fn watch(&self, id: &str) -> (Past, broadcast::Receiver<Arc<LiveSample>>) {
         let mut runs = self.lock();
         let run = runs.entry(id.to_owned()).or_insert_with(Run::new);
@@ -107,7 +107,7 @@ impl LiveRuns {
         (past, run.sender.subscribe())
     }
 
-    /// An attempt to fly a run has ended.
+    /// The attempt of a run has ended.
     pub(crate) fn end(&self, id: &str) {
         self.lock().remove(id);
     }

@@ -1,11 +1,11 @@
-//! Jobs: whatever takes time and leaves a result. A flight is one, a campaign and a diagnosis are others.
+//! Jobs: long-running tasks with a result, such as flights, campaigns and diagnoses.
 //!
 //! ```text
 //!  submit ─▶ queued ──claim──▶ running ──finish──▶ done, failed, canceled
 //!               ▲                 │
 //!               └── release, lost claim (again after a pause, ATTEMPTS times in all)
 //! ```
-//! All that is said about a job stands in the database ([`store`]); [`hub`] only wakes those who look there.
+//! The state of jobs is in the database ([`store`]); [`hub`] only wakes those waiting for changes.
 
 pub(crate) mod autopilots;
 pub(crate) mod database;
@@ -21,7 +21,7 @@ pub(crate) mod timed;
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
-/// Whose job it is where nobody has named himself.
+/// Default tenant.
 pub(crate) const LOCAL_TENANT: &str = "local";
 
 /// State of a job.
@@ -41,7 +41,7 @@ pub(crate) enum Status {
 }
 
 impl Status {
-    /// As it stands in the database.
+    /// Name in the database.
     pub(crate) const fn as_str(self) -> &'static str {
         match self {
             Self::Queued => "queued",
@@ -62,7 +62,7 @@ impl Status {
         }
     }
 
-    /// Nothing more will happen to it.
+    /// Whether the state is final.
     pub(crate) const fn is_final(self) -> bool {
         matches!(self, Self::Done | Self::Failed | Self::Canceled)
     }
@@ -101,7 +101,7 @@ pub(crate) enum JobKind {
 }
 
 impl JobKind {
-    /// All of them, for look-ups.
+    /// All kinds, for look-ups.
     const ALL: [Self; 13] = [
         Self::Run,
         Self::Campaign,
@@ -118,7 +118,7 @@ impl JobKind {
         Self::Verification,
     ];
 
-    /// As it stands in the database.
+    /// Name in the database.
     pub(crate) const fn as_str(self) -> &'static str {
         match self {
             Self::Run => "run",
@@ -137,7 +137,7 @@ impl JobKind {
         }
     }
 
-    /// Where jobs of this kind are found: `/api/v1/COLLECTION`.
+    /// Collection of this kind in the API: `/api/v1/COLLECTION`.
     pub(crate) const fn collection(self) -> &'static str {
         match self {
             Self::Run => "runs",
@@ -161,36 +161,36 @@ impl JobKind {
     }
 }
 
-/// A job as it is submitted.
+/// A job to submit.
 #[derive(Debug, Clone)]
 pub(crate) struct NewJob {
-    /// What it is.
+    /// Kind.
     pub(crate) kind: JobKind,
-    /// Of the scenario, of the campaign, …
+    /// Name of the scenario, the campaign, …
     pub(crate) name: String,
-    /// On whose account.
+    /// Tenant.
     pub(crate) tenant: String,
-    /// Larger goes first among the jobs of a tenant.
+    /// Larger takes precedence among the jobs of a tenant.
     pub(crate) priority: i64,
     /// JSON ([`rotortwin_jobs::StoredJob`]).
     pub(crate) spec: String,
-    /// JSON: what lists show.
+    /// JSON: facts shown in lists.
     pub(crate) facts: String,
-    /// The job that it is forked from.
+    /// The job it is forked from.
     pub(crate) parent: Option<String>,
-    /// The client's name for this submission.
+    /// The client's key for this submission.
     pub(crate) idempotency_key: Option<String>,
-    /// Of the submitted body.
+    /// Hash of the submitted body.
     pub(crate) request_hash: String,
-    /// It is stopped when one attempt takes longer, ms.
+    /// Time limit of one attempt, ms.
     pub(crate) wall_limit_ms: i64,
     /// The autopilot that flies it: one run at a time, by the process that lists it.
     pub(crate) autopilot: Option<String>,
-    /// Jobs whose files it or its parts read: none of them can be deleted before it has ended.
+    /// Jobs whose files it or its parts read: they cannot be deleted before it has ended.
     pub(crate) needs: Vec<String>,
-    /// Of the file that came with it, which stays until the job is deleted.
+    /// Size of the uploaded file, which is kept until the job is deleted.
     pub(crate) upload_bytes: i64,
-    /// Its parts: it is begun when all of them are done.
+    /// Its parts: it starts when all of them are done.
     pub(crate) parts: Vec<NewJob>,
 }
 
@@ -205,37 +205,37 @@ pub(crate) struct Job {
     pub(crate) new: NewJob,
     /// The job that waits for this one.
     pub(crate) part_of: Option<String>,
-    /// Parts that are not done.
+    /// Number of unfinished parts.
     pub(crate) waits_for: i64,
-    /// ms since 1970, of the database's clock, as all times.
+    /// ms since 1970, by the database's clock, like all times.
     pub(crate) submitted_ms: i64,
     /// Start of the last attempt.
     pub(crate) started_ms: Option<i64>,
-    /// End.
+    /// End of the job.
     pub(crate) finished_ms: Option<i64>,
-    /// How often it was begun.
+    /// Number of attempts.
     pub(crate) attempts: i64,
-    /// How often an attempt failed by itself.
+    /// Number of attempts that failed by themselves.
     pub(crate) failures: i64,
-    /// Who has or had it.
+    /// Its current or last worker.
     pub(crate) worker: Option<String>,
     /// A cancellation has been requested.
     pub(crate) cancel_requested: bool,
-    /// JSON: how peers from outside join.
+    /// JSON: how external peers join.
     pub(crate) ticket: Option<String>,
-    /// Of the attempt that counts, in the artifact store.
+    /// Folder of the valid attempt in the artifact store.
     pub(crate) folder: Option<String>,
-    /// Of its files, its upload among them.
+    /// Size of its files, including its upload.
     pub(crate) bytes: i64,
-    /// Over all samples of a flight.
+    /// Hash over all samples of a flight.
     pub(crate) run_hash: Option<String>,
     /// Why it failed.
     pub(crate) error: Option<String>,
     /// JSON.
     pub(crate) result: Option<String>,
-    /// JSON: the numbers of the result, flat.
+    /// JSON: the numbers of the result, flattened.
     pub(crate) metrics: Option<String>,
-    /// What the sequential detector of a run said at the end.
+    /// Final verdict of a run's sequential detector.
     pub(crate) verdict: Option<i32>,
 }
 
@@ -250,20 +250,20 @@ pub(crate) struct Event {
     pub(crate) data: String,
 }
 
-/// An event of any job, with its place in one order over all of them.
+/// An event of any job, with its position in the global order.
 #[derive(Debug, Clone)]
 pub(crate) struct PlacedEvent {
-    /// Where it stands.
+    /// Its position.
     pub(crate) place: EventPlace,
-    /// Whose it is.
+    /// Its job.
     pub(crate) job: String,
-    /// What that job is.
+    /// Kind of that job.
     pub(crate) job_kind: JobKind,
     /// The event itself.
     pub(crate) event: Event,
 }
 
-/// A place in the order of all events: number of the transaction that wrote it, and its own.
+/// A position in the order of all events: id of the writing transaction, and its own number.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub(crate) struct EventPlace {
     pub(crate) written: i64,
@@ -294,16 +294,16 @@ impl std::str::FromStr for EventPlace {
     }
 }
 
-/// What a worker says at the end.
+/// A worker's final report.
 #[derive(Debug, Clone)]
 pub(crate) struct Outcome {
     /// A final status.
     pub(crate) status: Status,
-    /// Its files, in the artifact store.
+    /// Its folder in the artifact store.
     pub(crate) folder: Option<String>,
-    /// Of the files that it has left.
+    /// Size of its files.
     pub(crate) bytes: i64,
-    /// Over all samples of a flight.
+    /// Hash over all samples of a flight.
     pub(crate) run_hash: Option<String>,
     /// Why it failed.
     pub(crate) error: Option<String>,

@@ -1,10 +1,10 @@
 //! The queue: submit, claim, end.
 //!
-//! A job is claimed with a token. Whoever writes about a job that runs gives the token; a worker that was presumed dead, and whose job was
-//! queued again, has a token that no longer fits, and its words change nothing.
+//! A job is claimed with a token. Writes about a running job must present the token; a worker that was presumed dead, and whose job was
+//! queued again, has a stale token, and its writes are rejected.
 //!
-//! Statements write before they read: two transactions that read before they write cannot both go on in SQLite, and in Postgres the row that
-//! was written is held until the end, so that events are numbered without gaps.
+//! Statements write before they read: in SQLite, two transactions that read before writing cannot both proceed, and in Postgres the written
+//! row stays locked until the end, so that events are numbered without gaps.
 
 use super::table::{Transaction, job_of, metrics_of, verdict_of};
 use super::{Job, NewJob, Outcome, Status};
@@ -14,22 +14,21 @@ use sqlx::Row as _;
 use std::collections::BTreeSet;
 use std::time::Duration;
 
-/// No lease and no pause of ours ends later than 20 s from now. What does was written before the database's clock was set back, and
-/// nobody waits until it has caught up: a claim is taken for abandoned (its worker, if it lives, writes another one each 250 ms), a pause for
-/// over.
+/// None of our leases or pauses ends later than 20 s from now. A later one was written before the database's clock was set back, and must not
+/// be waited for: such a claim counts as abandoned (its worker, if alive, renews it every 250 ms), such a pause as over.
 const DUE: &str = "(j.not_before_ms <= @NOW OR j.not_before_ms > @NOW + 20000)";
 ///
-/// What is handed to a cluster of others ([`HANDED_OVER`]) goes on there while its server is away, and that server takes it up again: for ten
-/// minutes nobody else does.
+/// A part handed to an external cluster ([`HANDED_OVER`]) keeps running there while its server is down, and that server takes it up again:
+/// for ten minutes no other server does.
 const ABANDONED: &str = "AND ((claim_until_ms < @NOW AND NOT (@HANDED_OVER AND claim_until_ms >= @NOW - 600000)) \
      OR claim_until_ms > @NOW + 20000)";
-/// Parts whose attempt has a ticket, with which a node of another cluster delivers.
+/// Parts whose attempt has a ticket, with which a node of an external cluster delivers.
 const HANDED_OVER: &str = "(kind IN ('campaign-shard', 'blind-bench-shard') AND ticket IS NOT NULL)";
 
-/// Which jobs somebody takes.
+/// Which jobs a worker takes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Takes {
-    /// Whatever is next.
+    /// Any.
     All,
     /// Parts of other jobs.
     Parts,
@@ -47,14 +46,14 @@ impl Takes {
     }
 }
 
-/// Which jobs that run are queued again.
+/// Which running jobs are queued again.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Left {
-    /// Those whose worker has said nothing for longer than its lease.
+    /// Those whose worker's lease has expired.
     Abandoned,
-    /// All, because nobody else can have them.
+    /// All, because no other process can hold them.
     All,
-    /// All but those that go on in a cluster of others.
+    /// All except those running in an external cluster.
     AllButHandedOver,
 }
 
@@ -68,39 +67,39 @@ impl Left {
     }
 }
 
-/// Whether a submission made a job.
+/// Result of a submission.
 #[derive(Debug)]
 pub(crate) enum Submitted {
-    /// It did.
+    /// A new job.
     New(Box<Job>),
-    /// The same was submitted before under this key.
+    /// A duplicate submission under this key.
     Before(Box<Job>),
-    /// Something else was.
+    /// A different submission exists under this key.
     Other,
-    /// It reads the files of this job, which was deleted meanwhile.
+    /// It reads the files of this job, which has been deleted meanwhile.
     InputGone(String),
 }
 
-/// Whether a job was deleted.
+/// Result of a deletion.
 #[derive(Debug)]
 pub(crate) enum Deleted {
-    /// It and its parts were; all ids that are gone.
+    /// It and its parts were deleted; all their ids.
     Gone(Vec<String>),
-    /// It has not ended, or there is none.
+    /// It has not ended, or does not exist.
     NotEnded,
-    /// This job, which waits or runs, reads its files.
+    /// Its files are needed by this waiting or running job.
     Needed(Box<Job>),
 }
 
-/// How many jobs a tenant may have running at the same time where nothing else is said.
+/// Default limit of concurrently running jobs per tenant.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct FairShare {
-    /// Jobs of one tenant that run at the same time.
+    /// Maximum number of concurrently running jobs of one tenant.
     pub(crate) most_running: i64,
 }
 
 impl Database {
-    /// Puts a job and its parts into the queue; they are on disk when this returns.
+    /// Queues a job and its parts; they are durable when this returns.
     ///
     /// # Errors
     /// The database.
@@ -124,7 +123,7 @@ impl Database {
         for part in &new.parts {
             self.insert(&mut transaction, &new_id(), part, Some(&id)).await?;
         }
-        // What a part reads is needed until the whole has ended. In order, so that two submissions do not wait for each other.
+        // Inputs of a part are needed until the whole job has ended. In order, so that two submissions do not deadlock.
         let needs: BTreeSet<&String> = new
             .parts
             .iter()
@@ -149,7 +148,7 @@ impl Database {
         Ok(Submitted::New(Box::new(job)))
     }
 
-    /// `false`: there is one under this key.
+    /// `false`: one exists under this key.
     async fn insert(
         &self,
         transaction: &mut Transaction,
@@ -188,8 +187,8 @@ impl Database {
         Ok(inserted > 0)
     }
 
-    /// Takes a queued job, if there is one: of the tenant with the fewest running jobs, there the most urgent, there the oldest. One that an
-    /// autopilot flies is taken only by the worker that lists the autopilot, while no other run has it. The token stands for the claim.
+    /// Claims a queued job, if any: of the tenant with the fewest running jobs, then the highest priority, then the oldest. A job flown by an
+    /// autopilot is only claimed by the worker that lists it, while no other run uses it. The token identifies the claim.
     ///
     /// # Errors
     /// The database.
@@ -229,7 +228,7 @@ impl Database {
         if let Some(autopilot) = &job.new.autopilot
             && !self.has_alone(&mut transaction, autopilot, &job.id).await?
         {
-            // Somebody was faster; the claim is rolled back.
+            // Another worker was faster; the claim is rolled back.
             return Ok(None);
         }
         let data = serde_json::json!({ "attempt": job.attempts, "worker": worker }).to_string();
@@ -239,7 +238,7 @@ impl Database {
         Ok(Some((job, token)))
     }
 
-    /// Says that the worker lives. `None`: the claim is lost; else whether somebody wants the job stopped.
+    /// Renews the claim. `None`: the claim is lost; otherwise whether cancellation was requested.
     ///
     /// # Errors
     /// The database.
@@ -272,10 +271,10 @@ impl Database {
         Ok(true)
     }
 
-    /// Adds an event of a claimed part to the job that waits for it; nothing if the claim is lost or that job has ended.
+    /// Adds an event of a claimed part to the job that waits for it; ignored if the claim is lost or that job has ended.
     ///
-    /// A transaction of its own that holds the whole's row alone: one that held the part's, too, would wait for a cancel that holds the
-    /// whole and waits for the part.
+    /// A separate transaction that locks only the whole job's row: if it locked the part's too, it would deadlock with a cancellation that
+    /// locks the whole and waits for the part.
     ///
     /// # Errors
     /// The database.
@@ -307,7 +306,7 @@ impl Database {
         Ok(())
     }
 
-    /// Writes down how peers from outside join a claimed run; `false`: the claim is lost.
+    /// Stores how external peers join a claimed run; `false`: the claim is lost.
     ///
     /// # Errors
     /// The database.
@@ -363,7 +362,7 @@ impl Database {
         Ok(true)
     }
 
-    /// The whole can begin, or is lost with its part; whom that concerns.
+    /// The whole job can start, or fails with its part; returns the jobs affected.
     async fn part_ended(
         &self,
         transaction: &mut Transaction,
@@ -428,8 +427,8 @@ impl Database {
         Ok(ids)
     }
 
-    /// Puts a claimed job back into the queue: it `failed` and is begun after a pause, or its worker ends and somebody else begins it at
-    /// once. `false`: the claim is lost.
+    /// Returns a claimed job to the queue: it `failed` and is retried after a pause, or its worker is shutting down and another one starts it
+    /// at once. `false`: the claim is lost.
     ///
     /// # Errors
     /// The database.
@@ -464,14 +463,14 @@ impl Database {
         Ok(true)
     }
 
-    /// Queues again every job that is [`Left`]. A job that was begun `attempts` times has most likely killed its workers: it ends as failed.
-    /// Their ids.
+    /// Queues every job of [`Left`] again. A job that was started `attempts` times has most likely killed its workers: it fails. Returns
+    /// their ids.
     ///
-    /// Each in a transaction of its own, and a row that somebody holds is left for the next time: a host that vanished within a transaction
-    /// holds its rows until the database notices, and keeps nobody else's job waiting.
+    /// Each in a separate transaction, and locked rows are left for the next time: a host that vanished during a transaction holds its rows
+    /// until the database notices, which must not delay other jobs.
     ///
     /// # Errors
-    /// The database; of a single job only if none could be queued.
+    /// The database; for a single job only if none could be queued.
     pub(crate) async fn requeue_abandoned(&self, left: Left, attempts: i64) -> Result<Vec<String>, sqlx::Error> {
         let rows = sqlx::query(self.sql(&format!(
             "SELECT id FROM job WHERE status = 'running' {} ORDER BY id",
@@ -497,7 +496,7 @@ impl Database {
         }
     }
 
-    /// `false`: somebody has it, or holds its row.
+    /// `false`: another process holds it, or has locked its row.
     async fn requeue_one(&self, id: &str, left: Left, attempts: i64) -> Result<bool, sqlx::Error> {
         let mut transaction = self.pool.begin().await?;
         let row = sqlx::query(self.sql(
@@ -541,7 +540,7 @@ impl Database {
         Ok(true)
     }
 
-    /// Wants a job stopped: a queued one is canceled at once with its parts, a running one is told to its worker. `None`: there is none.
+    /// Requests cancellation: a queued job is cancelled at once with its parts, a running one through its worker. `None`: unknown job.
     ///
     /// # Errors
     /// The database.
@@ -577,10 +576,10 @@ impl Database {
         self.get(id).await
     }
 
-    /// Deletes a job that has ended, and its parts, unless a job that waits or runs reads its files.
+    /// Deletes a job that has ended, and its parts, unless a waiting or running job reads its files.
     ///
-    /// Whoever submits such a job holds the row of this one while it does ([`note_need`]), as this does: one of the two is first, and the
-    /// other sees what it did.
+    /// A submission of such a job locks the row of this one ([`note_need`]), as this does: one of the two comes first, and the other sees its
+    /// effect.
     ///
     /// # Errors
     /// The database.
@@ -621,7 +620,7 @@ impl Database {
     }
 }
 
-/// Writes down that a job reads the files of another one, whose row is held until the transaction ends; `false`: that one is gone.
+/// Records that a job reads the files of another one, whose row is locked until the transaction ends; `false`: that one is gone.
 async fn note_need(transaction: &mut Transaction, id: &str, needed: &str) -> Result<bool, sqlx::Error> {
     let held = sqlx::query("UPDATE job SET claim = claim WHERE id = $1")
         .bind(needed)
@@ -639,7 +638,7 @@ async fn note_need(transaction: &mut Transaction, id: &str, needed: &str) -> Res
     Ok(true)
 }
 
-/// Whether the claim is still this one's; the row is held until the transaction ends.
+/// Whether the claim is still valid; the row is locked until the transaction ends.
 pub(super) async fn holds(transaction: &mut Transaction, id: &str, token: &str) -> Result<bool, sqlx::Error> {
     let held = sqlx::query("UPDATE job SET claim = claim WHERE id = $1 AND claim = $2")
         .bind(id)
@@ -654,7 +653,7 @@ fn ended(job: &Job) -> String {
     serde_json::json!({ "status": job.status, "run_hash": job.run_hash, "error": job.error }).to_string()
 }
 
-/// 12 hex digits of ms, 20 random ones: later ids are larger.
+/// 12 hex digits of ms, 20 random ones: ids increase with time.
 pub(crate) fn new_id() -> String {
     format!("{:012x}{:020x}", now_ms(), rand::random::<u128>() & ((1 << 80) - 1))
 }

@@ -1,7 +1,7 @@
-//! Places of a run that another host takes: its controller, its FDI engine.
+//! Seats of a run, taken by other hosts: its controller, its FDI engine.
 //!
-//! The worker of the run offers them once its plant listens; a `rotortwin worker --roles …` anywhere takes one and starts the process with
-//! the ticket. A seat is worth as much as the attempt that offered it: when that ends, the process finds nobody and ends too.
+//! The worker of the run offers them once its plant listens; any `rotortwin worker --roles …` takes one and starts the process with the
+//! ticket. A seat is valid as long as the attempt that offered it: when that ends, the process finds no peer and exits too.
 
 use crate::jobs::database::Database;
 use crate::jobs::queue::{holds, new_id};
@@ -52,7 +52,7 @@ impl Database {
         Ok(true)
     }
 
-    /// Takes a free seat with one of these roles, if there is one whose attempt still runs.
+    /// Takes a free seat with one of these roles, if there is one whose attempt is still running.
     ///
     /// # Errors
     /// The database.

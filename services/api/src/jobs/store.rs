@@ -1,14 +1,14 @@
-//! What is read of jobs and events.
+//! Read access to jobs and events.
 
 use super::table::{SHORT, job_of};
 use super::{Event, EventPlace, Job, JobKind, PlacedEvent, Status};
 use crate::jobs::database::Database;
 use sqlx::Row as _;
 
-/// Which jobs of a list.
+/// Filter of a job list.
 #[derive(Debug, Clone, Default)]
 pub(crate) struct Filter<'a> {
-    /// Only of this kind; by default of every kind but parts of others.
+    /// Only this kind; by default every kind except parts of other jobs.
     pub(crate) kind: Option<JobKind>,
     /// Only of this tenant.
     pub(crate) tenant: Option<&'a str>,
@@ -31,7 +31,7 @@ pub(crate) struct Filter<'a> {
 }
 
 impl Database {
-    /// A job; `None`: there is none of this id.
+    /// A job; `None` if the id is unknown.
     ///
     /// # Errors
     /// The database.
@@ -43,7 +43,7 @@ impl Database {
         row.as_ref().map(job_of).transpose()
     }
 
-    /// The job that a tenant has submitted under a key; `None`: none.
+    /// The job that a tenant has submitted under a key; `None` if there is none.
     ///
     /// # Errors
     /// The database.
@@ -57,7 +57,7 @@ impl Database {
         row.as_ref().map(job_of).transpose()
     }
 
-    /// Whether a job names an uploaded file by this key.
+    /// Whether a job references an uploaded file by this key.
     ///
     /// # Errors
     /// The database.
@@ -92,10 +92,10 @@ impl Database {
         filter: &Filter<'_>,
         limit: i64,
     ) -> Result<Vec<sqlx::any::AnyRow>, sqlx::Error> {
-        // Only the conditions that there are, so that the database can use its indices.
+        // Only the conditions in use, so that the database can use its indices.
         let mut conditions = vec!["part_of IS NULL".to_owned()];
         let mut values: Vec<&str> = Vec::new();
-        // Numbers need no place of their own.
+        // Numbers need no bind parameter.
         conditions.extend(filter.from_ms.map(|at| format!("submitted_ms >= {at}")));
         conditions.extend(filter.to_ms.map(|at| format!("submitted_ms < {at}")));
         conditions.extend(filter.verdict.map(|code| format!("verdict = {code}")));
@@ -134,7 +134,7 @@ impl Database {
         rows.iter().map(job_of).collect()
     }
 
-    /// The files of the parts of a job are no longer needed; what their keys were.
+    /// Releases the files of the parts of a job; returns their former keys.
     ///
     /// # Errors
     /// The database.
@@ -166,7 +166,7 @@ impl Database {
             .collect()
     }
 
-    /// When the job was submitted that waits longest for somebody to begin it, ms of Unix time. One that waits for its parts does not.
+    /// Submission time of the job that has been waiting longest to start, ms of Unix time. Jobs waiting for their parts do not count.
     ///
     /// # Errors
     /// The database.
@@ -175,7 +175,7 @@ impl Database {
         row.fetch_one(&self.pool).await?.try_get("oldest")
     }
 
-    /// How many jobs of each account wait and run, by account and state.
+    /// Number of waiting and running jobs by tenant and state.
     ///
     /// # Errors
     /// The database.
@@ -190,7 +190,7 @@ impl Database {
             .collect()
     }
 
-    /// What a tenant has: jobs that wait or run, and bytes of files.
+    /// Resources used by a tenant: waiting or running jobs, and bytes of files.
     ///
     /// # Errors
     /// The database.
@@ -205,9 +205,9 @@ impl Database {
         Ok((row.try_get("open")?, row.try_get("bytes")?))
     }
 
-    /// Events of all jobs that are no parts, of a tenant if one is named, after a place, in order, at most `limit`.
+    /// Events of all jobs except parts, optionally of one tenant, after a position, in order, at most `limit`.
     ///
-    /// Only what no open transaction can still come before: see the schema.
+    /// Only events that no open transaction can still precede: see the schema.
     ///
     /// # Errors
     /// The database.
@@ -256,12 +256,12 @@ impl Database {
             .collect()
     }
 
-    /// The place after which everything comes that is written from now on.
+    /// The position that all future events follow.
     ///
     /// # Errors
     /// The database.
     pub(crate) async fn last_place(&self) -> Result<EventPlace, sqlx::Error> {
-        // Two columns of one row: what is settled ends where the first open transaction begins.
+        // Two columns of one row: the settled part ends where the first open transaction begins.
         let row = sqlx::query(self.sql(
             "SELECT CAST(@OPEN AS BIGINT) - 1 AS written, CAST(COALESCE((SELECT MAX(position) FROM job_event), 0) AS BIGINT) AS position",
         ))

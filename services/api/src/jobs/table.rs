@@ -1,11 +1,11 @@
-//! Rows of the job table, and the events that go with what is written there.
+//! Rows of the job table, and the events that accompany their updates.
 
 use super::{Job, JobKind, NewJob, Status};
 use crate::jobs::database::Database;
 use sqlx::Row as _;
 use sqlx::any::AnyRow;
 
-/// What lists need: not the specification and the result, which are long.
+/// Columns for lists: without specification and result, which are long.
 pub(super) const SHORT: &str = "id, kind, name, tenant, status, priority, '' AS spec, facts, parent, part_of, waits_for, idempotency_key, \
      request_hash, submitted_ms, started_ms, finished_ms, attempts, failures, wall_limit_ms, worker, cancel_requested, NULL AS ticket, folder, \
      bytes, run_hash, error, NULL AS result, NULL AS metrics, autopilot, upload_bytes, \
@@ -58,7 +58,7 @@ pub(super) fn job_of(row: &AnyRow) -> Result<Job, sqlx::Error> {
 }
 
 impl Database {
-    /// Adds an event to a job whose row this transaction has written, and so holds: numbers have no gaps.
+    /// Adds an event to a job whose row this transaction has written and therefore locked: numbers have no gaps.
     pub(super) async fn append(
         &self,
         transaction: &mut Transaction,
@@ -80,16 +80,16 @@ impl Database {
     }
 }
 
-/// What the sequential detector said at the end, of the result of a run; the migration that brought the column says the same in SQL.
+/// Final verdict of the sequential detector, from the result of a run; the migration that added the column does the same in SQL.
 pub(super) fn verdict_of(result: &str) -> Option<i64> {
     let result: serde_json::Value = serde_json::from_str(result).ok()?;
     let last = result["intervals"].as_array()?.last()?;
     last["scores"]["sequential"]["verdict_at_end"].as_i64()
 }
 
-/// The numbers, truth values and short texts of a result, flat: `detectors.sequential.delay_s`.
+/// The numbers, booleans and short texts of a result, flattened: `detectors.sequential.delay_s`.
 pub(super) fn metrics_of(result: &str) -> Option<String> {
-    /// No more are kept.
+    /// Maximum number kept.
     const MOST: usize = 400;
     fn walk(path: &str, value: &serde_json::Value, into: &mut serde_json::Map<String, serde_json::Value>) {
         use serde_json::Value;

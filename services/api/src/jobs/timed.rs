@@ -1,8 +1,8 @@
 //! The database with a time-out around every call.
 //!
-//! A network that is cut without a word leaves a statement without an answer, and its connection without an end: whoever waits for it waits
-//! until the kernel gives up, after a quarter of an hour or never. So nothing here is reached but through [`TimedPool`] and
-//! [`Transaction`], which give up after [`CALL`]. The connection is closed by the pool then, which cannot know what is still to come on it.
+//! A silently broken network connection leaves a statement without a response, and the connection open: callers would wait until the kernel
+//! gives up, after a quarter of an hour or never. So the database is only accessed through [`TimedPool`] and [`Transaction`], which time
+//! out after [`CALL`]. The pool then closes the connection, as its state is unknown.
 
 use futures_util::future::BoxFuture;
 use futures_util::stream::{self, BoxStream};
@@ -13,13 +13,13 @@ use std::future::Future;
 use std::ops::{Deref, DerefMut};
 use std::time::Duration;
 
-/// No call takes longer, or it has failed: the next row, the end of a statement, a commit. More than the database's own limits, whose words
-/// say more.
+/// Time limit of a call: the next row, the end of a statement, a commit. Longer than the database's own limits, whose error messages are
+/// more specific.
 const CALL: Duration = Duration::from_secs(20);
 
 type Step = Result<Either<AnyQueryResult, AnyRow>, Error>;
 
-/// A call's answer, or an error once it has taken too long.
+/// A call's result, or an error if it takes too long.
 async fn within<T>(call: impl Future<Output = Result<T, Error>>) -> Result<T, Error> {
     tokio::time::timeout(CALL, call).await.unwrap_or_else(|_| Err(late()))
 }
@@ -29,7 +29,7 @@ fn late() -> Error {
     Error::Io(std::io::Error::new(std::io::ErrorKind::TimedOut, told))
 }
 
-/// A stream that ends with an error where the next step takes too long.
+/// A stream that ends with an error if the next item takes too long.
 fn steps_within<'e>(steps: BoxStream<'e, Step>) -> BoxStream<'e, Step> {
     stream::unfold(Some(steps), |steps| async move {
         let mut steps = steps?;
@@ -50,7 +50,7 @@ impl TimedPool {
         Self(pool)
     }
 
-    /// For what has limits of its own: migrations, backups.
+    /// For operations with their own limits: migrations, backups.
     pub(super) fn untimed(&self) -> &AnyPool {
         &self.0
     }
@@ -92,15 +92,15 @@ impl<'p> Executor<'p> for &'p TimedPool {
     }
 }
 
-/// A transaction; rolled back when it is dropped before it was committed.
+/// A transaction; rolled back if dropped before it is committed.
 #[derive(Debug)]
 pub(crate) struct Transaction(TimedConnection);
 
 impl Transaction {
-    /// Makes it last.
+    /// Commits.
     ///
     /// # Errors
-    /// The database. Whether it lasts is not known then.
+    /// The database. It is unknown then whether the transaction was committed.
     pub(crate) async fn commit(self) -> Result<(), Error> {
         within(self.0.0.commit()).await
     }

@@ -1,5 +1,5 @@
 //! Scenarios, vehicles, effects and models that a caller can name: a folder laid out as `config/` of the project. A submission cannot make
-//! the server read another file.
+//! the server read any other file.
 
 pub(crate) mod own;
 mod paths;
@@ -18,10 +18,10 @@ use std::io;
 use std::path::{Path, PathBuf};
 use utoipa::ToSchema;
 
-/// A file of a library is a document; what is larger is none.
+/// Maximum size of a library file.
 const LARGEST_FILE: u64 = 16 << 20;
 
-/// What clients can leave in the library.
+/// Kinds of documents that clients can store in the library.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum DocumentKind {
     Scenario,
@@ -33,7 +33,7 @@ pub(crate) enum DocumentKind {
 }
 
 impl DocumentKind {
-    /// Of the library.
+    /// Folder in the library.
     pub(crate) const fn folder(self) -> &'static str {
         match self {
             Self::Scenario => "scenarios",
@@ -56,7 +56,7 @@ pub(crate) struct Complaint {
     pub(crate) sentence: String,
 }
 
-/// The folder.
+/// The library.
 #[derive(Debug, Clone)]
 pub(crate) struct Library {
     root: PathBuf,
@@ -64,7 +64,7 @@ pub(crate) struct Library {
 
 impl Library {
     /// # Errors
-    /// There is no such folder, or it has no `scenarios`.
+    /// The folder does not exist, or has no `scenarios`.
     pub(crate) fn open(root: &Path) -> Result<Self, String> {
         let told = |error| format!("{}: cannot be used as library: {error}", root.display());
         let root = root.canonicalize().map_err(told)?;
@@ -82,7 +82,7 @@ impl Library {
         self.files(kind, "toml")
     }
 
-    /// Names of the files with an ending, without it, in order.
+    /// Names of the files with an extension, without it, in order.
     fn files(&self, kind: &str, ending: &str) -> Vec<String> {
         let Ok(entries) = std::fs::read_dir(self.root.join(kind)) else {
             return Vec::new();
@@ -113,10 +113,10 @@ impl Library {
         std::fs::read_to_string(self.file(kind, name, "toml")).map_err(|error| Problem::internal(&error))
     }
 
-    /// A scenario by name with keys set.
+    /// A scenario by name with overridden keys.
     ///
     /// # Errors
-    /// 404 for the name; 422 for what cannot be flown, and for a path that leads out of the library.
+    /// 404 for the name; 422 for an unflyable scenario, and for a path that leads out of the library.
     pub(crate) fn scenario(&self, name: &str, set: &[String]) -> Result<Scenario, Problem> {
         self.text("scenarios", name)?;
         for setting in set {
@@ -127,21 +127,21 @@ impl Library {
         Scenario::load_with(&path, &set).map_err(|error| self.refusal(&error))
     }
 
-    /// A scenario from a text, as it would stand in `scenarios/`.
+    /// A scenario from a text, with paths relative to `scenarios/`.
     ///
     /// # Errors
     /// 422.
     pub(crate) fn parse(&self, text: &str) -> Result<Scenario, Problem> {
-        // A text that is no TOML is refused below, with the line.
+        // A text that is not TOML is rejected below, with the line.
         let table = toml::from_str::<toml::Table>(text).unwrap_or_default();
         paths_inside(DocumentKind::Scenario, &table)?;
         Scenario::parse(text, self.root.join("scenarios"))
             .map_err(|error| self.refused(DocumentKind::Scenario, text, &error))
     }
 
-    /// All that is wrong with a document, were it to stand in the library; empty: nothing.
+    /// All errors of a document, checked as part of the library; empty if valid.
     pub(crate) fn complaints(&self, kind: DocumentKind, text: &str) -> Vec<Complaint> {
-        // A text that is no TOML is refused below, with the line.
+        // A text that is not TOML is rejected below, with the line.
         if let Ok(table) = toml::from_str::<toml::Table>(text)
             && let Err(problem) = paths_inside(kind, &table)
         {
@@ -176,7 +176,7 @@ impl Library {
         }
     }
 
-    /// 422 with all complaints about a document.
+    /// 422 with all errors of a document.
     fn refused(&self, kind: DocumentKind, text: &str, error: &ConfigError) -> Problem {
         let all = self.complaints(kind, text);
         self.refusal(error)
@@ -186,7 +186,7 @@ impl Library {
     /// The effect documents of the library.
     ///
     /// # Errors
-    /// 422: one is none.
+    /// 422: one is invalid.
     pub(crate) fn effect_documents(&self) -> Result<Vec<EffectDocument>, Problem> {
         self.names(DocumentKind::Effect.folder())
             .iter()
@@ -200,7 +200,7 @@ impl Library {
     /// The built-in effects, with the documents of the library.
     ///
     /// # Errors
-    /// 422: a document is none.
+    /// 422: a document is invalid.
     pub(crate) fn catalogue(&self) -> Result<Catalogue, Problem> {
         Catalogue::with_documents(&self.effect_documents()?)
             .map_err(|refusal: Refusal| Problem::unprocessable(refusal.reason))
@@ -209,14 +209,14 @@ impl Library {
     /// A version of a model by name.
     ///
     /// # Errors
-    /// 404 for the name; 422 for a file that is none.
+    /// 404 for the name; 422 for an invalid file.
     pub(crate) fn model(&self, name: &str) -> Result<ModelVersion, Problem> {
         self.text("models", name)?;
         let path = self.root.join("models").join(format!("{name}.toml"));
         ModelVersion::load(path).map_err(|error| self.refusal(&error))
     }
 
-    /// A version of a model from a text that stands alone.
+    /// A version of a model from a self-contained text.
     ///
     /// # Errors
     /// 422.
@@ -227,7 +227,7 @@ impl Library {
             .map_err(|error| self.refused(DocumentKind::Model, text, &error))
     }
 
-    /// Whether every path in a document stays in the library; `name` and `description` are words.
+    /// Whether every path in a document stays in the library; `name` and `description` are free text.
     ///
     /// # Errors
     /// 422.
@@ -238,18 +238,18 @@ impl Library {
             .try_for_each(|(_, value)| every_path_inside(value))
     }
 
-    /// Where a document of this name stands, if there is one.
+    /// Path of the document with this name, if it exists.
     pub(crate) fn file(&self, kind: &str, name: &str, ending: &str) -> PathBuf {
         self.root.join(kind).join(format!("{name}.{ending}"))
     }
 
-    /// Where it is.
+    /// Path of the library.
     pub(crate) fn root(&self) -> &Path {
         &self.root
     }
 
-    /// Puts a copy of the library into the artifact store, under the hash of all that is in it, and gives its key: a job that is done on
-    /// another host, or tomorrow, reads what was there when it was submitted.
+    /// Copies the library into the artifact store, under the hash of its content, and returns the key: a job executed later or on another
+    /// host reads what was there at its submission.
     ///
     /// # Errors
     /// A file cannot be read or written.
@@ -261,7 +261,7 @@ impl Library {
         if artifacts.file(&key, marker).await?.is_some() {
             return Ok(key);
         }
-        // The marker last: a copy that was cut off is made again.
+        // The marker last: an interrupted copy is repeated.
         files.push((marker.to_owned(), b"complete\n".to_vec()));
         // Not all that lies there: another request may be writing the same copy, and its files beside these are gone in a moment.
         let paths: Vec<String> = files.iter().map(|(path, _)| path.clone()).collect();
@@ -282,7 +282,7 @@ impl Library {
         Ok(key)
     }
 
-    /// A copy with more files, each at a path within it, in a folder that is gone when it is dropped.
+    /// A copy with additional files, each at a path within it, in a temporary folder that is removed on drop.
     ///
     /// # Errors
     /// A file cannot be read or written.
@@ -305,13 +305,13 @@ impl Library {
     /// A vehicle by name, with its blades.
     ///
     /// # Errors
-    /// 404 for the name; 422 for what cannot fly.
+    /// 404 for the name; 422 for an unflyable vehicle.
     pub(crate) fn vehicle_documents(&self, name: &str) -> Result<VehicleDocuments, Problem> {
         self.text("vehicles", name)?;
         VehicleDocuments::load(self.file("vehicles", name, "toml")).map_err(|error| self.refusal(&error))
     }
 
-    /// A vehicle from a text, as it would stand in `vehicles/`.
+    /// A vehicle from a text, with paths relative to `vehicles/`.
     ///
     /// # Errors
     /// 422.
@@ -325,7 +325,7 @@ impl Library {
     /// A classifier by name.
     ///
     /// # Errors
-    /// 404 for the name; 422 for a file that is none.
+    /// 404 for the name; 422 for an invalid file.
     pub(crate) fn classifier(&self, name: &str) -> Result<Classifier, Problem> {
         let known = self.files("classifiers", "json");
         if !known.iter().any(|other| other == name) {
@@ -337,12 +337,12 @@ impl Library {
         Classifier::read(&self.file("classifiers", name, "json")).map_err(|error| self.refusal(&error))
     }
 
-    /// A refusal without the server's paths.
+    /// An error without the server's paths.
     pub(crate) fn refusal(&self, error: &dyn std::fmt::Display) -> Problem {
         Problem::unprocessable(self.without_root(error))
     }
 
-    /// A sentence without the server's paths.
+    /// A text without the server's paths.
     pub(crate) fn without_root(&self, error: &dyn std::fmt::Display) -> String {
         let root = format!("{}/", self.root.display());
         error.to_string().replace(&root, "")

@@ -1,10 +1,10 @@
-//! Documents that clients leave in the library, each on its account: in the database, laid over the server's folder where they are used.
+//! Documents that clients store in the library, per tenant: in the database, overlaid on the server's folder.
 //!
 //! ```text
 //!  PUT /api/v1/vehicles/mine ─▶ database ─┐
 //!  the server's folder (--library) ───────┴─▶ libraries/TENANT/HASH/ ─▶ Library of this caller
 //! ```
-//! A document of one's own hides the server's of the same name. The folder is made anew when either side has changed.
+//! A tenant's document hides the server's of the same name. The folder is rebuilt when either side has changed.
 
 use super::{DocumentKind, Library, copy_all};
 use crate::App;
@@ -18,13 +18,13 @@ use std::io;
 use std::path::Path;
 use std::time::{Duration, SystemTime};
 
-/// Documents on one account, at most.
+/// Maximum number of documents per tenant.
 const MOST_DOCUMENTS: i64 = 500;
-/// Bytes of a document, at most.
+/// Maximum size of a document, bytes.
 pub(crate) const LARGEST_DOCUMENT: usize = 256 << 10;
-/// Written last: a folder without it was cut off.
+/// Written last: a folder without it is incomplete.
 const COMPLETE: &str = ".complete";
-/// A folder that is no longer current may be in use so long.
+/// An outdated folder may be in use for this long.
 const KEPT: Duration = Duration::from_secs(600);
 
 /// A document of a client.
@@ -32,12 +32,12 @@ const KEPT: Duration = Duration::from_secs(600);
 pub(crate) struct OwnDocument {
     pub(crate) folder: String,
     pub(crate) name: String,
-    /// Of the text.
+    /// Hash of the text.
     pub(crate) hash: String,
     pub(crate) changed_ms: i64,
 }
 
-/// What must be there already for a document to be written.
+/// Precondition for writing a document.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(crate) enum Precondition {
     None,
@@ -47,7 +47,7 @@ pub(crate) enum Precondition {
     Hash(String),
 }
 
-/// What became of it.
+/// Result of a write.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Written {
     Created,
@@ -139,7 +139,7 @@ impl Database {
         Ok(if replaced { Written::Replaced } else { Written::Full })
     }
 
-    /// Replaces a document that is there, with this hash if one is given.
+    /// Replaces an existing document, with this hash if given.
     async fn replace_document(
         &self,
         tenant: &str,
@@ -163,7 +163,7 @@ impl Database {
         .map(|done| done.rows_affected() == 1)
     }
 
-    /// Whether a tenant has left a document of this name.
+    /// Whether a tenant has stored a document with this name.
     ///
     /// # Errors
     /// The database.
@@ -177,7 +177,7 @@ impl Database {
         Ok(row.is_some())
     }
 
-    /// `false`: there is none.
+    /// Deletes a document; `false` if it does not exist.
     ///
     /// # Errors
     /// The database.
@@ -198,7 +198,7 @@ impl Database {
 }
 
 impl App {
-    /// The library as a caller sees it: the server's, with what the caller has left there.
+    /// The library as seen by a caller: the server's, with the caller's own documents.
     ///
     /// # Errors
     /// 500, 503, 507.
@@ -214,7 +214,7 @@ impl App {
         if !root.join(COMPLETE).is_file() {
             let mut texts = Vec::with_capacity(own.len());
             for document in own {
-                // One that was changed in between is read when somebody asks again.
+                // A document changed meanwhile is read on the next access.
                 if let Some(text) = self.database.document_text(&caller.tenant, &document).await? {
                     texts.push((document, text));
                 }
@@ -253,7 +253,7 @@ fn digest(shelf: &Library, own: &[OwnDocument]) -> io::Result<String> {
 }
 
 fn lay_over(shelf: &Library, own: &[(OwnDocument, String)], root: &Path) -> io::Result<()> {
-    // Beside it first: another request may do the same.
+    // To a temporary path first: another request may do the same.
     let beside = root.with_extension(new_id());
     copy_all(shelf.root(), &beside)?;
     for (document, text) in own {
@@ -263,13 +263,13 @@ fn lay_over(shelf: &Library, own: &[(OwnDocument, String)], root: &Path) -> io::
     }
     std::fs::write(beside.join(COMPLETE), "")?;
     match std::fs::rename(&beside, root) {
-        // Somebody else was faster, with the same content.
+        // Another request was faster, with the same content.
         Err(_) if root.join(COMPLETE).is_file() => std::fs::remove_dir_all(&beside),
         other => other,
     }
 }
 
-/// Removes folders that are no longer current and that nobody can still be reading.
+/// Removes outdated folders that can no longer be in use.
 fn clear_away(folder: &Path, current: &str) {
     let Ok(entries) = std::fs::read_dir(folder) else { return };
     for entry in entries.filter_map(Result::ok) {

@@ -1,12 +1,12 @@
-//! Paths in documents: they lead to other files of the library, never out of it.
+//! Paths in documents: they lead to other files of the library, never outside.
 
 use crate::problem::Problem;
 use std::path::{Component, Path};
 
-/// Keys of a scenario that are paths of files.
+/// Keys of a scenario that contain file paths.
 pub(super) const PATHS: [&str; 3] = ["vehicle", "fdi", "effect_files"];
 
-/// The value of a setting `key=value` with a path's key must lead to a file of the library.
+/// The value of a setting `key=value` with a path key must lead to a file of the library.
 pub(super) fn stays_inside(setting: &str) -> Result<(), Problem> {
     let Some((key, value)) = setting.split_once('=') else {
         return Ok(());
@@ -20,7 +20,7 @@ pub(super) fn stays_inside(setting: &str) -> Result<(), Problem> {
     if !PATHS.contains(&first) {
         return Ok(());
     }
-    // As the scenario reads it: a TOML value, or a bare word.
+    // Parsed as the scenario does: a TOML value, or a bare word.
     let value = value.trim();
     match toml::from_str::<toml::Table>(&format!("value = {value}")) {
         Ok(table) => table.values().try_for_each(every_path_inside),

@@ -1,14 +1,14 @@
-//! Models that grow, in the database: numbered versions that never change, and branches that stand at one of them.
+//! Versioned models in the database: numbered immutable versions, and branches that point to them.
 //!
 //! ```text
 //! model f550     v0 ── v1 ── v2        versions, numbered over all branches
 //!                 └── v3   ▲ main
 //!                     ▲ windy
 //! ```
-//! What a version is, which is whose parent and what differs is said by [`rotortwin_twin::model`]; here stands only how they are kept, on each
-//! account its own. The head of `main` stands among the documents, too ([`super::own`]), so that whatever names a model finds it.
+//! The content of versions, their parents and differences are defined by [`rotortwin_twin::model`]; this module stores them, per tenant.
+//! The head of `main` is also stored as a document ([`super::own`]), so that it can be used wherever a model is named.
 //!
-//! Every change first writes the row of the model: whoever comes second waits, and then finds the branch moved.
+//! Every change first writes the row of the model: a concurrent change waits, and then finds the branch moved.
 
 use crate::jobs::database::Database;
 use crate::jobs::timed::Transaction;
@@ -20,43 +20,43 @@ use sqlx::Row as _;
 use std::collections::BTreeMap;
 use std::path::Path;
 
-/// Versions of one model, at most.
+/// Maximum number of versions of one model.
 const MOST_VERSIONS: i64 = 500;
-/// Models on one account that grow, at most.
+/// Maximum number of versioned models per tenant.
 const MOST_MODELS: i64 = 500;
 
-/// A model with all that was ever made of it.
+/// A model with all its versions and branches.
 #[derive(Debug, Clone)]
 pub(crate) struct StoredModel {
     /// Versions and branches.
     pub(crate) history: History,
-    /// When each version was made, ms since 1970.
+    /// Creation time of each version, ms since 1970.
     pub(crate) made_ms: BTreeMap<u32, i64>,
 }
 
-/// What became of a change.
+/// Result of a change.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Changed {
-    /// The number of the version at which the branch stands now.
+    /// The number of the branch's new version.
     To(u32),
-    /// The branch is gone, or stands elsewhere than was said.
+    /// The branch is gone, or has moved.
     Moved,
     /// There are too many versions or models.
     Full,
 }
 
-/// Rows that this program wrote and cannot read.
+/// Rows written by this program that cannot be read.
 fn unreadable(error: impl std::fmt::Display) -> sqlx::Error {
     sqlx::Error::Decode(format!("a stored version of a model cannot be read: {error}").into())
 }
 
 impl Database {
-    /// A model of a tenant; `None`: none of this name has grown.
+    /// A model of a tenant; `None`: there is no versioned model with this name.
     ///
     /// # Errors
     /// The database.
     pub(crate) async fn model(&self, tenant: &str, name: &str) -> Result<Option<StoredModel>, sqlx::Error> {
-        // Branches first: a version that is made in between is one too many, none too few.
+        // Branches first: a version created in between is then extra rather than missing.
         let branches = sqlx::query("SELECT branch, number FROM model_branch WHERE tenant = $1 AND model = $2")
             .bind(tenant)
             .bind(name)
@@ -90,7 +90,7 @@ impl Database {
         Ok(Some(StoredModel { history, made_ms }))
     }
 
-    /// Whether a model of this name has grown.
+    /// Whether a versioned model with this name exists.
     ///
     /// # Errors
     /// The database.
@@ -103,7 +103,7 @@ impl Database {
         Ok(row.is_some())
     }
 
-    /// Begins a model with these versions, the last one the head of `main`. [`Changed::Moved`]: somebody else has begun it.
+    /// Creates a model with these versions, the last one the head of `main`. [`Changed::Moved`]: it has been created meanwhile.
     ///
     /// # Errors
     /// The database.
@@ -151,7 +151,7 @@ impl Database {
         Ok(Changed::To(head))
     }
 
-    /// Writes a version after the one at which a branch is said to stand.
+    /// Adds a version after the expected head of a branch.
     ///
     /// # Errors
     /// The database.
@@ -190,7 +190,7 @@ impl Database {
         Ok(Changed::To(number))
     }
 
-    /// Moves a branch from one version that is there to another.
+    /// Moves a branch from one existing version to another.
     ///
     /// # Errors
     /// The database.
@@ -214,7 +214,7 @@ impl Database {
         Ok(Changed::To(to.0))
     }
 
-    /// Makes a branch at a version that is there. [`Changed::Moved`]: there is one of this name.
+    /// Creates a branch at an existing version. [`Changed::Moved`]: the name exists.
     ///
     /// # Errors
     /// The database.
@@ -255,7 +255,7 @@ impl Database {
         Ok(Changed::To(at))
     }
 
-    /// Forgets all versions and branches of a model; `false`: none of this name has grown.
+    /// Deletes all versions and branches of a model; `false`: there is no versioned model with this name.
     ///
     /// # Errors
     /// The database.
@@ -298,7 +298,7 @@ impl Database {
         .map(|_| ())
     }
 
-    /// Puts the head of `main` among the documents.
+    /// Stores the head of `main` as a document.
     async fn show_head(
         &self,
         transaction: &mut Transaction,
@@ -322,7 +322,7 @@ impl Database {
     }
 }
 
-/// Writes the row of a model as it is: until the transaction ends, nobody else changes that model.
+/// Rewrites the row of a model unchanged: locks the model until the transaction ends.
 async fn hold(transaction: &mut Transaction, tenant: &str, name: &str) -> Result<(), sqlx::Error> {
     sqlx::query("UPDATE model SET versions = versions WHERE tenant = $1 AND name = $2")
         .bind(tenant)
@@ -332,7 +332,7 @@ async fn hold(transaction: &mut Transaction, tenant: &str, name: &str) -> Result
         .map(|_| ())
 }
 
-/// `false`: it stands elsewhere.
+/// `false`: it has moved.
 async fn move_branch(
     transaction: &mut Transaction,
     tenant: &str,

@@ -1,4 +1,4 @@
-//! A command whose output answers a request while its caller waits: what it reads costs this request, never the server.
+//! Commands that answer a request while its caller waits: bad input can only break this request, never the server.
 
 use super::child::{self, Limits};
 use crate::App;
@@ -14,12 +14,12 @@ use tokio::process::Command;
 /// Exit code of a command whose input is bad.
 const BAD_INPUT: i32 = 2;
 
-/// What a command may take, and how long.
+/// Limits of a command.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Patience {
     /// Memory, bytes.
     pub(crate) memory: u64,
-    /// Time by the clock, and on each of two processors.
+    /// Wall-clock time, and time on each of two processors.
     pub(crate) wall: Duration,
 }
 
@@ -28,7 +28,7 @@ const QUEUE: Duration = Duration::from_secs(60);
 
 /// Runs `rotortwin WORDS…` when its turn has come, and answers with the JSON that it writes.
 ///
-/// A command that has both an answer and a complaint, such as a log that lacks what every detector needs, has answered.
+/// A command with both a result and an error message, such as for a log that lacks required channels, counts as successful.
 ///
 /// * `wall`: its longest time
 /// * `for_callers`: a complaint without what is only the server's matter, such as paths
@@ -64,11 +64,11 @@ pub(crate) fn json(text: String) -> Response {
     ([(CONTENT_TYPE, "application/json")], text).into_response()
 }
 
-/// What a command has said.
+/// Output of a command.
 pub(crate) struct Said(Output);
 
 impl Said {
-    /// Runs `program WORDS…`, in a folder if one is named.
+    /// Runs `program WORDS…`, optionally in a folder.
     ///
     /// # Errors
     /// 422 if it takes too long; 500 if it cannot be run.
@@ -105,7 +105,7 @@ impl Said {
         output.map(Self).map_err(|error| Problem::internal(&error))
     }
 
-    /// Its last word of complaint.
+    /// Its last error message.
     pub(crate) fn complaint(&self) -> String {
         let sentence = child::last_line(&String::from_utf8_lossy(&self.0.stderr));
         sentence.strip_prefix("rotortwin: ").unwrap_or(&sentence).to_owned()

@@ -1,7 +1,7 @@
-//! A process that does a job: its limits, its events, signs of life to the database, its end.
+//! The process of a job: its limits, its events, heartbeats to the database, its end.
 //!
-//! A job reads what strangers have written. Its process, and each that it starts, may take so much memory, processor time and disk and no
-//! more: what a file makes of itself costs this one job. It gets none of our secrets.
+//! A job reads third-party files. Its process, and each of its children, has limited memory, processor time and disk, so that a malicious
+//! file can only break this one job. It gets none of our secrets.
 
 use super::{LEASE, Workshop};
 use crate::jobs::Job;
@@ -15,24 +15,24 @@ use tokio::io::{AsyncBufReadExt as _, BufReader};
 use tokio::process::{Child, Command};
 use tokio::time::Instant;
 
-/// Signs of life, and looks for a wish to cancel.
+/// Interval of heartbeats, and of checks for cancellation.
 const HEARTBEAT: Duration = Duration::from_millis(250);
-/// A process that was asked to end may take this long before it is killed.
+/// Time for a process to exit after a request before it is killed.
 const GRACE: Duration = Duration::from_millis(900);
-/// An event is tried to be written so long.
+/// How long writing an event is retried.
 const EVENT_PATIENCE: Duration = Duration::from_secs(10);
-/// Between two live samples that servers in other processes are told.
+/// Minimum interval between live samples sent to servers in other processes.
 const LIVE_NOTICE: Duration = Duration::from_millis(100);
-/// Events of a part that the whole has, too: a case of a bench is done.
+/// Events of a part also reported for the whole: a completed case of a bench.
 const TOLD_TO_WHOLE: &[&str] = &["case"];
-/// What a process may say that is no event, bytes.
+/// Maximum output of a process other than events, bytes.
 const MOST_WORDS: usize = 64 << 20;
 
-/// No file that a job writes is longer, bytes.
+/// Maximum size of a file written by a job, bytes.
 pub(super) const LARGEST_FILE: u64 = 64 << 30;
-/// What a thread of the standard library says last when there is no memory.
+/// Last message of the standard library when out of memory.
 const NO_MEMORY: &str = "memory allocation of";
-/// How the names of variables begin that hold passwords, keys and tokens of this process, or of where it sends things.
+/// Prefixes of environment variables that contain passwords, keys and tokens of this process or its exporters.
 const SECRETS: &[&str] = &[
     "DATABASE_URL",
     "PG",
@@ -44,10 +44,10 @@ const SECRETS: &[&str] = &[
     "ROTORTWIN_ARTIFACTS",
 ];
 
-/// What the process of a job may take.
+/// Limits of a job's process.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) struct Limits {
-    /// Memory of its own, bytes; each process that it starts may take as much.
+    /// Memory of its own, bytes; each of its children may use as much.
     pub(super) memory: u64,
     /// Processor time, s.
     pub(super) cpu_s: u64,
@@ -55,7 +55,7 @@ pub(super) struct Limits {
 
 impl Limits {
     pub(super) fn of(shop: &Workshop, job: &Job) -> Self {
-        // So long on each of its threads: it ends even where nobody is left to look at a clock.
+        // Applies to each of its threads: it ends even if no process is left to enforce the wall-clock limit.
         let wall_s = u64::try_from(job.new.wall_limit_ms / 1000).unwrap_or(0) + 1;
         Self {
             memory: shop.job_memory,
@@ -63,7 +63,7 @@ impl Limits {
         }
     }
 
-    /// Puts a process within them.
+    /// Applies the limits to a process.
     pub(super) fn hold(self, child: &Child) -> std::io::Result<()> {
         self.hold_process(child.id().unwrap_or(0))
     }
@@ -72,7 +72,7 @@ impl Limits {
     pub(super) fn hold_process(self, id: u32) -> std::io::Result<()> {
         let pid = Pid::from_raw(id.cast_signed());
         for (resource, most) in [
-            // Not the address space, of which shared memory and stacks take much without using it.
+            // Not the address space, of which shared memory and stacks reserve much without using it.
             (Resource::Data, self.memory),
             (Resource::Cpu, self.cpu_s),
             (Resource::Fsize, LARGEST_FILE),
@@ -80,10 +80,10 @@ impl Limits {
         ] {
             let limit = Rlimit {
                 current: Some(most),
-                // At the harder limit of the processor time there is no signal that says why.
+                // At the hard limit of processor time no signal indicates the reason.
                 maximum: Some(if resource == Resource::Cpu { most + 5 } else { most }),
             };
-            // Its death is seen elsewhere.
+            // Its death is noticed elsewhere.
             match pid.map(|pid| prlimit(Some(pid), resource, limit)) {
                 Some(Err(error)) if error != rustix::io::Errno::SRCH => return Err(error.into()),
                 _ => {}
@@ -93,7 +93,7 @@ impl Limits {
     }
 }
 
-/// Takes out of a command's environment what only this process needs to know.
+/// Removes from a command's environment what only this process needs to know.
 pub(super) fn without_secrets(command: &mut Command) {
     for (name, _) in std::env::vars_os() {
         if name
@@ -105,13 +105,13 @@ pub(super) fn without_secrets(command: &mut Command) {
     }
 }
 
-/// The limit that ended a process, as a sentence; another try would end alike.
+/// The limit that ended a process, as an error message; a retry would fail the same way.
 pub(super) fn limit_reached(shop: &Workshop, status: Option<ExitStatus>, complaints: &Path) -> Option<String> {
     let said = std::fs::read_to_string(complaints).unwrap_or_default();
     limit_of(status?, &said, shop.job_memory)
 }
 
-/// As [`limit_reached`], of a process that had `memory` bytes and `said` this.
+/// As [`limit_reached`], for a process with `memory` bytes that `said` this.
 pub(super) fn limit_of(status: ExitStatus, said: &str, memory: u64) -> Option<String> {
     let signal = status.signal()?;
     if signal == Signal::XCPU.as_raw() {
@@ -133,13 +133,13 @@ pub(super) fn limit_of(status: ExitStatus, said: &str, memory: u64) -> Option<St
 pub(super) enum Reason {
     /// By itself.
     Itself,
-    /// Somebody wanted the job stopped.
+    /// Cancellation was requested.
     Canceled,
     /// It took too long.
     TooLong,
-    /// The claim is somebody else's.
+    /// The claim was lost.
     Lost,
-    /// This process ends.
+    /// This process is shutting down.
     WorkerEnds,
 }
 
@@ -147,23 +147,23 @@ pub(super) enum Reason {
 pub(super) struct End {
     pub(super) reason: Reason,
     pub(super) status: Option<ExitStatus>,
-    /// What it said beside its events.
+    /// Its output other than events.
     pub(super) words: String,
 }
 
-/// What is to be done with an event before it is written down.
+/// Handles an event before it is stored.
 pub(super) trait Listener {
     async fn event(&mut self, kind: &str, event: &Value);
 }
 
-/// For a process that says nothing special.
+/// For a process without special events.
 pub(super) struct Everything;
 
 impl Listener for Everything {
     async fn event(&mut self, _: &str, _: &Value) {}
 }
 
-/// Starts a process in a group of its own, within its limits, with its complaints in a file.
+/// Starts a process in its own group, within its limits, with standard error in a file.
 pub(super) fn start(mut command: Command, limits: Limits, complaints: &Path) -> std::io::Result<Child> {
     without_secrets(&mut command);
     let child = command
@@ -177,7 +177,7 @@ pub(super) fn start(mut command: Command, limits: Limits, complaints: &Path) -> 
     Ok(child)
 }
 
-/// Reads a process until it has ended, and ends it if somebody wants that.
+/// Reads a process's output until it has ended, and ends it on request.
 pub(super) async fn watch(
     shop: &Workshop,
     job: &Job,
@@ -193,7 +193,7 @@ pub(super) async fn watch(
     let Some(stdout) = child.stdout.take() else {
         return end;
     };
-    // Open until this ends: the process takes its closing for our death.
+    // Kept open until this ends: the process treats its closing as our death.
     let _stdin = child.stdin.take();
     let mut lines = BufReader::new(stdout).lines();
     let mut heartbeat = tokio::time::interval(HEARTBEAT);
@@ -262,7 +262,7 @@ pub(super) async fn watch(
     end
 }
 
-/// `false`: the claim is lost. A database that is away for a moment costs no event.
+/// `false`: the claim is lost. A temporarily unavailable database loses no event.
 async fn write_event(shop: &Workshop, job: &Job, token: &str, kind: &str, line: &str) -> bool {
     let begun = Instant::now();
     loop {
@@ -283,7 +283,7 @@ async fn write_event(shop: &Workshop, job: &Job, token: &str, kind: &str, line: 
     }
 }
 
-/// Shows the progress of a part to whoever watches the whole. One that cannot be written costs nothing but that.
+/// Shows the progress of a part to watchers of the whole. A failure to write it has no other effect.
 pub(super) async fn tell_whole(shop: &Workshop, job: &Job, token: &str, kind: &str, line: &str) {
     let Some(whole) = job.part_of.as_deref().filter(|_| TOLD_TO_WHOLE.contains(&kind)) else {
         return;
@@ -309,12 +309,12 @@ pub(super) fn signal(child: &Child, signal: Signal, group: bool) {
     }
 }
 
-/// The last line of a file of complaints.
+/// The last line of an error file.
 pub(super) fn last_words(complaints: &Path) -> String {
     last_line(&std::fs::read_to_string(complaints).unwrap_or_default())
 }
 
-/// The last line that says something.
+/// The last non-empty line.
 pub(super) fn last_line(text: &str) -> String {
     text.lines()
         .rev()

@@ -1,4 +1,4 @@
-//! A flight: a job like any other, whose process starts plant, controller and FDI engine, or waits for those that join from elsewhere, or for an autopilot.
+//! A flight: a job like any other, whose process starts plant, controller and FDI engine, or waits for external ones or an autopilot.
 
 use super::child::{self, Limits, Listener, Reason};
 use super::{Ended, Meeting, Workshop, files_key, job_command};
@@ -10,9 +10,9 @@ use serde_json::Value;
 use std::path::Path;
 use tokio::process::Command;
 
-/// Live samples a second of simulated time; the flight itself bounds what comes a second of wall clock.
+/// Live samples per second of simulated time; the flight itself limits the rate per second of wall clock.
 const LIVE_HZ: f64 = 100.0;
-/// Where the complaints of the flight's processes are, beside its files.
+/// Log of the flight's processes, next to its files.
 const COMPLAINTS: &str = "fly.log";
 
 pub(super) async fn fly(shop: &Workshop, job: &Job, token: &str, spec: &Flight, folder: &Path) -> Ended {
@@ -67,7 +67,7 @@ pub(super) async fn fly(shop: &Workshop, job: &Job, token: &str, spec: &Flight, 
         Err(error) => return Ended::Failed(format!("the flight's files cannot be kept: {error}")),
     };
     if let (Some(name), Some(controller)) = (spec.controller.autopilot(), &summary.controller) {
-        // What is shown beside its name, nothing more.
+        // For display next to its name only.
         let noted = shop.database.autopilot_flew(name, controller.version.as_deref()).await;
         if let Err(error) = noted {
             tracing::warn!(autopilot = name, %error, "its version cannot be noted");
@@ -82,7 +82,7 @@ pub(super) async fn fly(shop: &Workshop, job: &Job, token: &str, spec: &Flight, 
     Ended::Outcome(outcome)
 }
 
-/// One of our own processes is gone. Somebody else's that is gone is a result.
+/// One of our own processes is gone. The loss of a third-party one is a result.
 fn is_worth_another_try(spec: &Flight, peer: &str) -> bool {
     match peer {
         "controller" => matches!(spec.controller.place(), Some(Place::Beside | Place::Worker)),
@@ -141,7 +141,7 @@ fn command(shop: &Workshop, spec: &Flight, folder: &Path) -> std::io::Result<Com
     job_command(&shop.program, &file, folder)
 }
 
-/// An endpoint with port 0 gets one that nobody listens on now. (Somebody may take it before the plant does: the flight is tried again.)
+/// Replaces port 0 of an endpoint by a currently free one. (If it is taken before the plant listens, the flight is retried.)
 fn with_port(endpoint: &str) -> std::io::Result<String> {
     let Some(start) = endpoint.strip_suffix(":0") else {
         return Ok(endpoint.to_owned());
@@ -156,7 +156,7 @@ fn roles(spec: &Flight) -> impl Iterator<Item = (&'static str, Place)> {
     controller.into_iter().chain([("fdi", spec.fdi)])
 }
 
-/// Hands out the tickets once the plant waits.
+/// Issues the tickets once the plant is waiting.
 struct Desk<'a> {
     shop: &'a Workshop,
     job: &'a Job,

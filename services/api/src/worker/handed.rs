@@ -1,7 +1,7 @@
-//! What a node of another cluster fetches of a part, and delivers: on the server's side.
+//! Server side of parts that nodes of an external cluster fetch and deliver.
 //!
-//! A node has a ticket that is worth something as long as its attempt runs. Everything is checked against the job table, so that it may ask
-//! any server of those that share it, and a server that was killed meanwhile.
+//! A node has a ticket that is valid as long as its attempt is running. Everything is checked against the job table, so that it may use any
+//! server that shares it, even one restarted meanwhile.
 
 use super::child::{self, LARGEST_FILE};
 use super::{ATTEMPTS, Workshop, failed, files_key, pause_after_failure};
@@ -16,23 +16,23 @@ use std::num::NonZeroUsize;
 use std::path::{Component, Path, PathBuf};
 use std::time::Duration;
 
-/// Files of a part below its folder, as its job names it.
+/// Subfolder of a part's files, as named in its job.
 const OUT: &str = "out";
-/// Longer inputs are fetched by themselves, bytes.
+/// Longer inputs are fetched separately, bytes.
 const INLINE: u64 = 256 << 10;
 /// Kinds of events that only the queue itself writes.
 const OF_QUEUE: &[&str] = &["queued", "started", "requeued", "part", "ended"];
-/// A claim that changes hands while a part is delivered is looked up again so often.
+/// Number of retries if a claim changes hands while a part is delivered.
 const LOOKS: usize = 5;
 
-/// Of an attempt that is handed over, as its row holds it.
+/// Ticket of a handed-over attempt, as stored in its row.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub(crate) struct Ticket {
     /// Address of the cluster.
     pub(crate) executor: String,
-    /// The submission whose process does this attempt: its own, or that of an attempt before.
+    /// The submission whose process executes this attempt: its own, or that of an earlier attempt.
     pub(crate) submission: String,
-    /// What the node says.
+    /// Secret presented by the node.
     pub(crate) secret: String,
 }
 
@@ -54,7 +54,7 @@ impl Ticket {
     }
 }
 
-/// Where the node finds its attempt on this server.
+/// Path of the attempt on this server, for the node.
 pub(crate) fn path(job: &Job) -> String {
     format!("/executor/v1/parts/{}/{}", job.id, job.attempts)
 }
@@ -63,15 +63,15 @@ fn over() -> Problem {
     Problem::gone("this attempt of the part is over: it has ended, was canceled, or somebody else has the part")
 }
 
-/// The attempt for which somebody shows a ticket, with its claim.
+/// The attempt that a ticket belongs to, with its claim.
 ///
 /// # Errors
-/// 410: it is over. 401: the ticket is not its.
+/// 410: it is over. 401: wrong ticket.
 pub(crate) async fn find(shop: &Workshop, id: &str, attempt: i64, secret: &str) -> Result<(Job, String), Problem> {
     let found = shop.database.handed_over(id, attempt).await?;
     let (job, claim) = found.ok_or_else(over)?;
     let ticket = job.ticket.as_deref().and_then(Ticket::parse).ok_or_else(over)?;
-    // Of equal length, without an end at the first letter that differs.
+    // Equal lengths, compared in constant time.
     let differs = ticket.secret.len() != secret.len()
         || ticket
             .secret
@@ -89,7 +89,7 @@ fn stored(job: &Job) -> Result<StoredJob, Problem> {
     StoredJob::parse(&job.new.spec).map_err(|error| Problem::unprocessable(error.to_string()))
 }
 
-/// What the node is to do, on so many threads.
+/// Instructions for the node, with a number of threads.
 ///
 /// # Errors
 /// 422: a job of a later version. 500, 507: files cannot be read.
@@ -121,7 +121,7 @@ pub(crate) async fn order(shop: &Workshop, job: &Job, threads: NonZeroUsize) -> 
     })
 }
 
-/// An input as files; short texts come with it.
+/// An input as files; short texts are included.
 async fn listed(shop: &Workshop, input: &Input) -> Result<Vec<PartInput>, Problem> {
     let of_files = |error: std::io::Error| Problem::of_files(&error);
     let mut all = Vec::new();
@@ -148,7 +148,7 @@ async fn listed(shop: &Workshop, input: &Input) -> Result<Vec<PartInput>, Proble
                 all.push(PartInput { path, text });
             }
         }
-        // Parts wait for no parts.
+        // Parts do not wait for other parts.
         Content::Parts => return Err(Problem::internal("a part waits for parts")),
     }
     Ok(all)
@@ -158,10 +158,10 @@ fn gone(path: &str) -> Problem {
     Problem::not_found(format!("{path} is none of the inputs of this part, or is gone"))
 }
 
-/// A file that the order names without its text.
+/// A file that the order lists without its text.
 ///
 /// # Errors
-/// 404: it names none of this path. 500, 507.
+/// 404: not listed. 500, 507.
 pub(crate) async fn input(shop: &Workshop, job: &Job, path: &str) -> Result<PathBuf, Problem> {
     for input in stored(job)?.inputs {
         let (key, rest) = match (&input.content, path.strip_prefix(&input.path)) {
@@ -177,10 +177,10 @@ pub(crate) async fn input(shop: &Workshop, job: &Job, path: &str) -> Result<Path
     Err(gone(path))
 }
 
-/// A file that is being delivered.
+/// A file being delivered.
 pub(crate) struct Delivery {
     place: PathBuf,
-    /// Written first, beside it.
+    /// Temporary file, written first.
     pub(crate) beside: PathBuf,
 }
 
@@ -222,10 +222,10 @@ impl Delivery {
 /// Largest file of a part, bytes.
 pub(crate) const LARGEST_DELIVERY: u64 = LARGEST_FILE;
 
-/// Writes down what a part says on its way.
+/// Stores the events of a part.
 ///
 /// # Errors
-/// 422: it is no event. 410: the attempt is over.
+/// 422: not an event. 410: the attempt is over.
 pub(crate) async fn events(shop: &Workshop, job: &Job, claim: &str, lines: &[String]) -> Result<(), Problem> {
     for line in lines {
         let event: serde_json::Value = serde_json::from_str(line)
@@ -233,7 +233,7 @@ pub(crate) async fn events(shop: &Workshop, job: &Job, claim: &str, lines: &[Str
         let kind = event["event"].as_str().filter(|kind| !OF_QUEUE.contains(kind));
         let kind = kind.ok_or_else(|| Problem::unprocessable("a line is no event of a part"))?;
         if !shop.database.event(&job.id, claim, kind, line).await? {
-            // The claim went to another server; what was said is progress, which may be lost.
+            // The claim has moved to another server; these are progress events, which may be lost.
             return Ok(());
         }
         child::tell_whole(shop, job, claim, kind, line).await;
@@ -241,7 +241,7 @@ pub(crate) async fn events(shop: &Workshop, job: &Job, claim: &str, lines: &[Str
     Ok(())
 }
 
-/// Ends an attempt as its node says; the ticket that it had.
+/// Ends an attempt as reported by its node; returns its ticket.
 ///
 /// # Errors
 /// 410: it is over already. 409: files are missing. 500, 503, 507.
@@ -277,13 +277,13 @@ pub(crate) async fn end(
         if written {
             return job.ticket.as_deref().and_then(Ticket::parse).ok_or_else(over);
         }
-        // Another server has taken the attempt up in this moment: its claim is as good.
+        // Another server has just taken over the attempt: its claim is equally valid.
         tokio::time::sleep(Duration::from_millis(50)).await;
     }
     Err(Problem::unavailable("the part changes hands; expected a later try"))
 }
 
-/// What a part has left, if all of it is there.
+/// The files of a part, if all have been delivered.
 async fn delivered(shop: &Workshop, job: &Job, result: &str, files: &[PartFile]) -> Result<Outcome, Problem> {
     if serde_json::from_str::<serde::de::IgnoredAny>(result).is_err() {
         return Err(Problem::unprocessable("the result is no JSON"));
@@ -308,7 +308,7 @@ async fn delivered(shop: &Workshop, job: &Job, result: &str, files: &[PartFile])
         }
     }
     for path in there.into_keys() {
-        // Of an upload that broke off.
+        // Remains of an interrupted upload.
         if let Err(error) = std::fs::remove_file(shop.artifacts.place(&key).join(&path)) {
             tracing::warn!(job = job.id, path, %error, "a file that no part has left cannot be removed");
         }

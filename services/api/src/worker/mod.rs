@@ -1,14 +1,14 @@
-//! Workers: each takes one job at a time from the queue and does it in a process of its own, `rotortwin job FILE`.
+//! Workers: each takes one job at a time from the queue and executes it in a separate process, `rotortwin job FILE`.
 //!
 //! ```text
 //!  queue ──claim──▶ worker ──spawns──▶ rotortwin job ──spawns──▶ sim, controller, fdi (a flight)
-//!                     │ ◀── events, a JSON line each ──┘
+//!                     │ ◀── events, one JSON line each ──┘
 //!                     └──▶ files ─▶ artifact store; then events, outcome (with the claim's token) ─▶ database
 //! ```
-//! * Each attempt has a folder of its own, so that a worker that was presumed dead cannot overwrite another's files.
-//! * A process ends when its standard input closes: none outlives a worker that was killed.
-//! * What leaves no result, or blames one of our own processes, is tried again, [`ATTEMPTS`] times in all. The same seed gives the same
-//!   bits, so a second execution is harmless.
+//! * Each attempt has its own folder, so that a worker that was presumed dead cannot overwrite another's files.
+//! * A process ends when its standard input is closed: none outlives a killed worker.
+//! * Attempts without a result, or failures of our own processes, are retried, [`ATTEMPTS`] times in all. The same seed gives
+//!   identical results, so a second execution is harmless.
 
 pub(crate) mod answer;
 mod child;
@@ -31,53 +31,53 @@ use std::time::Duration;
 use tokio::process::Command;
 use tokio::sync::watch;
 
-/// How long a claim holds without a sign of life.
+/// Lifetime of a claim without a heartbeat.
 const LEASE: Duration = Duration::from_secs(15);
-/// How often a job is begun that fails by itself.
+/// Maximum attempts of a job that fails by itself.
 const ATTEMPTS: i64 = 3;
-/// How often a job is begun whose workers die: it may be what kills them.
+/// Maximum attempts of a job whose workers die: it may be the cause.
 const ATTEMPTS_OF_DEAD_WORKERS: i64 = 25;
-/// An idle worker looks at the queue at least this often, whether it was woken or not.
+/// Polling interval of an idle worker, whether or not it was woken.
 const LOOK: Duration = Duration::from_secs(2);
-/// A worker tries so long to write down how a job ended.
+/// How long a worker retries to store the result of a job.
 const LAST_WORD: Duration = Duration::from_secs(60);
 
 /// The job, in its folder.
 const JOB_FILE: &str = "job.json";
 
-/// What workers need.
+/// Context of the workers.
 #[derive(Debug)]
 pub(crate) struct Workshop {
     /// The queue.
     pub(crate) database: Database,
-    /// Where files go.
+    /// File store.
     pub(crate) artifacts: Artifacts,
     /// The `rotortwin` program.
     pub(crate) program: PathBuf,
-    /// Of this process, for people.
+    /// Display name of this process.
     pub(crate) name: String,
-    /// How much a tenant may run at the same time.
+    /// Limit of running jobs per tenant.
     pub(crate) share: FairShare,
-    /// Whether everything here goes on.
+    /// Liveness of this process.
     pub(crate) pulse: Pulse,
-    /// Autopilots that can be reached from here.
+    /// Autopilots reachable from here.
     pub(crate) autopilots: Vec<crate::Autopilot>,
-    /// How processes on other hosts reach a plant that is started here.
+    /// How processes on other hosts reach a plant started here.
     pub(crate) zenoh: Meeting,
     /// Threads of one job.
     pub(crate) threads: usize,
-    /// Memory that the process of a job may take, bytes.
+    /// Memory limit of a job's process, bytes.
     pub(crate) job_memory: u64,
-    /// Becomes true when the process ends.
+    /// Becomes true on shutdown.
     pub(crate) ending: watch::Sender<bool>,
-    /// Where spans of requests and attempts go.
+    /// Exporter of request and attempt spans.
     pub(crate) traces: Traces,
-    /// A cluster that does the parts of jobs; none: they are done here.
+    /// A cluster for the parts of jobs; none: they are executed here.
     pub(crate) ray: Option<Arc<ray::Ray>>,
 }
 
 impl Workshop {
-    /// What places of this process take from the queue.
+    /// Kinds of jobs taken by slots of this process.
     fn takes(&self) -> Takes {
         if self.ray.is_some() {
             Takes::AllButParts
@@ -87,7 +87,7 @@ impl Workshop {
     }
 }
 
-/// Where the processes of a run meet that are not on one host.
+/// Meeting point of a run's processes on different hosts.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(crate) enum Meeting {
     /// The plant listens here, on a free port if it is 0: `tcp/10.0.0.2:0`.
@@ -96,19 +96,19 @@ pub(crate) enum Meeting {
     Router(String),
 }
 
-/// How an attempt ended.
+/// End of an attempt.
 enum Ended {
     Outcome(Outcome),
-    /// Nobody is to blame but us: try again.
+    /// A failure of our own: retry.
     Failed(String),
-    /// The claim is somebody else's now.
+    /// The claim was lost.
     Lost,
-    /// The process ends: somebody else begins the job again.
+    /// This process is shutting down: another one starts the job again.
     WorkerEnds,
 }
 
 impl Ended {
-    /// One word, and why it is worth nothing.
+    /// A keyword, and the reason of a failure.
     fn in_short(&self) -> (&'static str, Option<&str>) {
         match self {
             Self::Outcome(outcome) => {
@@ -122,12 +122,12 @@ impl Ended {
     }
 }
 
-/// Does jobs until the process ends.
+/// Executes jobs until the process ends.
 pub(crate) async fn work(shop: Arc<Workshop>) {
     let mut ending = shop.ending.subscribe();
     while !*ending.borrow() {
         shop.pulse.beat();
-        // On a full disk a job would only use its attempts up.
+        // On a full disk a job would only use up its attempts.
         let claimed = if shop.artifacts.has_room() {
             shop.database.claim(&shop.name, LEASE, shop.share, shop.takes()).await
         } else {
@@ -160,7 +160,7 @@ pub(crate) async fn work(shop: Arc<Workshop>) {
     }
 }
 
-/// Puts a process of another program's parts within the limits of a job: memory of its own in bytes, processor time in s.
+/// Applies the limits of a job to a process of another program's parts: its own memory in bytes, processor time in s.
 ///
 /// # Errors
 /// The kernel refuses.
@@ -168,12 +168,12 @@ pub fn hold_within(process: u32, memory: u64, cpu_s: u64) -> std::io::Result<()>
     child::Limits { memory, cpu_s }.hold_process(process)
 }
 
-/// The limit that ended a process that [`hold_within`] had put within `memory` bytes, and that `said` this; none: another reason.
+/// The limit that ended a process limited by [`hold_within`] to `memory` bytes, with output `said`; `None`: another reason.
 pub fn limit_that_ended(status: std::process::ExitStatus, said: &str, memory: u64) -> Option<String> {
     child::limit_of(status, said, memory)
 }
 
-/// Takes seats of runs that are flown elsewhere until the process ends.
+/// Takes seats of runs flown elsewhere until the process ends.
 pub(crate) async fn sit(shop: Arc<Workshop>, roles: Vec<String>) {
     let mut ending = shop.ending.subscribe();
     while !*ending.borrow() {
@@ -193,7 +193,7 @@ pub(crate) async fn sit(shop: Arc<Workshop>, roles: Vec<String>) {
     }
 }
 
-/// Says once more that the autopilots of this process can be flown with.
+/// Renews the offers of this process's autopilots.
 ///
 /// # Errors
 /// The database.
@@ -227,7 +227,7 @@ pub(crate) async fn keep_offering(shop: Arc<Workshop>) {
     }
 }
 
-/// Queues again what workers have left that say nothing any more.
+/// Queues jobs of dead workers again.
 pub(crate) async fn look_after_claims(shop: Arc<Workshop>) {
     let mut ending = shop.ending.subscribe();
     while !*ending.borrow() {
@@ -241,7 +241,7 @@ pub(crate) async fn look_after_claims(shop: Arc<Workshop>) {
     }
 }
 
-/// Queues jobs again that nobody does any more.
+/// Queues abandoned jobs again.
 ///
 /// # Errors
 /// The database.
@@ -261,14 +261,14 @@ fn attempt_key_of(id: &str, attempt: i64) -> String {
     format!("jobs/{id}/{attempt}")
 }
 
-/// Key of the files that an attempt leaves.
+/// Key of the files of an attempt.
 fn files_key(job: &Job) -> String {
     format!("{}/out", attempt_key(job))
 }
 
 async fn attempt(shop: &Workshop, job: &Job, token: &str) -> Ended {
     forget_attempts_before(shop, job).await;
-    // There can only be such a folder if a worker was killed between claiming and beginning; nobody else writes there.
+    // Such a folder can only exist if a worker was killed between claiming and starting; no other process writes there.
     let folder = shop.artifacts.place(&attempt_key(job));
     if let Err(error) = fresh_folder(&folder) {
         return Ended::Failed(format!("{}: cannot be made: {error}", folder.display()));
@@ -283,8 +283,8 @@ async fn attempt(shop: &Workshop, job: &Job, token: &str) -> Ended {
     }
 }
 
-/// What earlier attempts have left is worth nothing: the same seed gives the same bits. (One of them may still write, on a host that was cut
-/// off; it finds its folder gone, and that its claim is.)
+/// Results of earlier attempts are obsolete: the same seed gives identical results. (One may still be writing, on a disconnected host; it will
+/// find its folder gone, and its claim lost.)
 async fn forget_attempts_before(shop: &Workshop, job: &Job) {
     for attempt in 1..job.attempts {
         let key = attempt_key_of(&job.id, attempt);
@@ -294,8 +294,8 @@ async fn forget_attempts_before(shop: &Workshop, job: &Job) {
     }
 }
 
-/// The process that does a job, in the job's folder: `rotortwin job job.json`. What is to be done, and how, stands in that file alone, so that no
-/// option of a command can be spelled wrong here.
+/// The process of a job, in the job's folder: `rotortwin job job.json`. All parameters are in that file, so that no command option can be
+/// misspelt here.
 fn job_command(program: &Path, file: &JobFile, folder: &Path) -> std::io::Result<Command> {
     std::fs::write(folder.join(JOB_FILE), file.to_json()?)?;
     let mut command = Command::new(program);
@@ -310,7 +310,7 @@ fn fresh_folder(folder: &std::path::Path) -> std::io::Result<()> {
     std::fs::create_dir_all(folder)
 }
 
-/// Before another try.
+/// Pause before a retry.
 fn pause_after_failure(job: &Job) -> Duration {
     Duration::from_millis(500) * 4_u32.pow(u32::try_from(job.failures).unwrap_or(0))
 }
@@ -358,7 +358,7 @@ async fn write_down(shop: &Workshop, job: &Job, token: &str, ended: Ended) {
                 tracing::error!(job = job.id, %error, "the end of a job cannot be written; trying again");
                 tokio::time::sleep(Duration::from_millis(500)).await;
             }
-            // The claim runs out and the job is begun again: nothing is lost.
+            // The claim expires and the job is started again: nothing is lost.
             Err(error) => {
                 tracing::error!(job = job.id, %error, "the end of a job cannot be written; it will be begun again");
                 return;
@@ -367,7 +367,7 @@ async fn write_down(shop: &Workshop, job: &Job, token: &str, ended: Ended) {
     }
 }
 
-/// Keeps what the last attempt of a job has left, for those who look for the reason: bytes, which count for its account.
+/// Keeps the files of a job's last attempt for error analysis; returns their size, which counts for its tenant.
 async fn kept_of_failed(shop: &Workshop, job: &Job) -> i64 {
     match shop.artifacts.publish(&files_key(job)).await {
         Ok(bytes) => i64::try_from(bytes).unwrap_or(i64::MAX),
@@ -382,7 +382,7 @@ async fn kept_of_failed(shop: &Workshop, job: &Job) -> i64 {
     }
 }
 
-/// What the parts of a job have left is in its own files now.
+/// The files of a job's parts are in its own files now.
 async fn forget_parts(shop: &Workshop, job: &str) {
     let forgotten = async {
         for key in shop
@@ -417,7 +417,7 @@ mod tests {
     use rotortwin_jobs::{Here, Verification};
     use std::ffi::OsStr;
 
-    /// What a job is stands in its file alone: an option that is renamed breaks no job that is queued.
+    /// A job is defined by its file alone: renaming an option breaks no queued job.
     #[test]
     fn regress_a_worker_spells_no_option() {
         let folder = tempfile::tempdir().unwrap();

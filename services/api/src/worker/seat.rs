@@ -9,10 +9,10 @@ use std::process::Stdio;
 use std::time::Duration;
 use tokio::process::Command;
 
-/// A process that was asked to end may take this long.
+/// Time for a process to exit after a request.
 const GRACE: Duration = Duration::from_secs(1);
 
-/// Starts the process and waits for its end. Whatever becomes of it, the plant notices and says who is missing.
+/// Starts the process and waits for its end. However it ends, the plant notices and reports which peer is missing.
 pub(super) async fn serve(shop: &Workshop, seat: &Seat) {
     let Ok(ticket) = serde_json::from_str::<Value>(&seat.ticket) else {
         tracing::error!(run = seat.job, "its ticket cannot be read");

@@ -8,9 +8,9 @@ use std::io;
 use std::num::NonZeroUsize;
 use std::path::Path;
 
-/// Where its complaints are, beside its files.
+/// Its log, next to its files.
 const COMPLAINTS: &str = "task.log";
-/// Exit code of a command whose input is bad: another try would end alike.
+/// Exit code of a command with bad input: a retry would fail the same way.
 const BAD_INPUT: i32 = 2;
 
 pub(super) async fn perform(shop: &Workshop, job: &Job, token: &str, stored: StoredJob, folder: &Path) -> Ended {
@@ -68,7 +68,7 @@ pub(super) async fn perform(shop: &Workshop, job: &Job, token: &str, stored: Sto
     if status == Status::Done && result.is_none() {
         return Ended::Failed("it ended without a result".to_owned());
     }
-    // What it has read stands in its row, and need not stand here, too.
+    // Its inputs are stored in its row, and need not be kept here, too.
     for input in &inputs {
         let top = input.path.split('/').next().unwrap_or_default();
         if top != "out" {
@@ -92,7 +92,7 @@ fn is_json(text: &str) -> bool {
     serde_json::from_str::<serde::de::IgnoredAny>(text).is_ok()
 }
 
-/// Files that nobody needs; that they stay is no failure.
+/// Removes useless files; a failure does not matter.
 fn remove(path: &Path) {
     let removed = if path.is_dir() {
         std::fs::remove_dir_all(path)

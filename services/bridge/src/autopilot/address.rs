@@ -1,4 +1,4 @@
-//! Which autopilot is waited for, and where, as it is written on a command line.
+//! Autopilot addresses, as written on the command line.
 //!
 //! | Text | Autopilot |
 //! |---|---|
@@ -23,13 +23,13 @@ pub enum Protocol {
 impl Protocol {
     const ALL: [Self; 3] = [Self::ArduPilot, Self::Px4, Self::Betaflight];
 
-    /// The one that an address begins with, if it is one of an autopilot.
+    /// The protocol that an address starts with, if it is an autopilot address.
     pub fn of_address(text: &str) -> Option<Self> {
         let name = text.split([':', '@']).next()?;
         Self::ALL.into_iter().find(|protocol| protocol.name() == name)
     }
 
-    /// As it is written in an address.
+    /// Name in an address.
     pub fn name(self) -> &'static str {
         match self {
             Self::ArduPilot => "ardupilot",
@@ -46,25 +46,25 @@ impl Protocol {
         }
     }
 
-    /// It waits for us in each of its steps.
+    /// True if it waits for us in each of its steps.
     pub fn lockstep(self) -> bool {
         self != Self::Betaflight
     }
 }
 
-/// What an address of an autopilot can be.
+/// Syntax of autopilot addresses.
 pub const ADDRESSES: &str = "ardupilot[:ADDR], px4[:ADDR] or betaflight[:ADDR][@SPEED]";
-/// Where Betaflight takes states by default.
+/// Default destination of Betaflight's states.
 const BETAFLIGHT_ADDRESS: &str = "127.0.0.1:9003";
 /// Slowest and fastest simulated time over wall clock.
 const SPEEDS: std::ops::RangeInclusive<f64> = 0.05..=4.0;
 
-/// See the module.
+/// See the module documentation.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct AutopilotAddress {
-    /// What is spoken.
+    /// Protocol.
     pub protocol: Protocol,
-    /// Where it is waited for; of Betaflight where states are sent.
+    /// Address to listen on; for Betaflight, where states are sent.
     pub address: SocketAddr,
     /// Simulated time over wall clock, where the autopilot is not in lockstep.
     pub speed: f64,

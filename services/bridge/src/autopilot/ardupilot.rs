@@ -1,14 +1,14 @@
-//! ArduPilot's JSON backend: we are the UDP server, it asks with servo packets and waits for each answer.
+//! ArduPilot's JSON backend: we are the UDP server, it sends servo packets as requests and waits for each answer.
 //!
 //! ```text
 //!  ArduPilot ── servo packet n ──▶ hold its pulses for 1 ms ──▶ answer n with the readings after it ──▶ servo packet n + 1
 //! ```
-//! It sends a packet again, with the same number, for each second without an answer. A repeated packet that was sent before our answer
-//! is dropped: a second answer would stay in its socket, and it would fly on stale readings from then on. Only a
-//! packet that repeats itself after our answer means that the answer was lost, and is answered again with the same line.
+//! It repeats a packet, with the same number, after each second without an answer. A repeated packet sent before our answer is dropped:
+//! a second answer would stay in its socket, and it would fly on stale readings from then on. Only a packet repeated after our answer means
+//! that the answer was lost; it is answered again with the same line.
 //!
-//! A packet 0 means that it has restarted: before the flight that is all right, in flight it ends the run. The clock is ours; what it wishes
-//! as a frame rate is not followed.
+//! A packet 0 means that it has restarted: allowed before the flight, in flight it ends the run. The clock is ours; its requested frame
+//! rate is ignored.
 
 use super::servo_packet::{LONGEST, ServoPacket, write_answer};
 use super::{OutputMap, Patience, Wait};
@@ -18,17 +18,17 @@ use std::io::ErrorKind;
 use std::net::{SocketAddr, UdpSocket};
 use std::time::{Duration, Instant};
 
-/// Where ArduPilot sends to if nothing else is said.
+/// Default address that ArduPilot sends to.
 pub const DEFAULT_ADDRESS: &str = "127.0.0.1:9002";
 /// Two parts of 0.5 ms: its loop needs 720 Hz and more.
 const INTERVAL_PARTS: u32 = 2;
-/// A packet that repeats itself within this time after our answer was on its way when we answered; it repeats once a second.
+/// A packet repeated within this time after our answer was already in flight when we answered; it repeats once a second.
 const CROSSING: Duration = Duration::from_millis(300);
-/// A peer that has been silent for so long may be followed by one from another port.
+/// After this much silence of a peer, one from another port may take its place.
 const GONE: Duration = Duration::from_secs(2);
-/// Datagrams that are looked at before an answer is sent; more are left for the wait that follows.
+/// Maximum datagrams processed before an answer is sent; more are left for the following wait.
 const MOST_DRAINED: usize = 1000;
-/// Frames that may come before their predecessor was answered: what is left of an answer too many.
+/// Maximum frames that may arrive before their predecessor was answered: the remainder of a duplicate answer.
 const MOST_UNANSWERED: u32 = 10;
 
 /// The link to one ArduPilot.
@@ -40,19 +40,19 @@ pub struct ArduPilot {
     peer: Option<SocketAddr>,
     /// The latest packet, and when it came.
     latest: Option<(ServoPacket, Instant)>,
-    /// The latest packet has no answer yet.
+    /// The latest packet has not been answered yet.
     owed: bool,
-    /// The latest packet has not been taken yet.
+    /// The latest packet has not been processed yet.
     fresh: bool,
     answer: String,
     answered: Option<Instant>,
     unanswered: u32,
     in_flight: bool,
-    /// Datagrams that were nothing of it: how many in this wait, and what was wrong with the last.
+    /// Invalid datagrams in this wait: their number, and the error of the last one.
     foreign: (u64, String),
 }
 
-/// What to do with a datagram.
+/// Classification of a datagram.
 enum Verdict {
     Next,
     Repeated,
@@ -63,7 +63,7 @@ impl ArduPilot {
     /// Listens on `address`.
     ///
     /// # Errors
-    /// One sentence: the port is taken, or not ours.
+    /// The port is in use, or not permitted.
     pub fn listen(address: SocketAddr, map: OutputMap, patience: Patience) -> Result<Self, String> {
         let socket = UdpSocket::bind(address)
             .map_err(|error| format!("UDP {address}, where ArduPilot is waited for, cannot be opened: {error}"))?;
@@ -99,7 +99,7 @@ impl ArduPilot {
         self.latest.map(|(packet, _)| packet.frame)
     }
 
-    /// Answers the latest packet, unless it has moved on without the answer.
+    /// Answers the latest packet, unless the peer has moved on without the answer.
     fn answer(&mut self, readings: &Readings) -> Result<(), AutopilotError> {
         write_answer(&mut self.answer, readings);
         self.socket.set_nonblocking(true).map_err(|error| self.broken(&error))?;
@@ -114,7 +114,7 @@ impl ArduPilot {
         self.send_answer()
     }
 
-    /// Takes what came before the answer: repetitions of its packet are dropped. True: the next packet is there already.
+    /// Processes what arrived before the answer: repetitions of its packet are dropped. True: the next packet has already arrived.
     fn drain(&mut self) -> Result<bool, AutopilotError> {
         let mut buffer = [0; 2 * LONGEST];
         for _ in 0..MOST_DRAINED {
@@ -144,7 +144,7 @@ impl ArduPilot {
         };
         match self.socket.send_to(self.answer.as_bytes(), peer) {
             Ok(_) => {}
-            // It is gone; the wait for its next packet says so, or its successor comes.
+            // The peer is gone; the wait for its next packet reports it, or its successor connects.
             Err(error) if error.kind() == ErrorKind::ConnectionRefused => {}
             Err(error) => return Err(self.broken(&error)),
         }
@@ -152,7 +152,7 @@ impl ArduPilot {
         Ok(())
     }
 
-    /// Waits for the packet that follows.
+    /// Waits for the next packet.
     fn next(&mut self) -> Result<(), AutopilotError> {
         let wait = Wait::new(match self.peer {
             Some(_) => self.patience.step,
@@ -182,7 +182,7 @@ impl ArduPilot {
         }
     }
 
-    /// The answer to the packet that repeats itself was lost, unless both crossed.
+    /// The answer to the repeated packet was lost, unless both crossed.
     fn answer_again(&mut self) -> Result<(), AutopilotError> {
         match self.answered {
             Some(at) if at.elapsed() >= CROSSING => self.send_answer(),
@@ -190,7 +190,7 @@ impl ArduPilot {
         }
     }
 
-    /// What a datagram is; the next packet is kept.
+    /// Classifies a datagram; the next packet is stored.
     fn judge(&mut self, bytes: &[u8], from: SocketAddr) -> Result<Verdict, AutopilotError> {
         let packet = match ServoPacket::decode(bytes) {
             Ok(packet) => packet,
@@ -216,7 +216,7 @@ impl ArduPilot {
             0 => Ok(Verdict::Repeated),
             1 => self.keep(packet, from),
             _ if restarted => self.restarted(packet, from),
-            // One that was overtaken.
+            // An overtaken packet.
             ahead if ahead > u32::MAX / 2 => Ok(Verdict::Nothing),
             _ => {
                 let sentence = format!(
@@ -289,7 +289,7 @@ impl ArduPilot {
     }
 }
 
-/// The time is over, or a signal came; or, on an unconnected socket, an answer found nobody.
+/// The time is over, or a signal arrived; or, on an unconnected socket, an answer found no receiver.
 fn is_nothing_yet(error: &std::io::Error) -> bool {
     matches!(
         error.kind(),

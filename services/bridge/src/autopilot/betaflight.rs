@@ -5,12 +5,12 @@
 //!  sticks, 40 bytes, 100 Hz ──────▶ port 9004 (where the pilot flies)
 //!  port 9001 ◀── motors, 68 bytes, at most one for each state
 //! ```
-//! Its clock is wall time × (step of our time stamps ÷ wall time between our last two packets). So packets go out evenly spaced; one that is late
-//! makes the ones after it later (a slip), for a burst would make its clock leap. It never waits: where no motors come in time the latest ones
-//! hold on, and of several the last counts. Two flights of the same seed therefore differ; the recorded commands repeat each of them.
+//! Its clock is wall time × (step of our time stamps ÷ wall time between our last two packets). So packets are sent evenly spaced; a late one
+//! delays those after it (a slip), because a burst would make its clock jump. It never waits: if no motors arrive in time the latest ones
+//! stay in force, and of several the last counts. Two flights with the same seed therefore differ; the recorded commands repeat each of them.
 //!
-//! What Betaflight is told on its axes, from FRD: rates (p, q, −r), specific force (−ax, ay, az). Its compass is made from the quaternion, which
-//! its Gazebo bridge conjugates about the first axis ([`compass_quaternion`]).
+//! Betaflight's axes, from FRD: rates (p, q, −r), specific force (−ax, ay, az). Its compass is derived from the quaternion, which its Gazebo
+//! bridge conjugates about the first axis ([`compass_quaternion`]).
 
 use super::address::AutopilotAddress;
 use super::sticks::{Sticks, Telling};
@@ -25,26 +25,26 @@ use std::time::{Duration, Instant};
 /// Four parts of 0.5 ms.
 const INTERVAL_PARTS: u32 = 4;
 const STEP_S: f64 = 0.002;
-/// A packet in five is followed by sticks: 100 Hz.
+/// Every fifth packet is followed by sticks: 100 Hz.
 const STATES_PER_STICKS: u64 = 5;
-/// A state this much later than planned is counted.
+/// Lateness above which a state is counted as late, fraction of the spacing.
 const LATE: f64 = 0.5;
-/// Datagrams that are taken before a state goes out; a flood never holds it up.
+/// Maximum datagrams processed before a state is sent; a flood never delays it.
 const MOST_WAITING: u32 = 2000;
 /// A motor of an armed vehicle turns above this, µs.
 const ARMED_US: f32 = 1030.0;
-/// Bytes of its packet of motors, and its values.
+/// Length of its motor packet, and its values.
 const MOTORS_BYTES: usize = 68;
 const MOTORS: usize = 16;
-/// A motor's pulse is within this, µs; 0 before its mixer runs.
+/// Range of a motor's pulse, µs; 0 before its mixer runs.
 const PULSES_US: std::ops::RangeInclusive<f32> = 0.0..=2600.0;
 
-/// How well the pace was kept.
+/// Quality of the pacing.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct PaceReport {
     /// States sent.
     pub states: u64,
-    /// States that went out more than half a spacing late.
+    /// States sent more than half a spacing late.
     pub late: u64,
     /// States without motors before the next one.
     pub unanswered: u64,
@@ -62,27 +62,27 @@ pub struct Betaflight {
     patience: Patience,
     /// Wall clock between two states.
     spacing: Duration,
-    /// When the next state is due, and when the last was sent.
+    /// When the next state is due, and when the last one was sent.
     due: Option<Instant>,
     sent: Option<Instant>,
-    /// When motors came last.
+    /// When motors were last received.
     heard: Option<Instant>,
     motors_us: [f32; MOTORS],
-    /// Of the time stamps: it counts on while the plant waits.
+    /// Counter for the time stamps: keeps counting while the plant waits.
     states: u64,
     sticks: Option<Sticks>,
     wanted: Wanted,
     pace: PaceReport,
-    /// Datagrams of another size: how many, and the last one's.
+    /// Datagrams of a different length: their number, and the last length.
     foreign: (u64, usize),
     words: VecDeque<String>,
 }
 
 impl Betaflight {
-    /// Opens the port where motors come in. `piloted`: we hold the sticks.
+    /// Opens the port for incoming motors. `piloted`: we control the sticks.
     ///
     /// # Errors
-    /// One sentence: the port is taken, or not ours.
+    /// The port is in use, or not permitted.
     pub fn listen(
         autopilot: &AutopilotAddress,
         piloted: bool,
@@ -129,7 +129,7 @@ impl Betaflight {
         self.states_to
     }
 
-    /// How well the pace was kept so far.
+    /// Quality of the pacing so far.
     pub fn pace(&self) -> PaceReport {
         self.pace
     }
@@ -142,7 +142,7 @@ impl Betaflight {
         AutopilotError::wrong(format!("the socket to {} failed: {error}", self.name()))
     }
 
-    /// Sends a state when it is due, and sticks with each fifth.
+    /// Sends a state when it is due, and sticks with every fifth.
     fn send(&mut self, readings: &Readings) -> Result<(), AutopilotError> {
         let now = Instant::now();
         let due = self.due.unwrap_or(now);
@@ -155,7 +155,7 @@ impl Betaflight {
         if let Some(sent) = self.sent {
             self.pace.longest = self.pace.longest.max(now - sent);
         }
-        // Late: the plan slips, so that the next one is a whole spacing away.
+        // Late: the schedule slips, so that the next one is a whole spacing away.
         self.due = Some(if late > self.spacing.mul_f64(LATE) { now } else { due } + self.spacing);
         self.sent = Some(now);
         let time_s = self.states as f64 * STEP_S;
@@ -184,13 +184,13 @@ impl Betaflight {
     fn transmit(&self, bytes: &[u8], to: SocketAddr) -> Result<(), AutopilotError> {
         match self.socket.send_to(bytes, to) {
             Ok(_) => Ok(()),
-            // Nobody is there, as an answer to an earlier packet says.
+            // No receiver, according to the reply to an earlier packet.
             Err(error) if error.kind() == ErrorKind::ConnectionRefused => Ok(()),
             Err(error) => Err(self.broken(&error)),
         }
     }
 
-    /// Takes what waits: motors that came late or twice never make those after them late.
+    /// Processes pending datagrams: motors that arrived late or twice never delay later ones.
     fn take_waiting(&mut self) -> Result<(), AutopilotError> {
         self.socket.set_nonblocking(true).map_err(|error| self.broken(&error))?;
         let mut buffer = [0; 256];
@@ -202,7 +202,7 @@ impl Betaflight {
         self.socket.set_nonblocking(false).map_err(|error| self.broken(&error))
     }
 
-    /// Takes one datagram; true: motors.
+    /// Processes one datagram; true: motors.
     fn take(&mut self, bytes: &[u8]) -> Result<bool, AutopilotError> {
         let Some(motors_us) = decode_motors(bytes) else {
             self.foreign = (self.foreign.0 + 1, bytes.len());
@@ -214,7 +214,7 @@ impl Betaflight {
         Ok(true)
     }
 
-    /// Takes motors until `until`; true: some came.
+    /// Receives motors until `until`; true if any arrived.
     fn take_motors(&mut self, until: Instant) -> Result<bool, AutopilotError> {
         let mut buffer = [0; 256];
         loop {
@@ -258,7 +258,7 @@ impl Betaflight {
         )))
     }
 
-    /// Sends the same state until motors come.
+    /// Sends the same state until motors arrive.
     fn join(&mut self, readings: &Readings) -> Result<(), AutopilotError> {
         let wait = Wait::new(self.patience.join);
         loop {
@@ -381,7 +381,7 @@ impl Autopilot for Betaflight {
     }
 }
 
-/// Its packet of motors, µs by channel; `None`: something else.
+/// Decodes its motor packet, µs by channel; `None` if it is something else.
 pub fn decode_motors(bytes: &[u8]) -> Option<[f32; MOTORS]> {
     let values = (bytes.len() == MOTORS_BYTES).then(|| &bytes[4..])?;
     Some(std::array::from_fn(|i| {
@@ -395,7 +395,7 @@ pub fn state_packet(time_s: f64, readings: &Readings) -> Vec<u8> {
     let [ax, ay, az] = readings.specific_force_m_s2;
     let [w, x, y, z] = compass_quaternion(readings.attitude_rad);
     let [north, east, down] = readings.velocity_ned_m_s;
-    // Its virtual receiver of satellites is not used: no degrees.
+    // Its virtual satellite receiver is not used: no degrees.
     let up_m = -readings.position_ned_m[2];
     let pressure_pa = 100.0 * readings.pressure_hpa;
     let numbers = [
@@ -428,8 +428,8 @@ pub fn sticks_packet(time_s: f64, channels: &[u16; 16]) -> Vec<u8> {
     bytes
 }
 
-/// Quaternion w, x, y, z from which Betaflight makes its compass: of the attitude in east-north-up and forward-left-up, with the second and third axis
-/// turned about, as its Gazebo bridge sends it. `attitude_rad`: roll, pitch, yaw of FRD in NED.
+/// Quaternion w, x, y, z from which Betaflight derives its compass: of the attitude in east-north-up and forward-left-up, with the second and
+/// third axis negated, as its Gazebo bridge sends it. `attitude_rad`: roll, pitch, yaw of FRD in NED.
 pub fn compass_quaternion(attitude_rad: [f64; 3]) -> [f64; 4] {
     let [(sr, cr), (sp, cp), (sy, cy)] = attitude_rad.map(|angle| (0.5 * angle).sin_cos());
     // FRD in NED.
@@ -437,7 +437,7 @@ pub fn compass_quaternion(attitude_rad: [f64; 3]) -> [f64; 4] {
     let x = sr * cp * cy - cr * sp * sy;
     let y = cr * sp * cy + sr * cp * sy;
     let z = cr * cp * sy - sr * sp * cy;
-    // FLU in north-west-up is that turned by half a turn about x on both sides; east-north-up is a quarter turn back from there.
+    // FLU in north-west-up is that, rotated by half a turn about x on both sides; east-north-up is a quarter turn back from there.
     let (y, z) = (-y, -z);
     let k = std::f64::consts::FRAC_1_SQRT_2;
     [k * (w + z), k * (x + y), -k * (y - x), -k * (z - w)]
@@ -472,18 +472,18 @@ mod tests {
 
     #[test]
     fn val_the_compass_is_read_back_as_betaflight_reads_it() {
-        // What it does with the quaternion: second and third axis turned about, then a quarter turn; that is FLU in north-west-up.
+        // Its use of the quaternion: second and third axis negated, then a quarter turn; that is FLU in north-west-up.
         let read = |[w, x, y, z]: [f64; 4]| {
             let (y, z) = (-y, -z);
             let k = std::f64::consts::FRAC_1_SQRT_2;
             [k * (w - z), k * (x - y), k * (y + x), k * (z + w)]
         };
-        // Level, nose to the north: none. Nose to the east: a quarter turn to the right, which is −90° about up.
+        // Level, nose to the north: zero. Nose to the east: a quarter turn to the right, which is −90° about up.
         let [w, x, y, z] = read(compass_quaternion([0.0, 0.0, 0.0]));
         assert!((w - 1.0).abs() < 1e-12 && x.abs() + y.abs() + z.abs() < 1e-12);
         let [w, _, _, z] = read(compass_quaternion([0.0, 0.0, std::f64::consts::FRAC_PI_2]));
         assert!((w - z.abs()).abs() < 1e-12 && w * z < 0.0);
-        // Rolled to the right stays so about the same x; nose up is about the left axis the other way round.
+        // Roll to the right stays so about the same x; nose up is reversed about the left axis.
         let [w, x, ..] = read(compass_quaternion([0.2, 0.0, 0.0]));
         assert!((x / w - 0.1_f64.tan()).abs() < 1e-12);
         let [w, _, y, _] = read(compass_quaternion([0.0, 0.2, 0.0]));

@@ -1,14 +1,14 @@
-//! Autopilots with instruments and a clock of their own, each behind the protocol of its own simulator build.
+//! Autopilots with their own instruments and clock, each with the protocol of its simulator build.
 //!
-//! * [`address`] reads `ardupilot:127.0.0.1:9002`.
+//! * [`address`] parses `ardupilot:127.0.0.1:9002`.
 //! * [`ardupilot`]: JSON backend over UDP, lockstep by frame number.
-//! * [`servo_packet`]: the bytes of that protocol.
+//! * [`servo_packet`]: encoding of that protocol.
 //! * [`px4`]: MAVLink over TCP, lockstep by the time of our samples.
-//! * [`pilot`]: arms them, flies the scenario with them, lands them.
-//! * [`plant_check`]: the reverse: ArduPilot played to an unknown plant.
-//! * [`betaflight`]: UDP, paced on the wall clock, not lockstep; its pilot holds sticks.
+//! * [`pilot`]: arms them, flies the scenario, lands them.
+//! * [`plant_check`]: the reverse: acts as ArduPilot towards an unknown plant.
+//! * [`betaflight`]: UDP, paced on the wall clock, not lockstep; its pilot controls sticks.
 //!
-//! All wait with time-outs that name the peer and its last frame; none takes a step of its own accord.
+//! All wait with time-outs that name the peer and its last frame; none advances a step by itself.
 
 pub mod address;
 pub mod ardupilot;
@@ -24,17 +24,17 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
-/// Longest time for which a request to stop goes unnoticed.
+/// Longest time before a stop request is noticed.
 const STOP_NOTICE: Duration = Duration::from_millis(100);
 
-/// How long an autopilot is waited for.
+/// Time-outs for an autopilot.
 #[derive(Clone, Debug)]
 pub struct Patience {
     /// For its first message.
     pub join: Duration,
     /// For any later one.
     pub step: Duration,
-    /// Set from elsewhere: stop waiting.
+    /// Set externally: stop waiting.
     pub stop: Arc<AtomicBool>,
 }
 
@@ -54,7 +54,7 @@ impl Patience {
     }
 }
 
-/// One wait: how long it may still take.
+/// One wait, with its remaining time.
 struct Wait {
     start: Instant,
     limit: Duration,
@@ -72,7 +72,7 @@ impl Wait {
         self.start.elapsed()
     }
 
-    /// For how long to block now; `None`: the time is over.
+    /// How long to block now; `None`: the time is over.
     fn slice(&self) -> Option<Duration> {
         let left = self.limit.saturating_sub(self.start.elapsed());
         (!left.is_zero()).then(|| left.min(STOP_NOTICE))
@@ -82,16 +82,16 @@ impl Wait {
 /// Which of our rotors each output channel of an autopilot drives, and its range.
 #[derive(Clone, Debug, PartialEq)]
 pub struct OutputMap {
-    /// Our rotor, from 0, of each channel from the first on.
+    /// Our rotor, from 0, for each channel from the first on.
     pub rotor_of_channel: Vec<usize>,
-    /// Pulse at which a motor stands, µs.
+    /// Pulse at which a motor stops, µs.
     pub pulse_min_us: f64,
     /// Pulse at full duty, µs.
     pub pulse_max_us: f64,
 }
 
 impl OutputMap {
-    /// Duties by rotor of fractions by channel.
+    /// Converts fractions by channel to duties by rotor.
     fn duties(&self, of_channel: impl Fn(usize) -> f64) -> [f64; MAX_ROTORS] {
         let mut duty = [0.0; MAX_ROTORS];
         for (channel, &rotor) in self.rotor_of_channel.iter().enumerate() {
@@ -100,7 +100,7 @@ impl OutputMap {
         duty
     }
 
-    /// Duty of a pulse; a pulse of 0 is none, and stops the motor.
+    /// Duty of a pulse; a pulse of 0 means no pulse, and stops the motor.
     fn duty(&self, pulse_us: f64) -> f64 {
         if pulse_us == 0.0 {
             return 0.0;

@@ -1,10 +1,10 @@
-//! The reverse of a flight: ArduPilot is played to an unknown plant, and what is wrong with its answers is named.
+//! The reverse of a flight: acts as ArduPilot towards an unknown plant, and identifies errors in its answers.
 //!
 //! ```text
 //!  idle 0.5 s: format, keys, units at rest ─▶ full thrust 0.4 s: does it climb? ─▶ more on one side: which way does it turn? ─▶ a repeated frame
 //! ```
-//! For whoever writes a plant for ArduPilot's JSON backend. The line is read as ArduPilot reads it: by searching for keys. Nothing needs to be known of the
-//! vehicle but where the motor of each output stands.
+//! For developers of a plant for ArduPilot's JSON backend. The line is parsed as ArduPilot does: by searching for keys. The only required
+//! knowledge of the vehicle is the position of each output's motor.
 
 use super::servo_packet::ServoPacket;
 use std::net::{SocketAddr, UdpSocket};
@@ -16,24 +16,24 @@ const CLIMB: usize = 400;
 const TURN: usize = 120;
 /// Standard gravity, m/s².
 const G: f64 = 9.80665;
-/// ArduPilot asks again after a second.
+/// ArduPilot repeats a request after a second.
 const ASK_AGAIN: Duration = Duration::from_secs(1);
 const ASKED: u32 = 5;
-/// Within this time a second answer to a repeated frame would have come.
+/// Time within which a second answer to a repeated frame would arrive.
 const SECOND_ANSWER: Duration = Duration::from_millis(300);
 
-/// One thing that is wrong, or was seen.
+/// One observation, right or wrong.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Observation {
     /// Key of the line, or "answers".
     pub key: &'static str,
-    /// Nothing is wrong with it.
+    /// True if it is right.
     pub right: bool,
-    /// What was seen, and what was expected.
+    /// Observation and expectation.
     pub sentence: String,
 }
 
-/// One answer, as ArduPilot reads it.
+/// One answer, as parsed by ArduPilot.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 struct Answer {
     timestamp_s: f64,
@@ -44,10 +44,10 @@ struct Answer {
     attitude: [f64; 3],
 }
 
-/// Plays ArduPilot to the plant that listens at `plant`. `azimuth_deg` of the motor of each output, clockwise from the nose.
+/// Acts as ArduPilot towards the plant that listens at `plant`. `azimuth_deg` of each output's motor, clockwise from the nose.
 ///
 /// # Errors
-/// One sentence: nobody answers, or an answer cannot be read at all; the observations until then are lost.
+/// No answer, or an answer that cannot be parsed at all; earlier observations are lost.
 pub fn examine(plant: SocketAddr, azimuth_deg: &[f64]) -> Result<Vec<Observation>, String> {
     let socket = UdpSocket::bind(if plant.is_ipv4() { "0.0.0.0:0" } else { "[::]:0" })
         .and_then(|socket| socket.connect(plant).map(|()| socket))
@@ -110,7 +110,7 @@ impl Player {
             .set_read_timeout(Some(ASK_AGAIN))
             .map_err(|error| self.failed(&error))?;
         for _ in 0..ASKED {
-            // Nobody there yet refuses the packet before.
+            // If there is no receiver yet, the error concerns the previous packet.
             if self.socket.send(&packet).is_err() {
                 std::thread::sleep(ASK_AGAIN);
                 continue;
@@ -132,7 +132,7 @@ impl Player {
         (0..frames).map(|_| self.ask(pulses_us)).collect()
     }
 
-    /// A frame that was answered comes again: an answer to it would stay in ArduPilot's socket for ever.
+    /// Repeats an answered frame: an answer to it would stay in ArduPilot's socket forever.
     fn repeat(&mut self, seen: &mut Vec<Observation>) -> Result<(), String> {
         self.ask(&[1000; 32])?;
         self.frame -= 1;
@@ -157,7 +157,7 @@ fn observe(seen: &mut Vec<Observation>, key: &'static str, right: bool, sentence
     seen.push(Observation { key, right, sentence });
 }
 
-/// A line, by searching for its keys; or what is wrong with it.
+/// Parses a line by searching for its keys; or what is wrong with it.
 fn read(bytes: &[u8]) -> Result<Answer, String> {
     let text = std::str::from_utf8(bytes).map_err(|error| format!("bytes that are no text: {error}"))?;
     if !text.ends_with('\n') {
@@ -173,7 +173,7 @@ fn read(bytes: &[u8]) -> Result<Answer, String> {
     })
 }
 
-/// What stands behind a key and its colon.
+/// The text after a key and its colon.
 fn behind<'a>(text: &'a str, key: &str) -> Result<&'a str, String> {
     let quoted = format!("\"{key}\":");
     let start = text.find(&quoted).ok_or_else(|| format!("a line without \"{key}\":"))?;
@@ -320,7 +320,7 @@ fn climbing(answers: &[Answer], seen: &mut Vec<Observation>) {
     );
 }
 
-/// What `axis`, 0 roll or 1 pitch, does while one side pushes more: roll falls, pitch grows.
+/// Checks the motion of `axis`, 0 roll or 1 pitch, while one side pushes more: roll decreases, pitch increases.
 fn turning(before: &Answer, answers: &[Answer], axis: usize, seen: &mut Vec<Observation>) {
     let Some(last) = answers.last() else { return };
     let name = ["roll", "pitch"][axis];
@@ -333,7 +333,7 @@ fn turning(before: &Answer, answers: &[Answer], axis: usize, seen: &mut Vec<Obse
         previous = answer;
     }
     let other = 1 - axis;
-    // Since the push began: it may turn about the other axis from before.
+    // Change since the push began: it may already turn about the other axis.
     let gained = [0, 1].map(|i| last.gyro[i] - before.gyro[i]);
     let swapped = gained[other].abs() > 3.0 * gained[axis].abs();
     let (right, what) = if swapped {

@@ -3,10 +3,10 @@
 //! ```text
 //!  HIL_SENSOR t (250 Hz; HIL_GPS with each fix) ──▶ PX4 ──▶ HIL_ACTUATOR_CONTROLS t
 //! ```
-//! PX4's clock is the time of our samples. Each sample has exactly one answer, with the same time; the first comes some 70 ms after the first
-//! sample. Until then nothing is waited for, and samples go out at the pace of the wall clock. Answers to earlier samples are dropped.
+//! PX4's clock is the time of our samples. Each sample has exactly one answer, with the same time; the first arrives some 70 ms after the
+//! first sample. Until then nothing is awaited, and samples are sent at wall-clock pace. Answers to earlier samples are dropped.
 //!
-//! A connection that ends before the flight may be followed by another one; in flight it ends the run.
+//! A connection that ends before the flight may be replaced by another; in flight it ends the run.
 
 use super::{OutputMap, Patience, Wait};
 use crate::mavlink::frame::{Decoder, encode};
@@ -17,16 +17,16 @@ use std::io::{ErrorKind, Read as _, Write as _};
 use std::net::{SocketAddr, TcpListener, TcpStream};
 use std::time::{Duration, Instant};
 
-/// Where PX4 connects to if nothing else is said.
+/// Default address that PX4 connects to.
 pub const DEFAULT_ADDRESS: &str = "127.0.0.1:4560";
-/// Eight parts of 0.5 ms: 250 Hz. At 500 Hz some samples have no answer.
+/// Eight parts of 0.5 ms: 250 Hz. At 500 Hz some samples are not answered.
 const INTERVAL_PARTS: u32 = 8;
-/// Of wall clock, between samples that are not answered yet.
+/// Wall-clock interval between samples that are not answered yet.
 const PACE: Duration = Duration::from_millis(4);
 /// Compass at 125 Hz, barometer at 50 Hz.
 const SAMPLES_PER_FIELD: u64 = 2;
 const SAMPLES_PER_PRESSURE: u64 = 5;
-/// Pieces that are read at a look.
+/// Maximum reads per poll.
 const MOST_READS: usize = 16;
 /// We are system 1, as PX4 is.
 const SYSTEM: u8 = 1;
@@ -49,17 +49,17 @@ pub struct Px4 {
     map: OutputMap,
     patience: Patience,
     connection: Option<Connection>,
-    /// Who was connected last.
+    /// The last connected peer.
     last_peer: Option<SocketAddr>,
     controls: HilActuatorControls,
     sequence: u8,
     samples: u64,
-    /// Since when samples have gone out without any answer.
+    /// Since when samples have been sent without any answer.
     unanswered_since: Option<Instant>,
     in_flight: bool,
 }
 
-/// What became of a look at the connection.
+/// Result of polling the connection.
 enum Look {
     Answer(HilActuatorControls),
     Nothing,
@@ -70,7 +70,7 @@ impl Px4 {
     /// Listens on `address`.
     ///
     /// # Errors
-    /// One sentence: the port is taken, or not ours.
+    /// The port is in use, or not permitted.
     pub fn listen(address: SocketAddr, map: OutputMap, patience: Patience) -> Result<Self, String> {
         let listener = TcpListener::bind(address)
             .and_then(|listener| listener.set_nonblocking(true).map(|()| listener))
@@ -109,7 +109,7 @@ impl Px4 {
         }
     }
 
-    /// Waits until somebody connects.
+    /// Waits for a connection.
     fn connect(&mut self) -> Result<(), AutopilotError> {
         let wait = Wait::new(self.patience.join);
         loop {
@@ -151,7 +151,7 @@ impl Px4 {
         Ok(())
     }
 
-    /// The connection is gone: before the flight another one may come.
+    /// The connection is lost: before the flight another one may follow.
     fn lose(&mut self, why: &str) -> Result<(), AutopilotError> {
         let sentence = format!("{} {why} {}", self.name(), self.after());
         self.connection = None;
@@ -194,14 +194,14 @@ impl Px4 {
         bytes
     }
 
-    /// Blocks for at most `slice` and takes what is there; the answer to `time_usec` ends the look.
+    /// Blocks for at most `slice` and processes received data; the answer to `time_usec` ends the poll.
     fn look(&mut self, time_usec: u64, slice: Duration) -> Result<Look, AutopilotError> {
         let Some(connection) = &mut self.connection else {
             return Ok(Look::Closed);
         };
         let mut buffer = [0; 4096];
         let mut closed = false;
-        // A sender that never pauses must not keep us here: whoever waits looks at the time again.
+        // A sender that never pauses must not block us here: the caller checks the time again.
         for _ in 0..MOST_READS {
             while let Some(frame) = connection.decoder.next_frame() {
                 let Some(controls) = HilActuatorControls::read(&frame) else {
@@ -266,7 +266,7 @@ impl Px4 {
         }
     }
 
-    /// No answer yet, as is usual in the beginning.
+    /// No answer yet, as usual at the beginning.
     fn not_begun(&mut self) -> Result<(), AutopilotError> {
         let since = *self.unanswered_since.get_or_insert_with(Instant::now);
         if since.elapsed() < self.patience.join {
@@ -294,7 +294,7 @@ impl Px4 {
         AutopilotError::lost(sentence, wait.silence())
     }
 
-    /// What else came.
+    /// Other data received.
     fn noise(&self) -> String {
         match self.connection.as_ref().map(|c| (c.decoder.noise, c.decoder.corrupt)) {
             None | Some((0, 0)) => String::new(),
@@ -376,7 +376,7 @@ impl Autopilot for Px4 {
         if self.connection.is_none() {
             self.connect()?;
         }
-        // A clock that begins at 0 has not begun.
+        // A clock at 0 counts as not started.
         let time_usec = readings.time_ns / 1000 + 4000;
         if self.send(readings, time_usec)? {
             self.await_answer(time_usec)?;

@@ -1,10 +1,10 @@
-//! Bytes of ArduPilot's JSON backend, as observed in flight: servo packets out of it, one line of JSON into it.
+//! Encoding of ArduPilot's JSON backend, as observed in flight: servo packets from it, one line of JSON to it.
 //!
-//! Out of ArduPilot, little endian, packed: u16 magic | u16 frame rate, Hz | u32 frame count | u16 pulse\[16\], µs: 40 bytes with the magic
+//! From ArduPilot, little endian, packed: u16 magic | u16 frame rate, Hz | u32 frame count | u16 pulse\[16\], µs: 40 bytes with the magic
 //! 18458; with 32 channels 72 bytes and 29569.
 //!
-//! Into it: `\n{"timestamp":…}\n`. Its reader searches for key names and is no JSON parser: no space may stand between a key's colon and `[`, and
-//! no key may contain the name of another that comes later.
+//! To it: `\n{"timestamp":…}\n`. Its reader searches for key names and is not a JSON parser: there must be no space between a key's colon and
+//! `[`, and no key may contain the name of a later one.
 
 use rotortwin_wire::autopilot::Readings;
 
@@ -14,13 +14,13 @@ const HEADER: usize = 8;
 
 /// Bytes of the longest packet.
 pub const LONGEST: usize = HEADER + 2 * 32;
-/// Pulses, µs, that a servo output has.
+/// Valid pulses of a servo output, µs.
 const PULSES_US: std::ops::RangeInclusive<u16> = 400..=2600;
 
 /// One servo packet.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct ServoPacket {
-    /// Rate that it wishes, Hz.
+    /// Requested rate, Hz.
     pub frame_rate_hz: u16,
     /// Counts from 0 since its start.
     pub frame: u32,
@@ -31,10 +31,10 @@ pub struct ServoPacket {
 }
 
 impl ServoPacket {
-    /// Reads a datagram.
+    /// Decodes a datagram.
     ///
     /// # Errors
-    /// One clause: what was expected, and what came.
+    /// States what was expected, and what was received.
     pub fn decode(bytes: &[u8]) -> Result<Self, String> {
         let word = |at: usize| {
             let pair = bytes.get(at..at + 2)?;
@@ -79,7 +79,7 @@ impl ServoPacket {
         bytes
     }
 
-    /// The first of some channels with a pulse that no servo output has: channel from 1, and pulse in µs.
+    /// The first of some channels with an invalid pulse: channel from 1, and pulse in µs.
     pub fn impossible_pulse(&self, channels: usize) -> Option<(usize, u16)> {
         let wrong = |pulse: &u16| *pulse != 0 && !PULSES_US.contains(pulse);
         let pulses = &self.pulses_us[..channels.min(self.channels)];
@@ -104,7 +104,7 @@ pub fn write_answer(line: &mut String, readings: &Readings) {
     if let Some(range) = readings.range_m {
         line.push_str(&format!(",\"rng_1\":{range}"));
     }
-    // Builds that do not know it do not look for it.
+    // Builds that do not know it ignore it.
     if readings.battery_voltage_v > 0.0 {
         line.push_str(&format!(
             ",\"battery\":{{\"voltage\":{:.4},\"current\":{:.4}}}",

@@ -1,11 +1,11 @@
-//! The pilot of an autopilot that only knows sticks: an outer loop that holds position, velocity and yaw by tilt, throttle and rate of yaw.
+//! Pilot of an autopilot that only accepts sticks: an outer loop that controls position, velocity and yaw by tilt, throttle and yaw rate.
 //!
 //! ```text
 //!  v_d = v_r + k_p (p_r − p)          a_d = k_v (v_d − v) + ∫ k_i (v_d − v)
 //!  tilt ahead = atan(a_ahead / g)     tilt right = atan(a_right / g)     throttle = h (1 + a_up / g) / cos tilt
 //! ```
-//! with h, the throttle at which it hovers, found by integration. The autopilot levels itself (its ANGLE mode) and has no position of its own, so
-//! the loop uses the plant's true position, velocity and attitude; what is missing of the tilt is added to it.
+//! with h, the hover throttle, found by integration. The autopilot levels itself (its ANGLE mode) and has no position estimate, so the
+//! loop uses the plant's true position, velocity and attitude; the remaining tilt error is added to the commanded tilt.
 
 use rotortwin_wire::autopilot::{Readings, Wanted};
 
@@ -21,40 +21,40 @@ const FASTEST_ASIDE: f64 = 3.0;
 const FASTEST_UP: f64 = 1.0;
 const HARDEST_ASIDE: f64 = 3.5;
 const HARDEST_UP: f64 = 3.0;
-/// Of the error of tilt that is added to the tilt that is wanted.
+/// Fraction of the tilt error that is added to the commanded tilt.
 const TILT_GAIN: f64 = 1.0;
 /// Tilt at full stick, rad: its `angle_limit` of 60°.
 const TILT_AT_FULL_STICK: f64 = std::f64::consts::PI / 3.0;
-/// Rate of yaw at full stick, rad/s: its `yaw_rc_rate` and `yaw_srate` of 100 °/s, as our settings have it.
+/// Yaw rate at full stick, rad/s: its `yaw_rc_rate` and `yaw_srate` of 100 °/s, as set in our configuration.
 const YAW_AT_FULL_STICK: f64 = 1.745;
-/// Rate of yaw for an error of yaw, 1/s, and the fastest, rad/s.
+/// Yaw rate per yaw error, 1/s, and its limit, rad/s.
 const YAW_GAIN: f64 = 0.6;
 const FASTEST_YAW: f64 = 0.4;
-/// Throttle to begin with, and between which bounds the hover is looked for, fractions.
+/// Initial throttle, and search range of the hover throttle, fractions.
 const FIRST_THROTTLE: f64 = 0.12;
 const THROTTLES: (f64, f64) = (0.08, 0.85);
-/// Of the throttle, for each m/s of error, 1/s.
+/// Throttle per m/s of error, 1/s.
 const THROTTLE_INTEGRAL: f64 = 0.12;
-/// How fast the height that is wanted moves, m/s.
+/// Rate at which the commanded height changes, m/s.
 const CLIMB: f64 = 0.7;
 const SINK: f64 = 0.5;
 /// Its boot grace and more, s.
 const BOOT_S: f64 = 7.0;
-/// The arm switch is moved anew after this time, s, and the pilot gives up.
+/// Time after which the arm switch is toggled again, s, and the limit for arming.
 const ARM_AGAIN_S: f64 = 5.0;
 const ARM_S: f64 = 60.0;
-/// Times that it may disarm itself before the flight.
+/// Maximum number of times that it may disarm by itself before the flight.
 const MOST_DISARMED: u32 = 3;
-/// The vehicle stands if it has been as slow as this for so long, m/s and s, this close to where it stood before, m.
+/// The vehicle stands if it has been slower than this for this long, m/s and s, and this close to its earlier standing height, m.
 const STILL_M_S: f64 = 0.05;
 const STILL_S: f64 = 0.5;
 const STANDS_M: f64 = 0.05;
 
-/// What the pilot is told.
+/// Inputs of the pilot.
 pub(super) struct Telling<'a> {
-    /// Since the last time, s.
+    /// Time since the last call, s.
     pub(super) dt_s: f64,
-    /// The motors turn.
+    /// The motors are turning.
     pub(super) armed: bool,
     pub(super) readings: &'a Readings,
     pub(super) wanted: &'a Wanted,
@@ -70,13 +70,13 @@ enum Stage {
     Landed,
 }
 
-/// See the module.
+/// See the module documentation.
 #[derive(Debug, Default)]
 pub(super) struct Sticks {
     stage: Stage,
-    /// In the stage, s.
+    /// Time in the stage, s.
     time_s: f64,
-    /// Down, m, NED: where it stood, and where it is wanted now.
+    /// Down, m, NED: standing height, and current target.
     ground: f64,
     down: f64,
     /// Learned: accelerations to the north and east, m/s², and throttle.
@@ -84,7 +84,7 @@ pub(super) struct Sticks {
     throttle: f64,
     still_s: f64,
     was_armed: bool,
-    /// The flight has begun; how often it disarmed itself before.
+    /// The flight has begun; how often it disarmed by itself before.
     in_flight: bool,
     disarmed: u32,
     words: Vec<String>,
@@ -116,7 +116,7 @@ impl Sticks {
     /// Channels, µs: roll, pitch, throttle, yaw, arm switch, switch of the ANGLE mode.
     ///
     /// # Errors
-    /// One sentence: it does not arm, or does not stay so.
+    /// It does not arm, or does not stay armed.
     pub(super) fn step(&mut self, telling: &Telling<'_>) -> Result<[u16; 16], String> {
         self.time_s += telling.dt_s;
         match self.stage {
@@ -178,7 +178,7 @@ impl Sticks {
     fn channels(&mut self, telling: &Telling<'_>) -> [u16; 16] {
         let mut channels = [1500; 16];
         channels[2] = 1000;
-        // The arm switch is let go for a second before it is moved anew.
+        // The arm switch is released for a second before it is toggled again.
         let switched = match self.stage {
             Stage::Boot | Stage::Landed => false,
             Stage::Arm => self.time_s % ARM_AGAIN_S < ARM_AGAIN_S - 1.0,
@@ -197,12 +197,12 @@ impl Sticks {
         channels
     }
 
-    /// Tilt to the right and ahead, rad; throttle; rate of yaw, rad/s.
+    /// Tilt to the right and forward, rad; throttle; yaw rate, rad/s.
     fn hold(&mut self, telling: &Telling<'_>) -> [f64; 4] {
         let (readings, wanted, dt_s) = (telling.readings, telling.wanted, telling.dt_s);
         let (position, velocity) = (readings.position_ned_m, readings.velocity_ned_m_s);
         let goal = match self.stage {
-            // On below the ground, until it stands there.
+            // Continue below ground level until it stands.
             Stage::Land => self.down + SINK,
             _ => wanted.position_ned_m[2],
         };
@@ -211,7 +211,7 @@ impl Sticks {
             _ => (CLIMB, CLIMB * dt_s),
         };
         let move_down = (goal - self.down).clamp(-most, most);
-        // A height that is far away is approached; one that moves slower is followed.
+        // A distant height is approached at a limited rate; one that moves slower is followed.
         self.down += move_down;
         let down_rate = if move_down.abs() < most {
             wanted.velocity_ned_m_s[2]
@@ -226,7 +226,7 @@ impl Sticks {
             let desired = wanted.velocity_ned_m_s[i] + ahead.clamp(-FASTEST_ASIDE, FASTEST_ASIDE);
             let error = desired - velocity[i];
             self.aside[i] = (self.aside[i] + VELOCITY_INTEGRAL * error * dt_s).clamp(-HARDEST_ASIDE, HARDEST_ASIDE);
-            // On its feet it cannot answer.
+            // Standing on its feet it cannot respond.
             if self.ground - position[2] < STANDS_M {
                 self.aside[i] = 0.0;
             }
@@ -244,7 +244,7 @@ impl Sticks {
 
         let turn = (wanted.yaw_rad - yaw).sin().atan2((wanted.yaw_rad - yaw).cos());
         let turn = (YAW_GAIN * turn).clamp(-FASTEST_YAW, FASTEST_YAW);
-        // A vehicle without drag feels no tilt in its accelerometer, whichever it has: its own estimate falls back to level within some seconds.
+        // Without drag, the accelerometer of a vehicle senses no tilt at all: its own estimate falls back to level within some seconds.
         let corrected = |wanted: f64, tilt: f64| wanted + TILT_GAIN * (wanted - tilt);
         [
             corrected(right.atan(), roll),
@@ -292,12 +292,12 @@ mod tests {
         };
         let middle = flying(&at([0.0, 0.0, -2.0], 0.0), &WANTED);
         assert_eq!(middle[..6], [1500, 1500, 1400, 1500, 2000, 2000]);
-        // Wanted to the north of here: nose down. To the east: to the right. Turned to the east, north is to the left.
+        // Target to the north: nose down. To the east: right side down. Facing east, north is to the left.
         assert!(flying(&at([-1.0, 0.0, -2.0], 0.0), &WANTED)[1] > 1520);
         assert!(flying(&at([0.0, -1.0, -2.0], 0.0), &WANTED)[0] > 1520);
         let turned = flying(&at([-1.0, 0.0, -2.0], std::f64::consts::FRAC_PI_2), &WANTED);
         assert!(turned[0] < 1480 && turned[1].abs_diff(1500) < 3, "{turned:?}");
-        // Nose to the right of what is wanted: turned to the left.
+        // Nose to the right of the target: turn left.
         assert!(flying(&at([0.0, 0.0, -2.0], 0.3), &WANTED)[3] < 1460);
         assert!(
             flying(&at([0.0, 0.0, -2.0], -6.0), &WANTED)[3] < 1500,

@@ -1,9 +1,9 @@
-//! What a ground station shows of a flight: messages of a vehicle that is no autopilot, sent to one address over UDP.
+//! Messages for a ground station that displays a flight: those of a vehicle without autopilot, sent to one address over UDP.
 //!
 //! ```text
 //!  HEARTBEAT 1 Hz │ ATTITUDE, LOCAL_POSITION_NED, GLOBAL_POSITION_INT, SERVO_OUTPUT_RAW with each state │ SYS_STATUS, GPS_RAW_INT 2 Hz │ STATUSTEXT
 //! ```
-//! It only talks: nothing that comes back is read. Bytes are those of pymavlink (see the tests).
+//! Send-only: replies are ignored. The encoding matches pymavlink's (see the tests).
 
 use super::catalogue::{
     ATTITUDE, GLOBAL_POSITION_INT, GPS_RAW_INT, HEARTBEAT, LOCAL_POSITION_NED, SERVO_OUTPUT_RAW, STATUSTEXT, SYS_STATUS,
@@ -24,7 +24,7 @@ const ACTIVE: u8 = 4;
 /// Simulated time, s, between two of each.
 const HEARTBEAT_S: f64 = 1.0;
 const STATUS_S: f64 = 0.5;
-/// Sensors that are there and well, as ground stations read SYS_STATUS: gyroscope, accelerometer, GPS, attitude and position control, motors, battery.
+/// Present and healthy sensors, as ground stations read SYS_STATUS: gyroscope, accelerometer, GPS, attitude and position control, motors, battery.
 const SENSORS: u32 = 1 | 2 | 1 << 5 | 1 << 10 | 1 << 11 | 1 << 14 | 1 << 15 | 1 << 25;
 /// One state of the vehicle.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -47,7 +47,7 @@ pub struct Shown {
     pub battery_voltage_v: f64,
     /// A, discharge positive.
     pub battery_current_a: f64,
-    /// Fraction; `None`: not known.
+    /// Fraction; `None` if unknown.
     pub state_of_charge: Option<f64>,
 }
 
@@ -66,7 +66,7 @@ impl Broadcast {
     /// Sends from a free port to `to`.
     ///
     /// # Errors
-    /// One sentence: no port can be opened.
+    /// No port can be opened.
     pub fn new(to: SocketAddr, rotors: usize) -> Result<Self, String> {
         let any: SocketAddr = if to.is_ipv4() {
             ([0, 0, 0, 0], 0).into()
@@ -89,7 +89,7 @@ impl Broadcast {
         })
     }
 
-    /// Sends a state. A ground station that is not there costs nothing.
+    /// Sends a state. A missing ground station costs nothing.
     pub fn show(&mut self, shown: &Shown) {
         if shown.time_s - self.heartbeat_s >= HEARTBEAT_S {
             self.heartbeat_s = shown.time_s;
@@ -118,7 +118,7 @@ impl Broadcast {
         }
     }
 
-    /// Sends a line; `severity` from 0, emergency, to 7, debug. What is longer than a message goes in several.
+    /// Sends a text; `severity` from 0, emergency, to 7, debug. Texts longer than a message are split.
     pub fn say(&mut self, severity: u8, text: &str) {
         let mut piece = String::new();
         for character in text.chars().map(Some).chain([None]) {
@@ -302,7 +302,7 @@ mod tests {
             kinds.push(frame.message);
             if let Some(text) = StatusText::read(&frame) {
                 assert_eq!(text.severity, 2);
-                // The reader trims what stands at the ends of a piece.
+                // The reader trims whitespace at the ends of a piece.
                 heard = format!("{} {}", heard.trim(), text.text);
             }
         }

@@ -1,4 +1,4 @@
-//! Numbers of the messages that are spoken, and what their checksums begin with.
+//! Ids of the supported messages, and the initial bytes of their checksums.
 
 /// HEARTBEAT.
 pub const HEARTBEAT: u32 = 0;
@@ -33,7 +33,7 @@ pub const AUTOPILOT_VERSION: u32 = 148;
 /// STATUSTEXT.
 pub const STATUSTEXT: u32 = 253;
 
-/// What the checksum of a message begins with besides its bytes; `None`: a message that is not spoken here.
+/// CRC extra of a message; `None` for an unsupported one.
 pub fn crc_extra(message: u32) -> Option<u8> {
     Some(match message {
         HEARTBEAT => 50,

@@ -1,7 +1,7 @@
 //! Frames of MAVLink 2: a start byte, a header of nine bytes, a payload without its trailing zeros, a checksum with the message's CRC extra.
 //!
-//! The decoder takes any stream of bytes and finds the frames of known messages in it. Frames of other messages are skipped unchecked;
-//! their checksum cannot be told. Signatures are skipped, not verified.
+//! The decoder accepts any byte stream and finds the frames of supported messages in it. Frames of other messages are skipped unchecked;
+//! their checksum cannot be verified. Signatures are skipped, not verified.
 
 use super::catalogue::crc_extra;
 use crc::Crc;
@@ -15,14 +15,14 @@ const SIGNED: u8 = 0x01;
 /// Longest payload.
 pub const MAX_PAYLOAD: usize = 255;
 
-/// One frame with its payload; bytes that the sender left out are 0.
+/// One frame with its payload; bytes omitted by the sender are 0.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Frame {
-    /// Counts frames of one sender, modulo 256.
+    /// Frame counter of one sender, modulo 256.
     pub sequence: u8,
-    /// Who sent it.
+    /// Sending system.
     pub system: u8,
-    /// Which part of it.
+    /// Sending component.
     pub component: u8,
     /// Kind of message.
     pub message: u32,
@@ -30,7 +30,7 @@ pub struct Frame {
     pub payload: [u8; MAX_PAYLOAD],
 }
 
-/// Of frames, from their second byte on.
+/// Checksum of frames, from their second byte on.
 const CHECKSUM_OF_FRAMES: Crc<u16> = Crc::<u16>::new(&crc::CRC_16_MCRF4XX);
 
 fn checksum(parts: &[&[u8]]) -> u16 {
@@ -43,7 +43,7 @@ fn checksum(parts: &[&[u8]]) -> u16 {
 
 /// The bytes of a frame. `payload` is at most 255 bytes of a message whose CRC extra is known.
 pub fn encode(sequence: u8, system: u8, component: u8, message: u32, payload: &[u8]) -> Vec<u8> {
-    // The first byte stays, whatever it is.
+    // The first byte always stays.
     let zeros = payload.iter().skip(1).rev().take_while(|byte| **byte == 0).count();
     let payload = &payload[..payload.len() - zeros];
     let [a, b, c, _] = message.to_le_bytes();
@@ -62,14 +62,14 @@ pub fn encode(sequence: u8, system: u8, component: u8, message: u32, payload: &[
 #[derive(Debug, Default)]
 pub struct Decoder {
     bytes: VecDeque<u8>,
-    /// Bytes that belong to no frame that is spoken here.
+    /// Bytes outside the frames of supported messages.
     pub noise: u64,
     /// Frames with a wrong checksum.
     pub corrupt: u64,
 }
 
 impl Decoder {
-    /// Takes bytes as they came.
+    /// Adds received bytes.
     pub fn push(&mut self, bytes: &[u8]) {
         self.bytes.extend(bytes);
     }
@@ -78,9 +78,9 @@ impl Decoder {
     pub fn next_frame(&mut self) -> Option<Frame> {
         let mut at = 0;
         let bytes = self.bytes.make_contiguous();
-        // What seems to be the beginning of a frame may be noise that a whole frame follows: all starts are tried.
+        // An apparent frame start may be noise followed by a whole frame: all starts are tried.
         let mut waiting = None;
-        // Where a frame has ended, so that the length of an unknown one can be believed.
+        // End of a valid frame, so that the length of an unknown one can be trusted.
         let mut boundary = 0;
         let found = loop {
             let Some(start) = bytes[at..].iter().position(|byte| *byte == START) else {
@@ -116,13 +116,13 @@ impl Decoder {
     }
 }
 
-/// What bytes that begin with a start may be.
+/// Interpretations of bytes that begin with a start byte.
 enum Candidate {
     Incomplete,
     Corrupt,
-    /// Of a message that is not spoken here; its length.
+    /// An unsupported message, with its length.
     Unknown(usize),
-    /// And its length.
+    /// A complete frame, with its length.
     Whole(Box<Frame>, usize),
 }
 
@@ -190,7 +190,7 @@ mod tests {
 
     #[test]
     fn regress_a_start_inside_of_a_damaged_frame_hides_nothing() {
-        // The payload looks like the beginning of a frame of an unknown message, 40 bytes long.
+        // The payload looks like the start of a frame of an unknown message, 40 bytes long.
         let mut damaged = encode(1, 1, 1, 0, &[START, 40, 0, 0, 0, 1, 1, 99, 99]);
         damaged[3] ^= 1;
         let good = encode(2, 1, 1, 0, &[1, 2, 3, 4, 5, 6, 7, 8, 3]);

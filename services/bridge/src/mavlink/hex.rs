@@ -1,4 +1,4 @@
-//! Frames as other programs print them, for tests.
+//! Frames in the hexadecimal output of other programs, for tests.
 
 use super::frame::{Decoder, Frame};
 

@@ -1,13 +1,13 @@
-//! The messages that are spoken, with their fields in wire order. Units and frames are those of the common dialect.
+//! Supported messages, with their fields in wire order. Units and frames are those of the common dialect.
 
 pub use super::catalogue::{COMMAND_LONG, HEARTBEAT, HIL_ACTUATOR_CONTROLS, HIL_GPS, HIL_SENSOR, STATUSTEXT};
 use super::frame::Frame;
 use super::reader::Reader;
 
-/// HIL_SENSOR: what an inertial unit, a compass and a barometer say.
+/// HIL_SENSOR: readings of an inertial unit, a compass and a barometer.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct HilSensor {
-    /// µs; PX4 takes it for its clock.
+    /// µs; PX4 uses it as its clock.
     pub time_usec: u64,
     /// Specific force, m/s², FRD.
     pub acceleration: [f32; 3],
@@ -23,7 +23,7 @@ pub struct HilSensor {
     pub pressure_altitude: f32,
     /// °C.
     pub temperature: f32,
-    /// Bit mask of what is new.
+    /// Bit mask of updated fields.
     pub fields_updated: u32,
     /// Number of the unit.
     pub id: u8,
@@ -56,7 +56,7 @@ impl HilSensor {
         bytes
     }
 
-    /// Of a frame.
+    /// Decodes a frame.
     pub fn read(frame: &Frame) -> Option<Self> {
         let mut reader = (frame.message == HIL_SENSOR).then_some(Reader::of(frame))?;
         let time_usec = u64::from_le_bytes(reader.take());
@@ -122,7 +122,7 @@ impl HilGps {
         bytes
     }
 
-    /// Of a frame.
+    /// Decodes a frame.
     pub fn read(frame: &Frame) -> Option<Self> {
         let mut reader = (frame.message == HIL_GPS).then_some(Reader::of(frame))?;
         let time_usec = u64::from_le_bytes(reader.take());
@@ -145,10 +145,10 @@ impl HilGps {
     }
 }
 
-/// HIL_ACTUATOR_CONTROLS: what the motors are to do.
+/// HIL_ACTUATOR_CONTROLS: motor commands.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct HilActuatorControls {
-    /// Time of the sample that it answers, µs.
+    /// Time of the sample answered, µs.
     pub time_usec: u64,
     /// Bit 0: lockstep.
     pub flags: u64,
@@ -173,7 +173,7 @@ impl HilActuatorControls {
         bytes
     }
 
-    /// Of a frame.
+    /// Decodes a frame.
     pub fn read(frame: &Frame) -> Option<Self> {
         let mut reader = (frame.message == HIL_ACTUATOR_CONTROLS).then_some(Reader::of(frame))?;
         let (time_usec, flags) = (u64::from_le_bytes(reader.take()), u64::from_le_bytes(reader.take()));
@@ -192,7 +192,7 @@ mod tests {
     use super::super::hex::{bytes, frame};
     use super::*;
 
-    /// Bytes that pymavlink 2.4.50 packs of the same messages, from system 1, component 1, with the sequence numbers 7, 8 and 9.
+    /// Encoding of the same messages by pymavlink 2.4.50, from system 1, component 1, with the sequence numbers 7, 8 and 9.
     const SENSOR: &str = "fd3e00000701016b000087d61200000000000000003f000080be00001cc10000003e000000bf0000c03f0000803e0000003c0000e03e00e06e4400000000\
                           00a0f54300003841ff1fe1e7";
     const GPS: &str =

@@ -1,7 +1,7 @@
-//! MAVLink 2, as far as it is spoken here: frames and a handful of messages, little endian, unsigned.
+//! The supported subset of MAVLink 2: frames and a handful of messages, little endian, unsigned.
 //!
-//! Written out instead of taken from a crate: see decision 36. Field orders, sizes and CRC extras are those of the common dialect; the
-//! tests hold the bytes against pymavlink's.
+//! Implemented here instead of using a crate: see decision 36. Field orders, sizes and CRC extras are those of the common dialect; the
+//! tests compare the encoding with pymavlink's.
 
 pub mod broadcast;
 pub mod catalogue;

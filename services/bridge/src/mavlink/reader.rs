@@ -2,7 +2,7 @@
 
 use super::frame::Frame;
 
-/// Reads little-endian fields one after the other; past the end they are 0, as left-out bytes are.
+/// Reads consecutive little-endian fields; past the end they are 0, like omitted bytes.
 pub(super) struct Reader<'a>(&'a [u8]);
 
 impl<'a> Reader<'a> {

@@ -1,4 +1,4 @@
-//! The messages between an autopilot and whoever commands it, with their fields in wire order. Units and frames are those of the common dialect.
+//! Messages between an autopilot and its commander, with their fields in wire order. Units and frames are those of the common dialect.
 
 use super::catalogue::{
     AUTOPILOT_VERSION, BATTERY_STATUS, COMMAND_ACK, COMMAND_LONG, HEARTBEAT, LOCAL_POSITION_NED,
@@ -10,7 +10,7 @@ use super::reader::Reader;
 /// HEARTBEAT.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Heartbeat {
-    /// Mode, as the autopilot numbers it.
+    /// Mode, in the autopilot's numbering.
     pub custom_mode: u32,
     /// 6: ground station; 13: hexarotor.
     pub vehicle: u8,
@@ -26,7 +26,7 @@ impl Heartbeat {
     /// Bit of `base_mode`.
     const ARMED: u8 = 128;
 
-    /// What a ground station says of itself.
+    /// Heartbeat of a ground station.
     pub fn of_ground_station() -> Self {
         Self {
             vehicle: 6,
@@ -48,7 +48,7 @@ impl Heartbeat {
         bytes
     }
 
-    /// Of a frame.
+    /// Decodes a frame.
     pub fn read(frame: &Frame) -> Option<Self> {
         let mut reader = (frame.message == HEARTBEAT).then_some(Reader::of(frame))?;
         let custom_mode = u32::from_le_bytes(reader.take());
@@ -66,7 +66,7 @@ impl Heartbeat {
 /// COMMAND_LONG.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Command {
-    /// Param 1 to 7; what they mean depends on the command.
+    /// Parameters 1 to 7; their meaning depends on the command.
     pub params: [f32; 7],
     /// MAV_CMD.
     pub command: u16,
@@ -95,7 +95,7 @@ impl Command {
         bytes
     }
 
-    /// Of a frame.
+    /// Decodes a frame.
     pub fn read(frame: &Frame) -> Option<Self> {
         let mut reader = (frame.message == COMMAND_LONG).then_some(Reader::of(frame))?;
         Some(Self {
@@ -116,7 +116,7 @@ pub struct Acknowledgement {
 }
 
 impl Acknowledgement {
-    /// The catalogue's word for the result.
+    /// The catalogue's name of the result.
     pub fn word(&self) -> &'static str {
         match self.result {
             0 => "ACCEPTED",
@@ -137,7 +137,7 @@ impl Acknowledgement {
         bytes
     }
 
-    /// Of a frame.
+    /// Decodes a frame.
     pub fn read(frame: &Frame) -> Option<Self> {
         let mut reader = (frame.message == COMMAND_ACK).then_some(Reader::of(frame))?;
         Some(Self {
@@ -171,7 +171,7 @@ impl StatusText {
         bytes
     }
 
-    /// Of a frame. What a terminal would obey is left out.
+    /// Decodes a frame. Control characters are removed.
     pub fn read(frame: &Frame) -> Option<Self> {
         let mut reader = (frame.message == STATUSTEXT).then_some(Reader::of(frame))?;
         let [severity] = reader.take();
@@ -190,7 +190,7 @@ impl StatusText {
     }
 }
 
-/// LOCAL_POSITION_NED: where the autopilot believes that it is, from its own origin.
+/// LOCAL_POSITION_NED: the autopilot's position estimate, from its own origin.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct LocalPosition {
     /// Since it booted, ms.
@@ -210,7 +210,7 @@ impl LocalPosition {
         bytes
     }
 
-    /// Of a frame.
+    /// Decodes a frame.
     pub fn read(frame: &Frame) -> Option<Self> {
         let mut reader = (frame.message == LOCAL_POSITION_NED).then_some(Reader::of(frame))?;
         let time_boot_ms = u32::from_le_bytes(reader.take());
@@ -223,10 +223,10 @@ impl LocalPosition {
     }
 }
 
-/// SET_POSITION_TARGET_LOCAL_NED with position, velocity and yaw; accelerations and the rate of yaw are left to the autopilot.
+/// SET_POSITION_TARGET_LOCAL_NED with position, velocity and yaw; accelerations and yaw rate are left to the autopilot.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct PositionTarget {
-    /// Since its sender began, ms.
+    /// Time since its sender started, ms.
     pub time_boot_ms: u32,
     /// m, NED from the autopilot's origin.
     pub position: [f32; 3],
@@ -239,7 +239,7 @@ pub struct PositionTarget {
 }
 
 impl PositionTarget {
-    /// Ignored: the three accelerations and the rate of yaw.
+    /// Ignored: the three accelerations and the yaw rate.
     const MASK: u16 = 0x1c0 | 0x800;
     /// MAV_FRAME_LOCAL_NED.
     const FRAME: u8 = 1;
@@ -255,7 +255,7 @@ impl PositionTarget {
         bytes
     }
 
-    /// Of a frame with the same mask and frame.
+    /// Decodes a frame with the same mask and frame.
     pub fn read(frame: &Frame) -> Option<Self> {
         let mut reader = (frame.message == SET_POSITION_TARGET_LOCAL_NED).then_some(Reader::of(frame))?;
         let time_boot_ms = u32::from_le_bytes(reader.take());
@@ -274,7 +274,7 @@ impl PositionTarget {
     }
 }
 
-/// AUTOPILOT_VERSION, as far as a record of a run wants it.
+/// The part of AUTOPILOT_VERSION needed for the record of a run.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct AutopilotVersion {
     /// Major, minor, patch, kind of release (255: a release).
@@ -297,7 +297,7 @@ impl AutopilotVersion {
         let commit = match self.commit {
             [0, 0, 0, 0, 0, 0, 0, 0] => String::new(),
             commit if commit.iter().all(u8::is_ascii_graphic) => format!(" ({})", String::from_utf8_lossy(&commit)),
-            // PX4: the commit's first bytes, last first; the three lowest are a vendor's version, 0 of what is published.
+            // PX4: the commit's first bytes, last first; the three lowest are a vendor's version, 0 in public releases.
             [_, _, _, commit @ ..] => {
                 let digits: Vec<String> = commit.iter().rev().map(|byte| format!("{byte:02x}")).collect();
                 format!(" ({})", digits.concat())
@@ -306,7 +306,7 @@ impl AutopilotVersion {
         format!("{major}.{minor}.{patch}{kind}{commit}")
     }
 
-    /// The payload; all that is not known here is 0.
+    /// The payload; unknown fields are 0.
     pub fn encode(&self) -> Vec<u8> {
         let [major, minor, patch, kind] = self.version;
         let mut bytes = vec![0; 60];
@@ -315,7 +315,7 @@ impl AutopilotVersion {
         bytes
     }
 
-    /// Of a frame.
+    /// Decodes a frame.
     pub fn read(frame: &Frame) -> Option<Self> {
         let mut reader = (frame.message == AUTOPILOT_VERSION).then_some(Reader::of(frame))?;
         // Capabilities and identity.
@@ -330,22 +330,22 @@ impl AutopilotVersion {
     }
 }
 
-/// BATTERY_STATUS of a pack whose cells are not measured one by one.
+/// BATTERY_STATUS of a pack without individual cell voltages.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Battery {
-    /// At the terminals, V; told to 1 mV, at most twice 65.534 V.
+    /// At the terminals, V; resolution 1 mV, at most twice 65.534 V.
     pub voltage_v: f64,
-    /// Discharge positive, A; told to 10 mA, at most 327.67 A.
+    /// Discharge positive, A; resolution 10 mA, at most 327.67 A.
     pub current_a: f64,
 }
 
 impl Battery {
-    /// As which component of a vehicle a battery speaks.
+    /// Component id of a vehicle's battery.
     pub const COMPONENT: u8 = 180;
-    /// A cell that is not there.
+    /// An absent cell.
     const NO_CELL: u16 = u16::MAX;
 
-    /// The payload. Charge, energy and temperature are not known; what is more than one field can hold goes into the second one.
+    /// The payload. Charge, energy and temperature are unknown; voltage beyond the range of one field goes into the second one.
     pub fn encode(&self) -> Vec<u8> {
         let millivolts = (1e3 * self.voltage_v)
             .round()
@@ -356,7 +356,7 @@ impl Battery {
         if millivolts > first {
             cells[1] = (millivolts - first) as u16;
         }
-        // −1 A would mean that nobody measures it.
+        // −1 A would mean "not measured".
         let centiamperes = (100.0 * self.current_a).round().clamp(0.0, f64::from(i16::MAX)) as i16;
         let mut bytes = [-1_i32; 2].map(i32::to_le_bytes).concat();
         bytes.extend(i16::MAX.to_le_bytes());
@@ -367,7 +367,7 @@ impl Battery {
         bytes
     }
 
-    /// Of a frame.
+    /// Decodes a frame.
     pub fn read(frame: &Frame) -> Option<Self> {
         let mut reader = (frame.message == BATTERY_STATUS).then_some(Reader::of(frame))?;
         // Charge, energy and temperature.
@@ -387,7 +387,7 @@ mod tests {
     use super::super::hex::{bytes, frame};
     use super::*;
 
-    // Bytes that pymavlink 2.4.49 packs of the same messages, from system 1, component 1, with the sequence numbers 7 to 13; the battery is
+    // Encoding of the same messages by pymavlink 2.4.49, from system 1, component 1, with the sequence numbers 7 to 13; the battery is
     // component 180, number 14, by pymavlink 2.4.50.
     const BATTERY_BYTES: &str =
         "fd2400000e01b4930000ffffffffffffffffff7f483cffffffffffffffffffffffffffffffffffffd204000101ff66f9";
@@ -467,7 +467,7 @@ mod tests {
 
     #[test]
     fn regress_the_commit_of_a_published_px4_is_shown() {
-        // What PX4 6a1c5329838729823ba03a28d550a9437018b6d7 says of itself: no vendor's version in the three lowest bytes.
+        // Version reported by PX4 6a1c5329838729823ba03a28d550a9437018b6d7: no vendor's version in the three lowest bytes.
         let version = AutopilotVersion {
             version: [1, 18, 0, 0],
             commit: [0, 0, 0, 0x83, 0x29, 0x53, 0x1c, 0x6a],
@@ -490,7 +490,7 @@ mod tests {
         let theirs = encode(14, 1, Battery::COMPONENT, BATTERY_STATUS, &battery.encode());
         assert_eq!(theirs, bytes(BATTERY_BYTES));
         assert_eq!(Battery::read(&frame(BATTERY_BYTES)), Some(battery));
-        // 24 cells are more than one field holds, and charging is told as 0 A: −0.01 A would be "not measured".
+        // 24 cells exceed one field, and charging is encoded as 0 A: −0.01 A would be "not measured".
         let mut decoder = Decoder::default();
         let high = Battery {
             voltage_v: 100.8,

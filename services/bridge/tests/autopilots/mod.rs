@@ -1,4 +1,4 @@
-//! What the scripted autopilots of these tests share: a scenario that begins on the ground, and somebody who watches.
+//! Common parts of the scripted autopilots of these tests: a scenario that starts on the ground, and an observer.
 
 use rotortwin_flight::lockstep::{FlightObserver, StopReason};
 use rotortwin_flight::sample::Sample;
@@ -23,7 +23,7 @@ pub(crate) fn scenario_of(vehicle: &str, duration_s: f64, more: &str) -> Scenari
     Scenario::parse(&text, folder).expect("a good scenario")
 }
 
-/// Looks at every sample.
+/// Observes every sample.
 #[derive(Default)]
 pub(crate) struct Watch {
     /// Largest distance from the hover point, m.

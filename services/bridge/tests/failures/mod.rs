@@ -1,9 +1,9 @@
-//! What a failed flight says.
+//! Error messages of failed flights.
 
 use rotortwin_flight::autopilot::AutopilotOutcome;
 use rotortwin_flight::lockstep::FlightEnd;
 
-/// The sentence of a failed flight.
+/// The error message of a failed flight.
 pub(crate) fn sentence(outcome: &AutopilotOutcome) -> &str {
     match &outcome.flight.end {
         FlightEnd::Failed(failure) => &failure.sentence,

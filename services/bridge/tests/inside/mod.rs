@@ -1,4 +1,4 @@
-//! What is inside of a scripted ArduPilot or PX4: its numbering of motors, and a small pilot with our own PID.
+//! Internals of a scripted ArduPilot or PX4: its motor numbering, and a small pilot with our own PID.
 
 use super::autopilots::HEIGHT_M;
 use rotortwin_bridge::autopilot::Patience;
@@ -9,7 +9,7 @@ use rotortwin_flight_core::signals::{NavState, Reference};
 use rotortwin_scenario::Scenario;
 use std::time::Duration;
 
-/// Our rotor, from 1, of each channel of ArduPilot and PX4, from their own tables of frames.
+/// Our rotor, from 1, for each channel of ArduPilot and PX4, from their own frame tables.
 pub(crate) fn channels(scenario: &Scenario) -> &'static [usize] {
     match scenario.vehicle().rotors.layout.placements().len() {
         4 => &[1, 3, 4, 2],
@@ -18,7 +18,7 @@ pub(crate) fn channels(scenario: &Scenario) -> &'static [usize] {
     }
 }
 
-/// Time-outs that a test can wait for.
+/// Time-outs short enough for a test.
 pub(crate) fn patience() -> Patience {
     Patience {
         join: Duration::from_secs(5),
@@ -55,7 +55,7 @@ impl Pilot {
         attitude: [f64; 3],
         rates: [f64; 3],
     ) -> [f32; MAX_ROTORS] {
-        // The controller of flight-core counts in steps of 2.5 ms.
+        // flight-core's controller runs in steps of 2.5 ms.
         while time_s >= self.next_s {
             self.next_s += 0.0025;
             let single = |v: [f64; 3]| Vec3::from_array(v.map(|x| x as f32));

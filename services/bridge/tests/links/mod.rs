@@ -1,4 +1,4 @@
-//! What the tests of a link share: outputs and flights.
+//! Common parts of the link tests: outputs and flights.
 
 use super::autopilots::Watch;
 use rotortwin_bridge::autopilot::OutputMap;
@@ -19,7 +19,7 @@ pub(crate) fn outputs(kind: AutopilotKind, scenario: &Scenario) -> OutputMap {
     }
 }
 
-/// Flies a scenario with an autopilot that is already listened for.
+/// Flies a scenario with an autopilot that is already listening.
 pub(crate) fn flown(scenario: &Scenario, autopilot: &mut impl Autopilot, watch: &mut Watch) -> AutopilotOutcome {
     let mut simulation = scenario.simulation(1).expect("a good scenario");
     let setup = run_setup(scenario, &simulation, 1);

@@ -1,14 +1,14 @@
-//! What a scripted PX4 makes of its sensors; the tests of the link and of whole programs share it.
+//! State estimate of a scripted PX4 from its sensors, shared by the tests of the link and of whole programs.
 
 use rotortwin_bridge::mavlink::messages::{HilGps, HilSensor};
 use std::collections::VecDeque;
 
-/// Attitude from the gyroscope, position and velocity from acceleration and satellites; begins level, heading north.
+/// Attitude from the gyroscope, position and velocity from acceleration and satellites; starts level, heading north.
 pub(crate) struct Estimate {
     q: [f64; 4],
     pub(crate) position: [f64; 3],
     pub(crate) velocity: [f64; 3],
-    /// Of the last 0.1 s, the age of a fix.
+    /// The last 0.1 s, the age of a fix.
     history: VecDeque<([f64; 3], [f64; 3])>,
     home: Option<[f64; 3]>,
 }

@@ -1,4 +1,4 @@
-//! Everything as files: every number of every fold and seed, every confusion count, every window.
+//! All results as files: every number of every fold and seed, every confusion count, every window.
 
 use super::{Item, Method, Reproduction, SeedResult, TTestVariant};
 use crate::paper::protocol::Course;
@@ -15,7 +15,7 @@ struct Number {
 }
 
 impl Reproduction {
-    /// Accuracies and recalls of every detector, seed and fold. Shares from 0 to 1.
+    /// Accuracies and recalls of every detector, seed and fold. Fractions from 0 to 1.
     pub fn numbers(&self) -> TableFile {
         let mut numbers = Vec::new();
         for seed in &self.seeds {
@@ -82,7 +82,7 @@ impl Reproduction {
         table
     }
 
-    /// Counts of every verdict on every truth, by detector, seed and trajectory. Verdict −1 is the unknown fault.
+    /// Counts of every verdict for every truth, by detector, seed and trajectory. Verdict −1 is the unknown fault.
     pub fn confusions(&self) -> TableFile {
         let (mut seeds, mut detectors, mut courses) = (Vec::new(), Vec::new(), Vec::new());
         let (mut truths, mut verdicts, mut counts) = (Vec::new(), Vec::new(), Vec::new());
@@ -110,7 +110,7 @@ impl Reproduction {
     }
 
     /// Every window of every flight: truth, means of the 4-axis residual for each rotor model, verdicts of the T-test. `None` if no
-    /// network was asked for.
+    /// network was requested.
     pub fn windows(&self) -> Option<TableFile> {
         let sets: Vec<_> = self
             .seeds
@@ -136,7 +136,7 @@ impl Reproduction {
             });
             Values::Integer(rows.map(|(seed, flight, i)| value(seed, flight, i)).collect())
         };
-        // The sets have the same plan but for the seeds.
+        // The sets have the same plan except for the seeds.
         let flights = &sets[0].1.flights;
         let set = |seed: u64| {
             let (_, data) = sets.iter().find(|(s, _)| *s == seed).expect("one of the sets");
@@ -176,7 +176,7 @@ impl Reproduction {
         Some(table)
     }
 
-    /// Whether a table was asked for.
+    /// Whether a table was requested.
     pub fn has(&self, item: Item) -> bool {
         self.options.items.contains(&item)
     }

@@ -2,11 +2,10 @@
 //!
 //! ```text
 //!  for each seed:  48 flights ─▶ windows ─▶ 4 folds × network methods ─┐
-//!                     (again for each choice that the T-test hangs on) ─┴▶ SeedResult ─▶ tables, files, report
+//!                     (repeated for each choice that affects the T-test) ─┴▶ SeedResult ─▶ tables, files, report
 //! ```
-//!
-//! A seed draws everything that is random: noise and lift biases of the flights, splits, initial weights, order of the samples. So an
-//! interval over seeds covers all of it. The deviation over the four folds is another thing: how much the trajectories differ.
+//! A seed determines everything random: noise and lift biases of the flights, splits, initial weights, order of the samples. So an
+//! interval over seeds covers all of it. The deviation over the four folds is different: it shows how much the trajectories differ.
 
 pub mod files;
 pub mod parameters;
@@ -32,7 +31,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::num::NonZeroUsize;
 use std::time::{Duration, Instant};
 
-/// Rotors for which the paper gives numbers.
+/// Rotor count for which the paper gives numbers.
 const PAPER_ROTORS: usize = 6;
 
 /// One table to reproduce.
@@ -63,7 +62,7 @@ impl Item {
         Self::Improved,
     ];
 
-    /// As it is asked for on the command line.
+    /// Name on the command line.
     pub fn key(self) -> &'static str {
         match self {
             Self::Table6 => "6",
@@ -95,12 +94,12 @@ impl Item {
     }
 }
 
-/// A network with what it reads and how it is trained.
+/// A network with its inputs and training.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Method {
     /// [32]: 240–30–7 sigmoid on tracking errors.
     TrackingErrors,
-    /// Residuals with the rotor lag, less their calibration mean; Adam, 30 epochs.
+    /// Residuals with the rotor lag, minus their calibration mean; Adam, 30 epochs.
     Improved,
     /// The paper's network; z-score per feature.
     Paper,
@@ -115,7 +114,7 @@ pub enum Method {
 }
 
 impl Method {
-    /// All, those that take longest first.
+    /// All methods, slowest first.
     pub const ALL: [Self; 7] = [
         Self::TrackingErrors,
         Self::Improved,
@@ -126,7 +125,7 @@ impl Method {
         Self::LagAware,
     ];
 
-    /// In files.
+    /// Name in files.
     pub fn key(self) -> &'static str {
         match self {
             Self::TrackingErrors => "tracking-errors",
@@ -139,7 +138,7 @@ impl Method {
         }
     }
 
-    /// Rotor model of the residuals; `None`: it reads tracking errors.
+    /// Rotor model of the residuals; `None`: its inputs are tracking errors.
     pub fn model(self) -> Option<NominalThrustModel> {
         match self {
             Self::TrackingErrors => None,
@@ -149,7 +148,7 @@ impl Method {
         }
     }
 
-    /// Whether the calibration mean is taken off the residuals.
+    /// Whether the calibration mean is subtracted from the residuals.
     pub fn self_calibrated(self) -> bool {
         self == Self::Improved
     }
@@ -197,14 +196,14 @@ impl Method {
 /// Learning rate times epochs of the network of [32]: 1e-6 × 2000 (§6.5.3).
 pub const TRACKING_LEARNING: f64 = 2e-3;
 
-/// What the T-test's result depends on, among the choices that the paper leaves open.
+/// Choices left open by the paper that affect the T-test's result.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum TTestVariant {
     /// The controller's map is u = f/full thrust; µ₀ from 2 s to 10 s, trimmed start.
     Paper,
     /// The controller inverts Eq. 19.
     InverseMap,
-    /// Rotors at rest at the start, and µ₀ from 0 s to 10 s, with the fall in it.
+    /// Rotors at rest at the start, and µ₀ from 0 s to 10 s, including the fall.
     StartUp,
     /// Residuals without battery model.
     Uncompensated,
@@ -222,7 +221,7 @@ impl TTestVariant {
         Self::LagAware,
     ];
 
-    /// In files.
+    /// Name in files.
     pub fn key(self) -> &'static str {
         match self {
             Self::Paper => "t-test",
@@ -233,7 +232,7 @@ impl TTestVariant {
         }
     }
 
-    /// At the head of its column.
+    /// Column header.
     pub fn title(self) -> &'static str {
         match self {
             Self::Paper => "linear map",
@@ -252,7 +251,7 @@ impl TTestVariant {
         }
     }
 
-    /// Flights of its own, if those of the networks do not serve.
+    /// Separate flights, if those of the networks are not suitable.
     fn own_flights(self) -> Option<(Conduct, [f64; 2])> {
         match self {
             Self::InverseMap => Some((
@@ -280,11 +279,11 @@ pub const CALIBRATION_S: [f64; 2] = [2.0, 10.0];
 /// What to compute.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Options {
-    /// Tables wanted.
+    /// Requested tables.
     pub items: BTreeSet<Item>,
-    /// Networks wanted besides those of the tables, e.g. for figures.
+    /// Additional networks, e.g. for figures.
     pub methods: BTreeSet<Method>,
-    /// One data set for each.
+    /// Seeds, one data set each.
     pub seeds: Vec<u64>,
     /// Threads.
     pub threads: NonZeroUsize,
@@ -293,7 +292,7 @@ pub struct Options {
 }
 
 impl Options {
-    /// All networks of the wanted tables.
+    /// All networks of the requested tables.
     fn all_methods(&self) -> Vec<Method> {
         let wanted = |method: &Method| {
             self.methods.contains(method) || self.items.iter().any(|item| item.methods().contains(method))
@@ -310,7 +309,7 @@ impl Options {
         !self.all_methods().is_empty() || self.all_t_tests().iter().any(|variant| variant.own_flights().is_none())
     }
 
-    /// How often `done` of [`run`] will be called.
+    /// Number of calls of `done` of [`run`].
     pub fn jobs(&self, rotor_count: usize) -> u64 {
         let flights = Course::ALL.len() * CHARGES.len() * rotor_count;
         let own = self
@@ -324,7 +323,7 @@ impl Options {
     }
 }
 
-/// Everything about one seed.
+/// Results of one seed.
 #[derive(Clone, Debug, PartialEq)]
 pub struct SeedResult {
     /// The seed.
@@ -343,20 +342,20 @@ pub struct SeedResult {
     pub steps: u64,
     /// Wall-clock time of the flights of the networks.
     pub generation: Duration,
-    /// Wall-clock time of everything.
+    /// Total wall-clock time.
     pub wall: Duration,
 }
 
 /// The result of all seeds.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Reproduction {
-    /// What was asked for.
+    /// Options used.
     pub options: Options,
     /// n_a.
     pub rotor_count: usize,
     /// Name of the base scenario.
     pub scenario: String,
-    /// What the true vehicle differs in from its document, in words.
+    /// Deviations of the true vehicle from its document, human-readable.
     pub world: String,
     /// Name of the vehicle.
     pub vehicle: String,
@@ -366,7 +365,8 @@ pub struct Reproduction {
     pub seeds: Vec<SeedResult>,
 }
 
-/// Computes what `options` asks for. `done` is called from any thread whenever a flight or a fold has ended. An error is one sentence.
+/// Computes the results requested by `options`. `done` is called from any thread whenever a flight or fold has finished. The error is
+/// a message.
 pub fn run(base: &Scenario, options: &Options, done: &(dyn Fn() + Sync)) -> Result<Reproduction, String> {
     let seeds = options
         .seeds
@@ -384,7 +384,7 @@ pub fn run(base: &Scenario, options: &Options, done: &(dyn Fn() + Sync)) -> Resu
     })
 }
 
-/// The mismatch of the base scenario in words.
+/// The mismatch of the base scenario, human-readable.
 fn world(base: &Scenario) -> String {
     let mismatch = &base.document().mismatch;
     let preset = match mismatch.preset {

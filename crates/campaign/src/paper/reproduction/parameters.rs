@@ -1,7 +1,7 @@
-//! Tables 1 to 5 of the paper beside the settings in effect, and its Figures 7 and 8 from the fits of Table 1.
+//! Tables 1 to 5 of the paper next to the settings in effect, and its Figures 7 and 8 from the fits of Table 1.
 //!
-//! The measurements behind Table 1 and Figures 2 to 8 are not published. What follows from the fits is computed here: the lift over the
-//! duty of each blade at two charges (Eq. 19). Figures 3 to 5 (voltage drop and speed on the bench) cannot be.
+//! The measurements behind Table 1 and Figures 2 to 8 are not published. What follows from the fits is computed here: lift over duty
+//! for each blade at two charges (Eq. 19). Figures 3 to 5 (voltage drop and speed on the bench) cannot be computed.
 
 use super::PAPER_ROTORS;
 use crate::result_table::ResultTable;
@@ -23,7 +23,7 @@ const TABLE_1: [(&str, [f64; 4], f64); 4] = [
 /// Charges between which Eq. 19 was fitted (§3.1).
 pub const CHARGES: [f64; 2] = [0.95, 0.40];
 
-/// Tables 1 to 5, those that were asked for by number.
+/// The requested ones of Tables 1 to 5.
 pub fn tables(base: &Scenario, numbers: impl IntoIterator<Item = u8>) -> Vec<ResultTable> {
     let one = |number| match number {
         1 => Some(table_1(base)),
@@ -206,7 +206,7 @@ pub struct LiftCurve {
     pub points: Vec<(f64, f64)>,
 }
 
-/// Of each blade at each of [`CHARGES`], without load on the battery.
+/// Lift curve of each blade at each of [`CHARGES`], with an unloaded battery.
 pub fn lift_curves(base: &Scenario) -> Vec<LiftCurve> {
     let battery = Battery::new(&base.vehicle().battery);
     let of = |(name, blade): (&String, &Blade)| {
@@ -223,10 +223,10 @@ pub fn lift_curves(base: &Scenario) -> Vec<LiftCurve> {
     base.blades().blade.iter().flat_map(of).collect()
 }
 
-/// What Figure 8 shows, in numbers: lift at the duty of a hover on a charged battery.
+/// Figure 8 in numbers: lift at the hover duty of a charged battery.
 ///
-/// A healthy blade at 40 % of the charge lifts less than a damaged one at 95 %: the last column is the charge at which the healthy blade is
-/// down to what the damaged one lifts at 95 %.
+/// A healthy blade at 40 % charge lifts less than a damaged one at 95 %: the last column is the charge at which the healthy blade
+/// lifts as little as the damaged one at 95 %.
 pub fn charge_against_damage(base: &Scenario) -> Option<ResultTable> {
     let vehicle = base.vehicle();
     let battery = Battery::new(&vehicle.battery);
@@ -237,7 +237,7 @@ pub fn charge_against_damage(base: &Scenario) -> Option<ResultTable> {
     let blades: &BTreeMap<String, Blade> = &base.blades().blade;
     let rows = blades.iter().map(|(name, blade)| {
         let [charged, discharged] = [full_v, empty_v].map(|voltage| blade.lift(duty, voltage));
-        // The healthy blade's lift falls with the charge; a tenth of a percent is enough.
+        // The healthy blade's lift decreases with the charge; a resolution of a tenth of a percent is enough.
         let as_weak = (0..=1000)
             .map(|step| CHARGES[0] * (1.0 - f64::from(step) / 1000.0))
             .find(|charge| healthy.lift(duty, battery.open_circuit_voltage(*charge)) <= charged);

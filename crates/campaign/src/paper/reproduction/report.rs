@@ -9,33 +9,33 @@ use serde::Serialize;
 /// Length of a step, s.
 const STEP_S: f64 = 0.0025;
 
-/// A still picture.
+/// A static figure.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Figure {
     /// `Fig. 9`, ….
     pub label: String,
     /// What it shows.
     pub title: String,
-    /// What to see in it.
+    /// Explanation.
     pub about: String,
     /// The picture, an SVG document.
     pub svg: String,
-    /// Interactive report of the flight, relative to the page; `None` of a figure that no flight gave.
+    /// Interactive report of the flight, relative to the page; `None` for a figure that no flight produced.
     pub report: Option<String>,
 }
 
-/// What the page says besides the numbers.
+/// Text of the page.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct PageFacts {
-    /// Command line that makes the page again.
+    /// Command line that recreates the page.
     pub command: String,
     /// Program and version.
     pub program: String,
-    /// Other files of the folder, for people.
+    /// Other files of the folder, human-readable.
     pub files: Vec<String>,
 }
 
-/// What is inside of the page.
+/// Embedded data of the page.
 #[derive(Serialize)]
 struct Inside<'a> {
     vehicle: &'a str,

@@ -1,4 +1,4 @@
-//! The tables as people read them: the paper's number beside ours.
+//! Tables for display: the paper's number next to ours.
 //!
 //! Shares are percentages. "here" is the mean over the seeds; "±" after it, as in the paper, the standard deviation over the four
 //! folds (mean over the seeds). The interval is the 95 % confidence interval of the mean over the seeds (Student's t).
@@ -36,7 +36,7 @@ fn paper_fault_mean(table: &[[f64; 8]; 7], column: impl Fn(usize) -> usize) -> f
     (1..=6).map(|rotor| table[rotor][column(rotor)]).sum::<f64>() / 6.0
 }
 
-/// All tables that were asked for.
+/// All requested tables.
 pub fn tables(reproduction: &Reproduction) -> Vec<ResultTable> {
     reproduction
         .options
@@ -53,7 +53,7 @@ pub fn tables(reproduction: &Reproduction) -> Vec<ResultTable> {
         .collect()
 }
 
-/// Choices that the paper leaves open; for the report.
+/// Choices that the paper leaves open, for the report.
 pub fn choices() -> [(&'static str, &'static str); 9] {
     [
         (
@@ -120,7 +120,7 @@ impl Reproduction {
         self.seeds.iter().map(value).collect()
     }
 
-    /// The paper's number, if it has one for this vehicle.
+    /// The paper's number, if it gives one for this vehicle.
     fn paper(&self, text: &str) -> String {
         if self.rotor_count == PAPER_ROTORS { text } else { "–" }.to_owned()
     }

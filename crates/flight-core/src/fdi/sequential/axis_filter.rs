@@ -1,4 +1,4 @@
-//! Kalman filters of one wrench axis: what the momentum defect of that axis consists of.
+//! Kalman filters of one wrench axis: decompose its momentum defect.
 //!
 //! Units: every axis is divided by its longest lever (1, l_x, l_y, c_D/c_L), so that disturbances of all four axes are thrusts at
 //! a rotor, N, and the defect D is N·s.
@@ -10,14 +10,14 @@
 //! ```
 //!
 //! φ_second is the vertical force for roll, pitch and yaw (offset of the centre of mass) and the vertical speed for the vertical
-//! axis (drag). φ_lag is the sensitivity of the lagged wrench to ln τ. φ_gyr is what errors of the other two moments of inertia, ε_b and
-//! ε_c, do to the gyroscopic torque (J_b − J_c) ω_b ω_c of Euler's equations; on yaw the document's own torque is 0 where roll and pitch
-//! are alike, and turning a corner shows nothing but the error:
+//! axis (drag). φ_lag is the sensitivity of the lagged wrench to ln τ. φ_gyr is the effect of errors in the other two moments of
+//! inertia, ε_b and ε_c, on the gyroscopic torque (J_b − J_c) ω_b ω_c of Euler's equations; on yaw the document's own torque is 0 where
+//! roll and pitch inertia are equal, so turning a corner shows only the error:
 //!
 //! j φ_gyr = (ε_b J_b − ε_c J_c) ω_b ω_c,  φ_gyr = √(J_b² + J_c²) ω_b ω_c,  j as uncertain as ε_b and ε_c each (none for vertical force)
 //!
-//! All φ are integrated over the flight and averaged over the
-//! samples of a block like D itself, so that the model is exact for constant parameters.
+//! All φ are integrated over the flight and averaged over the samples of a block like D itself, so that the model is exact for constant
+//! parameters.
 
 /// Number of states of [`AxisFilter`]; the last one is the error of the gyroscopic torque.
 pub(super) const STATES: usize = 7;
@@ -27,15 +27,15 @@ pub(super) const DEFECT: usize = 0;
 pub(super) const GUST: usize = 1;
 /// Constant disturbance.
 pub(super) const BIAS: usize = 2;
-/// Gain error; after it comes the second parameter.
+/// Gain error; followed by the second parameter.
 pub(super) const GAIN: usize = 3;
 /// Relative error of ln τ.
 pub(super) const LAG: usize = 5;
 
-/// Largest squared normalised innovation that counts when surprise is averaged: 6 is exceeded by 1.4 % of a χ² with one degree.
+/// Clip limit of the squared normalised innovation when surprise is averaged: 1.4 % of a χ² with one degree of freedom exceed 6.
 pub(super) const SURPRISE_LIMIT: f32 = 6.0;
 
-/// What a filter takes for granted about the disturbance of its axis over one block.
+/// Assumed disturbance of an axis over one block.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Disturbance {
     /// e^(−block/T).
@@ -50,25 +50,25 @@ pub(super) struct Disturbance {
     pub measurement: f32,
 }
 
-/// How far a measurement was off, and what the filter made of it.
+/// Prediction error of a measurement and the filter's response.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Innovation {
     /// Measured less predicted, N·s.
     pub value: f32,
-    /// One over its variance.
+    /// Inverse of its variance.
     pub information: f32,
     /// Kalman gain.
     pub gain: [f32; STATES],
 }
 
 impl Innovation {
-    /// Squared and normalised, limited: 0.97 on average if the model holds.
+    /// Squared, normalised and clipped: 0.97 on average if the model holds.
     #[inline]
     pub(super) fn surprise(&self) -> f32 {
         (self.value * self.value * self.information).min(SURPRISE_LIMIT)
     }
 
-    /// Log likelihood but for a constant, nats.
+    /// Log likelihood up to a constant, nats.
     #[inline]
     pub(super) fn log_likelihood(&self) -> f32 {
         0.5 * (libm::logf(self.information) - self.value * self.value * self.information)
@@ -101,7 +101,7 @@ impl AxisFilter {
         }
     }
 
-    /// Moves on to the next block.
+    /// Advances to the next block.
     ///
     /// * `phi`: φ over the block, entry [`DEFECT`] 0
     ///
@@ -141,7 +141,7 @@ impl AxisFilter {
         }
     }
 
-    /// Takes in the measured defect; D counts from it afterwards.
+    /// Updates with the measured defect; D counts from it afterwards.
     #[inline]
     pub(super) fn update(&mut self, measured: f32, variance: f32) -> Innovation {
         let row = self.covariance[DEFECT];
@@ -167,7 +167,7 @@ impl AxisFilter {
         }
     }
 
-    /// Predicted change of D, and its variance, from the parameters that are not disturbances.
+    /// Predicted change of D, and its variance, from the parameters other than the disturbances.
     #[inline]
     pub(super) fn parameter_effect(&self, phi: &[f32; STATES]) -> (f32, f32) {
         let mut mean = 0.0;
@@ -182,9 +182,9 @@ impl AxisFilter {
     }
 }
 
-/// A filter of (D, w, b) alone that assumes another level of gusts and leaves the other parameters to the main filter.
+/// A filter of (D, w, b) alone that assumes a different gust level and leaves the other parameters to the main filter.
 ///
-/// Two of them, one above and one below the level in use, tell by their likelihoods which way the level should move.
+/// Two of them, one above and one below the level in use, indicate by their likelihoods which way the level should move.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct LevelProbe {
     state: [f32; 3],
@@ -214,7 +214,7 @@ impl LevelProbe {
         }
     }
 
-    /// Log likelihood of the measured defect but for a constant, nats; D counts from it afterwards.
+    /// Log likelihood of the measured defect up to a constant, nats; D counts from it afterwards.
     ///
     /// * `elapsed`: block length, s   * `known`: change of D that the main filter's parameters explain, N·s
     #[inline]
@@ -330,7 +330,7 @@ mod tests {
 
     const VARIANCE: [f32; STATES] = [1e-6, 5e-5, 0.25, 2.5e-3, 2e-4, 2e-2, 2.5e-3];
 
-    /// Fifty seconds of blocks with a corner every nine: the range of one flight.
+    /// Fifty seconds of blocks with a corner every nine: the span of one flight.
     fn blocks() -> impl Iterator<Item = ([f32; STATES], f32)> {
         (0..1600).map(|k| {
             let t = k as f32 / 32.0;
@@ -344,7 +344,7 @@ mod tests {
                 0.02 * (0.02 * libm::cosf(3.0 * t) - corner),
                 0.031 * corner * libm::cosf(0.7 * t),
             ];
-            // 0.1 N of bias, a gust, noise, and what wrong parameters leave.
+            // 0.1 N of bias, a gust, noise, and the effect of wrong parameters.
             let defect = 0.031 * (0.1 + 0.01 * libm::sinf(0.7 * t))
                 + 2e-4 * libm::sinf(k as f32 * 12.9)
                 + 0.03 * phi[3]
@@ -369,14 +369,14 @@ mod tests {
             let (e, s) = reference.step(&phi, &d, defect);
             let sigma = libm::sqrt(s);
             worst = worst.max((f64::from(innovation.value) - e).abs() / sigma);
-            // The prior of the bias is 1e7 times the final one; f32 keeps the innovation variance to a per cent after it.
+            // The prior variance of the bias is 1e7 times the final one; f32 keeps the innovation variance to within 1 % after it.
             let ratio = 1.0 / (f64::from(innovation.information) * s);
             assert!((ratio - 1.0).abs() < 0.01, "{ratio}");
             for i in 0..STATES {
                 assert!(filter.covariance[i][i] > 0.0, "variance {i}");
             }
         }
-        // In standard deviations of the innovation: far below what decides anything.
+        // In standard deviations of the innovation: far below anything that affects a decision.
         assert!(worst < 0.05, "{worst}");
     }
 

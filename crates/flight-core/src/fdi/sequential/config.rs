@@ -1,28 +1,28 @@
-//! Parameters of the sequential detector, and what is wrong with them.
+//! Parameters of the sequential detector, and their validation.
 
-/// Most filter updates per window.
+/// Maximum number of filter updates per window.
 pub const MAX_UPDATES_PER_WINDOW: u8 = 8;
 
-/// Share of the warm-up at its start that does not count for the sensor noise: the first commands of a flight are jumps.
+/// Initial fraction of the warm-up excluded from the noise measurement: the first commands of a flight are jumps.
 pub(super) const NOISE_SKIP: f32 = 0.25;
 
-/// Least samples to measure the sensor noise from: a few per cent of its standard deviation.
+/// Minimum number of samples for measuring the sensor noise: gives its standard deviation to a few per cent.
 const LEAST_NOISE_SAMPLES: f32 = 200.0;
 
-/// Parameters of the sequential detector. [`SequentialConfig::standard`] is the one tuning for all vehicles and weathers.
+/// Parameters of the sequential detector. [`SequentialConfig::standard`] is the single tuning for all vehicles and weather.
 ///
-/// Forces are given as shares of the mean hover thrust of a rotor (m g/n_a) and lengths as shares of the longest lever, so that the
-/// values do not depend on the size of the vehicle.
+/// Forces are fractions of a rotor's mean hover thrust (m g/n_a) and lengths fractions of the longest lever, so that the values do not
+/// depend on the size of the vehicle.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SequentialConfig {
     /// End of the noise measurement, start of the calibration, s after the first sample; long enough for the start-up to be over.
     pub calibration_start: f32,
     /// End of the calibration, s; verdicts follow. At least two correlation times of the gusts after the start.
     pub calibration_end: f32,
-    /// Filter updates per window, 1 to [`MAX_UPDATES_PER_WINDOW`]. 2 isolates half of the sudden faults within one window; more
-    /// cost time and gain nothing.
+    /// Filter updates per window, 1 to [`MAX_UPDATES_PER_WINDOW`]. With 2, half of the sudden faults are isolated within one window;
+    /// more cost time without benefit.
     pub updates_per_window: u8,
-    /// τ, s, above 0: where the adaptation starts.
+    /// τ, s, above 0: initial value of the adaptation.
     pub rotor_time_constant: f32,
     /// Standard deviation of ln τ.
     pub rotor_time_constant_spread: f32,
@@ -34,66 +34,67 @@ pub struct SequentialConfig {
     pub drag_spread: f32,
     /// Standard deviation of the constant disturbance of an axis, share of the hover thrust.
     pub bias_spread: f32,
-    /// T, correlation time of the gusts, s. The level is learnt, T is not: gusts of 0.2 s to 20 s were tried with the one value.
+    /// T, correlation time of the gusts, s. The level is learnt, T is not: one value was tested with gusts of 0.2 s to 20 s.
     pub disturbance_correlation_time: f32,
-    /// Lowest level of gusts, share of the hover thrust. Bounds the smallest fault that can be found in perfect calm.
+    /// Lowest gust level, fraction of the hover thrust. Bounds the smallest fault detectable in perfect calm.
     pub disturbance_floor: f32,
     /// Highest level, share of the hover thrust.
     pub disturbance_ceiling: f32,
-    /// λ, evidence that it takes to name a rotor, nats. In 55 h of simulated healthy flight, most of it with wind and wrong
-    /// parameters, the evidence for some rotor passed 24 in one flight, where it fitted none.
+    /// λ, evidence required to name a rotor, nats. In 55 h of simulated healthy flight, most of it with wind and wrong parameters,
+    /// the evidence for some rotor exceeded 24 in one flight, where it fitted none.
     pub evidence_to_isolate: f32,
-    /// Lead over the next best rotor that it takes to name one, nats.
+    /// Lead over the next best rotor required to name one, nats.
     pub margin_to_isolate: f32,
-    /// What a second rotor must add to the likelihood before a single one does not do, nats.
+    /// Log likelihood that a second rotor must add before a single one no longer suffices, nats.
     pub evidence_for_second: f32,
-    /// By how much a pair of other rotors may be likelier than the single one that is named, nats: two faults at the same moment are
-    /// rarer than one, by as much. The probability that is reported counts the pair with these odds against it.
+    /// By how much a pair of other rotors may be likelier than the single rotor named, nats: two simultaneous faults are rarer than
+    /// one by this much. The reported probability weights the pair by these odds.
     pub handicap_of_pairs: f32,
-    /// ln of the odds against a fault at any moment, for the reported probability, nats.
+    /// ln of the prior odds against a fault at any time, for the reported probability, nats.
     pub prior_log_odds: f32,
     /// Losses below this are not reported, share of the hover thrust.
     pub smallest_loss: f32,
-    /// Time from the onset until a fault may be absorbed, s: its size has settled by then.
+    /// Time from the onset until a fault may be absorbed, s: its estimate has settled by then.
     pub settling_time: f32,
-    /// Least standard deviation of the relative error of one rotor's thrust (10 mN of bias that ends where the rotor stops are 0.4 %).
+    /// Minimum standard deviation of the relative error of one rotor's thrust (10 mN of bias that ends where the rotor stops are 0.4
+    /// %).
     pub rotor_gain_spread: f32,
-    /// Squared standard deviation of the same that is assumed while calibrating.
+    /// Squared standard deviation of the same quantity, assumed while calibrating.
     pub excursion_in_calibration: f32,
-    /// Weight with which the constant disturbance found by the calibration is taken for errors of the rotors' thrusts, 0 to 4. They
-    /// would show where thrusts leave hover, so manoeuvres count less in a vehicle with a large bias.
+    /// Weight with which the constant disturbance found by the calibration is attributed to errors of the rotors' thrusts, 0 to 4.
+    /// These would appear when thrusts leave hover, so manoeuvres count less in a vehicle with a large bias.
     pub bias_factor: f32,
     /// Loss of log likelihood for which the calibration still prefers a higher level, nats: caution after a short calibration.
     pub level_margin: f32,
-    /// Speed of the level after the calibration, per nat. 0.036 follows a storm three times as strong within some seconds.
+    /// Adaptation rate of the level after the calibration, per nat. 0.036 follows a storm three times as strong within some seconds.
     pub level_gain: f32,
-    /// Most that one block may say about the level, nats: what a fault looks like must not pass for a storm.
+    /// Limit on the contribution of one block to the level, nats: a fault must not pass for a storm.
     pub level_clip: f32,
     /// Ratio of the variances of the two probes to the level in use, above 1.
     pub level_ratio: f32,
     /// Weight of a block in the average surprise that evidence is divided by, in (0, 1).
     pub surprise_weight: f32,
-    /// Random walk of the bias, variance per second in squared levels, 1/s. Stands for all that is slower than T.
+    /// Random walk of the bias, variance per second in squared levels, 1/s. Represents everything slower than T.
     pub drift_share: f32,
-    /// Random walk of the defect per block, share of the variance of its measurement: keeps the filters awake.
+    /// Random walk of the defect per block, as a fraction of its measurement variance: keeps the filter gains from vanishing.
     pub momentum_noise_share: f32,
-    /// Evidence from which on a fault may be absorbed, nats; above `evidence_to_isolate`, so that a false alarm passes.
+    /// Evidence above which a fault may be absorbed, nats; above `evidence_to_isolate`, so that a false alarm can pass.
     pub evidence_to_absorb: f32,
-    /// Head start of the rotor already known to be faulty when changes are compared, nats: a propeller that broke once breaks on.
+    /// Bonus of the rotor already known to be faulty when changes are compared, nats: a damaged propeller is likely to break further.
     /// Without it, a healing rotor and a failing opposite one differ in vertical force alone.
     pub repeat_bonus: f32,
-    /// Time for which the evidence must fit several rotors alike, or none well, before the verdict is unknown, s.
+    /// Time for which the evidence must fit several rotors equally, or none well, before the verdict is unknown, s.
     pub ambiguity_time: f32,
-    /// Share of the evidence for a rotor by which any other direction of force and torque may fit better. A torque half-way between
-    /// two rotors of a hexarotor leaves a third; noise leaves a few nats, which are always granted.
+    /// Fraction of a rotor's evidence by which any other direction of force and torque may fit better. A torque half-way between two
+    /// rotors of a hexarotor leaves a third; noise leaves a few nats, which are always allowed.
     pub unexplained_share: f32,
-    /// A sample that differs from its neighbour by more than this many standard deviations of the noise is a spike; at most four
-    /// in a row are.
+    /// A sample that differs from its neighbour by more than this many standard deviations of the noise is a spike; at most four in a
+    /// row count as spikes.
     pub spike_sigma: f32,
 }
 
 impl SequentialConfig {
-    /// Nothing; only a place to put a configuration into.
+    /// Placeholder, to be filled with a configuration.
     pub(crate) const BLANK: Self = Self {
         calibration_start: 0.0,
         calibration_end: 0.0,
@@ -131,7 +132,7 @@ impl SequentialConfig {
         spike_sigma: 0.0,
     };
 
-    /// The one tuning.
+    /// The standard tuning.
     pub const fn standard() -> Self {
         Self {
             calibration_start: 2.0,
@@ -281,8 +282,8 @@ impl SequentialConfig {
     }
 }
 
-/// Calls a macro with the names of all fields of [`SequentialConfig`]: the one list of them for messages to processes and to boards.
-/// What the macro makes of it must name every field, so that the compiler refuses a list that is not complete.
+/// Calls a macro with the names of all fields of [`SequentialConfig`]: the single list for messages to processes and boards. The
+/// macro's expansion must name every field, so that the compiler rejects an incomplete list.
 #[macro_export]
 macro_rules! with_sequential_fields {
     ($callback:ident) => {
@@ -325,12 +326,12 @@ macro_rules! with_sequential_fields {
     };
 }
 
-/// Why a configuration of the sequential detector is refused.
+/// Why a configuration of the sequential detector is rejected.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct SequentialConfigError {
     /// Field of [`SequentialConfig`].
     pub field: &'static str,
-    /// The range, in words.
+    /// The range, human-readable.
     pub expected: &'static str,
 }
 

@@ -1,4 +1,4 @@
-//! From evidence to verdicts: which set of rotors is named, what is left open, and what becomes part of the model.
+//! From evidence to verdicts: which set of rotors is named, what remains ambiguous, and what is absorbed into the model.
 
 use super::axis_filter::{BIAS, GAIN, LAG, LevelProbe, STATES};
 use super::defect::AXES;
@@ -9,39 +9,39 @@ use super::{KnownFault, Phase, SequentialDecision, SequentialDetector, limited, 
 use crate::MAX_ROTORS;
 use crate::fdi::FaultVerdict;
 
-/// A loss that comes back but for this share has healed: more cannot be told from an error of the estimate.
+/// A fault has healed if its loss recovers to within this fraction: a smaller remainder is indistinguishable from estimation error.
 const HEALED_SHARE: f32 = 0.15;
 
-/// A loss of which no more than this share would be left is about to heal.
+/// A fault is about to heal if no more than this fraction of its loss would remain.
 const HEALING_SHARE: f32 = 0.3;
 
-/// What noise alone leaves unexplained, nats: half a χ² with three degrees of freedom exceeds it once in 40,000.
+/// Amount that noise alone leaves unexplained, nats: half a χ² with three degrees of freedom exceeds it once in 40,000.
 const UNEXPLAINED_NATS: f32 = 12.0;
 
-/// The same of a pair, which could explain much: half a χ² with two degrees of freedom exceeds it once in 400.
+/// The same for a pair, which could explain much: half a χ² with two degrees of freedom exceeds it once in 400.
 const UNEXPLAINED_BY_PAIR_NATS: f32 = 6.0;
 
-/// Gain of a second rotor, nats, up to which a single one becomes part of the model as soon as it has settled.
+/// Gain of a second rotor, nats, up to which a single one is absorbed as soon as it has settled.
 const UNDISPUTED_NATS: f32 = 2.0;
 
-/// Settling times that a disputed single fault waits for more evidence before it becomes part of the model.
+/// Settling times for which a disputed single fault waits for more evidence before it is absorbed.
 const DISPUTED_SETTLINGS: u32 = 4;
 
-/// Squared relative error of the model of an axis that no manoeuvre shows.
+/// Squared relative model error of an axis that no manoeuvre has excited.
 const MODEL_VARIANCE: f32 = 1e-4;
 
-/// What the evidence at the end of a window amounts to.
+/// Summary of the evidence at the end of a window.
 struct Finding {
-    /// The set that is to be named.
+    /// The set to name.
     named: Option<SetFit>,
-    /// Several sets explain what is seen, and well.
+    /// Several sets explain the evidence well.
     open: Option<Suspects>,
     /// Something needs an explanation.
     relevant: bool,
     probability: f32,
-    /// Of something rather than nothing.
+    /// Probability of a fault rather than none.
     probability_of_any: f32,
-    /// Of the best single rotor, nats.
+    /// Evidence for the best single rotor, nats.
     best: f32,
     /// What a second rotor adds to the one named, nats.
     gain_of_second: f32,
@@ -63,18 +63,18 @@ impl SequentialDetector {
             .fold(0, |mask, rotor| mask | 1 << rotor)
     }
 
-    /// A rotor can get back what it lost; what it can lose is left open, as thrusts move.
+    /// A rotor can regain what it lost; the upper limit is left open, as thrusts vary.
     fn least_change(&self, rotor: usize) -> f32 {
         -self.watch.known[within(rotor)].fraction * self.watch.thrust[within(rotor)]
     }
 
-    /// A propeller that broke once goes on changing. That it heals altogether is no likelier than that an opposite one fails alike,
-    /// which differs in the vertical force alone: no head start for that.
+    /// A damaged propeller keeps changing. Complete healing is no likelier than an equal failure of the opposite rotor, which differs in
+    /// the vertical force alone: no bonus for that.
     fn goes_on(&self, rotor: usize, change: f32) -> bool {
         self.known_rotors() >> rotor & 1 == 1 && change > (1.0 - HEALING_SHARE) * self.least_change(rotor)
     }
 
-    /// Of every rotor; of places past the last one, that of no loss or nothing at all.
+    /// Evidence for every rotor; unused entries hold the evidence for no loss.
     fn evidence(&self) -> [Evidence; MAX_ROTORS] {
         let mut evidence = [Evidence::NONE; MAX_ROTORS];
         let groups = evidence.as_chunks_mut::<ABREAST>().0.iter_mut();
@@ -146,7 +146,7 @@ impl SequentialDetector {
                     .is_some_and(|nats| *nats >= unclear) => {}
             (None, FaultVerdict::FaultyPair { .. } | FaultVerdict::Ambiguous) if finding.best >= unclear => {}
             (None, _) if undecided => {
-                // Something, but what?
+                // A fault, but of unknown type.
                 self.report_none(FaultVerdict::Unknown, finding.probability_of_any);
             }
             (None, FaultVerdict::Unknown) if finding.best >= unclear => {}
@@ -206,7 +206,7 @@ impl SequentialDetector {
         let smallest_loss = c.smallest_loss * self.tuning.mean_hover_thrust;
         let relevant = supported > c.evidence_to_isolate
             && (leading.loss > smallest_loss || (known >> first & 1 == 1 && leading.loss < 0.0));
-        // Of any fault, and of this one.
+        // Odds of any fault, and of this one.
         let odds_of_none = libm::expf((c.prior_log_odds - best.min(supported)).clamp(-80.0, 80.0));
         let odds_of_next = libm::expf((next - best).clamp(-80.0, 0.0));
         let mut finding = Finding {
@@ -258,7 +258,7 @@ impl SequentialDetector {
             && gain_of_second <= c.evidence_for_second
             && lead >= -c.handicap_of_pairs
         {
-            // Of the one named, while a pair of others stays possible.
+            // Odds of the named rotor while a pair of others remains possible.
             let odds_of_pair = libm::expf(-limited(lead + c.handicap_of_pairs, 0.0, 80.0));
             finding.probability = 1.0 / (1.0 + odds_of_none + odds_of_next + odds_of_pair);
             finding.named = Some(sets.single(first));
@@ -283,7 +283,7 @@ impl SequentialDetector {
         finding
     }
 
-    /// The lost wrench as seen since one moment, without the axes that a jump explains better.
+    /// The lost wrench observed since one onset time, without the axes that a jump explains better.
     fn observation(&self, index: usize, jump: &FreeEvidence, push: &FreeEvidence) -> Observation {
         let mut observation = self.watch.onset.observation(index);
         let of_any = self.watch.onset.free_fit(index);
@@ -306,7 +306,7 @@ impl SequentialDetector {
         };
     }
 
-    /// What the model knows together with a change that it does not know yet.
+    /// Reports what the model knows together with a change not yet absorbed.
     fn report(&mut self, known: u32, change: Option<&SetFit>, probability: f32) {
         let mask = known | change.map_or(0, SetFit::mask);
         let mut estimates = [LossEstimate::default(); 2];
@@ -362,12 +362,12 @@ impl SequentialDetector {
         };
     }
 
-    /// Averaged thrust of a rotor, N, not so small that shares of it lose their meaning.
+    /// Averaged thrust of a rotor, N, bounded below so that fractions of it stay meaningful.
     fn working_thrust(&self, rotor: usize) -> f32 {
         self.watch.thrust[within(rotor)].max(0.1 * self.tuning.mean_hover_thrust)
     }
 
-    /// Undoes what a jump of the momentum has done to the filters.
+    /// Undoes the effect of a momentum jump on the filters.
     fn absorb_jump(&mut self, jump: &FreeEvidence) {
         for axis in 0..AXES {
             let (size, error) = self.watch.onset.jump(jump, axis);
@@ -380,8 +380,8 @@ impl SequentialDetector {
         self.start_afresh();
     }
 
-    /// Makes a change part of the model; changes from now on are sought against it. What the losses do not explain of the lasting wrench
-    /// goes on as a bias.
+    /// Absorbs a change into the model; further changes are sought relative to it. The part of the lasting wrench that the losses do not
+    /// explain remains as a bias.
     fn absorb(&mut self, set: &SetFit, probability: f32) {
         let seen = self.watch.onset.observation(set.index);
         let errors = self.watch.onset.error(set.index);
@@ -392,14 +392,14 @@ impl SequentialDetector {
                 .sum();
             let state = &mut self.watch.axis[axis];
             let error = &errors[axis];
-            // An axis that says nothing keeps its state but for what the losses explain.
+            // An uninformative axis keeps its state except for what the losses explain.
             let informed = seen.variance[axis] < 1.0;
             let (lost, variance) = if informed {
                 (seen.wrench[axis], seen.variance[axis])
             } else {
                 (explained, 0.0)
             };
-            // What is wrong with it goes on acting like a bias.
+            // The remaining error keeps acting like a bias.
             let mut direction = *error;
             direction[BIAS] += 1.0;
             for i in 0..STATES {
@@ -444,8 +444,8 @@ impl SequentialDetector {
         self.watch.quiet = true;
     }
 
-    /// Moves the time constants to their estimates. Only while nothing stands out: what the filters make of a fault is undone
-    /// exactly by [`super::onset`], but only as long as the model stays the same.
+    /// Moves the time constants to their estimates. Only while nothing stands out: [`super::onset`] undoes the effect of a fault on the
+    /// filters exactly, but only as long as the model stays the same.
     fn adopt_time_constants(&mut self) {
         for axis in 0..AXES {
             let state = &mut self.watch.axis[axis].filter.state;

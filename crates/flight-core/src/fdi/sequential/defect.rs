@@ -1,11 +1,11 @@
-//! Momentum defect: measured momentum less what gravity, drag, gyroscopic terms and lagged nominal rotors account for.
+//! Momentum defect: measured momentum minus what gravity, drag, gyroscopic terms and lagged nominal rotors account for.
 //!
-//! The per-sample part of the sequential detector. An open integral, unlike the observers of Eqs. 31–32: nothing leaks, so that a
-//! lost thrust shows as a constant slope and sensor noise as white noise, which the Kalman filters of [`super::axis_filter`] can
-//! treat as what they are. Once per block (half a window) the means are taken and all integrals count from them afresh, which
-//! keeps the numbers small enough for `f32`.
+//! The per-sample part of the sequential detector. An open integral, unlike the observers of Eqs. 31–32: nothing leaks, so a lost
+//! thrust appears as a constant slope and sensor noise as white noise, which is how the Kalman filters of [`super::axis_filter`] model
+//! them. Once per block (half a window) the means are taken and all integrals restart from them, which keeps the numbers small
+//! enough for `f32`.
 //!
-//! Beside the defect itself, the integrals that the model of its errors needs (φ of [`super::axis_filter`]) are kept the same way.
+//! The integrals required by its error model (φ of [`super::axis_filter`]) are maintained the same way.
 //!
 //! Discretisation: drift by the trapezoidal rule (gravity and gyroscopic terms are known at both ends of a step), rotors exactly
 //! (the duty is held over a step).
@@ -19,10 +19,10 @@ pub(super) mod lanes;
 /// Fz, Mx, My, Mz.
 pub(super) const AXES: usize = 4;
 
-/// Most samples in a row that may be taken for spikes; then the jump is taken for real.
+/// Maximum number of consecutive spikes; after that the jump is accepted as real.
 const MAX_SPIKES_IN_ROW: u32 = 4;
 
-/// Integrals beside the defect: wrench (4), lag sensitivity (4), vertical speed, time, gyroscopic torque (3).
+/// Integrals in addition to the defect: wrench (4), lag sensitivity (4), vertical speed, time, gyroscopic torque (3).
 const REGRESSORS: usize = 13;
 const SPEED: usize = 8;
 const TIME: usize = 9;
@@ -92,19 +92,19 @@ impl Lag {
     }
 }
 
-/// Running integrals that count from the last block's mean, and their sums over this block.
+/// Running integrals since the last block's mean, and their sums over this block.
 #[derive(Clone, Copy, Debug)]
 struct Integrals {
     value: [f32; REGRESSORS],
     sum: [f32; REGRESSORS],
 }
 
-/// What one block of samples gives. Axes are divided by their longest lever, see [`super::axis_filter`].
+/// Result of one block of samples. Axes are divided by their longest lever, see [`super::axis_filter`].
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Block {
-    /// Samples behind the means.
+    /// Number of samples in the means.
     pub samples: f32,
-    /// Change of the mean momentum defect since the block before, N·s.
+    /// Change of the mean momentum defect since the previous block, N·s.
     pub defect: [f32; AXES],
     /// Time between the middles of the two blocks, s.
     pub elapsed: f32,
@@ -122,7 +122,7 @@ pub(super) struct Block {
     pub thrust: [f32; MAX_ROTORS],
 }
 
-/// See the module.
+/// See the module documentation.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct DefectMeter {
     rotor_count: usize,
@@ -134,13 +134,13 @@ pub(super) struct DefectMeter {
     effectiveness: [[f32; AXES]; MAX_ROTORS],
     hover_thrust: [f32; MAX_ROTORS],
     time_constant_range: (f32, f32),
-    /// √(J_b⁻² + J_c⁻²) over the lever: makes the torque of a product of momenta.
+    /// √(J_b⁻² + J_c⁻²) over the lever: converts a product of momenta to a torque.
     gyroscopic_weight: [f32; 3],
 
     started: bool,
-    /// Momentum that the model accounts for; the defect is what the measured one is above it.
+    /// Momentum that the model accounts for; the defect is measured momentum minus this.
     accounted: [f32; AXES],
-    /// Rate held over the present step, for samples that are rejected.
+    /// Rate held over the current step, for rejected samples.
     rate: [f32; AXES],
     last_drift: [f32; AXES],
     lag: [Lag; AXES],
@@ -225,7 +225,7 @@ impl DefectMeter {
         }
     }
 
-    /// Takes in one sample.
+    /// Processes one sample.
     ///
     /// * `static_wrench`, `static_thrust`: nominal, without lag, N and N·m   * `loss_fraction`: thrust that each rotor is known to
     ///   have lost   * `learn_noise`: count this sample in the noise statistics
@@ -256,7 +256,7 @@ impl DefectMeter {
         );
     }
 
-    /// [`DefectMeter::step`] after the first sample; thrusts of all rotors and no more.
+    /// [`DefectMeter::step`] after the first sample, with exactly one thrust per rotor.
     #[inline(always)]
     fn take(
         &mut self,
@@ -267,7 +267,7 @@ impl DefectMeter {
         learn_noise: bool,
     ) {
         let dt = self.period;
-        // The step before this sample: the drift was held, now its other end is known.
+        // Complete the step before this sample: the drift was held, and its other end is now known.
         let mut defect = [0.0; AXES];
         let mut spike = false;
         for axis in 0..AXES {
@@ -298,7 +298,7 @@ impl DefectMeter {
             }
         }
 
-        // The step after it.
+        // Start the step after it.
         let mut wrench = *static_wrench;
         let mut excursion = 0.0;
         for i in 0..static_thrust.len() {
@@ -323,13 +323,13 @@ impl DefectMeter {
             let [b, c] = OTHER_AXES[k];
             self.regressor_rate[GYROSCOPIC + k] = self.gyroscopic_weight[k] * body.momentum[b] * body.momentum[c];
         }
-        // The mean of a square is at least the square of the mean: an upper bound on what lagged rotors deviate by.
+        // The mean of a square is at least the square of the mean: an upper bound on the deviation of lagged rotors.
         self.excursion += (excursion - self.excursion) * self.lag[0].end_weight;
         self.excursion_sum += self.excursion;
         self.hold();
     }
 
-    /// Moves on by one step at the rates of the last one: also what a rejected sample does.
+    /// Advances by one step at the last rates, as for a rejected sample.
     #[inline(always)]
     pub(super) fn hold(&mut self) {
         for axis in 0..AXES {
@@ -340,7 +340,7 @@ impl DefectMeter {
         }
     }
 
-    /// Means since the last block; None without a usable sample in between, then the block goes on.
+    /// Means since the last block; None if there was no usable sample, in which case the block continues.
     pub(super) fn close_block(&mut self) -> Option<Block> {
         if self.samples < 1.0 {
             return None;
@@ -388,12 +388,12 @@ impl DefectMeter {
         }))
     }
 
-    /// From now on, a sample whose defect differs from the one before by more than this is a spike, N·s.
+    /// Sets the limit, N·s: a sample whose defect differs from the previous one by more is a spike.
     pub(super) fn set_spike_limit(&mut self, limit: [f32; AXES]) {
         self.spike_limit = limit;
     }
 
-    /// Moves τ of one axis by a factor e^shift, and with it the lag's state and what it accounted for since the last block's mean.
+    /// Scales τ of one axis by e^shift, and updates the lag's state and what it accounted for since the last block's mean.
     pub(super) fn shift_time_constant(&mut self, axis: usize, shift: f32) {
         let (least, most) = self.time_constant_range;
         self.accounted[axis] += self.integrals.value[AXES + axis] * shift * self.arm[axis];
@@ -403,8 +403,8 @@ impl DefectMeter {
         lag.set_time_constant(time_constant, self.period);
     }
 
-    /// Takes a wrench off the rotors as if it had been missing since the last block's mean, N and N·m: a loss that has long
-    /// settled becomes known.
+    /// Removes a wrench from the rotors as if it had been missing since the last block's mean, N and N·m: a fault that settled long ago
+    /// becomes known.
     pub(super) fn remove_wrench(&mut self, wrench: &[f32; AXES]) {
         for axis in 0..AXES {
             self.lag[axis].state -= wrench[axis];
@@ -432,7 +432,7 @@ mod tests {
             let input = if k % 100 < 50 { 1.0 } else { 0.0 } + f32::from(k) / 400.0;
             let (_, slope) = lag.step(input);
             let difference = (above.step(input).0 - below.step(input).0) / (2.0 * h);
-            // h²/6 of the third derivative, and f32 rounding over 2 h.
+            // h²/6 times the third derivative, and f32 rounding over 2 h.
             assert!((slope - difference).abs() < 2e-4, "{k}: {slope} {difference}");
         }
     }
@@ -485,7 +485,7 @@ mod tests {
 
     #[test]
     fn val_wrong_inertia_leaves_its_share_of_the_gyroscopic_integral() {
-        // Roll 5 % above and pitch 3 % below the document, at a steady 0.8 and 0.5 rad/s: yaw accelerates as Euler's equations say.
+        // Roll 5 % above and pitch 3 % below the document, at a steady 0.8 and 0.5 rad/s: yaw accelerates according to Euler's equations.
         let (error_x, error_y) = (0.05f32, -0.03f32);
         let (p, q) = (0.8, 0.5);
         let mut meter = meter();
@@ -504,7 +504,7 @@ mod tests {
         assert!((block.defect[3] / block.gyroscopic[2] / share - 1.0).abs() < 1e-3);
         let rate = libm::hypotf(INERTIA[0], INERTIA[1]) * p * q / 0.016;
         assert!((block.gyroscopic[2] / (rate * block.elapsed) - 1.0).abs() < 1e-3);
-        // Without a yaw rate there is no product for the other two axes; r stays below 0.01 rad/s here.
+        // Without a yaw rate the product vanishes for the other two axes; r stays below 0.01 rad/s here.
         assert!(block.gyroscopic[0].abs() < 0.02 * block.gyroscopic[2]);
     }
 

@@ -1,18 +1,18 @@
-//! What a decision says beside its verdict: lost thrusts with their intervals, and the sets of rotors that come into question.
+//! Details of a decision besides its verdict: lost thrusts with their intervals, and the sets of suspect rotors.
 
-/// Most sets of rotors that are listed by name.
+/// Maximum number of rotor sets listed.
 pub const MAX_HYPOTHESES: usize = 8;
 
 /// Half the width of a 95 % interval in standard deviations.
 const SIGMAS: f32 = 1.96;
 
-/// Standard deviation of what the model does to an estimated loss, share of it; and how it grows with the share that is lost, because
-/// a controller answers a large loss within few blocks. Chosen so that the interval holds the truth as often as it says on a vehicle
-/// with the realistic mismatch (`cargo xtask detector coverage`).
+/// Standard deviation of an estimated loss due to model error, as a fraction of it, and its growth with the fraction lost, because a
+/// controller reacts to a large loss within few blocks. Chosen so that the interval has its nominal coverage on a vehicle with the
+/// realistic mismatch (`cargo xtask detector coverage`).
 const MODEL_ERROR: f32 = 0.01;
 const MODEL_ERROR_GROWTH: f32 = 0.1;
 
-/// Lost thrust of one rotor at hover, with its 95 % interval; all 0 if there is none to speak of.
+/// Lost thrust of one rotor at hover, with its 95 % interval; all 0 if negligible.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct LossEstimate {
     /// N, not negative.
@@ -21,7 +21,7 @@ pub struct LossEstimate {
     pub low: f32,
     /// Upper end, N.
     pub high: f32,
-    /// Thrust of the healthy rotor at hover, N: what shares are shares of.
+    /// Hover thrust of the healthy rotor, N: the reference for fractions.
     pub nominal: f32,
 }
 
@@ -47,7 +47,7 @@ impl LossEstimate {
         }
     }
 
-    /// Loss, lower and upper end as shares of the nominal thrust.
+    /// Loss, lower and upper end as fractions of the nominal thrust.
     #[inline]
     pub fn share(&self) -> [f32; 3] {
         if self.nominal > 0.0 {
@@ -58,14 +58,14 @@ impl LossEstimate {
     }
 }
 
-/// Rotors that a decision is about. Sets of rotors are bit masks: bit 0 is rotor 1.
+/// Rotors that a decision concerns. Sets of rotors are bit masks: bit 0 is rotor 1.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Suspects {
-    /// One rotor, two of a pair, or all that an ambiguous verdict leaves open.
+    /// One rotor, the two of a pair, or all candidates of an ambiguous verdict.
     pub rotors: u32,
-    /// Sets that an ambiguous verdict leaves open, also those beyond [`MAX_HYPOTHESES`]; 0 for other verdicts.
+    /// Number of sets that an ambiguous verdict leaves open, including those beyond [`MAX_HYPOTHESES`]; 0 for other verdicts.
     pub hypothesis_count: u16,
-    /// The likeliest of them, likeliest first; 0 past the count.
+    /// The likeliest of them, in descending order; 0 past the count.
     pub hypotheses: [u32; MAX_HYPOTHESES],
 }
 
@@ -76,7 +76,7 @@ impl Suspects {
         hypotheses: [0; MAX_HYPOTHESES],
     };
 
-    /// The rotors of a verdict that leaves nothing open.
+    /// The rotors of an unambiguous verdict.
     #[inline]
     pub(super) fn certain(rotors: u32) -> Self {
         Self {
@@ -97,7 +97,7 @@ impl Suspects {
         }
     }
 
-    /// Every set together with rotors that are faulty in any case.
+    /// Adds rotors known to be faulty to every set.
     #[inline]
     #[must_use]
     pub(super) fn with(mut self, known: u32) -> Self {

@@ -1,27 +1,27 @@
-//! Hypotheses "a rotor changed its thrust by Δ at that moment", for every rotor, any Δ and a set of moments at once.
+//! Hypotheses "a rotor changed its thrust by Δ at that time", for every rotor, any Δ and a set of onset times at once.
 //!
-//! Generalised likelihood ratio of a change in a linear system (Willsky and Jones): the filters of [`super::axis_filter`] know
-//! nothing of the change, so their innovations carry its known signature. Per moment of onset and axis, three things are kept:
-//! the error that a unit of lost thrust leaves in the filter's states (it makes the signature of the next innovation), the
-//! correlation of innovations with signatures (score), and the energy of the signatures (information). A loss Δ on rotor i enters
-//! axis a with −F_ai Δ; so for every rotor
+//! Generalised likelihood ratio of a change in a linear system (Willsky and Jones): the filters of [`super::axis_filter`] do not model
+//! the change, so their innovations carry its known signature. Per onset time and axis, three things are kept: the error that a unit
+//! of lost thrust leaves in the filter's states (which determines the signature of the next innovation), the correlation of innovations
+//! with signatures (score), and the energy of the signatures (information). A loss Δ on rotor i enters axis a with −F_ai Δ; so for
+//! every rotor
 //!
 //! N = −Σ_a F_ai score_a,  C = Σ_a F_ai² information_a,   Δ̂ = N/C,   ln L(Δ)/L(0) = Δ N − ½ Δ² C
 //!
-//! Beside the rotors stands a *jump* of the momentum itself, of any size on every axis: a sensor that shifts, a knock, or a short
-//! error of the model in a hard manoeuvre. Its signature is that of an impulse; what it explains better is no lost thrust.
+//! An alternative hypothesis is a *jump* of the momentum itself, of any size on every axis: a sensor shift, a knock, or a brief model
+//! error in a hard manoeuvre. Its signature is that of an impulse; whatever it explains better is not a lost thrust.
 //!
-//! The moments are every block of the last second or so and ever sparser before: a fixed number, about evenly spaced in the
+//! The onset times are every block of the last second or so, and increasingly sparse before: a fixed number, spaced about evenly in the
 //! logarithm of their age. Limits: one change at a time; a change is a step through the rotor lag.
 
 use super::axis_filter::{DEFECT, GUST, Innovation, STATES};
 use super::defect::AXES;
 use super::sets::Observation;
 
-/// Rotors that are weighed at a time: as many `f32` as the registers of every vector unit hold.
+/// Rotors evaluated at a time: as many `f32` as fit any vector register.
 pub(super) const ABREAST: usize = 4;
 
-/// Moments of onset under test.
+/// Onset times under test.
 const MOMENTS: usize = 20;
 
 /// Blocks after which a step has settled through the rotor lag.
@@ -30,11 +30,11 @@ const SETTLED: usize = 16;
 /// Keeps the division finite while there is no information yet, 1/N².
 const LEAST_INFORMATION: f32 = 1e-9;
 
-/// A later moment of onset must be likelier by this to be preferred, nats: within the first window, a small early fault and a
-/// large late one look alike.
+/// A later onset time must be likelier by this much to be preferred, nats: within the first window, a small early fault and a large
+/// late one look alike.
 const LATER_MARGIN: f32 = 2.0;
 
-/// What one block tells every signature; the axes side by side, for vector registers.
+/// Inputs of one block to every signature; the axes are contiguous for vector registers.
 struct BlockRows {
     phi: [[f32; AXES]; STATES],
     gain: [[f32; AXES]; STATES],
@@ -46,7 +46,7 @@ struct BlockRows {
 /// One signature on every axis.
 #[derive(Clone, Copy, Debug, Default)]
 struct Signature {
-    /// True state less estimated state per unit of what is supposed; a row for each state, a column for each axis.
+    /// True state minus estimated state per unit of the hypothesised change; one row per state, one column per axis.
     error: [[f32; AXES]; STATES],
     score: [f32; AXES],
     information: [f32; AXES],
@@ -69,9 +69,9 @@ impl Signature {
         fit
     }
 
-    /// Takes in the innovations of one block.
+    /// Updates with the innovations of one block.
     ///
-    /// * `input`: what the supposition adds to the defect in this block, per unit
+    /// * `input`: what the hypothesis adds to the defect in this block, per unit
     #[inline]
     fn update(&mut self, input: f32, block: &BlockRows) {
         let mut signature = self.error[DEFECT];
@@ -97,7 +97,7 @@ impl Signature {
         }
     }
 
-    /// Of one axis.
+    /// Error of one axis.
     fn error_of(&self, axis: usize) -> [f32; STATES] {
         let mut error = [0.0; STATES];
         for j in 0..STATES {
@@ -107,14 +107,14 @@ impl Signature {
     }
 }
 
-/// One moment of onset.
+/// One onset time.
 #[derive(Clone, Copy, Debug, Default)]
 struct Moment {
-    /// First block that a change can show in.
+    /// First block in which a change can appear.
     block: u32,
-    /// Per unit of wrench lost since.
+    /// Per unit of wrench lost since then.
     loss: Signature,
-    /// Per unit of momentum at once.
+    /// Per unit of instantaneous momentum.
     jump: Signature,
 }
 
@@ -126,14 +126,14 @@ impl Moment {
     };
 }
 
-/// What all moments together say about one rotor.
+/// Combined evidence of all onset times about one rotor.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Evidence {
-    /// ln of the likelihood ratio against no change, at the best moment and size, nats.
+    /// ln of the likelihood ratio against no change, at the best onset time and size, nats.
     pub log_likelihood: f32,
-    /// Δ̂, N; negative if thrust came back.
+    /// Δ̂, N; negative if thrust recovered.
     pub loss: f32,
-    /// Place of the moment.
+    /// Index of the onset time.
     pub index: usize,
 }
 
@@ -145,27 +145,27 @@ impl Evidence {
     };
 }
 
-/// What all moments together say about something that acts on every axis as it likes.
+/// Combined evidence of all onset times for an effect of arbitrary size on every axis.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct FreeEvidence {
-    /// ln of the likelihood ratio against nothing, at the best moment and sizes, nats.
+    /// ln of the likelihood ratio against nothing, at the best onset time and sizes, nats.
     pub log_likelihood: f32,
-    /// The same of every axis.
+    /// The same per axis.
     pub axis: [f32; AXES],
-    /// Place of the moment.
+    /// Index of the onset time.
     pub index: usize,
 }
 
-/// How well a loss of one rotor fits what the innovations say; axes that a jump explains better do not count.
+/// How well a loss of one rotor fits the innovations; axes that a jump explains better do not count.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Fit {
-    /// What the loss makes likelier, nats.
+    /// Log likelihood gained by the loss, nats.
     pub explained: f32,
-    /// What lasting forces and torques of any direction would make likelier beyond that, nats.
+    /// Further gain from lasting forces and torques of any direction, nats.
     pub unexplained: f32,
 }
 
-/// See the module.
+/// See the module documentation.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct OnsetHypotheses {
     moment: [Moment; MOMENTS],
@@ -215,18 +215,18 @@ impl OnsetHypotheses {
         }
     }
 
-    /// A moment by its place, which evidence names.
+    /// The onset time at an index, as stored in evidence.
     #[inline(always)]
     fn at(&self, index: usize) -> &Moment {
         &self.moment[index.min(MOMENTS - 1)]
     }
 
-    /// Starts afresh: the model has changed.
+    /// Restarts: the model has changed.
     pub(super) fn clear(&mut self) {
         self.count = 0;
     }
 
-    /// Adds the present block as a moment of onset, then takes in its innovations.
+    /// Adds the current block as an onset time, then processes its innovations.
     ///
     /// * `evidence`: weight of each axis, 1/S or less   * `correlation`: of the gusts from block to block
     /// * `elapsed`: of the block, s   * `extra`: lost thrust beyond a step, share, see
@@ -265,10 +265,10 @@ impl OnsetHypotheses {
         self.block = self.block.wrapping_add(1);
     }
 
-    /// Makes room, and adds the present block.
+    /// Makes room, and adds the current block.
     fn open(&mut self) {
         if self.count >= MOMENTS {
-            // The one whose neighbours are closest to each other for their age goes.
+            // Drop the one whose neighbours are closest to each other relative to their age.
             let mut drop = 1;
             let mut least = f32::INFINITY;
             for m in 1..MOMENTS - 1 {
@@ -293,10 +293,10 @@ impl OnsetHypotheses {
         self.count += 1;
     }
 
-    /// Best moment and size of a change of each of some rotors, which are weighed side by side.
+    /// Best onset time and size of a change of each of several rotors, evaluated together.
     ///
-    /// * `column`: F of the rotors, divided by the levers; a row for each axis   * `least`: smallest Δ possible of each, N: not more can
-    ///   come back than was lost
+    /// * `column`: F of the rotors, divided by the levers; one row per axis   * `least`: smallest possible Δ of each, N: a rotor cannot
+    ///   regain more than it lost
     #[inline]
     pub(super) fn evidence(&self, column: &[[f32; ABREAST]; AXES], least: &[f32; ABREAST]) -> [Evidence; ABREAST] {
         let (mut best, mut best_loss, mut best_index) = ([0.0; ABREAST], [0.0; ABREAST], [0u32; ABREAST]);
@@ -327,12 +327,12 @@ impl OnsetHypotheses {
         })
     }
 
-    /// Best moment and sizes of a jump.
+    /// Best onset time and sizes of a jump.
     pub(super) fn jump_evidence(&self) -> FreeEvidence {
         self.free_evidence(|moment| &moment.jump)
     }
 
-    /// Best moment and sizes of a lasting force and torque of any direction.
+    /// Best onset time and sizes of a lasting force and torque of any direction.
     pub(super) fn push_evidence(&self) -> FreeEvidence {
         self.free_evidence(|moment| &moment.loss)
     }
@@ -393,24 +393,24 @@ impl OnsetHypotheses {
         self.block.wrapping_sub(self.at(evidence.index).block)
     }
 
-    /// Size of a jump on one axis, N·s, and the errors of that axis' filter per unit.
+    /// Size of a jump on one axis, N·s, and the errors of that axis's filter per unit.
     pub(super) fn jump(&self, evidence: &FreeEvidence, axis: usize) -> (f32, [f32; STATES]) {
         let jump = &self.at(evidence.index).jump;
         let size = jump.score[axis] / jump.information[axis].max(LEAST_INFORMATION);
         (size, jump.error_of(axis))
     }
 
-    /// Says which hypotheses lead.
+    /// Sets the leading hypotheses.
     pub(super) fn set_leading(&mut self, loss: &Evidence, jump: &FreeEvidence, push: &FreeEvidence) {
         self.leading = [loss.index, jump.index, push.index].map(|index| self.at(index).block);
     }
 
-    /// Blocks since a moment of onset.
+    /// Blocks since an onset time.
     pub(super) fn age(&self, index: usize) -> u32 {
         self.block.wrapping_sub(self.at(index).block)
     }
 
-    /// The lost wrench that the innovations show since a moment of onset.
+    /// The lost wrench that the innovations show since an onset time.
     pub(super) fn observation(&self, index: usize) -> Observation {
         let loss = &self.at(index).loss;
         Observation::new(&loss.score, &loss.information)
@@ -421,7 +421,7 @@ impl OnsetHypotheses {
         self.at(index).loss.free_fit()
     }
 
-    /// Error of each axis filter per unit of wrench lost since a moment of onset.
+    /// Error of each axis filter per unit of wrench lost since an onset time.
     pub(super) fn error(&self, index: usize) -> [[f32; STATES]; AXES] {
         let loss = &self.at(index).loss;
         core::array::from_fn(|axis| loss.error_of(axis))
@@ -452,7 +452,7 @@ mod tests {
         hypotheses
     }
 
-    /// Of one rotor, in the last of the places abreast.
+    /// Evidence for one rotor, in the last lane.
     fn evidence_of(hypotheses: &OnsetHypotheses, column: &[f32; AXES]) -> Evidence {
         let mut columns = [[0.0; ABREAST]; AXES];
         for axis in 0..AXES {
@@ -461,7 +461,7 @@ mod tests {
         hypotheses.evidence(&columns, &[0.0; ABREAST])[ABREAST - 1]
     }
 
-    /// Runs one axis filter per axis over noiseless defects with a loss from block 100 on; the other axes see nothing.
+    /// Runs one filter per axis over noiseless defects with a loss from block 100 on; the other axes see nothing.
     fn run(column: &[f32; AXES], loss: f32, blocks: u32) -> OnsetHypotheses {
         let d = disturbance();
         let mut hypotheses = fresh();

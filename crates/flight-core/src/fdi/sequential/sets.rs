@@ -1,29 +1,29 @@
-//! Which rotors explain a lost wrench: every single one and every pair, with losses that are possible.
+//! Which rotors explain a lost wrench: every single one and every pair, with feasible losses.
 //!
-//! What the innovations say about a change at one moment is a wrench ŵ with a variance per axis ([`Observation`]). A set of rotors
-//! explains it with losses Δ ≥ their least values, W = −Σ F_i Δ_i, and
+//! The innovations' evidence about a change at one time is a wrench ŵ with a variance per axis ([`Observation`]). A set of rotors
+//! explains it with losses Δ ≥ their lower bounds, W = −Σ F_i Δ_i, and
 //!
 //! ln L(set)/L(nothing) = max_Δ Σ_a (W_a ŵ_a − ½ W_a²)/V_a
 //!
-//! V_a holds, beside the variance of ŵ_a, what the model itself is unsure of in proportion to the loss: the gain of the axis (as far as
-//! the filters have not learnt it) and the centre of mass. So a large loss of one rotor is not taken for two because the inertia is
-//! a few per cent off, and two are told apart as far as the model allows.
+//! V_a contains the variance of ŵ_a and the model uncertainty proportional to the loss: the gain of the axis (as far as the filters have
+//! not learnt it) and the centre of mass. So a large loss of one rotor is not mistaken for two because the inertia is a few per cent off,
+//! and two are distinguished as far as the model allows.
 //!
-//! Geometry decides what can be told. On a regular hexarotor, opposite rotors turn in opposite senses: equal losses of 1 and 4, of 2 and
-//! 5, and of 3 and 6 are the same pure vertical force. On a quadrotor all pairs differ. Limits: sets of one and two rotors.
+//! Geometry limits what is distinguishable. On a regular hexarotor, opposite rotors turn in opposite senses: equal losses of 1 and 4, of
+//! 2 and 5, and of 3 and 6 are the same pure vertical force. On a quadrotor all pairs differ. Limits: sets of one and two rotors.
 
 use super::defect::AXES;
 use super::estimate::{MAX_HYPOTHESES, Suspects};
 use super::within;
 use crate::MAX_ROTORS;
 
-/// Variance of an axis that says nothing, N².
+/// Variance of an uninformative axis, N².
 const NOTHING_KNOWN: f32 = 1e9;
 
-/// Gain over the better one of its rotors alone below which a pair says nothing of its own, nats.
+/// Gain over the better of its two rotors below which a pair adds nothing, nats.
 const REDUNDANT_NATS: f32 = 2.0;
 
-/// A lasting lost wrench as the innovations show it, levers taken out, N.
+/// A lasting lost wrench as the innovations show it, levers divided out, N.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Observation {
     pub wrench: [f32; AXES],
@@ -31,7 +31,7 @@ pub(super) struct Observation {
 }
 
 impl Observation {
-    /// * `score`, `information`: of every axis
+    /// * `score`, `information`: per axis
     pub(super) fn new(score: &[f32; AXES], information: &[f32; AXES]) -> Self {
         let mut observation = Self {
             wrench: [0.0; AXES],
@@ -46,13 +46,13 @@ impl Observation {
         observation
     }
 
-    /// Takes an axis out.
+    /// Removes an axis.
     pub(super) fn forget(&mut self, axis: usize) {
         self.wrench[axis] = 0.0;
         self.variance[axis] = NOTHING_KNOWN;
     }
 
-    /// Corrects for the learnt gains of the axes, and adds what is uncertain in proportion to the wrench.
+    /// Corrects for the learnt gains of the axes, and adds the uncertainty proportional to the wrench.
     ///
     /// * `gain`, `gain_variance`: relative   * `centre_variance`: of the centre of mass, squared share of the longest lever
     #[must_use]
@@ -79,25 +79,25 @@ impl Observation {
     }
 }
 
-/// The best losses of one set of rotors.
+/// The best-fitting losses of one set of rotors.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct SetFit {
-    /// From 0; twice the same of a single rotor.
+    /// Zero-based; both entries equal for a single rotor.
     pub rotors: [u8; 2],
-    /// N, in the order of `rotors`; 0 in the second place of a single rotor.
+    /// N, in the order of `rotors`; the second entry is 0 for a single rotor.
     pub loss: [f32; 2],
-    /// Of the two losses: first, second, both, N².
+    /// Variance of the first loss, of the second, and their covariance, N².
     pub covariance: [f32; 3],
     /// Nats.
     pub log_likelihood: f32,
-    /// What any wrench could explain beyond it, nats.
+    /// Further gain that any wrench could explain, nats.
     pub unexplained: f32,
-    /// Moment of onset.
+    /// Index of the onset time.
     pub index: usize,
 }
 
 impl SetFit {
-    /// True of two rotors.
+    /// True for two rotors.
     pub(super) const fn is_pair(&self) -> bool {
         self.rotors[0] != self.rotors[1]
     }
@@ -133,7 +133,7 @@ impl SetFit {
         }
     }
 
-    /// Two rotors; the best point of the quadrant of possible losses.
+    /// Two rotors; the optimum over the quadrant of feasible losses.
     fn pair(observation: &Observation, rotors: [usize; 2], columns: [&[f32; AXES]; 2], least: [f32; 2]) -> Self {
         let [n0, c00] = project(observation, columns[0]);
         let [n1, c11] = project(observation, columns[1]);
@@ -176,25 +176,24 @@ fn project(observation: &Observation, column: &[f32; AXES]) -> [f32; 2] {
     sums
 }
 
-/// What is asked of a set before it is named.
+/// Requirements on a set before it is named.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Demands {
     /// Lead over other sets of the same size, nats.
     pub margin: f32,
     /// What a second rotor must add, nats.
     pub second_rotor: f32,
-    /// Losses below say nothing, N.
+    /// Losses below this are ignored, N.
     pub smallest_loss: f32,
-    /// Change of each rotor above which it goes on being faulty, N; infinite of those that are not known to be.
+    /// Change of each rotor above which it is still faulty, N; infinite for rotors not known to be faulty.
     pub heals_at: [f32; MAX_ROTORS],
-    /// Head start of sets of rotors that go on being faulty, nats.
+    /// Bonus of sets of rotors that remain faulty, nats.
     pub repeat_bonus: f32,
 }
 
-/// Every set of one and two rotors, weighed.
+/// Every set of one and two rotors, evaluated.
 ///
-/// Kept is the likelihood of each, at its better moment of onset; losses are worked out anew when they are asked for, which takes a twelfth of
-/// the memory.
+/// Only the likelihood of each at its better onset time is stored; losses are recomputed on demand, which takes a twelfth of the memory.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Sets<'a> {
     observations: &'a [(usize, Observation)],
@@ -202,16 +201,16 @@ pub(super) struct Sets<'a> {
     column: &'a [[f32; AXES]; MAX_ROTORS],
     least: &'a [f32; MAX_ROTORS],
     demands: &'a Demands,
-    /// Nats; the pair (first, second) stands at \[second\]\[first\], a single rotor on the diagonal.
+    /// Nats; the pair (first, second) is at \[second\]\[first\], a single rotor on the diagonal.
     log_likelihood: [[f32; MAX_ROTORS]; MAX_ROTORS],
-    /// Bit `first` of \[second\]: likelier at the last observation than at those before it.
+    /// Bit `first` of \[second\]: likelier at the last observation than at the earlier ones.
     at_last: [u32; MAX_ROTORS],
     /// Bit `first` of \[second\]: see [`counts`].
     counts: [u32; MAX_ROTORS],
 }
 
 impl<'a> Sets<'a> {
-    /// * `observations`: one or two; for each moment of onset its place and what is seen   * `least`: smallest possible loss of each
+    /// * `observations`: one or two; for each onset time its index and the observation   * `least`: smallest possible loss of each
     ///   rotor, N
     pub(super) fn weigh(
         observations: &'a [(usize, Observation)],
@@ -249,7 +248,7 @@ impl<'a> Sets<'a> {
         sets
     }
 
-    /// The best losses of a set, twice the same of a single rotor, at one moment.
+    /// The best-fitting losses of a set (both entries equal for a single rotor) at one onset time.
     #[inline(never)]
     fn fit_to(&self, (index, observation): &(usize, Observation), free: f32, rotors: [usize; 2]) -> SetFit {
         let (first, second) = (within(rotors[0]), within(rotors[1]));
@@ -275,7 +274,7 @@ impl<'a> Sets<'a> {
         fit
     }
 
-    /// The best losses of a set at its better moment; nothing at all where nothing was observed.
+    /// The best-fitting losses of a set at its better onset time; zero without observations.
     fn fit(&self, first: usize, second: usize) -> SetFit {
         let (first, second) = (within(first), within(second));
         let observation = if self.at_last[second] >> first & 1 == 1 {
@@ -308,7 +307,7 @@ impl<'a> Sets<'a> {
         self.fit(rotor, rotor)
     }
 
-    /// The likeliest pair, the first of equals.
+    /// The likeliest pair; ties go to the first.
     pub(super) fn best_pair(&self) -> SetFit {
         let (mut rotors, mut most) = (0b11, self.log_likelihood[1][0]);
         for (mask, log_likelihood, _) in self.pairs() {
@@ -320,7 +319,7 @@ impl<'a> Sets<'a> {
         self.fit(first, second)
     }
 
-    /// What the likeliest pair with this rotor explains beyond it alone, nats.
+    /// Gain of the likeliest pair with this rotor over this rotor alone, nats.
     pub(super) fn gain_of_second(&self, rotor: usize) -> f32 {
         let alone = self.alone(rotor);
         self.pairs()
@@ -340,7 +339,7 @@ impl<'a> Sets<'a> {
             })
     }
 
-    /// The sets that come about as close as the best one, likeliest first.
+    /// The sets about as likely as the best one, likeliest first.
     pub(super) fn open(&self) -> Suspects {
         let demands = self.demands;
         let singles = || (0..self.rotor_count).map(|rotor| (1 << rotor, self.alone(rotor)));
@@ -384,7 +383,7 @@ fn members(mask: u32) -> [usize; 2] {
     [mask.trailing_zeros() as usize, 31 - mask.leading_zeros() as usize]
 }
 
-/// Both losses of a pair are large enough to speak of, or one comes back.
+/// Both losses of a pair are significant, or one recovers.
 fn counts(fit: &SetFit, smallest_loss: f32) -> bool {
     fit.loss.iter().all(|loss| loss.abs() > smallest_loss)
 }
@@ -419,7 +418,7 @@ mod tests {
         }
     }
 
-    /// Weighs what a vehicle with these losses shows, and says what `of` makes of it.
+    /// Evaluates what a vehicle with these losses shows, and returns the result of `of`.
     fn weigh<T>(rotor_count: usize, losses: &[(usize, f32)], of: impl Fn(&Sets<'_>) -> T) -> T {
         let column = columns(rotor_count);
         let observation = seen(losses, &column);
@@ -437,7 +436,7 @@ mod tests {
     fn val_losses_of_a_pair_come_back() {
         for rotor_count in [4, 6, 8] {
             for second in 1..rotor_count {
-                // Not equal: equal losses of opposite rotors have twins.
+                // Unequal: equal losses of opposite rotors have equivalents.
                 let (pair, gain) = weigh(rotor_count, &[(0, 0.3), (second, 0.1)], |sets| {
                     (sets.best_pair(), sets.gain_of_second(0))
                 });
@@ -454,8 +453,8 @@ mod tests {
 
     #[test]
     fn val_geometry_decides_which_pairs_have_twins() {
-        // Opposite rotors of a hexarotor turn against each other: three pairs with the same wrench. On an octorotor opposite ones turn
-        // alike: 1 and 5 have the twin 3 and 7. A quadrotor's effectiveness can be inverted: no twins.
+        // Opposite rotors of a hexarotor turn in opposite senses: three pairs with the same wrench. On an octorotor opposite ones turn in the
+        // same sense: 1 and 5 are equivalent to 3 and 7. A quadrotor's effectiveness is invertible: no equivalents.
         for (rotor_count, opposite, twins) in [(4, 2, 1), (6, 3, 3), (8, 4, 2)] {
             let open = weigh(rotor_count, &[(0, 0.3), (opposite, 0.3)], |sets| sets.open());
             assert_eq!(open.hypothesis_count, twins, "{rotor_count}: {open:?}");

@@ -1,7 +1,7 @@
-//! Ray's job submission API, as much of it as is used here (`/api/version`, `/api/jobs/…` of its dashboard; looked up in Ray 2.60).
+//! The part of Ray's job submission API used here (`/api/version`, `/api/jobs/…` of its dashboard; checked in Ray 2.60).
 //!
-//! What it does that is not in its description: a submission whose id is there already is answered with 500, whose text says "already exists";
-//! what its agent refuses is a 500 as well, with the status 400 in its text.
+//! Undocumented behaviour: a submission with an existing id is answered with 500, whose text says "already exists"; rejections of its agent
+//! are a 500 as well, with the status 400 in the text.
 
 use super::config::RayConfig;
 use reqwest::header::{AUTHORIZATION, HeaderMap, HeaderValue};
@@ -11,23 +11,23 @@ use serde_json::{Value, json};
 use std::error::Error;
 use std::time::Duration;
 
-/// For an answer of any kind; Ray itself waits for its agents up to 10 s.
+/// Timeout of any response; Ray itself waits for its agents up to 10 s.
 const ANSWER: Duration = Duration::from_secs(12);
-/// For a connection.
+/// Timeout of a connection.
 const CONNECT: Duration = Duration::from_secs(5);
-/// Of an answer, bytes; messages have at most 20,000 letters of a log.
+/// Maximum size of a response, bytes; messages contain at most 20,000 characters of a log.
 const LONGEST: usize = 1 << 20;
 
-/// Why Ray did not do what was asked.
+/// Why Ray did not execute a request.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(super) enum RayError {
-    /// It cannot be reached, has failed itself, or takes no token of ours: later it may go well.
+    /// Unreachable, internal error, or token rejected: a retry may succeed.
     Away(String),
-    /// It does not take this.
+    /// Rejected.
     Refused(String),
 }
 
-/// How a submission stands.
+/// Status of a submission.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
 #[serde(rename_all = "UPPERCASE")]
 pub(super) enum RayStatus {
@@ -48,7 +48,7 @@ pub(super) struct RayJob {
     pub(super) error_type: Option<String>,
     #[serde(default)]
     pub(super) driver_exit_code: Option<i32>,
-    /// Of the agent of the node on which it runs: `http://10.0.0.3:52365`.
+    /// Agent of the node on which it runs: `http://10.0.0.3:52365`.
     #[serde(default)]
     pub(super) driver_agent_http_address: Option<String>,
 }
@@ -71,7 +71,7 @@ pub(super) struct Client {
 
 impl Client {
     /// # Errors
-    /// One sentence.
+    /// The configuration is invalid.
     pub(super) fn new(config: &RayConfig) -> Result<Self, String> {
         let bad = |why: String| format!("--executor ray={}: {why}", config.url);
         let is_url = reqwest::Url::parse(&config.url)
@@ -95,7 +95,7 @@ impl Client {
             .no_proxy()
             .default_headers(headers);
         if config.url.starts_with("http://") {
-            // No certificates are needed, and a machine without any can still ask.
+            // No certificates are needed, and this also works on a machine without any.
             http = http.tls_certs_only([]);
         }
         Ok(Self {
@@ -137,7 +137,7 @@ impl Client {
             (StatusCode::OK | StatusCode::NOT_FOUND | StatusCode::METHOD_NOT_ALLOWED, _) => Err(RayError::Refused(
                 "what answers there is not the dashboard of a Ray cluster; expected an address such as http://HEAD:8265".to_owned(),
             )),
-            // Waiting does not help here, and this is asked when a server starts.
+            // Waiting does not help here; this is called when a server starts.
             (StatusCode::UNAUTHORIZED | StatusCode::FORBIDDEN, _) => Err(RayError::Refused(format!(
                 "{}; expected a token of this cluster in ROTORTWIN_RAY_TOKEN",
                 told(status, &text)
@@ -146,7 +146,7 @@ impl Client {
         }
     }
 
-    /// How a submission stands; `None`: there is none of this id.
+    /// Status of a submission; `None`: unknown id.
     pub(super) async fn job(&self, id: &str) -> Result<Option<RayJob>, RayError> {
         let (status, text) = self.ask(Method::GET, &format!("/api/jobs/{id}"), None).await?;
         match status {
@@ -158,7 +158,7 @@ impl Client {
         }
     }
 
-    /// Submits; one that is there already is as good.
+    /// Submits; an existing submission counts as success.
     pub(super) async fn submit(
         &self,
         config: &RayConfig,
@@ -183,7 +183,7 @@ impl Client {
         Err(unexpected(status, &text))
     }
 
-    /// Asks for the end of a submission; one that is not there, or has ended, is as good.
+    /// Stops a submission; an unknown or ended one counts as success.
     pub(super) async fn stop(&self, id: &str) -> Result<(), RayError> {
         let (status, text) = self.ask(Method::POST, &format!("/api/jobs/{id}/stop"), None).await?;
         match status {
@@ -193,9 +193,9 @@ impl Client {
     }
 }
 
-/// What an answer says, in short.
+/// Short form of a response.
 fn told(status: StatusCode, text: &str) -> String {
-    // The last line of a traceback says what it is.
+    // The last line of a traceback is the message.
     let why: String = text
         .lines()
         .rev()
@@ -217,7 +217,7 @@ fn unexpected(status: StatusCode, text: &str) -> RayError {
     }
 }
 
-/// An error with what it comes from.
+/// An error with its sources.
 fn causes(error: &dyn Error) -> String {
     let (mut words, mut next) = (error.to_string(), error.source());
     while let Some(cause) = next {

@@ -1,33 +1,33 @@
-//! Which Ray cluster, and what a part takes there.
+//! Configuration of the Ray cluster, and resources of a part.
 
 use std::collections::BTreeMap;
 use std::path::PathBuf;
 
-/// A Ray cluster that parts are handed to.
+/// A Ray cluster that executes parts.
 #[derive(Debug, Clone, PartialEq)]
 pub struct RayConfig {
-    /// Of its dashboard: `http://HEAD:8265`.
+    /// URL of its dashboard: `http://HEAD:8265`.
     pub url: String,
-    /// A token of the cluster, if it asks for one.
+    /// A token of the cluster, if required.
     pub token: Option<String>,
-    /// Parts that are handed over at the same time.
+    /// Maximum number of concurrently submitted parts.
     pub parts: usize,
-    /// Processors of a part.
+    /// CPUs of a part.
     pub cpus: f64,
-    /// Memory that Ray sets aside for a part, bytes; none: Ray does not count it.
+    /// Memory that Ray reserves for a part, bytes; none: not accounted.
     pub memory: Option<u64>,
-    /// What else a part takes, by the names that the cluster has given.
+    /// Other resources of a part, by their names in the cluster.
     pub resources: BTreeMap<String, f64>,
     /// `rotortwin` on the nodes.
     pub program: String,
-    /// How the nodes reach this server; none: where it listens.
+    /// URL of this server for the nodes; none: its listening address.
     pub callback: Option<String>,
-    /// Certificates by which the nodes know this server (PEM); none: those that they believe anyway.
+    /// Certificates with which the nodes verify this server (PEM); none: their default trust store.
     pub ca: Option<PathBuf>,
 }
 
 impl RayConfig {
-    /// As sentences name it.
+    /// Name in messages.
     pub(crate) fn name(&self) -> String {
         format!("Ray at {}", self.url)
     }

@@ -1,4 +1,4 @@
-//! Parts that a Ray cluster does: handed over through Ray's job API, an attempt of a part being a submission.
+//! Parts executed by a Ray cluster: submitted through Ray's job API, one submission per attempt of a part.
 //!
 //! ```text
 //!  queue ──claim──▶ slot ──POST /api/jobs/ (submission id = attempt)──▶ Ray ──places──▶ node: `rotortwin part`
@@ -6,12 +6,12 @@
 //!                    │                                                                    │ ticket
 //!  job table ◀──heartbeat──┘      routes/parts ◀── inputs, events, files, end ────────────┘
 //! ```
-//! * A process that has done its part gets the next one at once, for five minutes: a submission costs Ray a second of processor time. Each part has an
-//!   attempt and a ticket of its own all the same.
-//! * The server looks after an attempt: it holds the claim, asks Ray how the submission stands, and begins another attempt where Ray says that
-//!   its node is gone. What comes of it, the node itself delivers to this server ([`super::handed`]).
-//! * A server that was killed finds its attempts in the job table, and by their ids in Ray: nothing is flown twice.
-//! * A Ray that does not answer costs nothing for [`AWAY`]: the flights go on, and are delivered.
+//! * A process that has completed its part gets the next one at once, for five minutes: a submission costs Ray a second of processor time. Each
+//!   part still has its own attempt and ticket.
+//! * The server supervises an attempt: it holds the claim, polls Ray for the submission's status, and starts another attempt if Ray reports
+//!   that its node is gone. The node itself delivers the results to this server ([`super::handed`]).
+//! * A restarted server finds its attempts in the job table, and by their ids in Ray: nothing is flown twice.
+//! * An unresponsive Ray has no effect for [`AWAY`]: the flights continue, and are delivered.
 
 mod client;
 mod config;
@@ -30,23 +30,23 @@ use std::sync::{Arc, Mutex, OnceLock, PoisonError};
 use std::time::Duration;
 use tokio::time::Instant;
 
-/// Between two looks at a submission: of several that wait, each costs the head some milliseconds.
+/// Polling interval of a submission: each poll costs the head some milliseconds.
 const ASK: Duration = Duration::from_millis(2500);
-/// Between two looks at Ray itself.
+/// Polling interval of Ray itself.
 const PING: Duration = Duration::from_millis(1500);
-/// Between two signs of life to the database.
+/// Interval of heartbeats to the database.
 const HEARTBEAT: Duration = Duration::from_secs(3);
-/// Between two looks for a wish to cancel.
+/// Polling interval for cancellation requests.
 const WISHES: Duration = Duration::from_millis(250);
-/// At its start the server waits for Ray so long.
+/// Time that a starting server waits for Ray.
 const START: Duration = Duration::from_secs(10);
-/// Ray may be away for so long before an attempt is given up.
+/// How long Ray may be unavailable before an attempt is given up.
 const AWAY: Duration = Duration::from_secs(600);
-/// Ray is asked for the end of a submission for so long.
+/// How long stopping a submission is retried.
 const STOP: Duration = Duration::from_secs(5);
-/// A node whose process has ended well has delivered before; its answer may be under way for so long.
+/// A node whose process has exited successfully has delivered before; its delivery may be in transit for this long.
 const DELIVERED: Duration = Duration::from_secs(10);
-/// A node stops its part at its limit of wall time; after so much more the server does.
+/// A node stops its part at its wall time limit; the server does so this much later.
 const BEYOND_LIMIT: Duration = Duration::from_secs(120);
 
 /// A Ray cluster.
@@ -56,7 +56,7 @@ pub(crate) struct Ray {
     client: Client,
     /// PEM.
     ca: Option<String>,
-    /// Where its nodes find this server.
+    /// URL of this server for its nodes.
     callback: OnceLock<String>,
     state: Mutex<State>,
     pending: AtomicUsize,
@@ -69,21 +69,21 @@ enum State {
     Away { since: Instant, why: String },
 }
 
-/// How an attempt ended, as far as this server sees it.
+/// End of an attempt, as far as known to this server.
 enum Ended {
-    /// For good.
+    /// Final.
     Outcome(Outcome),
-    /// It failed: again, [`ATTEMPTS`] times in all.
+    /// It failed: retry, [`ATTEMPTS`] times in all.
     Failed(String),
-    /// Ray could not go on with it, through no fault of its own: again.
+    /// Ray could not continue it, through no fault of its own: retry.
     Released(String),
-    /// Delivered, or somebody else's.
+    /// Delivered, or taken over.
     Gone,
-    /// This process ends; whoever comes after it takes the attempt up.
+    /// This process is shutting down; its successor takes over the attempt.
     Left,
 }
 
-/// Why nobody looks after an attempt any more.
+/// Why the supervision of an attempt ends.
 enum Reason {
     Canceled,
     Gone,
@@ -126,10 +126,10 @@ impl Drop for Counted<'_> {
 }
 
 impl Ray {
-    /// Finds the cluster.
+    /// Connects to the cluster.
     ///
     /// # Errors
-    /// One sentence that names Ray and its address.
+    /// The message names Ray and its address.
     pub(crate) async fn open(config: RayConfig) -> Result<Self, String> {
         let client = Client::new(&config)?;
         let ca = match &config.ca {
@@ -171,10 +171,10 @@ impl Ray {
         })
     }
 
-    /// Says where this server listens, for the nodes.
+    /// Sets the address of this server for the nodes.
     ///
     /// # Errors
-    /// One sentence: nobody else finds it there.
+    /// Other hosts cannot reach it.
     pub(crate) fn listens(&self, url: &str, everywhere: bool) -> Result<(), String> {
         if self.config.callback.is_none() && everywhere {
             return Err(format!(
@@ -192,12 +192,12 @@ impl Ray {
         self.state.lock().unwrap_or_else(PoisonError::into_inner).clone()
     }
 
-    /// Whether it answered when it was asked last.
+    /// Whether its last response was successful.
     pub(crate) fn is_up(&self) -> bool {
         matches!(self.state(), State::Up { .. })
     }
 
-    /// One line for people.
+    /// One-line summary.
     pub(crate) fn in_short(&self) -> String {
         let name = self.config.name();
         match self.state() {
@@ -209,7 +209,7 @@ impl Ray {
         }
     }
 
-    /// Parts that wait for a place there, and that are done there, as far as this server looks after them.
+    /// Parts waiting and running there, supervised by this server.
     pub(crate) fn parts(&self) -> (usize, usize) {
         (
             self.pending.load(Ordering::Relaxed),
@@ -217,7 +217,7 @@ impl Ray {
         )
     }
 
-    /// Of an attempt with which a process begins. The job's id is random enough for clusters that several servers use.
+    /// Submission id of an attempt that starts a process. The job's id is random enough for clusters shared by several servers.
     fn submission(job: &Job) -> String {
         format!("rotortwin-{}-{}", job.id, job.attempts)
     }
@@ -238,7 +238,7 @@ impl Ray {
             .await
     }
 
-    /// Asks for the end of a submission. That it goes on where Ray is away costs only time: it finds its ticket worth nothing, and ends.
+    /// Stops a submission. If Ray is unavailable it continues, which only costs time: it finds its ticket invalid, and ends.
     async fn stop(&self, submission: &str) {
         let asked = async {
             while let Err(error) = self.client.stop(submission).await {
@@ -255,7 +255,7 @@ impl Ray {
     }
 }
 
-/// Looks whether Ray answers until the process ends.
+/// Polls Ray until the process ends.
 pub(crate) async fn look_after(shop: Arc<Workshop>, ray: Arc<Ray>) {
     let mut ending = shop.ending.subscribe();
     while !*ending.borrow() {
@@ -282,7 +282,7 @@ pub(crate) async fn look_after(shop: Arc<Workshop>, ray: Arc<Ray>) {
     }
 }
 
-/// Hands one part at a time to Ray, and looks after it, until the process ends.
+/// Submits one part at a time to Ray, and supervises it, until the process ends.
 pub(crate) async fn hand_over(shop: Arc<Workshop>, ray: Arc<Ray>) {
     let mut ending = shop.ending.subscribe();
     while !*ending.borrow() {
@@ -326,19 +326,19 @@ pub(crate) async fn hand_on(shop: &Workshop, ray: &Ray, done: &Ticket) -> Option
         }))
     };
     handed.await.unwrap_or_else(|error| {
-        // Whatever was claimed is queued again when its claim runs out.
+        // A claimed part is queued again when its claim expires.
         tracing::error!(%error, "no further part can be handed to a process in Ray");
         None
     })
 }
 
-/// An attempt that nobody looks after, or else the next part of the queue.
+/// An unsupervised attempt, or else the next part of the queue.
 async fn next(shop: &Workshop, ray: &Ray) -> Result<Option<(Job, String)>, sqlx::Error> {
     if let Some(adopted) = shop.database.adopt(&shop.name, LEASE).await? {
         tracing::info!(job = adopted.0.id, attempt = adopted.0.attempts, "taken up again");
         return Ok(Some(adopted));
     }
-    // What cannot be submitted, or kept, would only use its attempts up.
+    // A part that cannot be submitted or stored would only use up its attempts.
     if !ray.is_up() || !shop.artifacts.has_room() {
         return Ok(None);
     }
@@ -365,7 +365,7 @@ async fn attempt(shop: &Workshop, ray: &Ray, job: &Job, token: &str) -> Ended {
             match shop.database.set_ticket(&job.id, token, Some(&ticket.to_json())).await {
                 Ok(true) => ticket,
                 Ok(false) => return Ended::Gone,
-                // The claim runs out, and the part is queued again.
+                // The claim expires, and the part is queued again.
                 Err(error) => {
                     tracing::error!(job = job.id, %error, "the ticket of a part cannot be written");
                     return Ended::Released("its ticket could not be written".to_owned());
@@ -381,7 +381,7 @@ async fn attempt(shop: &Workshop, ray: &Ray, job: &Job, token: &str) -> Ended {
             Reason::Left => Ended::Left,
             Reason::Gone => {
                 let now = shop.database.get(&job.id).await;
-                // Unless it has delivered, or another server looks after this very attempt, nobody wants it.
+                // Unless it has delivered, or another server supervises this attempt, it is useless.
                 let in_vain = now.is_ok_and(|now| {
                     now.is_none_or(|now| now.status != Status::Done && (now.status != Status::Running || now.attempts != job.attempts))
                 });
@@ -407,8 +407,8 @@ async fn attempt(shop: &Workshop, ray: &Ray, job: &Job, token: &str) -> Ended {
     ended
 }
 
-/// Holds the claim. Many attempts are held at the same time, most of which wait for a place: a sign of life is written seldom (SQLite makes
-/// each of them durable), a wish to cancel is read often.
+/// Holds the claim. Many attempts are held at the same time, most of which are waiting: heartbeats are infrequent (SQLite makes each of them
+/// durable), checks for cancellation frequent.
 async fn hold(shop: &Workshop, job: &Job, token: &str) -> Reason {
     let mut ending = shop.ending.subscribe();
     let mut lived = None::<Instant>;
@@ -436,10 +436,10 @@ async fn hold(shop: &Workshop, job: &Job, token: &str) -> Reason {
     }
 }
 
-/// Submits an attempt unless it is there, and asks how it stands until that says that nothing more will come.
+/// Submits an attempt unless it exists, and polls its status until it is final.
 async fn follow(ray: &Ray, job: &Job, ticket: &Ticket) -> Ended {
     let (name, submission) = (ray.config.name(), ticket.submission.as_str());
-    // One that did another part before is there, or will not come back.
+    // A process that executed an earlier part exists, or will not come back.
     let own = submission == Ray::submission(job);
     let limit = Duration::from_millis(u64::try_from(job.new.wall_limit_ms).unwrap_or(0)) + BEYOND_LIMIT;
     let (mut seen, mut counted) = (false, Counted::new(ray));
@@ -452,7 +452,7 @@ async fn follow(ray: &Ray, job: &Job, ticket: &Ticket) -> Ended {
                 ));
             }
             Ok(None) => ray.submit(job, ticket).await.map(|()| None),
-            // What was taken once is not given up for an odd answer.
+            // A submission that was accepted once is not given up because of an unexpected response.
             Err(RayError::Refused(why)) => Err(RayError::Away(why)),
             other => other,
         };
@@ -533,8 +533,7 @@ fn why_failed(ray: &Ray, submission: &str, job: &RayJob) -> Ended {
     }
 }
 
-/// Writes down how an attempt ended. Files stay: what the node has delivered meanwhile counts, and of what does not count, the next attempt
-/// makes an end.
+/// Stores the end of an attempt. Files stay: a delivery completed meanwhile counts, and the next attempt removes obsolete ones.
 async fn conclude(shop: &Workshop, job: &Job, token: &str, ended: Ended) {
     let written = match ended {
         Ended::Gone | Ended::Left => return,
@@ -560,7 +559,7 @@ async fn conclude(shop: &Workshop, job: &Job, token: &str, ended: Ended) {
     match written {
         Ok(true) => {}
         Ok(false) => tracing::debug!(job = job.id, "it was delivered, or somebody else has it"),
-        // Its claim runs out, and it is taken up again.
+        // Its claim expires, and it is taken over.
         Err(error) => tracing::error!(job = job.id, %error, "the end of a part cannot be written"),
     }
 }
@@ -576,14 +575,14 @@ mod tests {
     use serde_json::{Value, json};
     use std::collections::{BTreeMap, VecDeque};
 
-    /// A cluster that says what it was told to say.
+    /// A fake cluster with scripted responses.
     #[derive(Default)]
     struct Fake {
-        /// Answers to questions after a submission, one after the other; the last one stays.
+        /// Responses after a submission, in order; the last one repeats.
         says: Mutex<VecDeque<(u16, Value)>>,
         submitted: Mutex<Vec<Value>>,
         stopped: Mutex<Vec<String>>,
-        /// The first submission is taken, and answered with an error.
+        /// The first submission is accepted, but answered with an error.
         loses_answer: bool,
     }
 
@@ -727,7 +726,7 @@ mod tests {
         }
     }
 
-    /// A submission whose answer was lost is not made twice, and Ray's absence costs nothing.
+    /// A submission whose response was lost is not repeated, and Ray's absence has no effect.
     #[tokio::test]
     async fn regress_a_lost_answer_and_an_absent_ray_make_no_second_submission() {
         let stopped = (
@@ -763,7 +762,7 @@ mod tests {
         assert_eq!(body["entrypoint_resources"], json!({ "flights": 0.5 }));
         let variables = &body["runtime_env"]["env_vars"];
         assert_eq!(variables[URL_VARIABLE], "http://127.0.0.1:8400/executor/v1/parts/id/2");
-        // Submitted once more, it is there: as good.
+        // Submitted once more, it exists: counts as success.
         let ticket = Ticket::new(&ray.config.url, "rotortwin-id-2");
         assert_eq!(ray.submit(&part(), &ticket).await, Ok(()));
         assert_eq!(fake.submitted.lock().unwrap().len(), 1);
@@ -815,7 +814,7 @@ mod tests {
                 "{why}"
             );
         }
-        // Of a process that did another part before.
+        // From a process that executed an earlier part.
         *fake.says.lock().unwrap() = [(200, json!({ "status": "STOPPED" }))].into();
         let ticket = Ticket::new(&ray.config.url, "rotortwin-id-2");
         let next = Job {

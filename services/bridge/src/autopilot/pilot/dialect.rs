@@ -1,4 +1,4 @@
-//! What differs between autopilots that are commanded over MAVLink: how they number their modes.
+//! Differences between autopilots commanded over MAVLink: the numbering of their modes.
 
 use super::super::address::Protocol;
 use super::line::PilotAddress;
@@ -7,18 +7,18 @@ use std::net::{Ipv4Addr, SocketAddr};
 /// One way of numbering modes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct Dialect {
-    /// What people call it.
+    /// Display name.
     pub(super) name: &'static str,
     /// In its heartbeat.
     pub(super) autopilot: u8,
-    /// In which it follows positions.
+    /// Mode that follows positions.
     pub(super) follow: Mode,
-    /// Before it arms; `None`: any.
+    /// Mode before arming; `None`: any.
     pub(super) before_arming: Option<Mode>,
-    /// Climbs by a command with a height, or by a mode of its own.
+    /// Mode for climbing; `None`: a command with a height.
     pub(super) climb: Option<Mode>,
     pub(super) land: Mode,
-    /// It takes the battery from the pilot's line; others have it from the plant's own link, or not at all.
+    /// It takes the battery state from the pilot's line; others get it from the plant's own link, or not at all.
     pub(super) takes_battery: bool,
 }
 
@@ -79,8 +79,8 @@ impl Dialect {
     }
 }
 
-/// Where an autopilot takes commands if nothing else is said: ArduPilot's first serial port, PX4's link for a companion computer. `None`: it takes
-/// none over MAVLink.
+/// Default command address of an autopilot: ArduPilot's first serial port, PX4's link for a companion computer. `None`: it takes no commands
+/// over MAVLink.
 pub fn default_address(protocol: Protocol) -> Option<PilotAddress> {
     let local = |port| SocketAddr::from((Ipv4Addr::LOCALHOST, port));
     match protocol {

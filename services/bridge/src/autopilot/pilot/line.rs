@@ -1,4 +1,4 @@
-//! The line between a pilot and its autopilot: TCP, where we connect and try again until somebody listens, or UDP, where we are sent to.
+//! The line between a pilot and its autopilot: TCP, where we connect and retry until the peer listens, or UDP, where we receive.
 //!
 //! Nothing here blocks: a flight waits for the autopilot's own link, not for this one.
 
@@ -9,18 +9,18 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{Receiver, TryRecvError, channel};
 use std::time::{Duration, Instant};
 
-/// Between two attempts to connect.
+/// Interval of connection attempts.
 const AGAIN: Duration = Duration::from_millis(100);
-/// Longest attempt.
+/// Timeout of a connection attempt.
 const ATTEMPT: Duration = Duration::from_secs(1);
-/// A sender that has been silent for so long may be followed by one from another port.
+/// After this much silence of a sender, one from another port may take its place.
 const GONE: Duration = Duration::from_secs(2);
-/// Pieces that are read at a look.
+/// Maximum reads per poll.
 const MOST_READS: usize = 32;
-/// Bytes that wait to be sent; more means that the other side has stopped reading, and they are dropped.
+/// Maximum bytes waiting to be sent; more means that the peer has stopped reading, and they are dropped.
 const MOST_WAITING: usize = 1 << 16;
 
-/// Where an autopilot takes commands, as it is written on a command line: `tcp:127.0.0.1:5760`, `udp:127.0.0.1:14540`.
+/// Command address of an autopilot, as written on the command line: `tcp:127.0.0.1:5760`, `udp:127.0.0.1:14540`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum PilotAddress {
     /// It listens there, we connect.
@@ -88,7 +88,7 @@ impl Drop for Leash {
 
 impl Line {
     /// # Errors
-    /// One sentence: the UDP port is taken, or not ours.
+    /// The UDP port is in use, or not permitted.
     pub(super) fn open(address: PilotAddress) -> Result<Self, String> {
         let kind = match address {
             PilotAddress::Tcp(to) => connect(to),
@@ -104,7 +104,7 @@ impl Line {
         Ok(Self { address, kind })
     }
 
-    /// Where it is: of a UDP line the port that was opened.
+    /// Its address: for a UDP line the port that was opened.
     pub(super) fn address(&self) -> PilotAddress {
         match &self.kind {
             Kind::Udp(socket, _) => socket.local_addr().map_or(self.address, PilotAddress::Udp),
@@ -112,7 +112,7 @@ impl Line {
         }
     }
 
-    /// True if somebody is there.
+    /// True if a peer is connected.
     pub(super) fn connected(&self) -> bool {
         match &self.kind {
             Kind::Connecting { .. } => false,
@@ -121,7 +121,7 @@ impl Line {
         }
     }
 
-    /// What has come, passed on piece by piece. True: the other side has closed; another connection is tried.
+    /// Passes received data on piece by piece. True: the peer has closed; a new connection is attempted.
     pub(super) fn receive(&mut self, mut take: impl FnMut(&[u8])) -> bool {
         let mut buffer = [0; 4096];
         match &mut self.kind {
@@ -155,7 +155,7 @@ impl Line {
         false
     }
 
-    /// Sends what can be sent without waiting.
+    /// Sends as much as possible without waiting.
     pub(super) fn send(&mut self, bytes: &[u8]) {
         match &mut self.kind {
             Kind::Connecting { .. } => {}
@@ -168,7 +168,7 @@ impl Line {
                         Ok(0) => break,
                         Ok(length) => drop(waiting.drain(..length)),
                         Err(error) if error.kind() == ErrorKind::Interrupted => {}
-                        // Full, or closed: the next look says which.
+                        // Full, or closed: the next poll finds out.
                         Err(_) => break,
                     }
                 }
@@ -195,7 +195,7 @@ fn is_nothing_yet(error: &std::io::Error) -> bool {
     matches!(error.kind(), ErrorKind::WouldBlock | ErrorKind::Interrupted)
 }
 
-/// Tries until somebody listens, beside the flight: some autopilots send nothing before a client is connected.
+/// Retries until the peer listens, in parallel with the flight: some autopilots send nothing before a client connects.
 fn connect(to: SocketAddr) -> Kind {
     let (sender, arrival) = channel();
     let stop = Arc::new(AtomicBool::new(false));
@@ -208,7 +208,7 @@ fn connect(to: SocketAddr) -> Kind {
                 Ok(stream)
             });
             match connected {
-                // Nobody takes it: the flight is over.
+                // No receiver: the flight is over.
                 Ok(stream) => return drop(sender.send(stream)),
                 Err(_) => std::thread::sleep(AGAIN),
             }

@@ -3,15 +3,15 @@
 //! ```text
 //!  meet ─▶ arm ─▶ climb ─▶ follow ───────────────▶ land
 //!           ▲       │        SET_POSITION_TARGET_LOCAL_NED at 50 Hz
-//!           └───────┘ disarmed itself
+//!           └───────┘ disarmed by itself
 //! ```
-//! It is asked after each exchange with the autopilot ([`Piloted`]), counts in simulated time, and never waits: a slow pilot costs nothing, and what
-//! the autopilot makes of its commands is in the recorded pulses, so that a replay needs no pilot.
+//! It is called after each exchange with the autopilot ([`Piloted`]), uses simulated time, and never waits: a slow pilot costs nothing, and
+//! the autopilot's response to its commands is in the recorded pulses, so that a replay needs no pilot.
 //!
-//! An autopilot counts positions from an origin of its own, mostly where it found its first fix. The pilot takes the difference between that
-//! position and the true one while the vehicle stands on the ground; from then on the estimator's drift is the autopilot's.
+//! An autopilot measures positions from its own origin, usually that of its first fix. The pilot determines the offset between that
+//! position and the true one while the vehicle stands on the ground; any later drift of the estimator is the autopilot's.
 //!
-//! Refusals are retried, and shown in the autopilot's words.
+//! Rejections are retried, and reported with the autopilot's messages.
 
 mod dialect;
 mod line;
@@ -37,38 +37,38 @@ use std::time::{Duration, Instant};
 /// Ground stations are system 255.
 const OUR_SYSTEM: u8 = 255;
 const OUR_COMPONENT: u8 = 190;
-/// Wall clock from its first exchange until it has to be heard on the pilot's line, if nothing else is said.
+/// Default wall-clock time from its first exchange until it must respond on the pilot's line.
 pub const MEET: Duration = Duration::from_secs(30);
-/// Simulated time, s: of a boot before a mode may be set; an earlier one is overridden by the first reading of its mode switch.
+/// Simulated boot time, s, before a mode may be set; an earlier one is overridden by the first reading of its mode switch.
 const BOOT_S: f64 = 3.5;
-/// Simulated time, s: until it has armed; until it has climbed.
+/// Simulated time limits, s: for arming; for climbing.
 const ARM_S: f64 = 240.0;
 const CLIMB_S: f64 = 60.0;
-/// Simulated time, s, without a heartbeat.
+/// Simulated time limit, s, without a heartbeat.
 const SILENT_S: f64 = 20.0;
-/// Simulated time, s: between two attempts, heartbeats, and positions to follow.
+/// Simulated time, s, between attempts, heartbeats, and position targets.
 const RETRY_S: f64 = 2.0;
 const HEARTBEAT_S: f64 = 1.0;
 const TARGET_S: f64 = 0.02;
-/// Simulated time, s, between two words of the battery, to an autopilot that takes it from the pilot's line.
+/// Simulated time, s, between battery messages, to an autopilot that takes them from the pilot's line.
 const BATTERY_S: f64 = 0.1;
-/// Positions are followed for so long before the mode asks for it.
+/// Position targets are sent for this long before the mode that needs them is set.
 const FIRST_TARGETS_S: f64 = 1.0;
-/// How often it is to say where it believes to be, µs.
+/// Requested interval of its position estimates, µs.
 const POSITION_INTERVAL_US: f32 = 100_000.0;
-/// Its own positions on the ground whose mean is taken.
+/// Number of its own position estimates on the ground to average.
 const POSITIONS: usize = 20;
-/// Height of which it may be said that it has left the ground, m, and speed at which a climb is over, m/s.
+/// Height above which it counts as airborne, m, and speed at which a climb is over, m/s.
 const CLIMBED_M: f64 = 0.8;
 const CLIMBED_M_S: f64 = 0.2;
-/// Lowest height that it is told to climb to, m.
+/// Minimum commanded climb height, m.
 const LOWEST_M: f64 = 1.0;
-/// The same text is shown once in so long, s of simulated time.
+/// Minimum interval before the same text is shown again, s of simulated time.
 const REPEATED_S: f64 = 30.0;
-/// Texts that are kept.
+/// Maximum number of stored texts.
 const MOST_WORDS: usize = 100;
 
-/// An autopilot with a pilot beside it; without one somebody else commands it.
+/// An autopilot with a pilot; without one it is commanded externally.
 #[derive(Debug)]
 pub struct Piloted<A> {
     autopilot: A,
@@ -76,7 +76,7 @@ pub struct Piloted<A> {
 }
 
 impl<A: Autopilot> Piloted<A> {
-    /// Puts a pilot beside an autopilot.
+    /// Attaches a pilot to an autopilot.
     pub fn new(autopilot: A, pilot: Option<Pilot>) -> Self {
         Self { autopilot, pilot }
     }
@@ -157,7 +157,7 @@ impl<A: Autopilot> Autopilot for Piloted<A> {
     }
 }
 
-/// How far a pilot is.
+/// Stage of a pilot.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Stage {
     Meet,
@@ -167,7 +167,7 @@ enum Stage {
     Land,
 }
 
-/// See the module.
+/// See the module documentation.
 #[derive(Debug)]
 pub struct Pilot {
     line: Line,
@@ -178,7 +178,7 @@ pub struct Pilot {
     sequence: u8,
     stage: Stage,
     wanted: Wanted,
-    /// Of the plant, s; when the stage began; when the last of each was sent.
+    /// Plant time, s; start of the stage; when each message was last sent.
     now_s: f64,
     since_s: f64,
     tried_s: f64,
@@ -189,29 +189,29 @@ pub struct Pilot {
     begun: Option<Instant>,
     /// System and component of the autopilot.
     peer: [u8; 2],
-    /// Its latest, and when it came; when the first came.
+    /// Its latest heartbeat, with its arrival time; arrival time of the first.
     heartbeat: Heartbeat,
     heard_s: f64,
     met_s: f64,
     /// The command to climb was accepted.
     climbing: bool,
     version: Option<AutopilotVersion>,
-    /// Its own position less the true one, on the ground.
+    /// Its own position minus the true one, on the ground.
     offsets: VecDeque<[f64; 3]>,
-    /// True position and speed, and the height of the ground that it stood on, m, NED.
+    /// True position and speed, and height of the ground below it, m, NED.
     position: [f64; 3],
     speed: f64,
     ground: f64,
-    /// What it said of late, and when; the refusals among it are kept for the last sentence.
+    /// Recent messages with their times; the rejections among them are kept for the error message.
     heard: VecDeque<(f64, String)>,
     words: VecDeque<String>,
 }
 
 impl Pilot {
-    /// Opens the line to an autopilot, which has to be heard there within `meet` of wall clock from its first exchange on.
+    /// Opens the line to an autopilot, which must respond there within `meet` of wall clock from its first exchange on.
     ///
     /// # Errors
-    /// One sentence: the port is taken, or not ours, or the autopilot takes no such commands.
+    /// The port is in use, or not permitted, or the autopilot does not support such commands.
     pub fn new(protocol: Protocol, address: PilotAddress, meet: Duration) -> Result<Self, String> {
         let dialect =
             Dialect::of(protocol).ok_or_else(|| format!("{} takes no commands over MAVLink", protocol.name()))?;
@@ -245,7 +245,7 @@ impl Pilot {
         })
     }
 
-    /// Where it talks with the autopilot.
+    /// Address of the line to the autopilot.
     pub fn address(&self) -> PilotAddress {
         self.line.address()
     }
@@ -288,7 +288,7 @@ impl Pilot {
         self.now_s - self.since_s
     }
 
-    /// True once in [`RETRY_S`].
+    /// True once per [`RETRY_S`].
     fn try_now(&mut self) -> bool {
         let due = self.now_s - self.tried_s >= RETRY_S;
         if due {
@@ -345,7 +345,7 @@ impl Pilot {
         }
         match self.dialect.before_arming {
             Some(mode) if self.heartbeat.custom_mode != mode.custom_mode => self.set_mode(mode),
-            // Without an origin positions mean nothing.
+            // Without an origin, positions are meaningless.
             _ if self.offsets.len() < POSITIONS => {}
             _ => self.command(Command::ARM, [1.0, 0.0]),
         }
@@ -400,7 +400,7 @@ impl Pilot {
             self.target_s = self.now_s;
             self.send_target();
         }
-        // In flight the mode may be left for a reason of its own, which is a result.
+        // In flight the autopilot may leave the mode for its own reasons, which is a result.
         if !self.climbing && self.in_stage_s() > FIRST_TARGETS_S {
             if self.heartbeat.custom_mode == self.dialect.follow.custom_mode {
                 self.climbing = true;
@@ -419,7 +419,7 @@ impl Pilot {
         Ok(())
     }
 
-    /// Takes what has come.
+    /// Processes received messages.
     fn listen(&mut self) -> Result<(), AutopilotError> {
         let decoder = &mut self.decoder;
         if self.line.receive(|bytes| decoder.push(bytes)) {
@@ -439,7 +439,7 @@ impl Pilot {
 
     fn hear(&mut self, frame: &Frame) {
         if let Some(heartbeat) = Heartbeat::read(frame) {
-            // Cameras and other ground stations have hearts, too.
+            // Cameras and other ground stations send heartbeats, too.
             if heartbeat.autopilot == self.dialect.autopilot && frame.component == 1 {
                 self.beat(heartbeat, [frame.system, frame.component]);
             }
@@ -499,7 +499,7 @@ impl Pilot {
         }
     }
 
-    /// Where its origin is.
+    /// Determines its origin.
     fn locate(&mut self, local: &LocalPosition) {
         if self.stage != Stage::Arm || self.heartbeat.armed() {
             return;
@@ -548,7 +548,7 @@ impl Pilot {
         self.send(COMMAND_LONG, &command.encode());
     }
 
-    /// Voltage and current of the plant's battery: its own model of one would be in its log in their place.
+    /// Sends voltage and current of the plant's battery: otherwise its own battery model would be in its log.
     fn tell_battery(&mut self, readings: &Readings) {
         let due = self.stage != Stage::Meet && self.now_s - self.battery_s >= BATTERY_S;
         if !self.dialect.takes_battery || !due || readings.battery_voltage_v <= 0.0 {
@@ -559,7 +559,7 @@ impl Pilot {
             voltage_v: readings.battery_voltage_v,
             current_a: readings.battery_current_a,
         };
-        // It takes the battery of its own vehicle only, so this one is a part of that.
+        // It only accepts the battery of its own vehicle, so this one is a component of that.
         self.send_as([self.peer[0], Battery::COMPONENT], BATTERY_STATUS, &battery.encode());
     }
 
@@ -579,7 +579,7 @@ impl Pilot {
         }
     }
 
-    /// Shows what it said, unless it has just said the same.
+    /// Shows its message, unless it was just shown.
     fn heard(&mut self, text: String) {
         let now_s = self.now_s;
         self.heard.retain(|(time_s, _)| now_s - time_s < REPEATED_S);
@@ -590,7 +590,7 @@ impl Pilot {
         self.heard.push_back((now_s, text));
     }
 
-    /// "; it said "PreArm: …", …", or that it said nothing.
+    /// "; it said "PreArm: …", …", or that it sent nothing.
     fn refusals(&self) -> String {
         if self.heard.is_empty() {
             return "; it gave no reason".to_owned();

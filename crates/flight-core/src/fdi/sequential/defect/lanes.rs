@@ -1,9 +1,9 @@
-//! What [`DefectMeter::step`] changes, of several flights side by side.
+//! The state that [`DefectMeter::step`] changes, for several flights side by side.
 
 use super::{AXES, DefectMeter, REGRESSORS};
 use crate::fdi::residual::BodyMomentum;
 
-/// A row for each number that changes from sample to sample, a column for each of `L` flights with `N` rotors.
+/// One row per quantity that changes from sample to sample, one column for each of `L` flights with `N` rotors.
 #[derive(Clone, Debug)]
 pub(in crate::fdi) struct MeterRows<const N: usize, const L: usize> {
     /// Accounted, rate, last drift, last defect, defect sum, noise sum, noise square, spike limit.
@@ -17,7 +17,7 @@ pub(in crate::fdi) struct MeterRows<const N: usize, const L: usize> {
     thrust_sum: [[f32; L]; N],
     loss_fraction: [[f32; L]; N],
     spikes_in_row: [u32; L],
-    /// Not 0 while noise is learnt.
+    /// Non-zero while noise is learnt.
     pub(in crate::fdi) learn_noise: [u32; L],
 }
 
@@ -48,7 +48,7 @@ impl<const N: usize, const L: usize> MeterRows<N, L> {
         learn_noise: [0; L],
     };
 
-    /// Takes over what the detector itself changes between blocks.
+    /// Copies in what the detector itself changes between blocks.
     pub(in crate::fdi::sequential) fn seat(&mut self, lane: usize, meter: &DefectMeter, loss_fraction: &[f32]) {
         self.read(lane, meter);
         set(&mut self.axes[7], lane, &meter.spike_limit);
@@ -64,7 +64,7 @@ impl<const N: usize, const L: usize> MeterRows<N, L> {
         }
     }
 
-    /// Reads what a sample changes.
+    /// Reads the per-sample state.
     #[inline(always)]
     fn read(&mut self, lane: usize, meter: &DefectMeter) {
         set(&mut self.axes[0], lane, &meter.accounted);
@@ -91,7 +91,7 @@ impl<const N: usize, const L: usize> MeterRows<N, L> {
         self.spikes_in_row[lane] = meter.spikes_in_row;
     }
 
-    /// Writes what a sample reads and changes.
+    /// Writes the per-sample state.
     #[inline(always)]
     pub(in crate::fdi::sequential) fn write(&self, lane: usize, meter: &mut DefectMeter) {
         get(&self.axes[0], lane, &mut meter.accounted);
