@@ -34,6 +34,9 @@ pub(super) struct Imu {
     /// untrue. The velocity is predicted from the readings less this. To divide a reading by its scale would shrink or swell its noise,
     /// and win or lose for that.
     pub(super) accel_error: Option<Vec<Vector3>>,
+    /// What the attitude reads too much at t_k, rad, where an effect makes it come and go with the rotors' thrust. Constant offsets are not
+    /// in it.
+    pub(super) attitude_error: Option<Vec<Vector3>>,
 }
 
 impl Plant {
@@ -199,6 +202,7 @@ impl Plant {
             let Steps { force, spin_up, .. } = steps;
             let (mut accel, mut turned) = (force.clone(), spin_up.clone());
             let mut error = vec![[0.0; 3]; s.len];
+            let mut attitude_error = set.hooks().uses(Hooks::READINGS).then(|| vec![[0.0; 3]; s.len]);
             let (mut inverse, mut allocation) = (inverted(&c.inertia_body_kg_m2), c.allocation());
             let (mut ratio, nothing) = ([0.0; MAX_ROTORS], [0.0; MAX_ROTORS]);
             for k in 0..s.len {
@@ -234,7 +238,11 @@ impl Plant {
                         &ratio[..n],
                         &nothing[..n],
                     );
+                    let before = read.attitude;
                     set.readings(&at, &mut read);
+                    if let Some(error) = &mut attitude_error {
+                        error[k] = [0, 1, 2].map(|i| read.attitude[i] - before[i]);
+                    }
                 }
                 error[k] = [0, 1, 2].map(|i| read.specific_force[i] - force[k][i]);
                 accel[k] = read.specific_force;
@@ -247,6 +255,7 @@ impl Plant {
                 accel: Some(accel),
                 spin_up: Some(turned),
                 accel_error: Some(error),
+                attitude_error,
             };
         }
         if c.imu_latency_s != 0.0 {
