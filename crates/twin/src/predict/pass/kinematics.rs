@@ -84,13 +84,12 @@ impl Plant {
         if have.position && have.velocity && !known(&[|m| &m.velocity, |m| &m.position]) {
             put(KP, &motion.velocity, c.position_latency_s, true);
         }
-        if let (true, Some(error)) = (of_attitude, &imu.attitude_error) {
-            // What comes and goes with the flight is read as a rate of its own.
+        if let (true, Some(error)) = (of_attitude, &imu.attitude_error_rate) {
             let late = shifted(error, -c.attitude_latency_s, step);
             for i in 0..3 {
                 let column = Arc::make_mut(&mut channels[KA + i]);
-                for (rate, two) in column.iter_mut().zip(late.windows(2)) {
-                    *rate += (two[1][i] - two[0][i]) / step;
+                for (rate, more) in column.iter_mut().zip(&late) {
+                    *rate += more[i];
                 }
             }
         }
