@@ -40,7 +40,7 @@ pub struct Parameter {
 pub struct Kind {
     /// kebab-case.
     pub id: &'static str,
-    /// Number in the catalogue of 56 effects; 0 outside it.
+    /// Number in the catalogue of 59 effects; 0 outside it.
     pub number: u8,
     /// Words.
     pub title: &'static str,
@@ -680,6 +680,36 @@ pub static KINDS: &[Kind] = &[
         parameters: &[p("exponent", "1", 0.4, true, true)],
     },
     Kind {
+        id: "mass-loss",
+        number: 57,
+        title: "Mass that leaves at a constant rate",
+        place: Place::Body,
+        per_rotor: false,
+        companion: None,
+        parameters: &[p("rate_kg_s", "kg/s", 0.0025, false, true)],
+    },
+    Kind {
+        id: "current-heading",
+        number: 58,
+        title: "Magnetometer in the field of the motors' current",
+        place: Place::Sensor,
+        per_rotor: false,
+        companion: None,
+        parameters: &[
+            p("forward_share", "1", 0.12, true, true),
+            p("right_share", "1", 0.12, true, true),
+        ],
+    },
+    Kind {
+        id: "drag-anisotropy",
+        number: 59,
+        title: "More rotor drag forward than sideways, or less",
+        place: Place::Wrench,
+        per_rotor: false,
+        companion: Some("rotor-drag"),
+        parameters: &[p("share", "1", 0.4, true, true)],
+    },
+    Kind {
         id: "stuck-moment",
         number: 0,
         title: "Moment that switches with the heading",
@@ -754,15 +784,6 @@ pub static KINDS: &[Kind] = &[
             p("stiffness_n_m", "N/m", 0.25, false, true),
             p("slack_m", "m", 3.0, false, false),
         ],
-    },
-    Kind {
-        id: "current-heading",
-        number: 0,
-        title: "Heading error that grows with the current",
-        place: Place::Outside,
-        per_rotor: false,
-        companion: None,
-        parameters: &[p("error_rad_a", "rad/A", 0.02, true, true)],
     },
     Kind {
         id: "rotor-dropouts",

@@ -8,7 +8,7 @@ use crate::random::Stream;
 pub const CLUTTER: f64 = 0.02;
 
 /// Kinds that are a structure, a noise class or a time, not a small deviation that every vehicle has.
-const NO_CLUTTER: [&str; 19] = [
+const NO_CLUTTER: [&str; 21] = [
     "reversed-spin",
     "wind",
     "gusts",
@@ -21,6 +21,8 @@ const NO_CLUTTER: [&str; 19] = [
     "saturation",
     "cold-battery",
     "drag-centre",
+    "drag-anisotropy",
+    "mass-loss",
     "command-delay",
     "imu-latency",
     "attitude-latency",
@@ -31,10 +33,11 @@ const NO_CLUTTER: [&str; 19] = [
 ];
 
 /// Kinds that no flight of one vehicle can tell apart, or only in a special flight: never drawn into one pair.
-pub const GROUPS: [&[&str]; 8] = [
+pub const GROUPS: [&[&str]; 9] = [
     &[
         "air-density",
         "mass",
+        "mass-loss",
         "dead-zone",
         "voltage-gain",
         "voltage-offset",
@@ -52,6 +55,7 @@ pub const GROUPS: [&[&str]; 8] = [
         "gusts",
         "drag-centre",
         "threshold-drag",
+        "drag-anisotropy",
         "translational-lift",
     ],
     &["inertia-yaw", "moment-ratio", "rotor-reaction"],
@@ -74,6 +78,7 @@ pub const GROUPS: [&[&str]; 8] = [
     &["internal-resistance", "battery-rc", "cold-battery", "battery-capacity"],
     &["velocity-latency", "position-latency"],
     &["rotor-tilt-tangential", "rotor-tilt-radial"],
+    &["heading-offset", "current-heading"],
 ];
 
 /// Whether two kinds share a group.

@@ -237,10 +237,11 @@ pub fn fly(plan: &FlightPlan) -> Result<(Vec<Row>, Nuisances)> {
         commands.push(duties);
     }
     unwrap_yaw(&mut truths);
+    let hover_current = plan.vehicle.hover_current();
     let rows = (1..steps)
         .map(|k| {
             let place = actives.partition_point(|(from, _)| *from <= k) - 1;
-            logged(k, &truths, &noises, &commands, &actives[place].1)
+            logged(k, &truths, &noises, &commands, (&actives[place].1, hover_current))
         })
         .collect();
     Ok((rows, nuisances))
@@ -273,8 +274,20 @@ fn late<'a>(
     (1.0 - share) * value(&truths[before]) + share * value(&truths[after]) + noise(&noises[nearest])
 }
 
-/// The row of sample k, sensor faults included.
-fn logged(k: usize, truths: &[Truth], noises: &[Noise], commands: &[Vec<f64>], active: &Active) -> Row {
+/// The heading of a magnetometer in a field of the vehicle's own (forward, right, over the earth's horizontal field), rad.
+fn magnetic_heading(yaw: f64, own: [f64; 2]) -> f64 {
+    let (east, north) = libm::sincos(yaw);
+    libm::atan2(-(own[1] - east), north + own[0])
+}
+
+/// The row of sample k, sensor faults included; with what the vehicle draws in hover, A.
+fn logged(
+    k: usize,
+    truths: &[Truth],
+    noises: &[Noise],
+    commands: &[Vec<f64>],
+    (active, hover_current): (&Active, f64),
+) -> Row {
     let get = |delay, value: fn(&Truth) -> Vector3<f64>, noise: fn(&Noise) -> Vector3<f64>| {
         late(k, delay, truths, noises, value, noise)
     };
@@ -297,7 +310,12 @@ fn logged(k: usize, truths: &[Truth], noises: &[Noise], commands: &[Vec<f64>], a
     let mut euler = get(active.attitude_latency, |t| t.euler, |n| n.euler);
     euler.x += active.level_offset[0];
     euler.y += active.level_offset[1];
-    euler.z += active.heading_offset + active.current_heading * (truth.current - 9.0);
+    if active.current_field != [0.0; 2] {
+        let own = active.current_field.map(|share| share * truth.current / hover_current);
+        // The true heading is what the magnetometer sees; estimator and noise come on top.
+        euler.z += magnetic_heading(truth.euler.z, own) - truth.euler.z;
+    }
+    euler.z += active.heading_offset;
     let turn = std::f64::consts::TAU;
     euler.z -= turn * (euler.z / turn).round();
 

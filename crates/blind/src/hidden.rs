@@ -189,6 +189,7 @@ pub struct Active {
     pub rotor_drag: f64,
     pub parasitic_drag: f64,
     pub linear_drag: f64,
+    pub drag_share: f64,
     pub wind: Vector3<f64>,
     pub gust_sigma: f64,
     pub gust_correlation: f64,
@@ -207,6 +208,7 @@ pub struct Active {
     pub rotational_damping: f64,
     pub thrust_scale_all: f64,
     pub mass: f64,
+    pub mass_rate: f64,
     pub slung_mass: f64,
     pub slung_length: f64,
     pub slung_damping: f64,
@@ -254,6 +256,8 @@ pub struct Active {
     pub velocity_latency: f64,
     pub position_latency: f64,
     pub heading_offset: f64,
+    /// Forward and right, at the current of hover.
+    pub current_field: [f64; 2],
     /// Roll and pitch.
     pub level_offset: [f64; 2],
     pub vibration: f64,
@@ -273,7 +277,6 @@ pub struct Active {
     pub slosh_damping: f64,
     pub tether: f64,
     pub tether_slack: f64,
-    pub current_heading: f64,
     /// Rotor from 0, loss, mean interval in s.
     pub dropouts: Option<(usize, f64, f64)>,
 }
@@ -321,6 +324,7 @@ impl Active {
             "rotor-drag" => self.rotor_drag += value("drag_n_s_m"),
             "quadratic-drag" => self.parasitic_drag += value("drag_kg_m"),
             "linear-friction" => self.linear_drag += value("drag_kg_s"),
+            "drag-anisotropy" => self.drag_share += value("share"),
             "wind" => self.wind += Vector3::new(value("north_m_s"), value("east_m_s"), 0.0),
             "gusts" => {
                 self.gust_sigma += value("rms_m_s");
@@ -345,6 +349,7 @@ impl Active {
             "rotational-damping" => self.rotational_damping += value("damping_n_m_s"),
             "air-density" => self.thrust_scale_all += value("share"),
             "mass" => self.mass += value("share"),
+            "mass-loss" => self.mass_rate += value("rate_kg_s"),
             "slung-load" => {
                 self.slung_mass += value("mass_kg");
                 self.slung_length = value("length_m");
@@ -401,6 +406,10 @@ impl Active {
             "velocity-latency" => self.velocity_latency += value("delay_s"),
             "position-latency" => self.position_latency += value("delay_s"),
             "heading-offset" => self.heading_offset += value("offset_rad"),
+            "current-heading" => {
+                self.current_field[0] += value("forward_share");
+                self.current_field[1] += value("right_share");
+            }
             "level-offset" => {
                 self.level_offset[0] += value("roll_rad");
                 self.level_offset[1] += value("pitch_rad");
@@ -431,7 +440,6 @@ impl Active {
                 self.tether += value("stiffness_n_m");
                 self.tether_slack = value("slack_m");
             }
-            "current-heading" => self.current_heading += value("error_rad_a"),
             "blade-drag" => self.blade_drag[rotor] += value("share"),
             "rotor-dropouts" => self.dropouts = Some((rotor, value("loss"), value("interval_s"))),
             // Ids were checked where they entered; the test below walks the whole catalogue through here.

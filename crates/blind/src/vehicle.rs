@@ -218,6 +218,23 @@ impl Vehicle {
         ((voltage - self.blade_voltage_offset) * shape).max(0.0)
     }
 
+    /// At half charge, without a current, V.
+    pub fn resting_voltage(&self) -> f64 {
+        let chart = &self.open_circuit_voltage;
+        let (middle, odd) = (chart.len() / 2, chart.len() % 2 == 1);
+        if odd {
+            chart[middle]
+        } else {
+            0.5 * (chart[middle - 1] + chart[middle])
+        }
+    }
+
+    /// What hover draws at the resting voltage, A.
+    pub fn hover_current(&self) -> f64 {
+        let power = self.power_coefficient * self.hover_thrust().powf(1.5) * self.rotors.len() as f64;
+        power / self.resting_voltage()
+    }
+
     /// Thrust of each rotor in hover, N.
     pub fn hover_thrust(&self) -> f64 {
         self.mass * self.gravity / self.rotors.len() as f64

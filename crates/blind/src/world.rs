@@ -73,6 +73,8 @@ pub struct World {
     past_duties: Vec<Vec<f64>>,
     tether_point: Vector3<f64>,
     time: f64,
+    /// kg that have left.
+    left: f64,
     /// s per sample.
     pub step: f64,
     floor: Stream,
@@ -140,6 +142,7 @@ impl World {
             past_duties: Vec::new(),
             tether_point: start + Vector3::new(2.0, 1.0, 0.0),
             time: 0.0,
+            left: 0.0,
             step,
             floor: Stream::new(seed, "floor"),
             floor_scale: 1.0,
@@ -205,7 +208,6 @@ impl World {
         let force_floor = self.floor_scale * FORCE_FLOOR * self.floor.normal3();
         let torque_floor = self.floor_scale * TORQUE_FLOOR * self.floor.normal3();
         let h = self.step / SUBSTEPS as f64;
-        let mass = self.vehicle.mass * (1.0 + active.mass);
         let inertia = self.inertia(active);
         let Some(inverse) = inertia.try_inverse() else {
             return StepEnd::default();
@@ -213,7 +215,11 @@ impl World {
         let gravity = Vector3::new(0.0, 0.0, self.vehicle.gravity);
         let mut end = StepEnd::default();
         let mut reaction = 0.0;
+        let full = self.vehicle.mass * (1.0 + active.mass);
         for sub in 0..SUBSTEPS {
+            // In the middle of the sub-step.
+            let mass = full - self.left - 0.5 * h * active.mass_rate;
+            self.left += h * active.mass_rate;
             self.update_battery(active, h);
             self.update_wind(active, h);
             let speeds_before: Vec<f64> = self.rotor_speeds();
@@ -261,7 +267,7 @@ impl World {
             &self.attitude,
             self.rates,
         );
-        end.specific_force = (loads.force + force_floor) / mass;
+        end.specific_force = (loads.force + force_floor) / (full - self.left);
         let torque = loads.torque + torque_floor + Vector3::new(0.0, 0.0, reaction);
         end.angular_acceleration = inverse * (torque - self.rates.cross(&(inertia * self.rates)));
         end.load = thrusts.iter().sum::<f64>() / (self.vehicle.mass * self.vehicle.gravity);
@@ -352,15 +358,8 @@ impl World {
         if (active.curve_shape == 0.0 && active.voltage_exponent == 0.0) || thrust <= 0.0 {
             return thrust;
         }
-        let chart = &self.vehicle.open_circuit_voltage;
-        let (middle, odd) = (chart.len() / 2, chart.len() % 2 == 1);
-        let resting = if odd {
-            chart[middle]
-        } else {
-            0.5 * (chart[middle - 1] + chart[middle])
-        };
         let slope = libm::log(thrust / self.vehicle.hover_thrust());
-        let volts = libm::log(self.voltage / resting);
+        let volts = libm::log(self.voltage / self.vehicle.resting_voltage());
         thrust * libm::exp(active.curve_shape * (slope - volts) + active.voltage_exponent * volts)
     }
 
@@ -492,11 +491,14 @@ impl World {
             torque += active.flex_share * (self.flex[0] - rotor_torque);
         }
         let level = Vector3::new(air.x, air.y, 0.0);
-        let rotor_drag = -active.rotor_drag * speed_ratio_sum / n as f64 * level;
+        // Of each drag, how much there is of it forward, sideways and down.
+        let along = Vector3::new(1.0 + 0.5 * active.drag_share, 1.0 - 0.5 * active.drag_share, 1.0);
+        let rotor_drag = -active.rotor_drag * speed_ratio_sum / n as f64 * level.component_mul(&along);
         force += rotor_drag;
         torque += Vector3::new(0.0, 0.0, -active.drag_height).cross(&rotor_drag);
         let speed = air.norm();
-        force -= (active.parasitic_drag * speed + active.linear_drag + self.vehicle.linear_drag) * air;
+        let resistance = active.parasitic_drag * speed + active.linear_drag + self.vehicle.linear_drag;
+        force -= resistance * air.component_mul(&along);
         if active.threshold_drag > 0.0 && speed > active.threshold_speed {
             let over = speed - active.threshold_speed;
             force -= active.threshold_drag * over * over * over / speed * air;

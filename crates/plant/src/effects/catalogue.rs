@@ -3,10 +3,10 @@
 use super::declaration::EffectDeclaration;
 use super::{
     accelerometer, air_density, attitude_offset, axial_inflow, battery, ceiling_wall, centre_of_mass, cold_battery,
-    drag_centre, esc, flapping_moment, frame_flex, ground_effect, gusts, gyroscope, imu_mounting, inertia, latency,
-    linear_friction, mass, moment_ratio, motor_lag, quadratic_drag, rotational_damping, rotor_drag, rotor_inertia,
-    rotor_interference, rotor_lift_bias, rotor_thrust_scale, rotor_tilt, slung_load, thrust_curve, translational_lift,
-    vibration, vortex_ring, wind, wiring,
+    current_heading, drag_anisotropy, drag_centre, esc, flapping_moment, frame_flex, ground_effect, gusts, gyroscope,
+    imu_mounting, inertia, latency, linear_friction, mass, mass_loss, moment_ratio, motor_lag, quadratic_drag,
+    rotational_damping, rotor_drag, rotor_inertia, rotor_interference, rotor_lift_bias, rotor_thrust_scale, rotor_tilt,
+    slung_load, thrust_curve, translational_lift, vibration, vortex_ring, wind, wiring,
 };
 
 static CATALOGUE: &[&EffectDeclaration] = &[
@@ -75,6 +75,9 @@ static CATALOGUE: &[&EffectDeclaration] = &[
     &vibration::DECLARATION,
     &thrust_curve::SHAPE,
     &thrust_curve::VOLTAGE_EXPONENT,
+    &mass_loss::DECLARATION,
+    &current_heading::DECLARATION,
+    &drag_anisotropy::DECLARATION,
 ];
 
 /// Every effect of this crate, in the order of the catalogue's rows.

@@ -99,6 +99,8 @@ pub struct Constants {
     pub angular_drag_nms: f64,
     /// z_d: height of the drag centre over the centre of mass, m.
     pub drag_centre_height_m: f64,
+    /// a: drag forward minus that sideways, over their mean.
+    pub drag_anisotropy: f64,
 
     /// Accelerometer: added, m/s², body.
     pub accelerometer_bias_m_s2: Vector3,
@@ -182,6 +184,7 @@ impl Constants {
             linear_drag_kg_s: vehicle.body.linear_drag_kg_s,
             angular_drag_nms: vehicle.body.angular_drag_nms,
             drag_centre_height_m: 0.0,
+            drag_anisotropy: 0.0,
             accelerometer_bias_m_s2: [0.0; 3],
             accelerometer_scale: 0.0,
             gyro_bias_rad_s: [0.0; 3],
@@ -251,11 +254,13 @@ impl Constants {
         wrench_of(sum)
     }
 
-    /// A wrench with its drag, and the linear and angular friction of Eq. 1, added to force and torque; the drag acts `z_d` above the
-    /// centre of mass.
+    /// A wrench with its drag, and the linear and angular friction of Eq. 1, added to force and torque; the drag is (1 + a/2) times itself
+    /// forward and (1 − a/2) times sideways, and acts `z_d` above the centre of mass.
     #[inline]
     pub fn closed(&self, wrench: &Wrench, air_velocity_body: Vector3, body_rates: Vector3) -> Wrench {
-        let drag = [0, 1, 2].map(|i| wrench.drag_body[i] - self.linear_drag_kg_s * air_velocity_body[i]);
+        let uneven = 0.5 * self.drag_anisotropy;
+        let shape = [1.0 + uneven, 1.0 - uneven, 1.0];
+        let drag = [0, 1, 2].map(|i| shape[i] * (wrench.drag_body[i] - self.linear_drag_kg_s * air_velocity_body[i]));
         let up = self.drag_centre_height_m;
         let mut torque = wrench.torque_body;
         // r × F with r = (0, 0, −z_d).
@@ -417,6 +422,13 @@ impl Constants {
             return refuse(format!(
                 "expected a linear drag of 0 or more, the effects together make it {} kg/s",
                 self.linear_drag_kg_s
+            ));
+        }
+        if !(-2.0..=2.0).contains(&self.drag_anisotropy) {
+            return refuse(format!(
+                "expected a drag of 0 or more forward and sideways, so a difference of 2 times their mean or less; the effects together \
+                 make it {}",
+                self.drag_anisotropy
             ));
         }
         if !(self.capacity_ah > 0.0 && self.capacity_ah.is_finite()) {

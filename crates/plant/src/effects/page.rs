@@ -46,6 +46,9 @@ otherwise), so that `telemetry.parquet` is a flight log like a measured one. Lat
 An autopilot of its own clock ([autopilots](autopilots.md#effects)) flies with all effects but those on readings and their time: it has
 instruments of its own.
 
+A drag with a value per axis, diag(k_x, k_y, k_z), is three effects together: `linear-friction` k_z, `rotor-drag` (k_x + k_y)/2 − k_z, and
+`drag-anisotropy` a = 2 (k_x − k_y)/(k_x + k_y), which is a share of the others and nothing without them.
+
 ## Effects of your own
 
 A TOML document with expressions, no compiler needed. Name it in a scenario (`effect_files = ["../effects/fin-drag.toml"]`) and use

@@ -7,6 +7,8 @@
 pub enum Strategy {
     /// The linear estimate about zero.
     Linear,
+    /// The same, once an effect that it needs is at work, in the model or named before: a share of another effect is nothing without it.
+    OfAnother,
     /// Secants over these multiples of the plausible size: what acts on whole samples, such as a delay of a noisy command, is not its
     /// derivative.
     Secants(&'static [f64]),
@@ -123,6 +125,8 @@ pub struct Search {
     pub requires: &'static [Requirement],
     /// What it changes of the mean thrusts, if it is one of the hypotheses of a comparison with healthy flights.
     pub trim: Option<TrimChange>,
+    /// What it does grows in proportion to the time since it set in, as what leaves at a constant rate does.
+    pub grows: bool,
 }
 
 impl Search {
@@ -135,12 +139,19 @@ impl Search {
             strategy,
             requires: &[],
             trim: None,
+            grows: false,
         }
     }
 
     /// The same where a log holds all of this.
     pub const fn requiring(mut self, requires: &'static [Requirement]) -> Self {
         self.requires = requires;
+        self
+    }
+
+    /// The same for what grows in proportion to the time since it set in.
+    pub const fn growing(mut self) -> Self {
+        self.grows = true;
         self
     }
 

@@ -37,11 +37,18 @@ pub(crate) fn values_of(problem: &Problem, active: &Active, posterior: &Posterio
     let offset = problem.nuisances();
     let mut values = active.values.clone();
     let mut deviations = vec![0.0; values.len()];
+    // A slope with a corner that is fitted, too, is twice as uncertain as one whose corner is known.
+    let corner = if entry.declaration.search.grows && active.onset_s.is_some() {
+        2.0
+    } else {
+        1.0
+    };
     for &j in &problem.library.columns_of(active.candidate) {
         let column = &problem.library.columns[j];
         let value = values[column.parameter] + posterior.mean[offset + j] * column.size;
         values[column.parameter] = entry.clamped(column.parameter, value);
-        deviations[column.parameter] = posterior.covariance.at(offset + j, offset + j).max(0.0).sqrt() * column.size;
+        let deviation = posterior.covariance.at(offset + j, offset + j).max(0.0).sqrt();
+        deviations[column.parameter] = corner * deviation * column.size;
     }
     (values, deviations)
 }

@@ -5,6 +5,8 @@ use super::*;
 
 /// Expectations are printed to ten digits or more.
 const ROUNDING: f64 = 1e-9;
+/// atan(0.1 I/I_h) at the instant, rad.
+const HEADING_RIGHT: f64 = 0.0974659047918369;
 
 fn near(what: &str, got: f64, expected: f64) {
     assert!(
@@ -112,6 +114,68 @@ fn val_friction_damping_and_drag_centre() {
     let w = closed(&changed("drag-centre", &[("height_m", 0.04)]));
     near("drag centre x", w.torque_body[0], -0.04);
     near("drag centre y", w.torque_body[1], 0.08);
+    // −2 (1 + 0.2) forward, −1 (1 − 0.2) sideways; with a friction of 0.25 kg/s at 4, 1, 3.6 m/s, −3 and −1.25 before.
+    let w = closed(&changed("drag-anisotropy", &[("share", 0.4)]));
+    near("uneven drag x", w.force_body[0], -2.4);
+    near("uneven drag y", w.force_body[1], -0.8);
+    near("uneven drag z", w.force_body[2], 0.0);
+    let w = closed(&Constants {
+        linear_drag_kg_s: 0.25,
+        ..changed("drag-anisotropy", &[("share", 0.4)])
+    });
+    near("uneven friction x", w.force_body[0], -3.6);
+    near("uneven friction y", w.force_body[1], -1.0);
+    near("uneven friction z", w.force_body[2], -0.9);
+}
+
+#[test]
+fn val_mass_leaves_at_its_rate_from_the_onset_and_never_all_of_it() {
+    let mass_after = |steps: usize, onset_s: Option<f64>, rate: f64| {
+        let mut one = EffectInstance::new("mass-loss", &[("rate_kg_s", rate)]);
+        one.onset_s = onset_s;
+        let constants = f550();
+        let rotors = Rotors::distinct(&constants);
+        let mut set = EffectSet::new(&Catalogue::default(), &[one], &constants, 0).unwrap();
+        for k in 0..steps {
+            set.begin(k as f64 * 0.0025);
+            set.advance(&instant(&constants, &rotors), 0.0025);
+        }
+        set.begin(steps as f64 * 0.0025);
+        set.constants().mass_kg
+    };
+    // 2.5 g/s for 10 s; for 6 s after an onset at 4 s.
+    near("from the start", mass_after(4000, None, 0.0025), 1.525);
+    near("from 4 s on", mass_after(4000, Some(4.0), 0.0025), 1.535);
+    near("before it sets in", mass_after(1600, Some(4.0), 0.0025), 1.55);
+    near("all there is", mass_after(80_000, None, 0.0025 * 40.0), 0.155);
+}
+
+#[test]
+fn val_a_heading_errs_with_the_field_of_the_current() {
+    let read = |forward: f64, right: f64, yaw: f64| {
+        let constants = f550();
+        let rotors = Rotors::distinct(&constants);
+        let mut readings = Readings {
+            attitude: [0.1, -0.05, yaw],
+            ..Readings::default()
+        };
+        effect("current-heading", &[("forward_share", forward), ("right_share", right)])
+            .readings(&instant(&constants, &rotors), &mut readings);
+        assert_eq!(readings.attitude[..2], [0.1, -0.05]);
+        readings.attitude[2]
+    };
+    // I/I_h = 0.98666896 · 15.36 V/15.5 V = 0.97775711: heading north, 0.1 of it to the right reads atan(0.097775711) too little.
+    near("field to the right", read(0.0, 0.1, 0.0), -HEADING_RIGHT);
+    // Heading east, a field forward points east: the same error.
+    let east = std::f64::consts::FRAC_PI_2;
+    near("field forward", read(0.1, 0.0, east), east - HEADING_RIGHT);
+    // Heading north it lies along the earth's field: none; and none of the heading's turns is lost.
+    near("along", read(0.1, 0.0, 0.0), 0.0);
+    near(
+        "after a turn",
+        read(0.0, 0.1, 2.0 * std::f64::consts::PI),
+        2.0 * std::f64::consts::PI - HEADING_RIGHT,
+    );
 }
 
 #[test]

@@ -193,6 +193,11 @@ fn fits_of(problem: &Problem, trial: &Trial, null: &Fitted) -> Result<Vec<Tried>
             ..only.clone()
         });
         if let Ok(fitted) = problem.fit(&open) {
+            let fitted = if problem.library.candidates[only.candidate].declaration.search.grows {
+                at_its_onset(problem, only.candidate, fitted)
+            } else {
+                fitted
+            };
             tried.push(Tried {
                 opened: vec![only.candidate],
                 // The scan chose the time among all; the gain must pay for that.
@@ -202,6 +207,52 @@ fn fits_of(problem: &Problem, trial: &Trial, null: &Fitted) -> Result<Vec<Tried>
         }
     }
     Ok(tried)
+}
+
+/// Half a span of onsets about one that a scan found, s, and how often the span may move.
+const ONSET_SPAN_S: f64 = 0.5;
+const ONSET_MOVES: usize = 3;
+
+/// The fit of what grows from its onset on, at the onset of the most evidence: the scan sees it by its straight column and to a quarter of a
+/// second, and a rate answers to that. About its best the evidence is a parabola of the onset.
+fn at_its_onset(problem: &Problem, candidate: usize, fitted: Fitted) -> Fitted {
+    let mut best = fitted;
+    for _ in 0..ONSET_MOVES {
+        let place = best.active.iter().position(|a| a.candidate == candidate);
+        let Some((place, now)) = place.and_then(|place| Some((place, best.active[place].onset_s?))) else {
+            break;
+        };
+        let at = |onset_s: f64| {
+            let mut open = best.active.clone();
+            open[place].onset_s = Some(onset_s.max(0.0));
+            problem.fit(&open).ok()
+        };
+        let (Some(before), Some(after)) = (at(now - ONSET_SPAN_S), at(now + ONSET_SPAN_S)) else {
+            break;
+        };
+        let (fall, bend) = (
+            0.5 * (after.log_evidence - before.log_evidence),
+            after.log_evidence - 2.0 * best.log_evidence + before.log_evidence,
+        );
+        let step = if bend < 0.0 {
+            (-fall / bend).clamp(-2.0, 2.0)
+        } else {
+            2.0 * fall.signum()
+        };
+        let better = [at(now + step * ONSET_SPAN_S), Some(before), Some(after)];
+        let better = better.into_iter().flatten();
+        let Some(next) = better.max_by(|a, b| a.log_evidence.total_cmp(&b.log_evidence)) else {
+            break;
+        };
+        if next.log_evidence <= best.log_evidence {
+            break;
+        }
+        best = next;
+        if step.abs() < 1.0 {
+            break;
+        }
+    }
+    best
 }
 
 /// Gain of ln evidence over the fit without the last of the opened candidates.

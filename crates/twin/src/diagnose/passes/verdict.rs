@@ -3,9 +3,10 @@
 use super::Pass;
 use super::held_out::HeldOutCheck;
 use super::refinement::LEFT_FACTOR;
-use crate::diagnose::result::{HeldOutError, Verdict};
+use crate::diagnose::result::{Diagnosis, HeldOutError, Verdict};
 use crate::diagnose::state::{Doubt, State};
 use crate::diagnose::{calibration, findings, words};
+use crate::estimation::parameters::number;
 use crate::predict::PredictError;
 
 pub(crate) struct FinalVerdict;
@@ -38,6 +39,9 @@ impl Pass for FinalVerdict {
         } else {
             Verdict::OutsideCatalogue
         };
+        if !matches!(diagnosis.verdict, Verdict::CalibrateFirst { .. }) {
+            forget_what_raises(diagnosis, &state.doubts);
+        }
         // While something is unexplained, an interval is too narrow to speak against a guess.
         if state.doubts.is_empty() && diagnosis.goodness.unexplained.is_empty() {
             diagnosis.calibrate.extend(calibration::learned(&state.problem)?);
@@ -46,4 +50,25 @@ impl Pass for FinalVerdict {
         diagnosis.goodness.unexplained.extend(doubts);
         Ok(())
     }
+}
+
+/// Nothing is called present with which the prediction of blocks that no fit has seen becomes worse, not even as a part of the error.
+fn forget_what_raises(diagnosis: &mut Diagnosis, doubts: &[Doubt]) {
+    let risen = doubts.iter().find_map(|doubt| match doubt {
+        Doubt::HeldOutRises(quantity) => diagnosis.held_out.iter().find(|error| error.quantity == *quantity),
+        _ => None,
+    });
+    let Some(risen) = risen else { return };
+    let with = format!(
+        "with it the {} error on unseen blocks rises from {} to {} {}",
+        risen.quantity,
+        number(risen.before),
+        number(risen.after),
+        risen.unit
+    );
+    let all = diagnosis.effects.drain(..).chain(diagnosis.sensor_or_timing.drain(..));
+    let names: Vec<String> = all.map(|finding| finding.label.to_lowercase()).collect();
+    diagnosis
+        .notes
+        .push(format!("not believed: {}; {with}", names.join(", ")));
 }

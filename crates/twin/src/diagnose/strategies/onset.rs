@@ -1,6 +1,9 @@
 //! When an effect sets in: its columns count only from a time on. Block boundaries first, then a quarter of a second.
 //!
-//! An effect from t₀ on has the column of the effect with the rows before t₀ at 0, up to the memory of the chain (one lag, 0.05 s).
+//! An effect from t₀ on has the column of the effect with the rows before t₀ at 0, up to the memory of the chain (one lag, 0.05 s). Of an
+//! effect that grows with the time since it set in, (t − t₀)/t of it: the column less t₀ times the column over t.
+
+use std::sync::Arc;
 
 use rotortwin_plant::effects::{EffectDeclaration, Place, TrimChange};
 
@@ -120,29 +123,35 @@ pub(crate) fn scan(problem: &Problem, candidate: usize) -> Option<(f64, f64)> {
     }
     let grid = (GRID_S / series.step_s).round().max(1.0) as usize;
     let cells = series.len / grid;
-    // Contribution of each cell to the rows of the candidate.
-    let rows: Vec<Vec<Vec<f64>>> = moved
-        .iter()
-        .map(|column| {
-            (0..cells)
-                .map(|cell| cell_row(problem, column, columns, cell * grid..(cell + 1) * grid))
-                .collect()
-        })
-        .collect();
     let size = problem.size();
     // Rows of the candidate from each cell to the end.
-    let tails: Vec<Vec<Vec<f64>>> = rows
-        .iter()
-        .map(|cells| {
-            let mut tail = vec![vec![0.0; size + 1]; cells.len() + 1];
-            for cell in (0..cells.len()).rev() {
-                for i in 0..=size {
-                    tail[cell][i] = tail[cell + 1][i] + cells[cell][i];
-                }
+    let tails_of = |column: &Column| -> Vec<Vec<f64>> {
+        let mut tail = vec![vec![0.0; size + 1]; cells + 1];
+        for cell in (0..cells).rev() {
+            let own = cell_row(problem, column, columns, cell * grid..(cell + 1) * grid);
+            for i in 0..=size {
+                tail[cell][i] = tail[cell + 1][i] + own[i];
             }
-            tail
-        })
-        .collect();
+        }
+        tail
+    };
+    let tails: Vec<Vec<Vec<f64>>> = moved.iter().map(|column| tails_of(column)).collect();
+    // Of one that grows, the same of the column over the time, and the squares of that.
+    let growth = match (
+        moved.as_slice(),
+        problem.library.candidates[candidate].declaration.search.grows,
+    ) {
+        ([only], true) => {
+            let slope = over_time(only, series.step_s);
+            let square = |cell: usize| square_of(problem, &slope, cell * grid..(cell + 1) * grid);
+            let mut squares = vec![0.0; cells + 1];
+            for cell in (0..cells).rev() {
+                squares[cell] = squares[cell + 1] + square(cell);
+            }
+            Some((tails_of(&slope), squares))
+        }
+        _ => None,
+    };
     // Products of two parameters of the candidate stand in both rows with the same cells, so a tail is exact for them, too.
     let evidence = |cell: usize| -> Option<f64> {
         let mut normal = Normal {
@@ -152,7 +161,15 @@ pub(crate) fn scan(problem: &Problem, candidate: usize) -> Option<(f64, f64)> {
             samples: 0.0,
         };
         for (a, &i) in places.iter().enumerate() {
-            let tail = &tails[a][cell];
+            let mut tail = tails[a][cell].clone();
+            if let Some((slopes, squares)) = &growth {
+                let since = (cell * grid) as f64 * series.step_s;
+                let own = slopes[cell][i];
+                for (tail, slope) in tail.iter_mut().zip(&slopes[cell]) {
+                    *tail -= since * slope;
+                }
+                tail[i] += since * (since * squares[cell] - own);
+            }
             for j in 0..size {
                 *normal.matrix.at_mut(i, j) = tail[j];
                 *normal.matrix.at_mut(j, i) = tail[j];
@@ -175,6 +192,32 @@ pub(crate) fn scan(problem: &Problem, candidate: usize) -> Option<(f64, f64)> {
     // The time was chosen among all cells.
     let gain = best - first - (cells as f64).ln();
     (gain > 0.0).then(|| (series.time(cell * grid), gain))
+}
+
+/// A column over the time since the first row, 1/s; nothing in that row.
+fn over_time(column: &Column, step_s: f64) -> Column {
+    let over = |rows: &Vec<f32>| -> Vec<f32> {
+        let each = rows.iter().enumerate();
+        each.map(|(k, &x)| {
+            if k == 0 {
+                0.0
+            } else {
+                (f64::from(x) / (k as f64 * step_s)) as f32
+            }
+        })
+        .collect()
+    };
+    Arc::new(std::array::from_fn(|channel| column[channel].as_ref().map(over)))
+}
+
+/// Square of a column over some rows.
+fn square_of(problem: &Problem, column: &Column, rows: std::ops::Range<usize>) -> f64 {
+    let of = |channel: usize| {
+        let own = column[channel].as_ref()?;
+        let square: f64 = own[rows.clone()].iter().map(|&x| f64::from(x) * f64::from(x)).sum();
+        Some(problem.weights[0][channel] * square)
+    };
+    (0..CHANNELS).filter_map(of).sum()
 }
 
 /// Products of a column with every column and the residual over some rows; in the order of the problem, the residual last.

@@ -60,6 +60,9 @@ fn variants(problem: &Problem, candidate: usize, all: bool) -> Vec<Variant> {
         let mut columns = problem.library.columns_of(candidate).into_iter();
         columns.all(|j| linear.columns[own + j].iter().all(Option::is_none))
     });
+    if entry.declaration.search.strategy == Strategy::OfAnother {
+        return found;
+    }
     let needs = entry.declaration.needs;
     let others = problem.library.candidates.iter().enumerate();
     for (companion, other) in others.filter(|(_, other)| silent && needs.contains(&other.declaration.id)) {

@@ -56,6 +56,10 @@ const REST_FORCE: f64 = 0.6;
 const REST_RATE_RAD_S: f64 = 0.1;
 const REST_LEAN_RAD: f64 = 0.01;
 
+/// Time after a blow in which a vehicle comes to rest, s; and how little its height then differs, m.
+const SETTLES_S: f64 = 1.0;
+const RESTING_HEIGHT_M: f64 = 0.05;
+
 const UNMOVED_WHY: &str = "the motors run and the vehicle does not move (no propellers, or tied down)";
 
 /// All parts, without a hole but where the log has one.
@@ -127,7 +131,7 @@ fn ground_level(effort: &[f64]) -> f64 {
     /// Nothing flies at so little.
     const IDLE: f64 = 0.03;
     /// An idling motor is asked for less than this share of what it flies with.
-    const IDLE_SHARE: f64 = 0.45;
+    const IDLE_SHARE: f64 = 0.6;
     /// At this share of the way the thrust (u^1.3 to u²) is a quarter of the weight or less.
     const LEVEL: f64 = 0.35;
     let mut sorted: Vec<f64> = effort.iter().copied().filter(|value| value.is_finite()).collect();
@@ -174,6 +178,7 @@ fn ground(signals: &Signals, effort: &[f64], level: f64) -> (Vec<bool>, Vec<bool
         }
         from = bin;
     }
+    on_ground[lies_from(signals, &still)..].fill(true);
     let unmoved = stand_still(signals, effort, &on_ground);
     for (on_ground, unmoved) in on_ground.iter_mut().zip(&unmoved) {
         *on_ground |= unmoved;
@@ -191,6 +196,27 @@ fn ground(signals: &Signals, effort: &[f64], level: f64) -> (Vec<bool>, Vec<bool
         from = bin;
     }
     (on_ground, unmoved)
+}
+
+/// The first bin from which a vehicle lies until the end of the log while its motors run on as in a hover: after a blow it rests, lower than it
+/// was anywhere before. How much the ground carries of it nobody knows. The number of bins, if there is none.
+fn lies_from(signals: &Signals, still: &[bool]) -> usize {
+    let none = still.len();
+    let (Some(shock), Some(height)) = (&signals.shock, &signals.height) else {
+        return none;
+    };
+    let Some(blow) = shock.iter().rposition(|shock| beyond(*shock, BLOW)) else {
+        return none;
+    };
+    let rest = signals.between(signals.end_s[blow] + SETTLES_S, f64::INFINITY);
+    let resting = still[rest.clone()].iter().filter(|still| **still).count();
+    if rest.is_empty() || 10 * resting < 9 * rest.len() {
+        return none;
+    }
+    let lowest = |bins: &[f64]| bins.iter().copied().fold(f64::INFINITY, f64::min);
+    let unmoved = deviation(height[rest.clone()].iter().copied()) < RESTING_HEIGHT_M;
+    let down = lowest(&height[rest]) < lowest(&height[..blow]) + RESTING_HEIGHT_M;
+    if unmoved && down { blow + 1 } else { none }
 }
 
 /// Whether the accelerometer says of bins with idle motors that nothing carries the vehicle.

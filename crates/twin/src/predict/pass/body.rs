@@ -8,7 +8,7 @@ use rotortwin_plant::effects::{EffectSet, Hooks, Readings, Wrench};
 
 use super::{Plant, When, between, sensors_may_err, turned};
 use crate::predict::series::{Kinematics, shifted};
-use crate::predict::vectors::{cross, inverted, times, to_body};
+use crate::predict::vectors::{cross, euler_rates, inverted, times, to_body};
 
 /// What the model does to the body.
 #[derive(Debug, Default)]
@@ -34,6 +34,10 @@ pub(super) struct Imu {
     /// untrue. The velocity is predicted from the readings less this. To divide a reading by its scale would shrink or swell its noise,
     /// and win or lose for that.
     pub(super) accel_error: Option<Vec<Vector3>>,
+    /// Rate over step k of what the attitude reads too much, rad/s, where an effect makes it come and go with the flight. The attitude is
+    /// carried over the step by the gyroscope: its own reading at the end has the noise of the very difference that this predicts, and an
+    /// error that goes with the heading would win for taking that over.
+    pub(super) attitude_error_rate: Option<Vec<Vector3>>,
 }
 
 impl Plant {
@@ -199,6 +203,9 @@ impl Plant {
             let Steps { force, spin_up, .. } = steps;
             let (mut accel, mut turned) = (force.clone(), spin_up.clone());
             let mut error = vec![[0.0; 3]; s.len];
+            let mut attitude_rate = vec![[0.0; 3]; s.len];
+            let mut attitude_errs = false;
+            let mut last = [0.0; 3];
             let (mut inverse, mut allocation) = (inverted(&c.inertia_body_kg_m2), c.allocation());
             let (mut ratio, nothing) = ([0.0; MAX_ROTORS], [0.0; MAX_ROTORS]);
             for k in 0..s.len {
@@ -234,7 +241,23 @@ impl Plant {
                         &ratio[..n],
                         &nothing[..n],
                     );
+                    let before = read.attitude;
                     set.readings(&at, &mut read);
+                    if read.attitude != before {
+                        attitude_errs = true;
+                        let mut error = |attitude: Vector3| {
+                            let mut one = Readings { attitude, ..read };
+                            set.readings(&at, &mut one);
+                            [0, 1, 2].map(|i| one.attitude[i] - attitude[i])
+                        };
+                        if k > 0 {
+                            let there = error(carried(motion, k - 1, s.step_s));
+                            attitude_rate[k - 1] = [0, 1, 2].map(|i| (there[i] - last[i]) / s.step_s);
+                        }
+                        last = error(motion.attitude[k]);
+                    } else {
+                        last = [0.0; 3];
+                    }
                 }
                 error[k] = [0, 1, 2].map(|i| read.specific_force[i] - force[k][i]);
                 accel[k] = read.specific_force;
@@ -247,6 +270,7 @@ impl Plant {
                 accel: Some(accel),
                 spin_up: Some(turned),
                 accel_error: Some(error),
+                attitude_error_rate: attitude_errs.then_some(attitude_rate),
             };
         }
         if c.imu_latency_s != 0.0 {
@@ -258,6 +282,13 @@ impl Plant {
         }
         imu
     }
+}
+
+/// The attitude at the end of step k, from that at its start by the rates of the gyroscope.
+fn carried(motion: &Kinematics, k: usize, step_s: f64) -> Vector3 {
+    let rate = |k: usize| euler_rates(&motion.ned_from_body[k], motion.rates[k]);
+    let (before, after) = (rate(k), rate(k + 1));
+    [0, 1, 2].map(|i| motion.attitude[k][i] + 0.5 * step_s * (before[i] + after[i]))
 }
 
 /// Means over steps of a signal that is `delay_s` late: the mean of two neighbouring steps by their share of the time. Exact for

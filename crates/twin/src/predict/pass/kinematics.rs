@@ -74,7 +74,8 @@ impl Plant {
                 put(KV, &rate, c.velocity_latency_s, have.accel);
             }
         }
-        if have.attitude && have.rates && !known(&[|m| &m.attitude, |m| &m.rates]) {
+        let of_attitude = have.attitude && have.rates && !known(&[|m| &m.attitude, |m| &m.rates]);
+        if of_attitude {
             let rate: Vec<Vector3> = (0..s.len)
                 .map(|k| euler_rates(&motion.ned_from_body[k], motion.rates[k]))
                 .collect();
@@ -82,6 +83,15 @@ impl Plant {
         }
         if have.position && have.velocity && !known(&[|m| &m.velocity, |m| &m.position]) {
             put(KP, &motion.velocity, c.position_latency_s, true);
+        }
+        if let (true, Some(error)) = (of_attitude, &imu.attitude_error_rate) {
+            let late = shifted(error, -c.attitude_latency_s, step);
+            for i in 0..3 {
+                let column = Arc::make_mut(&mut channels[KA + i]);
+                for (rate, more) in column.iter_mut().zip(&late) {
+                    *rate += more[i];
+                }
+            }
         }
     }
 }

@@ -10,14 +10,25 @@ use super::{Plant, Source, When, sensors_may_err};
 use crate::predict::series::{Drive, Kinematics, Vectors, shifted};
 use crate::predict::vectors::rotation;
 
-/// Steps of the fixed point by which readings are undone that an effect changes in ways of its own.
-const FIXED_POINT_STEPS: usize = 3;
+/// Most steps of the fixed point by which readings are undone that an effect changes in ways of its own, and the change that is none.
+const FIXED_POINT_STEPS: usize = 12;
+const FIXED: f64 = 1e-9;
 
 /// Sets a sample; the vector stays shared until the first one that differs.
 fn set(shared: &mut Vectors, k: usize, value: Vector3) {
     if shared[k] != value {
         Arc::make_mut(shared)[k] = value;
     }
+}
+
+/// True if no reading is another one by more than nothing.
+fn is_near(a: &Readings, b: &Readings) -> bool {
+    let near = |a: Vector3, b: Vector3| (0..3).all(|i| (a[i] - b[i]).abs() < FIXED);
+    near(a.position_ned, b.position_ned)
+        && near(a.velocity_ned, b.velocity_ned)
+        && near(a.attitude, b.attitude)
+        && near(a.body_rates, b.body_rates)
+        && near(a.specific_force, b.specific_force)
 }
 
 impl Plant {
@@ -79,6 +90,7 @@ impl Plant {
             let mut truth = read;
             if effects.hooks().uses(Hooks::READINGS) {
                 for _ in 0..FIXED_POINT_STEPS {
+                    let before = truth;
                     let mut again = truth;
                     c.corrupt(&mut again, turning[k]);
                     // The rotors' thrust comes later in the chain; the specific force tells their sum.
@@ -92,6 +104,9 @@ impl Plant {
                         truth.attitude[i] += read.attitude[i] - again.attitude[i];
                         truth.body_rates[i] += read.body_rates[i] - again.body_rates[i];
                         truth.specific_force[i] += read.specific_force[i] - again.specific_force[i];
+                    }
+                    if is_near(&before, &truth) {
+                        break;
                     }
                 }
             } else {
