@@ -228,8 +228,8 @@ fn refusal_of(file: &str, report: &LogReport) -> Option<String> {
     let complete = |time: &NotJudgedView| time.obstacle.reason != Obstruction::Gap;
     (report.final_window.is_none() && !report.not_judged.iter().any(complete)).then(|| {
         format!(
-            "{file}: no step has a value in every channel that the detectors need; expected rows that hold velocity, attitude, body rates, \
-             duties and voltage together"
+            "{file}: no step has a value in every channel that the detectors need; expected rows that hold velocity and attitude (or specific force), \
+             body rates, duties and voltage together"
         )
     })
 }

@@ -1,10 +1,10 @@
 //! What sessions say of faults in the independent generator's world. Shares are asserted with room for chance, at fixed seeds; figures with
 //! intervals come from `rotortwin blind --preset faults`.
 
-use rotortwin_blind::bench::faults::{Class, End, FaultCase, FaultRow, draw_cases, fly_case, score};
+use rotortwin_blind::bench::faults::{Class, End, FaultCase, FaultRow, draw_cases, fly_case, other_days, score};
 use rotortwin_blind::bench::faults_sheet;
 use rotortwin_blind::flight::Row;
-use rotortwin_fdi_session::{Chunk, FdiSession, Sample, Window};
+use rotortwin_fdi_session::{Chunk, FdiSession, Learner, Learnt, Sample, Window};
 use rotortwin_flight_core::MAX_ROTORS;
 use rotortwin_scenario::{DetectorSettings, Detectors, VehicleDocuments};
 use serde_json::json;
@@ -28,19 +28,7 @@ fn windows(case: &FaultCase) -> Vec<Window> {
 }
 
 fn windows_of(rows: &[Row]) -> Vec<Window> {
-    let documents = VehicleDocuments::load(VEHICLE).expect("shipped");
-    let detectors = Detectors::new(documents, &DetectorSettings::default(), None).expect("a good configuration");
-    let mut session = FdiSession::new(*detectors.config(), 1).expect("a good configuration");
-    let mut windows = Vec::new();
-    for (part, rows) in rows.chunks(1000).enumerate() {
-        let chunk = Chunk {
-            first_step: 1000 * part as u64,
-            after_gap: false,
-            samples: rows.iter().map(sample).collect(),
-        };
-        windows.extend(session.feed(&chunk).expect("taken").windows);
-    }
-    windows
+    fed(&mut FdiSession::new(*detectors().config(), 1).expect("a good configuration"), rows)
 }
 
 /// The same, scored.
@@ -219,6 +207,118 @@ fn bench_classes() {
         });
         println!("{}", faults_sheet::text(&faults_sheet::sum_up(&rows)));
     }
+}
+
+#[test]
+#[ignore]
+fn explore() {
+    let of = |name: &str, default: &str| std::env::var(name).unwrap_or_else(|_| default.to_owned());
+    let n: usize = of("N", "60").parse().unwrap();
+    let seed: u64 = of("SEED", "777").parse().unwrap();
+    let loss: f64 = of("LOSS", "0.05").parse().unwrap();
+    let verbose = of("VERBOSE", "") != "";
+    let all = cases_of(if loss == 0.0 { Class::FiveHealthy } else { Class::FiveStep }, n, seed, 60.0);
+    let cores = 2;
+    let totals = std::sync::Mutex::new([[0.0f64; 8]; 2]);
+    std::thread::scope(|scope| {
+        for part in all.chunks(all.len().div_ceil(cores)) {
+            let totals = &totals;
+            scope.spawn(move || {
+                for case in part {
+                    let mut case = case.clone();
+                    let last = case.effects.len() - 1;
+                    if loss != 0.0 {
+                        case.effects[last].parameters.insert("share".into(), -loss);
+                    }
+                    let Ok(rows) = fly_case(&case) else { continue };
+                    let days: Vec<_> = other_days(&case, 3).iter().filter_map(|c| fly_case(c).ok()).collect();
+                    if days.len() < 3 { continue; }
+                    let (detectors, learnt) = learnt_from(&days);
+                    let ids: Vec<String> = case.effects.iter().map(|e| e.id.clone()).collect();
+                    let mut text = format!("case {} {} {ids:?}\n", case.index, case.flight);
+                    if verbose { text += &format!("{learnt:?}\n"); }
+                    for with in [false, true] {
+                        let mut session = if with { FdiSession::with_learnt(detectors.config(), 1, &learnt) } else { FdiSession::new(*detectors.config(), 1) }.unwrap();
+                        let mut w = fed(&mut session, &rows[..6000]);
+                        let middle = session.debug();
+                        for (part, rows) in rows[6000..].chunks(1000).enumerate() {
+                            let chunk = Chunk { first_step: 6000 + 1000 * part as u64, after_gap: false, samples: rows.iter().map(sample).collect() };
+                            w.extend(session.feed(&chunk).expect("taken").windows);
+                        }
+                        let mut why: std::collections::BTreeMap<String, usize> = Default::default();
+                        for w in &w { if let Some(o) = w.obstacle { *why.entry(o.to_string().chars().take(25).collect()).or_default() += 1; } }
+                        let row = scored(&case, &w);
+                        let found = row.first_s.is_some_and(|s| s <= 10.0);
+                        {
+                            let mut t = totals.lock().unwrap();
+                            let t = &mut t[usize::from(with)];
+                            t[0] += 1.0; t[1] += f64::from(u8::from(found)); t[2] += row.false_alarms as f64; t[3] += row.healthy_s; t[4] += f64::from(u8::from(row.healthy_named));
+                            if let Some(inside) = row.inside { t[5] += 1.0; t[6] += f64::from(u8::from(inside)); }
+                            t[7] += row.decided_s;
+                        }
+                        let f = &case.effects[last];
+                        let onset = f.onset_s.unwrap_or(20.0);
+                        let t_of = |w: &Window| w.report.stamp.sim_time_ns as f64 * 1e-9;
+                        let small = w.iter().rfind(|w| t_of(w) < onset).and_then(|w| w.smallest_loss.get(f.rotor.unwrap_or(1).saturating_sub(1)).copied()).unwrap_or(-1.0);
+                        let lastw = w.last().map(|w| w.report.thrust_loss);
+                        text += &format!("   {} found {found} first {:?} inside {:?} end {:?} fa {} hn {} small {small:.3} decided {:.0} last {:?}\n",
+                            if with { "LEARNT" } else { "before" }, row.first_s, row.inside, row.end, row.false_alarms, row.healthy_named, row.decided_s,
+                            lastw.map(|l| [l.share_low, l.share, l.share_high]));
+                        text += &format!("      {middle}; why {why:?}\n");
+                        if (!found && loss != 0.0 && with) && verbose {
+                            for w in w.iter().step_by(8) {
+                                let t = w.report.stamp.sim_time_ns as f64 * 1e-9;
+                                if t > onset - 1.0 && t < onset + 10.0 {
+                                    text += &format!(
+                                        "      {:.1} engine {} p {:.2} said {} {:?} share {:.3} small {:.3}\n",
+                                        t - onset, w.engine.sequential, w.engine.sequential_probability, w.report.sequential,
+                                        w.obstacle.map(|o| o.to_string().chars().take(40).collect::<String>()),
+                                        w.report.thrust_loss.share,
+                                        w.smallest_loss.get(f.rotor.unwrap() - 1).copied().unwrap_or(-1.0)
+                                    );
+                                }
+                            }
+                        }
+                    }
+                    print!("{text}");
+                }
+            });
+        }
+    });
+    for (t, name) in totals.lock().unwrap().iter().zip(["before", "learnt"]) {
+        println!("TOTAL {name}: n {} found {} alarms {} healthy_s {} named {} inside {}/{} decided {:.0}", t[0], t[1], t[2], t[3], t[4], t[6], t[5], t[7]);
+    }
+}
+
+fn detectors() -> Detectors {
+    let documents = VehicleDocuments::load(VEHICLE).expect("shipped");
+    Detectors::new(documents, &DetectorSettings::default(), None).expect("a good configuration")
+}
+
+fn fed(session: &mut FdiSession, rows: &[Row]) -> Vec<Window> {
+    let mut windows = Vec::new();
+    for (part, rows) in rows.chunks(1000).enumerate() {
+        let chunk = Chunk {
+            first_step: 1000 * part as u64,
+            after_gap: false,
+            samples: rows.iter().map(sample).collect(),
+        };
+        windows.extend(session.feed(&chunk).expect("taken").windows);
+    }
+    windows
+}
+
+/// What healthy flights say of a vehicle.
+fn learnt_from(flights: &[Vec<Row>]) -> (Detectors, Learnt) {
+    let detectors = detectors();
+    let mut learner = Learner::new(detectors.config());
+    for rows in flights {
+        let mut session = FdiSession::new(*detectors.config(), 1).expect("a good configuration").that_learns(learner);
+        fed(&mut session, rows);
+        learner = session.into_learner().expect("it learns");
+    }
+    let learnt = learner.learnt().expect("long enough");
+    (detectors, learnt)
 }
 
 #[test]

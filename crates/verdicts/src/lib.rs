@@ -5,6 +5,7 @@
 //! * [`score`]: how right that was, where the truth is known.
 //! * [`detectors`]: which detectors, of a model and settings.
 
+mod axial;
 pub mod detectors;
 pub mod fleet;
 pub mod log;

@@ -5,17 +5,20 @@
 //! ```
 //! Behind `POST /api/v1/fdi/reports` and `rotortwin fdi-log`. A log that has 400 Hz goes in as it is, bit for bit; another one is resampled
 //! as `rotortwin log import --rate 400` does (duties held, the rest along straight lines), which takes noise away: the report says so.
-//! Steps without a value in a channel that the detectors need are lost steps; what a session does at a gap is done here.
+//! Steps without a value in a channel that the detectors need are lost steps; what a session does at a gap is done here. A log without velocity or
+//! attitude is judged by its accelerometer ([`crate::axial`]), one without a voltage by its duties ([`crate::voltage`]): `lacks` says what that costs.
 //!
 //! Only what is in the air is given to the session: the log tells when the ground was left and where it was near
 //! again, which a session has to find without the rest of the flight. A *stretch* is what was judged after one calibration.
 
+use crate::axial::Axial;
 use crate::view::{ChangeView, DetectorsView, ObstacleView, Obstruction, SequentialView, WindowView, code_in};
 use crate::voltage::WorkedOutVoltage;
 use rotortwin_fdi_session::session::LONGEST_CHUNK;
 use rotortwin_fdi_session::validity::CANNOT_JUDGE;
 use rotortwin_fdi_session::{Chunk, FdiSession, Sample, Window};
 use rotortwin_flight_core::MAX_ROTORS;
+use rotortwin_flight_core::fdi::FdiConfig;
 use rotortwin_flight_core::fdi::verdict_code::{HEALTHY, NOT_READY};
 use rotortwin_plant::STEP_RATE_HZ;
 use rotortwin_scenario::Detectors;
@@ -168,11 +171,11 @@ fn needed(rotor_count: usize) -> Vec<(&'static str, Vec<String>)> {
     let owned = |names: [&str; 3]| names.map(str::to_owned).to_vec();
     vec![
         (
-            "the momentum of the vehicle, and so every residual",
+            "the momentum of the vehicle, and so every residual (the accelerometer's accel_z_m_s2 would do, too)",
             owned(names::VELOCITY),
         ),
         (
-            "the direction of thrust and weight, and so every residual",
+            "the direction of thrust and weight, and so every residual (the accelerometer's accel_z_m_s2 would do, too)",
             owned(names::ATTITUDE),
         ),
         ("the angular momentum, and so every residual", owned(names::RATES)),
@@ -187,6 +190,27 @@ fn needed(rotor_count: usize) -> Vec<(&'static str, Vec<String>)> {
 fn has(log: &FlightLog, name: &str) -> bool {
     let values = log.column(name);
     values.is_some_and(|values| values.iter().any(|value| !value.is_nan()))
+}
+
+/// Columns of velocity and attitude that the log has no value of.
+fn without_motion(log: &FlightLog) -> Vec<String> {
+    let needed = names::VELOCITY.iter().chain(&names::ATTITUDE);
+    let missing = needed.filter(|name| !has(log, name));
+    missing.map(|name| (*name).to_owned()).collect()
+}
+
+/// What is not known of a log that is judged by its accelerometer.
+fn judged_by_force(log: &FlightLog, axial: &Axial) -> Lack {
+    Lack {
+        columns: without_motion(log),
+        rules_out: format!(
+            "how the vehicle stands and where it moves. The specific force along the rotors' axis is judged in the place of the momentum; the drag along \
+             that axis counts as unknown (0 ± {:.2} N·s/m, 95 %), drag across it as none, and an accelerometer away from the centre of mass as gusts: \
+             intervals and the smallest loss that would be seen are wider for it",
+            axial.drag
+        ),
+        prevents_verdicts: false,
+    }
 }
 
 /// What the log lacks beside the voltage.
@@ -213,9 +237,16 @@ fn lacks(log: &FlightLog, detectors: &Detectors) -> Vec<Lack> {
 }
 
 /// The voltage of a log that has none, and what is not known for want of it.
-fn without_voltage(log: &FlightLog, detectors: &Detectors) -> (Option<WorkedOutVoltage>, Lack) {
+///
+/// * `leak`: by which the velocity down forgets, 1/s
+fn without_voltage(
+    log: &FlightLog,
+    parts: &FlightParts,
+    detectors: &Detectors,
+    leak: f64,
+) -> (Option<WorkedOutVoltage>, Lack) {
     let columns = vec![names::BATTERY_VOLTAGE.to_owned()];
-    match WorkedOutVoltage::of(log, detectors) {
+    match WorkedOutVoltage::of(log, parts, detectors, leak) {
         Ok(voltage) => {
             let begin = voltage.begin;
             let rules_out = format!(
@@ -273,20 +304,32 @@ pub fn judge(log: &FlightLog, detectors: &Detectors, every_window: bool) -> Resu
     if let Some(refusal) = log.refusal_before_detection(vehicle) {
         return Err(LogRefusal(refusal));
     }
-    let mut lacks = lacks(log, detectors);
+    let axial = (!without_motion(log).is_empty())
+        .then(|| Axial::of(log, detectors.config()))
+        .flatten();
+    let (judged, config) = match &axial {
+        Some(axial) => (&axial.log, &axial.config),
+        None => (log, detectors.config()),
+    };
+    let parts = parts_of(log);
+    let mut lacks = lacks(judged, detectors);
+    if let Some(axial) = &axial {
+        lacks.insert(0, judged_by_force(log, axial));
+    }
     let mut voltage = None;
     if !has(log, names::BATTERY_VOLTAGE) && !lacks.iter().any(|lack| lack.prevents_verdicts) {
-        let (worked_out, lack) = without_voltage(log, detectors);
+        let leak = axial.as_ref().map_or(0.0, |_| Axial::LEAK);
+        let (worked_out, lack) = without_voltage(judged, &parts, detectors, leak);
         voltage = worked_out;
         lacks.insert(0, lack);
     }
     let rate_hz = log.sample_rate_hz();
     let resampled = (rate_hz - STEP_RATE_HZ).abs() > SAME_RATE_HZ;
-    let mut judge = Judge::new(detectors, log);
+    let mut judge = Judge::new(config, parts);
     judge.lists = every_window;
     judge.voltage = voltage;
     if !lacks.iter().any(|lack| lack.prevents_verdicts) {
-        judge.run(log, rotor_count);
+        judge.run(judged, rotor_count);
     }
     let mut notes = judge.notes;
     if let RotorOrder::Vehicle(note) = &log.report.rotor_order {
@@ -387,7 +430,7 @@ struct Judge {
 }
 
 impl Judge {
-    fn new(detectors: &Detectors, log: &FlightLog) -> Self {
+    fn new(config: &FdiConfig, parts: FlightParts) -> Self {
         let count = |detector: &str| DetectorCount {
             detector: detector.to_owned(),
             decided: 0,
@@ -397,7 +440,7 @@ impl Judge {
             first_alarm_s: None,
         };
         Self {
-            session: FdiSession::new(*detectors.config(), 1).expect("the detectors were checked"),
+            session: FdiSession::new(*config, 1).expect("the detectors were checked"),
             chunk: Chunk::default(),
             voltage: None,
             lost: 0,
@@ -409,7 +452,7 @@ impl Judge {
             counts: [count("t_test"), count("network"), count("sequential")],
             alarmed: [false; 3],
             notes: Vec::new(),
-            parts: parts_of(log),
+            parts,
             part: 0,
             left_air: false,
             stretches: Vec::new(),

@@ -14,7 +14,7 @@
 //!   ([`trust`]).
 
 mod joint;
-mod meter;
+pub(crate) mod meter;
 mod sets;
 mod settling;
 mod trust;
@@ -142,6 +142,13 @@ impl SecondLook {
             trust: Trust::default(),
             caution: [1.0, 0.0],
         }
+    }
+
+    /// For finding out.
+    pub fn debug(&self) -> String {
+        let n = self.filter.noise();
+        let h = self.hover;
+        format!("worst {:.2} gust {:.3?} white {:.3?} meas {:.4?}", self.trust.worst(), n.map(|n| n.gust.sqrt() / h), n.map(|n| n.white.sqrt() / h), n.map(|n| n.measurement.sqrt()))
     }
 
     /// Takes in a sample that the engine has taken.

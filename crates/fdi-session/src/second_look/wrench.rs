@@ -30,7 +30,7 @@ const CALMS: f64 = 0.06;
 const RISES: f64 = 0.01;
 /// Levels of gusts that are tried, share of a rotor's thrust in hover; each the √10-fold of the one before.
 const LEAST_GUST: f64 = 3e-4;
-const GUST_LEVELS: i32 = 7;
+const GUST_LEVELS: i32 = 8;
 /// White force, standard deviation of its mean over a block in the same unit.
 const LEAST_WHITE: f64 = 3e-4;
 const WHITE_LEVELS: i32 = 7;
