@@ -14,7 +14,9 @@
 //! translational lift), rates (damping, products of inertia), what the commands change (lag, latencies, spin of the rotors), the voltage. Θ has a prior about
 //! 0 of what such physics can be, so that what the flights do not show stays 0.
 //!
-//! A session that has learnt adds F⁺ Σ_k Θ_ak s_k to the thrusts that were commanded: the detectors stay as they are and see a vehicle that is their model.
+//! A session that has learnt adds F⁺ Σ_k Θ_ak s_k to the thrusts that were commanded: the detectors stay as they are and see a vehicle that is their model. Their
+//! priors of what was learnt are narrower by [`NARROW`]; the second look takes no calibration for calmer than [`LEAST_NOISE`] of what the flights left, since
+//! eight seconds seldom hold a gust or a corner of the flight to come.
 //!
 //! Limits: what the flights did not do is not learnt; a wind is the day's, so drag is learnt against the ground. A fault in a flight that is learnt from is
 //! a part of the vehicle then.
@@ -55,7 +57,11 @@ const NAMES: [(&str, f64, f64); 30] = [
     ("product of pitch and yaw rate", 0.2, 0.05),
     ("product of roll and yaw rate", 0.2, 0.05),
     ("product of roll and pitch rate", 0.2, 0.05),
-    ("roll rate times speed to the right less pitch rate times forward speed", 0.05, 0.02),
+    (
+        "roll rate times speed to the right less pitch rate times forward speed",
+        0.05,
+        0.02,
+    ),
     ("specific force forward, as the air pushes", 0.5, 0.3),
     ("specific force to the right, as the air pushes", 0.5, 0.3),
     ("square of the horizontal specific force over the weight", 0.5, 0.3),
@@ -82,6 +88,10 @@ const GUST: usize = 1;
 const BIAS: usize = 2;
 /// Fewest blocks that something is learnt from: 20 s.
 const FEWEST_BLOCKS: usize = 320;
+/// Spreads of gain, lag, centre of mass and drag of a vehicle that is known from flights, over those of one that is not.
+const NARROW: f32 = 0.4;
+/// Variances of a calm day over those of the flights.
+const LEAST_NOISE: f64 = 0.25;
 /// Rounds of noise and Θ.
 const ROUNDS: usize = 2;
 /// Low-pass of the horizontal force, s: it stands for the speed through the air, which a rotor's drag makes of it.
@@ -132,7 +142,10 @@ impl Signals {
         let body = BodyToNed::from_euler(input.nav.attitude);
         let [u, v, w] = body.to_body(input.nav.velocity_ned).to_array().map(f64::from);
         let [p, q, r] = input.nav.body_rates.to_array().map(f64::from);
-        let gravity = body.to_body(Vec3::new(0.0, 0.0, self.config.gravity)).to_array().map(f64::from);
+        let gravity = body
+            .to_body(Vec3::new(0.0, 0.0, self.config.gravity))
+            .to_array()
+            .map(f64::from);
         // f = v' + ω × v − g.
         let turn = [q * w - r * v - gravity[0], r * u - p * w - gravity[1]];
         let lagged = self.lagged.get_or_insert_with(|| {
@@ -155,7 +168,11 @@ impl Signals {
         let voltage = f64::from(input.battery_voltage);
         self.voltage += (voltage - self.voltage) * f64::from(self.config.period) / VOLTAGE_TIME;
         let level = u.hypot(v);
-        let off = if self.voltage > 0.0 { voltage / self.voltage - 1.0 } else { 0.0 };
+        let off = if self.voltage > 0.0 {
+            voltage / self.voltage - 1.0
+        } else {
+            0.0
+        };
         [
             wrench[0] + self.weight,
             wrench[1],
@@ -271,7 +288,9 @@ impl Learner {
             self.sum[k] += self.integral[k];
         }
         let rotors = self.config.geometry.rotor_count();
-        let now = self.signals.of(input, &static_thrust(&self.config.thrust_map, rotors, input));
+        let now = self
+            .signals
+            .of(input, &static_thrust(&self.config.thrust_map, rotors, input));
         let lagged = self.lagged.get_or_insert(now);
         for k in 0..SIGNALS {
             let gap = now[k] - lagged[k];
@@ -335,11 +354,13 @@ impl Learner {
             return None;
         }
         let mut theta = [[0.0; SIGNALS]; AXES];
-        for (axis, theta) in theta.iter_mut().enumerate() {
-            *theta = fitted(&self.blocks, axis, self.signals.hover, &self.config);
+        let mut noise = [[0.0; 2]; AXES];
+        for axis in 0..AXES {
+            (theta[axis], noise[axis]) = fitted(&self.blocks, axis, self.signals.hover, &self.config);
         }
         Some(Learnt {
             inertia: take_inertia(&mut theta),
+            noise,
             theta,
             flights: self.flights,
             seconds: self.blocks.iter().map(|block| block.elapsed).sum(),
@@ -356,14 +377,15 @@ struct Noise {
 }
 
 /// Θ of one axis: noise for the Θ so far, Θ for that noise.
-fn fitted(blocks: &[Taken], axis: usize, hover: f64, config: &FdiConfig) -> [f64; SIGNALS] {
+fn fitted(blocks: &[Taken], axis: usize, hover: f64, config: &FdiConfig) -> ([f64; SIGNALS], [f64; 2]) {
     /// Levels that are tried, share of the thrust in hover.
-    const LEVELS: [f64; 8] = [3e-4, 1e-3, 3e-3, 1e-2, 3e-2, 1e-1, 3e-1, 1.0];
+    const LEVELS: [f64; 12] = [3e-4, 1e-3, 3e-3, 6e-3, 1e-2, 1.7e-2, 3e-2, 6e-2, 0.1, 0.3, 0.55, 1.0];
     let usual = blocks.iter().map(|block| block.elapsed).fold(0.0, f64::max);
     let correlation = (-usual / f64::from(config.sequential.disturbance_correlation_time)).exp();
     let bias = (f64::from(config.sequential.bias_spread) * hover).powi(2);
     let mut theta = [0.0; SIGNALS];
-    for _ in 0..ROUNDS {
+    let mut left = [0.0; 2];
+    for round in 0..=ROUNDS {
         let levels = LEVELS.iter().flat_map(|gust| LEVELS.map(|white| (*gust, white)));
         let noises = levels.map(|(gust, white)| Noise {
             gust: (gust * hover).powi(2),
@@ -372,17 +394,25 @@ fn fitted(blocks: &[Taken], axis: usize, hover: f64, config: &FdiConfig) -> [f64
         });
         let likelihood = |noise: &Noise| filtered::<BARE>(blocks, axis, noise, bias, &theta, &[0.0; SIGNALS]).0;
         let Some(best) = noises.max_by(|a, b| likelihood(a).total_cmp(&likelihood(b))) else {
-            return theta;
+            return (theta, left);
         };
+        left = [best.gust, best.white];
+        if round == ROUNDS {
+            break;
+        }
         let spread: [f64; SIGNALS] = std::array::from_fn(|k| {
             let (_, own, other) = NAMES[k];
-            let scale = if k < FIRST_SPEED || k == SIGNALS - 1 { 1.0 } else { hover / SCALE_THRUST };
+            let scale = if k < FIRST_SPEED || k == SIGNALS - 1 {
+                1.0
+            } else {
+                hover / SCALE_THRUST
+            };
             let is_own = AXIS_OF[k].map_or(axis == 0 || k < SIGNALS - 1, |of| of == axis);
             scale * if is_own { own } else { other }
         });
         theta = filtered::<STATES>(blocks, axis, &best, bias, &[0.0; SIGNALS], &spread).1;
     }
-    theta
+    (theta, left)
 }
 
 /// Without Θ as states.
@@ -421,7 +451,11 @@ fn filtered<const N: usize>(
         let mut c = [0.0; N];
         (c[GUST], c[BIAS]) = (block.elapsed, block.elapsed);
         c[BARE..].copy_from_slice(&block.signal[..N - BARE]);
-        let told: f64 = known.iter().zip(&block.signal).map(|(theta, signal)| theta * signal).sum();
+        let told: f64 = known
+            .iter()
+            .zip(&block.signal)
+            .map(|(theta, signal)| theta * signal)
+            .sum();
         // P ← A P Aᵀ with A = 1 + e_D cᵀ.
         x[DEFECT] += c.iter().zip(&x).map(|(c, x)| c * x).sum::<f64>();
         let row: [f64; N] = std::array::from_fn(|k| (1..N).map(|j| c[j] * p[j][k]).sum());
@@ -459,7 +493,11 @@ fn filtered<const N: usize>(
 /// gain is its inertia (or its moment ratio), and a lost thrust counts as much more or less.
 fn take_inertia(theta: &mut [[f64; SIGNALS]; AXES]) -> [f64; 3] {
     let [roll, pitch] = [theta[1][1], theta[2][2]];
-    let common = if roll * pitch > 0.0 { roll.signum() * roll.abs().min(pitch.abs()) } else { 0.0 };
+    let common = if roll * pitch > 0.0 {
+        roll.signum() * roll.abs().min(pitch.abs())
+    } else {
+        0.0
+    };
     std::array::from_fn(|k| {
         let axis = k + 1;
         let gain = (1.0 + theta[axis][axis]) / (1.0 + common);
@@ -477,6 +515,8 @@ fn take_inertia(theta: &mut [[f64; SIGNALS]; AXES]) -> [f64; 3] {
 pub struct Learnt {
     theta: [[f64; SIGNALS]; AXES],
     inertia: [f64; 3],
+    /// Gusts and white force of each axis that were left, N².
+    noise: [[f64; 2]; AXES],
     /// Flights behind it.
     pub flights: usize,
     /// Time in the air behind it, s.
@@ -484,11 +524,25 @@ pub struct Learnt {
 }
 
 impl Learnt {
+    /// Gusts and white force below which no calibration goes, N²: half of what the flights had.
+    pub(crate) fn least_noise(&self) -> [[f64; 2]; AXES] {
+        self.noise.map(|levels| levels.map(|level| LEAST_NOISE * level))
+    }
+
     /// The detectors' vehicle with what they have a number for.
     pub(crate) fn config(&self, config: &FdiConfig) -> FdiConfig {
         let mut config = *config;
         for (inertia, factor) in config.inertia_body.iter_mut().zip(self.inertia) {
             *inertia *= factor as f32;
+        }
+        let spreads = &mut config.sequential;
+        for spread in [
+            &mut spreads.gain_spread,
+            &mut spreads.rotor_time_constant_spread,
+            &mut spreads.centre_of_mass_spread,
+            &mut spreads.drag_spread,
+        ] {
+            *spread *= NARROW;
         }
         config
     }
@@ -512,6 +566,11 @@ impl Corrected {
         }
     }
 
+    /// See [`Learnt::noise`].
+    pub(crate) fn noise(&self) -> [[f64; 2]; AXES] {
+        self.learnt.least_noise()
+    }
+
     /// Before other samples than the ones that follow.
     pub(crate) fn begin(&mut self) {
         self.signals.lagged = None;
@@ -521,7 +580,12 @@ impl Corrected {
     pub(crate) fn of(&mut self, input: &Measurement) -> Measurement {
         let numbers = [input.nav.velocity_ned.to_array(), input.nav.body_rates.to_array()];
         let attitude = input.nav.attitude;
-        let all = numbers.as_flattened().iter().chain([&attitude.roll, &attitude.pitch, &attitude.yaw, &input.battery_voltage]);
+        let all = numbers.as_flattened().iter().chain([
+            &attitude.roll,
+            &attitude.pitch,
+            &attitude.yaw,
+            &input.battery_voltage,
+        ]);
         if !all.copied().all(f32::is_finite) {
             return *input;
         }
@@ -530,7 +594,11 @@ impl Corrected {
         let thrust = static_thrust(map, rotors, input);
         let signal = self.signals.of(input, &thrust);
         let wrench: [f32; AXES] = std::array::from_fn(|axis| {
-            let sum: f64 = self.learnt.theta[axis].iter().zip(&signal).map(|(theta, s)| theta * s).sum();
+            let sum: f64 = self.learnt.theta[axis]
+                .iter()
+                .zip(&signal)
+                .map(|(theta, s)| theta * s)
+                .sum();
             (sum * self.signals.arm[axis]) as f32
         });
         let more = self.config.geometry.allocate(wrench);

@@ -430,15 +430,10 @@ impl FdiSession {
     /// As [`FdiSession::new`].
     pub fn with_learnt(config: &FdiConfig, number: u64, learnt: &Learnt) -> Result<Self, FdiConfigError> {
         let config = learnt.config(config);
-        Ok(Self {
-            corrected: Some(Box::new(Corrected::new(learnt.clone(), &config))),
-            ..Self::new(config, number)?
-        })
-    }
-
-    /// For finding out.
-    pub fn debug(&self) -> String {
-        self.look.debug()
+        let mut session = Self::new(config, number)?;
+        session.corrected = Some(Box::new(Corrected::new(learnt.clone(), &config)));
+        session.look = session.look.with_noise(learnt.least_noise());
+        Ok(session)
     }
 
     /// The same, and the flight is healthy and taken in by a learner.
@@ -660,6 +655,7 @@ impl FdiSession {
         self.check = ModelCheck::new(&config);
         self.look = SecondLook::new(&config);
         if let Some(corrected) = &mut self.corrected {
+            self.look = SecondLook::new(&config).with_noise(corrected.noise());
             corrected.begin();
         }
         if let Some(learner) = &mut self.learner {

@@ -121,7 +121,11 @@ mod tests {
         let speed = speed_down(&time_s, &vec![-9.81 + 2.0; time_s.len()], 9.81);
         for row in [400, 4000, 7999] {
             let wanted = 2.0 * FORGETS_S * (1.0 - (-time_s[row] / FORGETS_S).exp());
-            assert!((speed[row] - wanted).abs() < 1e-4 * wanted, "{row}: {} {wanted}", speed[row]);
+            assert!(
+                (speed[row] - wanted).abs() < 1e-4 * wanted,
+                "{row}: {} {wanted}",
+                speed[row]
+            );
         }
         let mut gap = time_s.clone();
         gap[4000..].iter_mut().for_each(|time| *time += 1.0);

@@ -262,7 +262,9 @@ pub fn other_days(case: &FaultCase, n: usize) -> Vec<FaultCase> {
         let mut random = Stream::new(case.seed, &format!("weather-{day}"));
         let drawn = ["wind", "gusts"].into_iter().filter_map(catalogue::kind);
         // The last of each is the effect itself; what it acts through is the vehicle's.
-        let drawn: Vec<Hidden> = drawn.filter_map(|kind| draw_effect(kind, 1.0, 1, &mut random).pop()).collect();
+        let drawn: Vec<Hidden> = drawn
+            .filter_map(|kind| draw_effect(kind, 1.0, 1, &mut random).pop())
+            .collect();
         drawn
     };
     let happens = |effect: &&Hidden| !["rotor-thrust-scale", "blade-drag"].contains(&effect.id.as_str());

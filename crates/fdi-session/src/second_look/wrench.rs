@@ -137,6 +137,8 @@ pub(super) struct WrenchFilter {
     /// Of the calibration.
     blocks: Vec<Block>,
     noise: [Noise; AXES],
+    /// Least gusts and white force, N².
+    pub(super) least: [[f64; 2]; AXES],
     scale: [f64; AXES],
     modes: Vec<[Filter; AXES]>,
     probability: [f64; SPEEDS.len()],
@@ -174,6 +176,7 @@ impl WrenchFilter {
             gust_time: f64::from(c.disturbance_correlation_time),
             blocks: Vec::new(),
             noise: [Noise::default(); AXES],
+            least: [[0.0; 2]; AXES],
             scale: [1.0; AXES],
             modes: Vec::new(),
             probability: [0.0; SPEEDS.len()],
@@ -236,8 +239,8 @@ impl WrenchFilter {
                         |least: f64, step: i32| (self.hover * least * 10f64.powf(0.5 * f64::from(step))).powi(2);
                     let noise = Noise {
                         correlation,
-                        gust: level(LEAST_GUST, gust),
-                        white: level(LEAST_WHITE, white),
+                        gust: level(LEAST_GUST, gust).max(self.least[axis][0]),
+                        white: level(LEAST_WHITE, white).max(self.least[axis][1]),
                         measurement: rough / count,
                     };
                     let mut prior = self.prior[axis];

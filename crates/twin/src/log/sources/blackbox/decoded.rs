@@ -226,7 +226,11 @@ mod tests {
             let rpm = log.streams[0].fields.iter().find(|(name, _)| name == "rpm[0]");
             // 14 poles.
             assert_eq!(rpm.map(|(_, rpm)| rpm[0]), Some(3000.0), "{field}");
-            assert!(log.notes.iter().any(|note| note.contains("14 are taken")), "{:?}", log.notes);
+            assert!(
+                log.notes.iter().any(|note| note.contains("14 are taken")),
+                "{:?}",
+                log.notes
+            );
         }
     }
 

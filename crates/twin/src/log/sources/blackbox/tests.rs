@@ -135,10 +135,22 @@ fn val_electrical_turns_are_rotor_speeds_by_the_poles_of_the_header() {
     let header = HEADER
         .replace("motor[0],motor[1]\n", "motor[0],motor[1],eRPM[0],eRPM[1]\n")
         .replace("H Field I signed:0,0,1,1,1,0,0", "H Field I signed:0,0,1,1,1,0,0,0,0")
-        .replace("H Field I predictor:0,0,0,0,0,11,5", "H Field I predictor:0,0,0,0,0,11,5,0,0")
-        .replace("H Field I encoding:1,1,0,0,0,1,0", "H Field I encoding:1,1,0,0,0,1,0,1,1")
-        .replace("H Field P predictor:6,2,1,1,1,3,3", "H Field P predictor:6,2,1,1,1,3,3,1,1")
-        .replace("H Field P encoding:9,0,7,7,7,0,0", "H Field P encoding:9,0,7,7,7,0,0,0,0");
+        .replace(
+            "H Field I predictor:0,0,0,0,0,11,5",
+            "H Field I predictor:0,0,0,0,0,11,5,0,0",
+        )
+        .replace(
+            "H Field I encoding:1,1,0,0,0,1,0",
+            "H Field I encoding:1,1,0,0,0,1,0,1,1",
+        )
+        .replace(
+            "H Field P predictor:6,2,1,1,1,3,3",
+            "H Field P predictor:6,2,1,1,1,3,3,1,1",
+        )
+        .replace(
+            "H Field P encoding:9,0,7,7,7,0,0",
+            "H Field P encoding:9,0,7,7,7,0,0,0,0",
+        );
     // 700 and 7 counts; then 1 more and 1 less. 12 poles: 100/6 min⁻¹ a count; the firmware's 14 where the header does not say.
     let whole: &[u8] = &[b'I', 4, 0xe8, 0x07, 2, 1, 4, 42, 10, 0xbc, 0x05, 7];
     let against: &[u8] = &[b'P', 0xf4, 0x03, 0b01_10_01, 20, 3, 2, 1];
@@ -151,7 +163,10 @@ fn val_electrical_turns_are_rotor_speeds_by_the_poles_of_the_header() {
                 assert!((read - rpm(counts)).abs() < 1e-9, "{name}: {read}");
             }
         }
-        assert_eq!(log.notes.iter().any(|note| note.contains("magnet poles")), line.is_empty());
+        assert_eq!(
+            log.notes.iter().any(|note| note.contains("magnet poles")),
+            line.is_empty()
+        );
     }
 }
 
