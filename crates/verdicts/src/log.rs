@@ -16,10 +16,10 @@ use crate::view::{ChangeView, DetectorsView, ObstacleView, Obstruction, Sequenti
 use crate::voltage::WorkedOutVoltage;
 use rotortwin_fdi_session::session::LONGEST_CHUNK;
 use rotortwin_fdi_session::validity::CANNOT_JUDGE;
-use rotortwin_fdi_session::{Chunk, FdiSession, Sample, Window};
+use rotortwin_fdi_session::{Chunk, FdiSession, Learner, Learnt, Sample, Window};
 use rotortwin_flight_core::MAX_ROTORS;
-use rotortwin_flight_core::fdi::FdiConfig;
 use rotortwin_flight_core::fdi::verdict_code::{HEALTHY, NOT_READY};
+use rotortwin_flight_core::fdi::{FdiConfig, FdiConfigError};
 use rotortwin_plant::STEP_RATE_HZ;
 use rotortwin_scenario::Detectors;
 use rotortwin_twin::flight_picture::FlightPicture;
@@ -286,6 +286,68 @@ fn without_voltage(
 /// # Errors
 /// One sentence: it belongs to another vehicle, its rotors are in another order, or it is too long.
 pub fn judge(log: &FlightLog, detectors: &Detectors, every_window: bool) -> Result<LogReport, LogRefusal> {
+    judge_after(log, detectors, None, every_window)
+}
+
+/// [`judge`] with what healthy flights have said of the vehicle ([`learn`]).
+///
+/// # Errors
+/// As [`judge`].
+pub fn judge_after(
+    log: &FlightLog,
+    detectors: &Detectors,
+    learnt: Option<&Learnt>,
+    every_window: bool,
+) -> Result<LogReport, LogRefusal> {
+    let session = |config: &FdiConfig| match learnt {
+        Some(learnt) => FdiSession::with_learnt(config, 1, learnt),
+        None => FdiSession::new(*config, 1),
+    };
+    let (judge, lacks) = run(log, detectors, every_window, session)?;
+    Ok(report(log, detectors, judge, lacks))
+}
+
+/// What healthy flights of the vehicle say of it beyond the model of the detectors, and what speaks against their being healthy, a sentence each.
+///
+/// # Errors
+/// One sentence: a log that [`judge`] would refuse, or lacks what every detector needs, or too little time in the air.
+pub fn learn(logs: &[FlightLog], detectors: &Detectors) -> Result<(Learnt, Vec<String>), LogRefusal> {
+    let mut learner = Learner::new(detectors.config());
+    let mut notes = Vec::new();
+    for log in logs {
+        let of_log = |what: String| LogRefusal(format!("{}: {what}", log.name));
+        let flight = learner.clone();
+        let session = |config: &FdiConfig| Ok(FdiSession::new(*config, 1)?.that_learns(flight));
+        let (judge, lacks) = run(log, detectors, false, session).map_err(|refusal| of_log(refusal.0))?;
+        if let Some(lack) = lacks.iter().find(|lack| lack.prevents_verdicts) {
+            let columns = lack.columns.join(", ");
+            return Err(of_log(format!("nothing can be learnt from a log that lacks {columns}")));
+        }
+        let is_said = |stretch: &&(u64, StretchView)| stretch.1.sequential.verdict.code != HEALTHY;
+        if let Some((_, stretch)) = judge.stretches.iter().find(is_said) {
+            notes.push(format!(
+                "{}, which was learnt from as healthy: at {:.1} s the detectors found a fault in it",
+                log.name, stretch.to_s
+            ));
+        }
+        learner = judge.session.into_learner().expect("it was given one");
+    }
+    let learnt = learner.learnt().ok_or_else(|| {
+        LogRefusal(
+            "the healthy flights hold less than 20 s in the air after a calibration, which nothing is learnt from"
+                .to_owned(),
+        )
+    })?;
+    Ok((learnt, notes))
+}
+
+/// A log before a session; what it lacks.
+fn run(
+    log: &FlightLog,
+    detectors: &Detectors,
+    every_window: bool,
+    session: impl FnOnce(&FdiConfig) -> Result<FdiSession, FdiConfigError>,
+) -> Result<(Judge, Vec<Lack>), LogRefusal> {
     let rotor_count = detectors.vehicle().rotor_count();
     let duties = log.duties().len();
     if duties > 0 && duties != rotor_count {
@@ -323,14 +385,20 @@ pub fn judge(log: &FlightLog, detectors: &Detectors, every_window: bool) -> Resu
         voltage = worked_out;
         lacks.insert(0, lack);
     }
-    let rate_hz = log.sample_rate_hz();
-    let resampled = (rate_hz - STEP_RATE_HZ).abs() > SAME_RATE_HZ;
-    let mut judge = Judge::new(config, parts);
+    let session = session(config).expect("the detectors were checked");
+    let mut judge = Judge::new(session, parts);
     judge.lists = every_window;
     judge.voltage = voltage;
     if !lacks.iter().any(|lack| lack.prevents_verdicts) {
         judge.run(judged, rotor_count);
     }
+    Ok((judge, lacks))
+}
+
+fn report(log: &FlightLog, detectors: &Detectors, judge: Judge, lacks: Vec<Lack>) -> LogReport {
+    let vehicle = &detectors.vehicle().vehicle;
+    let rate_hz = log.sample_rate_hz();
+    let resampled = (rate_hz - STEP_RATE_HZ).abs() > SAME_RATE_HZ;
     let mut notes = judge.notes;
     if let RotorOrder::Vehicle(note) = &log.report.rotor_order {
         notes.insert(0, note.clone());
@@ -347,7 +415,7 @@ pub fn judge(log: &FlightLog, detectors: &Detectors, every_window: bool) -> Resu
         .iter()
         .cloned()
         .chain(log.check_against_vehicle(vehicle));
-    Ok(LogReport {
+    LogReport {
         log: LogView {
             content_hash: log.source.content_hash.clone(),
             rows: log.time_s.len(),
@@ -384,7 +452,7 @@ pub fn judge(log: &FlightLog, detectors: &Detectors, every_window: bool) -> Resu
             .collect(),
         notes,
         flight: None,
-    })
+    }
 }
 
 /// Column of the first duty in a block: velocity, attitude and rates come before.
@@ -430,7 +498,7 @@ struct Judge {
 }
 
 impl Judge {
-    fn new(config: &FdiConfig, parts: FlightParts) -> Self {
+    fn new(session: FdiSession, parts: FlightParts) -> Self {
         let count = |detector: &str| DetectorCount {
             detector: detector.to_owned(),
             decided: 0,
@@ -440,7 +508,7 @@ impl Judge {
             first_alarm_s: None,
         };
         Self {
-            session: FdiSession::new(*config, 1).expect("the detectors were checked"),
+            session,
             chunk: Chunk::default(),
             voltage: None,
             lost: 0,
