@@ -166,7 +166,7 @@ fn learnt_from(
     notes.insert(
         0,
         format!(
-            "the detectors have learnt the vehicle from {} healthy flights, {:.0} s in the air",
+            "the detectors have learnt the vehicle from healthy flights ({}, {:.0} s in the air)",
             learnt.flights, learnt.seconds
         ),
     );

@@ -365,6 +365,8 @@ pub struct FdiSession {
     corrected: Option<Box<Corrected>>,
     /// Learns from this flight.
     learner: Option<Box<Learner>>,
+    /// See [`FdiSession::by_force`].
+    by_force: bool,
     /// What keeps the engine from being fed, and steps since it began.
     paused: Option<(Obstacle, u64)>,
     /// A sharp turn within this window.
@@ -406,6 +408,7 @@ impl FdiSession {
             look: SecondLook::new(&config),
             corrected: None,
             learner: None,
+            by_force: false,
             paused: None,
             turning: None,
             obstacle: None,
@@ -434,6 +437,14 @@ impl FdiSession {
         session.corrected = Some(Box::new(Corrected::new(learnt.clone(), &config)));
         session.look = session.look.with_noise(learnt.least_noise());
         Ok(session)
+    }
+
+    /// The same for samples whose velocity down is integrated from the specific force along the rotors' axis.
+    #[must_use]
+    pub fn by_force(mut self) -> Self {
+        self.by_force = true;
+        self.look = self.look.by_force(true);
+        self
     }
 
     /// The same, and the flight is healthy and taken in by a learner.
@@ -653,9 +664,9 @@ impl FdiSession {
         let [start, end] = self.calibration_steps.map(|steps| steps as u32);
         self.baseline = Baseline::new(start, end);
         self.check = ModelCheck::new(&config);
-        self.look = SecondLook::new(&config);
+        self.look = SecondLook::new(&config).by_force(self.by_force);
         if let Some(corrected) = &mut self.corrected {
-            self.look = SecondLook::new(&config).with_noise(corrected.noise());
+            self.look = self.look.clone().with_noise(corrected.noise());
             corrected.begin();
         }
         if let Some(learner) = &mut self.learner {

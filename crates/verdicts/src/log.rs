@@ -386,6 +386,7 @@ fn run(
         lacks.insert(0, lack);
     }
     let session = session(config).expect("the detectors were checked");
+    let session = if axial.is_some() { session.by_force() } else { session };
     let mut judge = Judge::new(session, parts);
     judge.lists = every_window;
     judge.voltage = voltage;

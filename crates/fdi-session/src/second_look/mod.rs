@@ -157,6 +157,13 @@ impl SecondLook {
         self
     }
 
+    /// The same where the velocity down is integrated from the specific force: its noise is that of a force, not of a speed.
+    #[must_use]
+    pub(crate) fn by_force(mut self, by_force: bool) -> Self {
+        self.filter.by_force = by_force;
+        self
+    }
+
     /// Takes in a sample that the engine has taken.
     pub fn step(&mut self, input: &Measurement) {
         self.meter.step(input);

@@ -139,6 +139,8 @@ pub(super) struct WrenchFilter {
     noise: [Noise; AXES],
     /// Least gusts and white force, N².
     pub(super) least: [[f64; 2]; AXES],
+    /// The momentum along z is an integral of the force itself.
+    pub(super) by_force: bool,
     scale: [f64; AXES],
     modes: Vec<[Filter; AXES]>,
     probability: [f64; SPEEDS.len()],
@@ -177,6 +179,7 @@ impl WrenchFilter {
             blocks: Vec::new(),
             noise: [Noise::default(); AXES],
             least: [[0.0; 2]; AXES],
+            by_force: false,
             scale: [1.0; AXES],
             modes: Vec::new(),
             probability: [0.0; SPEEDS.len()],
@@ -193,7 +196,12 @@ impl WrenchFilter {
             0.0,
             block.elapsed,
             block.elapsed,
-            block.wrench[axis] + block.defect[axis],
+            // The noise of an integrated force is all in its defect: as a regressor that would explain itself.
+            if axis == 0 && self.by_force {
+                block.wrench[axis]
+            } else {
+                block.wrench[axis] + block.defect[axis]
+            },
             second,
             block.lag_slope[axis],
             if axis == 0 { 0.0 } else { block.gyroscopic[axis - 1] },
