@@ -47,12 +47,17 @@ fn val_a_loss_is_found_by_the_accelerometer_alone() {
         .iter()
         .filter(|(_, row)| row.first_s.is_some_and(|s| s <= 10.0))
         .count();
+    // Half of them hover: there the noise of the force was its own explanation, and a name had to stand for 2 s.
+    let fast = rows
+        .iter()
+        .filter(|(_, row)| row.first_s.is_some_and(|s| s <= 1.0))
+        .count();
     let right = rows.iter().filter(|(_, row)| row.end == Some(End::Right)).count();
     let inside = rows.iter().filter(|(_, row)| row.inside == Some(true)).count();
     let named = rows.iter().filter(|(_, row)| row.healthy_named).count();
     assert!(
-        found >= 7 && right >= 7 && inside >= 6 && named == 0,
-        "found {found}, right {right}, inside {inside}, named {named}"
+        found >= 7 && fast >= 6 && right >= 7 && inside >= 7 && named == 0,
+        "found {found}, {fast} within 1 s, right {right}, inside {inside}, named {named}"
     );
     for (report, row) in &rows {
         assert_eq!(row.false_alarms, 0);
