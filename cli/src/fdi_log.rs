@@ -12,15 +12,17 @@ use crate::fdi_service::DetectorArgs;
 use crate::output::{bad_input, failed, line};
 use judged::JudgedLog;
 use rotortwin_campaign::study::log_score::LogScore;
+use rotortwin_fdi_session::Learnt;
 use rotortwin_page::Report;
 use rotortwin_runner::destination::writable_file;
+use rotortwin_scenario::Detectors;
 use rotortwin_twin::compare::NamedModel;
 use rotortwin_twin::flight_picture::FlightPicture;
 use rotortwin_twin::identify::read_for;
 use rotortwin_twin::log::ReadOptions;
 use rotortwin_twin::model::ModelVersion;
 use rotortwin_twin::over_time::OverTime;
-use rotortwin_verdicts::log::{LogReport, NotJudgedView, judge};
+use rotortwin_verdicts::log::{LogReport, NotJudgedView, judge_after, learn};
 use rotortwin_verdicts::view::Obstruction;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
@@ -35,6 +37,9 @@ pub struct LogArgs {
     logs: Vec<PathBuf>,
     #[command(flatten)]
     detectors: DetectorArgs,
+    /// Healthy flights of the same vehicle: what they say of it beyond the model is taken into account
+    #[arg(long, num_args = 1.., value_name = "LOG")]
+    healthy: Vec<PathBuf>,
     /// Print the whole report as JSON; of several logs a list
     #[arg(long)]
     json: bool,
@@ -121,6 +126,7 @@ fn judge_all(args: &LogArgs) -> Result<Vec<JudgedLog>, String> {
         most_cells: args.most_cells,
         ..ReadOptions::default()
     };
+    let (learnt, learnt_notes) = learnt_from(&args.healthy, &options, &detectors)?;
     let every_window = args.windows || source.is_some() || args.series.is_some();
     let judged = |path: &PathBuf| {
         let log = read_for(path, &options, &detectors.vehicle().vehicle)?;
@@ -128,8 +134,9 @@ fn judge_all(args: &LogArgs) -> Result<Vec<JudgedLog>, String> {
             .as_ref()
             .map(|source| source.of(&log, whole(path), rotor_count))
             .transpose()?;
-        let mut report =
-            judge(&log, &detectors, every_window).map_err(|refusal| format!("{}: {refusal}", path.display()))?;
+        let mut report = judge_after(&log, &detectors, learnt.as_ref(), every_window)
+            .map_err(|refusal| format!("{}: {refusal}", path.display()))?;
+        report.notes.extend(learnt_notes.clone());
         report.notes.extend(note.clone());
         report.flight = args.flight.then(|| FlightPicture::of(&log));
         let over_time = args.report.is_some().then(|| {
@@ -148,6 +155,28 @@ fn judge_all(args: &LogArgs) -> Result<Vec<JudgedLog>, String> {
         })
     };
     args.logs.iter().map(judged).collect()
+}
+
+/// What healthy flights say of the vehicle, and the notes about that; nothing where there are none.
+fn learnt_from(
+    paths: &[PathBuf],
+    options: &ReadOptions,
+    detectors: &Detectors,
+) -> Result<(Option<Learnt>, Vec<String>), String> {
+    if paths.is_empty() {
+        return Ok((None, Vec::new()));
+    }
+    let read = |path: &PathBuf| read_for(path, options, &detectors.vehicle().vehicle);
+    let logs = paths.iter().map(read).collect::<Result<Vec<_>, _>>()?;
+    let (learnt, mut notes) = learn(&logs, detectors).map_err(|refusal| format!("--healthy: {refusal}"))?;
+    notes.insert(
+        0,
+        format!(
+            "the detectors have learnt the vehicle from healthy flights ({}, {:.0} s in the air)",
+            learnt.flights, learnt.seconds
+        ),
+    );
+    Ok((Some(learnt), notes))
 }
 
 /// `LOG` of `LOG@35:65`.
@@ -234,8 +263,8 @@ fn refusal_of(file: &str, report: &LogReport) -> Option<String> {
     let complete = |time: &NotJudgedView| time.obstacle.reason != Obstruction::Gap;
     (report.final_window.is_none() && !report.not_judged.iter().any(complete)).then(|| {
         format!(
-            "{file}: no step has a value in every channel that the detectors need; expected rows that hold velocity, attitude, body rates, \
-             duties and voltage together"
+            "{file}: no step has a value in every channel that the detectors need; expected rows that hold velocity and attitude (or specific force), \
+             body rates, duties and voltage together"
         )
     })
 }

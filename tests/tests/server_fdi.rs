@@ -631,7 +631,7 @@ fn scenario_logs_are_judged_and_told_what_they_lack() {
     let quiet = whole.replace("battery_voltage_v", "another_voltage");
     let report = ask(query, quiet.as_bytes()).json();
     assert_eq!(report["lacks"][0]["columns"], json!(["battery_voltage_v"]), "{report}");
-    // It is estimated from the duties; without a velocity there is no verdict.
+    // It is estimated from the duties; without a velocity or an accelerometer there is no verdict.
     assert_eq!(
         (
             &report["lacks"][0]["prevents_verdicts"],

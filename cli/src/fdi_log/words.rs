@@ -148,6 +148,9 @@ pub(super) fn text_of(report: &LogReport) -> String {
 fn smallest_text(smallest: &[f32]) -> Option<String> {
     let of = |sign: f32| (0..smallest.len()).max_by(|a, b| (sign * smallest[*a]).total_cmp(&(sign * smallest[*b])));
     let (least, most) = (of(-1.0)?, of(1.0)?);
+    if smallest[least] >= 1.0 {
+        return Some("Would see    nothing: at the end not even the loss of a whole rotor would stand out from what the model does not explain".to_owned());
+    }
     Some(format!(
         "Would see    a loss from {:.1} % of its thrust on (rotor {}) to {:.1} % (rotor {}), within 10 s at the end",
         100.0 * smallest[least],

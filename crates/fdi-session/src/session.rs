@@ -20,6 +20,7 @@
 //!
 //! Glossary: *window*, 25 samples (a setting) that are decided on together; *chunk*, samples that come in one message.
 
+use super::learnt::{Corrected, Learner, Learnt};
 use super::second_look::{SecondLook, with_sequential};
 use super::validity::{FlightWatch, MOST_TILT, ModelCheck, Obstacle};
 use rotortwin_flight_core::MAX_ROTORS;
@@ -360,6 +361,12 @@ pub struct FdiSession {
     flight: FlightWatch,
     check: ModelCheck,
     look: SecondLook,
+    /// What earlier flights said of the vehicle.
+    corrected: Option<Box<Corrected>>,
+    /// Learns from this flight.
+    learner: Option<Box<Learner>>,
+    /// See [`FdiSession::by_force`].
+    by_force: bool,
     /// What keeps the engine from being fed, and steps since it began.
     paused: Option<(Obstacle, u64)>,
     /// A sharp turn within this window.
@@ -399,6 +406,9 @@ impl FdiSession {
             flight: FlightWatch::new(&config),
             check: ModelCheck::new(&config),
             look: SecondLook::new(&config),
+            corrected: None,
+            learner: None,
+            by_force: false,
             paused: None,
             turning: None,
             obstacle: None,
@@ -415,6 +425,38 @@ impl FdiSession {
             rejected_before: 0,
             paused_steps: 0,
         })
+    }
+
+    /// For a vehicle of which earlier flights have said more than its model; before the first chunk.
+    ///
+    /// # Errors
+    /// As [`FdiSession::new`].
+    pub fn with_learnt(config: &FdiConfig, number: u64, learnt: &Learnt) -> Result<Self, FdiConfigError> {
+        let config = learnt.config(config);
+        let mut session = Self::new(config, number)?;
+        session.corrected = Some(Box::new(Corrected::new(learnt.clone(), &config)));
+        session.look = session.look.with_noise(learnt.least_noise());
+        Ok(session)
+    }
+
+    /// The same for samples whose velocity down is integrated from the specific force along the rotors' axis.
+    #[must_use]
+    pub fn by_force(mut self) -> Self {
+        self.by_force = true;
+        self.look = self.look.by_force(true);
+        self
+    }
+
+    /// The same, and the flight is healthy and taken in by a learner.
+    #[must_use]
+    pub fn that_learns(mut self, learner: Learner) -> Self {
+        self.learner = Some(Box::new(learner.and_a_flight()));
+        self
+    }
+
+    /// The learner, with all that was fed to it.
+    pub fn into_learner(self) -> Option<Learner> {
+        self.learner.map(|learner| *learner)
     }
 
     /// Rotors of the vehicle.
@@ -585,7 +627,7 @@ impl FdiSession {
             };
             for _ in 0..lost {
                 self.engine.step(&nothing);
-                self.look.hold();
+                self.hold();
                 self.next_step += 1;
             }
         }
@@ -607,6 +649,14 @@ impl FdiSession {
         }
     }
 
+    /// A sample was lost or rejected.
+    fn hold(&mut self) {
+        self.look.hold();
+        if let Some(learner) = &mut self.learner {
+            learner.hold();
+        }
+    }
+
     fn restart(&mut self, step: u64) {
         let config = *self.engine.config();
         *self.engine = FdiEngine::new(config).expect("it was taken before");
@@ -614,7 +664,14 @@ impl FdiSession {
         let [start, end] = self.calibration_steps.map(|steps| steps as u32);
         self.baseline = Baseline::new(start, end);
         self.check = ModelCheck::new(&config);
-        self.look = SecondLook::new(&config);
+        self.look = SecondLook::new(&config).by_force(self.by_force);
+        if let Some(corrected) = &mut self.corrected {
+            self.look = self.look.clone().with_noise(corrected.noise());
+            corrected.begin();
+        }
+        if let Some(learner) = &mut self.learner {
+            learner.begin();
+        }
         self.turning = None;
         self.obstacle = None;
         self.started = step;
@@ -624,7 +681,10 @@ impl FdiSession {
 
     #[inline]
     fn step(&mut self, sample: &Sample, notes: &mut Vec<String>) -> Option<Window> {
-        let measurement = sample.measurement();
+        let measurement = match &mut self.corrected {
+            Some(corrected) => corrected.of(&sample.measurement()),
+            None => sample.measurement(),
+        };
         match self.flight.step(&measurement) {
             // Tilted further soon, at these rates. Most often it is a sharp turn: the engine goes on, and begins again only if it was an upset.
             Some(obstacle @ Obstacle::Upset { tilt }) if tilt < MOST_TILT && self.paused.is_none() => {
@@ -648,10 +708,13 @@ impl FdiSession {
         self.next_step += 1;
         if output.rejected_samples > rejected {
             self.rejected_before += 1;
-            self.look.hold();
+            self.hold();
             return None;
         }
         self.look.step(&measurement);
+        if let Some(learner) = &mut self.learner {
+            learner.step(&measurement);
+        }
         let calibrated = self.baseline.mean();
         self.baseline.push(&output.wrench_residual);
         self.window.push(&output.wrench_residual);
@@ -675,6 +738,10 @@ impl FdiSession {
             if let (None, Some(obstacle)) = (before, self.obstacle) {
                 notes.push(format!("step {step}: no verdicts: {obstacle}"));
             }
+        }
+        if let Some(learner) = &mut self.learner {
+            let counts = calibration != Calibration::Noise && self.obstacle.or(self.turning).is_none();
+            learner.close(counts);
         }
         let engine = report(self.stamp(step), &output).canonical();
         let looked = self.look.revise(engine, &output);

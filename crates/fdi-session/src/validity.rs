@@ -118,6 +118,10 @@ impl std::fmt::Display for Obstacle {
                 100.0 * carried
             ),
             Self::TakeOff => write!(out, "just off the ground: {CLEAR_TIME} s in the air are waited for"),
+            Self::Upset { tilt } if tilt < MOST_TILT => write!(
+                out,
+                "sharp turn: at these rates the tilt changes by up to 70° within {LOOK_AHEAD} s, and the model is good for 70°"
+            ),
             Self::Upset { tilt } => write!(
                 out,
                 "upset: tilted up to {:.0}°, the model is good for 70°",

@@ -1,10 +1,10 @@
 //! What sessions say of faults in the independent generator's world. Shares are asserted with room for chance, at fixed seeds; figures with
 //! intervals come from `rotortwin blind --preset faults`.
 
-use rotortwin_blind::bench::faults::{Class, End, FaultCase, FaultRow, draw_cases, fly_case, score};
+use rotortwin_blind::bench::faults::{Class, End, FaultCase, FaultRow, draw_cases, fly_case, other_days, score};
 use rotortwin_blind::bench::faults_sheet;
 use rotortwin_blind::flight::Row;
-use rotortwin_fdi_session::{Chunk, FdiSession, Sample, Window};
+use rotortwin_fdi_session::{Chunk, FdiSession, Learner, Learnt, Sample, Window};
 use rotortwin_flight_core::MAX_ROTORS;
 use rotortwin_scenario::{DetectorSettings, Detectors, VehicleDocuments};
 use serde_json::json;
@@ -28,19 +28,10 @@ fn windows(case: &FaultCase) -> Vec<Window> {
 }
 
 fn windows_of(rows: &[Row]) -> Vec<Window> {
-    let documents = VehicleDocuments::load(VEHICLE).expect("shipped");
-    let detectors = Detectors::new(documents, &DetectorSettings::default(), None).expect("a good configuration");
-    let mut session = FdiSession::new(*detectors.config(), 1).expect("a good configuration");
-    let mut windows = Vec::new();
-    for (part, rows) in rows.chunks(1000).enumerate() {
-        let chunk = Chunk {
-            first_step: 1000 * part as u64,
-            after_gap: false,
-            samples: rows.iter().map(sample).collect(),
-        };
-        windows.extend(session.feed(&chunk).expect("taken").windows);
-    }
-    windows
+    fed(
+        &mut FdiSession::new(*detectors().config(), 1).expect("a good configuration"),
+        rows,
+    )
 }
 
 /// The same, scored.
@@ -219,6 +210,145 @@ fn bench_classes() {
         });
         println!("{}", faults_sheet::text(&faults_sheet::sum_up(&rows)));
     }
+}
+
+/// What healthy flights of a vehicle are worth to the detectors: five unknown effects, the same on three healthy days with other weather and on the day of the fault. Printed without
+/// and with what was learnt: `ROTORTWIN_FAULTS_N` vehicles of each class, `ROTORTWIN_FAULTS_SEED`, `ROTORTWIN_FAULTS_LOSS` (share; else 5 to 10 %), `ROTORTWIN_FAULTS_CLASS`.
+#[test]
+#[ignore = "a measurement: cargo test --release -p rotortwin-fdi-session --test foreign_world -- --ignored --nocapture bench_learnt"]
+fn bench_learnt() {
+    let of = |name: &str| std::env::var(name).ok();
+    let n = of("ROTORTWIN_FAULTS_N").map_or(50, |n| n.parse().expect("a number"));
+    let seed = of("ROTORTWIN_FAULTS_SEED").map_or(1, |seed| seed.parse().expect("a number"));
+    let loss: Option<f64> = of("ROTORTWIN_FAULTS_LOSS").map(|loss| loss.parse().expect("a share"));
+    let classes = of("ROTORTWIN_FAULTS_CLASS").unwrap_or_else(|| "five-healthy,five-step".to_owned());
+    for class in classes.split(',') {
+        let class: Class = serde_json::from_value(json!(class)).expect("a class");
+        let all = cases(class, n, seed);
+        let cores = std::thread::available_parallelism().map_or(1, usize::from);
+        let rows: Vec<[FaultRow; 2]> = std::thread::scope(|scope| {
+            let parts = all.chunks(all.len().div_ceil(cores).max(1));
+            let parts: Vec<_> = parts
+                .map(|part| {
+                    scope.spawn(move || {
+                        part.iter()
+                            .filter_map(|case| without_and_with(case, loss))
+                            .collect::<Vec<_>>()
+                    })
+                })
+                .collect();
+            parts
+                .into_iter()
+                .flat_map(|part| part.join().expect("judged"))
+                .collect()
+        });
+        for (with, words) in ["the model alone", "after three healthy flights"].iter().enumerate() {
+            let rows: Vec<FaultRow> = rows.iter().map(|row| row[with].clone()).collect();
+            println!(
+                "{words}, {} vehicles\n{}",
+                rows.len(),
+                faults_sheet::text(&faults_sheet::sum_up(&rows))
+            );
+        }
+    }
+}
+
+/// A case scored by detectors that know the model, and by those that have learnt from three healthy days; nothing where a pilot loses one of the flights four times.
+fn without_and_with(case: &FaultCase, loss: Option<f64>) -> Option<[FaultRow; 2]> {
+    let mut case = case.clone();
+    if let Some(loss) = loss {
+        for effect in case
+            .effects
+            .iter_mut()
+            .filter(|effect| effect.id == "rotor-thrust-scale")
+        {
+            effect.parameters.insert("share".to_owned(), -loss);
+        }
+    }
+    let today = fly_case(&case).ok()?;
+    let days: Option<Vec<Vec<Row>>> = other_days(&case, 3).iter().map(|day| fly_case(day).ok()).collect();
+    let learnt = learnt_from(&days?);
+    let mut session = FdiSession::with_learnt(detectors().config(), 1, &learnt).expect("a good configuration");
+    Some([
+        scored(&case, &windows_of(&today)),
+        scored(&case, &fed(&mut session, &today)),
+    ])
+}
+
+#[test]
+fn val_three_healthy_flights_make_an_unknown_vehicle_better_known() {
+    let (mut found, mut inside) = ([0; 2], [0; 2]);
+    let rows: Vec<[FaultRow; 2]> = cases(Class::FiveStep, 12, 4031)
+        .iter()
+        .filter_map(|case| without_and_with(case, Some(0.05)))
+        .collect();
+    for row in &rows {
+        for with in 0..2 {
+            found[with] += usize::from(row[with].first_s.is_some_and(|s| s <= 10.0));
+            inside[with] += usize::from(row[with].inside == Some(true));
+            assert!(
+                !row[with].healthy_named && row[with].false_alarms == 0,
+                "{:?}",
+                row[with].case
+            );
+        }
+    }
+    assert!(
+        rows.len() >= 9 && found[1] >= found[0] && inside[1] >= inside[0],
+        "found {found:?}, inside {inside:?} of {}",
+        rows.len()
+    );
+}
+
+#[test]
+fn prop_a_vehicle_that_is_its_model_teaches_nothing() {
+    let case = &cases(Class::Step, 1, 12)[0];
+    let days: Vec<Vec<Row>> = other_days(case, 3)
+        .iter()
+        .map(|day| fly_case(day).expect("flown"))
+        .collect();
+    let learnt = learnt_from(&days);
+    assert_eq!(learnt.flights, 3);
+    assert!(learnt.seconds > 100.0, "{learnt:?}");
+    let today = fly_case(case).expect("flown");
+    let mut session = FdiSession::with_learnt(detectors().config(), 1, &learnt).expect("a good configuration");
+    let [without, with] = [windows_of(&today), fed(&mut session, &today)].map(|windows| scored(case, &windows));
+    assert_eq!(
+        (with.end, with.inside, with.false_alarms),
+        (without.end, without.inside, 0)
+    );
+}
+
+fn detectors() -> Detectors {
+    let documents = VehicleDocuments::load(VEHICLE).expect("shipped");
+    Detectors::new(documents, &DetectorSettings::default(), None).expect("a good configuration")
+}
+
+fn fed(session: &mut FdiSession, rows: &[Row]) -> Vec<Window> {
+    let mut windows = Vec::new();
+    for (part, rows) in rows.chunks(1000).enumerate() {
+        let chunk = Chunk {
+            first_step: 1000 * part as u64,
+            after_gap: false,
+            samples: rows.iter().map(sample).collect(),
+        };
+        windows.extend(session.feed(&chunk).expect("taken").windows);
+    }
+    windows
+}
+
+/// What healthy flights say of a vehicle.
+fn learnt_from(flights: &[Vec<Row>]) -> Learnt {
+    let config = *detectors().config();
+    let mut learner = Learner::new(&config);
+    for rows in flights {
+        let mut session = FdiSession::new(config, 1)
+            .expect("a good configuration")
+            .that_learns(learner);
+        fed(&mut session, rows);
+        learner = session.into_learner().expect("it learns");
+    }
+    learner.learnt().expect("long enough")
 }
 
 #[test]

@@ -4,6 +4,7 @@
 //! * [`log`]: a flight log judged: verdicts over time, the last word, what could not be judged and why.
 //! * [`detectors`]: which detectors, of a model and settings.
 
+mod axial;
 pub mod detectors;
 pub mod fleet;
 pub mod log;

@@ -3,20 +3,23 @@
 //! ```text
 //!  file ─▶ twin::log ─▶ parts of the flight ─▶ 400 Hz ─▶ runs of complete steps in the air ─▶ FdiSession ─▶ LogReport
 //! ```
-//! Used by `POST /api/v1/fdi/reports` and `rotortwin fdi-log`. A log at 400 Hz is used unchanged; any other is resampled as
-//! `rotortwin log import --rate 400` does (duties held, the rest interpolated linearly), which removes noise: the report says so.
-//! Steps without a value in a required channel are lost steps; gaps are handled here as in a session.
+//! Behind `POST /api/v1/fdi/reports` and `rotortwin fdi-log`. A log that has 400 Hz goes in as it is, bit for bit; another one is resampled
+//! as `rotortwin log import --rate 400` does (duties held, the rest along straight lines), which takes noise away: the report says so.
+//! Steps without a value in a channel that the detectors need are lost steps; what a session does at a gap is done here. A log without velocity or
+//! attitude is judged by its accelerometer ([`crate::axial`]), one without a voltage by its duties ([`crate::voltage`]): `lacks` says what that costs.
 //!
 //! Only the airborne part is passed to the session: the log shows when the vehicle left the ground and when it was near it again,
 //! which a session has to detect without the rest of the flight. A *stretch* is the part evaluated after one calibration.
 
+use crate::axial::Axial;
 use crate::view::{ChangeView, DetectorsView, ObstacleView, Obstruction, SequentialView, WindowView, code_in};
 use crate::voltage::WorkedOutVoltage;
 use rotortwin_fdi_session::session::LONGEST_CHUNK;
 use rotortwin_fdi_session::validity::CANNOT_JUDGE;
-use rotortwin_fdi_session::{Chunk, FdiSession, Sample, Window};
+use rotortwin_fdi_session::{Chunk, FdiSession, Learner, Learnt, Sample, Window};
 use rotortwin_flight_core::MAX_ROTORS;
 use rotortwin_flight_core::fdi::verdict_code::{HEALTHY, NOT_READY};
+use rotortwin_flight_core::fdi::{FdiConfig, FdiConfigError};
 use rotortwin_plant::STEP_RATE_HZ;
 use rotortwin_scenario::Detectors;
 use rotortwin_twin::flight_picture::FlightPicture;
@@ -168,11 +171,11 @@ fn needed(rotor_count: usize) -> Vec<(&'static str, Vec<String>)> {
     let owned = |names: [&str; 3]| names.map(str::to_owned).to_vec();
     vec![
         (
-            "the momentum of the vehicle, and so every residual",
+            "the momentum of the vehicle, and so every residual (the accelerometer's accel_z_m_s2 would do, too)",
             owned(names::VELOCITY),
         ),
         (
-            "the direction of thrust and weight, and so every residual",
+            "the direction of thrust and weight, and so every residual (the accelerometer's accel_z_m_s2 would do, too)",
             owned(names::ATTITUDE),
         ),
         ("the angular momentum, and so every residual", owned(names::RATES)),
@@ -189,7 +192,28 @@ fn has(log: &FlightLog, name: &str) -> bool {
     values.is_some_and(|values| values.iter().any(|value| !value.is_nan()))
 }
 
-/// Missing channels other than the voltage.
+/// Columns of velocity and attitude that the log has no value of.
+fn without_motion(log: &FlightLog) -> Vec<String> {
+    let needed = names::VELOCITY.iter().chain(&names::ATTITUDE);
+    let missing = needed.filter(|name| !has(log, name));
+    missing.map(|name| (*name).to_owned()).collect()
+}
+
+/// What is not known of a log that is judged by its accelerometer.
+fn judged_by_force(log: &FlightLog, axial: &Axial) -> Lack {
+    Lack {
+        columns: without_motion(log),
+        rules_out: format!(
+            "how the vehicle stands and where it moves. The specific force along the rotors' axis is judged in the place of the momentum; the drag along \
+             that axis counts as unknown (0 ± {:.2} N·s/m, 95 %), drag across it as none, and an accelerometer away from the centre of mass as gusts: \
+             intervals and the smallest loss that would be seen are wider for it",
+            axial.drag
+        ),
+        prevents_verdicts: false,
+    }
+}
+
+/// What the log lacks beside the voltage.
 fn lacks(log: &FlightLog, detectors: &Detectors) -> Vec<Lack> {
     let mut lacks: Vec<Lack> = needed(detectors.vehicle().rotor_count())
         .into_iter()
@@ -212,10 +236,17 @@ fn lacks(log: &FlightLog, detectors: &Detectors) -> Vec<Lack> {
     lacks
 }
 
-/// The voltage of a log without one, and what is unknown because of that.
-fn without_voltage(log: &FlightLog, detectors: &Detectors) -> (Option<WorkedOutVoltage>, Lack) {
+/// The voltage of a log that has none, and what is not known for want of it.
+///
+/// * `leak`: by which the velocity down forgets, 1/s
+fn without_voltage(
+    log: &FlightLog,
+    parts: &FlightParts,
+    detectors: &Detectors,
+    leak: f64,
+) -> (Option<WorkedOutVoltage>, Lack) {
     let columns = vec![names::BATTERY_VOLTAGE.to_owned()];
-    match WorkedOutVoltage::of(log, detectors) {
+    match WorkedOutVoltage::of(log, parts, detectors, leak) {
         Ok(voltage) => {
             let begin = voltage.begin;
             let rules_out = format!(
@@ -255,6 +286,68 @@ fn without_voltage(log: &FlightLog, detectors: &Detectors) -> (Option<WorkedOutV
 /// # Errors
 /// It belongs to another vehicle, its rotors are in a different order, or it is too long.
 pub fn judge(log: &FlightLog, detectors: &Detectors, every_window: bool) -> Result<LogReport, LogRefusal> {
+    judge_after(log, detectors, None, every_window)
+}
+
+/// [`judge`] with what healthy flights have said of the vehicle ([`learn`]).
+///
+/// # Errors
+/// As [`judge`].
+pub fn judge_after(
+    log: &FlightLog,
+    detectors: &Detectors,
+    learnt: Option<&Learnt>,
+    every_window: bool,
+) -> Result<LogReport, LogRefusal> {
+    let session = |config: &FdiConfig| match learnt {
+        Some(learnt) => FdiSession::with_learnt(config, 1, learnt),
+        None => FdiSession::new(*config, 1),
+    };
+    let (judge, lacks) = run(log, detectors, every_window, session)?;
+    Ok(report(log, detectors, judge, lacks))
+}
+
+/// What healthy flights of the vehicle say of it beyond the model of the detectors, and what speaks against their being healthy, a sentence each.
+///
+/// # Errors
+/// One sentence: a log that [`judge`] would refuse, or lacks what every detector needs, or too little time in the air.
+pub fn learn(logs: &[FlightLog], detectors: &Detectors) -> Result<(Learnt, Vec<String>), LogRefusal> {
+    let mut learner = Learner::new(detectors.config());
+    let mut notes = Vec::new();
+    for log in logs {
+        let of_log = |what: String| LogRefusal(format!("{}: {what}", log.name));
+        let flight = learner.clone();
+        let session = |config: &FdiConfig| Ok(FdiSession::new(*config, 1)?.that_learns(flight));
+        let (judge, lacks) = run(log, detectors, false, session).map_err(|refusal| of_log(refusal.0))?;
+        if let Some(lack) = lacks.iter().find(|lack| lack.prevents_verdicts) {
+            let columns = lack.columns.join(", ");
+            return Err(of_log(format!("nothing can be learnt from a log that lacks {columns}")));
+        }
+        let is_said = |stretch: &&(u64, StretchView)| stretch.1.sequential.verdict.code != HEALTHY;
+        if let Some((_, stretch)) = judge.stretches.iter().find(is_said) {
+            notes.push(format!(
+                "{}, which was learnt from as healthy: at {:.1} s the detectors found a fault in it",
+                log.name, stretch.to_s
+            ));
+        }
+        learner = judge.session.into_learner().expect("it was given one");
+    }
+    let learnt = learner.learnt().ok_or_else(|| {
+        LogRefusal(
+            "the healthy flights hold less than 20 s in the air after a calibration, which nothing is learnt from"
+                .to_owned(),
+        )
+    })?;
+    Ok((learnt, notes))
+}
+
+/// A log before a session; what it lacks.
+fn run(
+    log: &FlightLog,
+    detectors: &Detectors,
+    every_window: bool,
+    session: impl FnOnce(&FdiConfig) -> Result<FdiSession, FdiConfigError>,
+) -> Result<(Judge, Vec<Lack>), LogRefusal> {
     let rotor_count = detectors.vehicle().rotor_count();
     let duties = log.duties().len();
     if duties > 0 && duties != rotor_count {
@@ -273,21 +366,40 @@ pub fn judge(log: &FlightLog, detectors: &Detectors, every_window: bool) -> Resu
     if let Some(refusal) = log.refusal_before_detection(vehicle) {
         return Err(LogRefusal(refusal));
     }
-    let mut lacks = lacks(log, detectors);
+    let axial = (!without_motion(log).is_empty())
+        .then(|| Axial::of(log, detectors.config()))
+        .flatten();
+    let (judged, config) = match &axial {
+        Some(axial) => (&axial.log, &axial.config),
+        None => (log, detectors.config()),
+    };
+    let parts = parts_of(log);
+    let mut lacks = lacks(judged, detectors);
+    if let Some(axial) = &axial {
+        lacks.insert(0, judged_by_force(log, axial));
+    }
     let mut voltage = None;
     if !has(log, names::BATTERY_VOLTAGE) && !lacks.iter().any(|lack| lack.prevents_verdicts) {
-        let (worked_out, lack) = without_voltage(log, detectors);
+        let leak = axial.as_ref().map_or(0.0, |_| Axial::LEAK);
+        let (worked_out, lack) = without_voltage(judged, &parts, detectors, leak);
         voltage = worked_out;
         lacks.insert(0, lack);
     }
-    let rate_hz = log.sample_rate_hz();
-    let resampled = (rate_hz - STEP_RATE_HZ).abs() > SAME_RATE_HZ;
-    let mut judge = Judge::new(detectors, log);
+    let session = session(config).expect("the detectors were checked");
+    let session = if axial.is_some() { session.by_force() } else { session };
+    let mut judge = Judge::new(session, parts);
     judge.lists = every_window;
     judge.voltage = voltage;
     if !lacks.iter().any(|lack| lack.prevents_verdicts) {
-        judge.run(log, rotor_count);
+        judge.run(judged, rotor_count);
     }
+    Ok((judge, lacks))
+}
+
+fn report(log: &FlightLog, detectors: &Detectors, judge: Judge, lacks: Vec<Lack>) -> LogReport {
+    let vehicle = &detectors.vehicle().vehicle;
+    let rate_hz = log.sample_rate_hz();
+    let resampled = (rate_hz - STEP_RATE_HZ).abs() > SAME_RATE_HZ;
     let mut notes = judge.notes;
     if let RotorOrder::Vehicle(note) = &log.report.rotor_order {
         notes.insert(0, note.clone());
@@ -304,7 +416,7 @@ pub fn judge(log: &FlightLog, detectors: &Detectors, every_window: bool) -> Resu
         .iter()
         .cloned()
         .chain(log.check_against_vehicle(vehicle));
-    Ok(LogReport {
+    LogReport {
         log: LogView {
             content_hash: log.source.content_hash.clone(),
             rows: log.time_s.len(),
@@ -341,7 +453,7 @@ pub fn judge(log: &FlightLog, detectors: &Detectors, every_window: bool) -> Resu
             .collect(),
         notes,
         flight: None,
-    })
+    }
 }
 
 /// Column of the first duty in a block: after velocity, attitude and rates.
@@ -387,7 +499,7 @@ struct Judge {
 }
 
 impl Judge {
-    fn new(detectors: &Detectors, log: &FlightLog) -> Self {
+    fn new(session: FdiSession, parts: FlightParts) -> Self {
         let count = |detector: &str| DetectorCount {
             detector: detector.to_owned(),
             decided: 0,
@@ -397,7 +509,7 @@ impl Judge {
             first_alarm_s: None,
         };
         Self {
-            session: FdiSession::new(*detectors.config(), 1).expect("the detectors were checked"),
+            session,
             chunk: Chunk::default(),
             voltage: None,
             lost: 0,
@@ -409,7 +521,7 @@ impl Judge {
             counts: [count("t_test"), count("network"), count("sequential")],
             alarmed: [false; 3],
             notes: Vec::new(),
-            parts: parts_of(log),
+            parts,
             part: 0,
             left_air: false,
             stretches: Vec::new(),

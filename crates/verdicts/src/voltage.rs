@@ -17,7 +17,7 @@ use rotortwin_flight_core::fdi::FdiConfig;
 use rotortwin_plant::STEP_RATE_HZ;
 use rotortwin_plant::powertrain::battery::Battery;
 use rotortwin_scenario::Detectors;
-use rotortwin_twin::log::flight_parts::PartKind;
+use rotortwin_twin::log::flight_parts::{FlightPart, FlightParts, PartKind};
 use rotortwin_twin::log::{FlightLog, names};
 
 /// Minimum and maximum airborne time used to estimate the charge, s.
@@ -60,11 +60,13 @@ pub(crate) struct Begin {
 impl WorkedOutVoltage {
     /// Estimates the initial charge.
     ///
+    /// * `parts`: of the flight   * `leak`: by which the velocity down forgets, 1/s; 0 of a measured one
+    ///
     /// # Errors
-    /// Part of a sentence: why it cannot be estimated.
-    pub(crate) fn of(log: &FlightLog, detectors: &Detectors) -> Result<Self, String> {
+    /// Half a sentence: why it cannot be found.
+    pub(crate) fn of(log: &FlightLog, parts: &FlightParts, detectors: &Detectors, leak: f64) -> Result<Self, String> {
         let rotor_count = detectors.vehicle().rotor_count();
-        let (from_s, steps, sinking) = first_seconds(log, rotor_count)?;
+        let (from_s, steps, sinking) = first_seconds(log, parts, rotor_count, leak)?;
         let duration_s = (steps.len() - 1) as f64 / STEP_RATE_HZ;
         let config = *detectors.config();
         let impulse = f64::from(config.mass) * (f64::from(config.gravity) * duration_s - sinking);
@@ -160,21 +162,26 @@ impl WorkedOutVoltage {
     }
 }
 
-/// The first uninterrupted seconds in the air: start, s since the first row, steps, and increase of the downward velocity, m/s.
-fn first_seconds(log: &FlightLog, rotor_count: usize) -> Result<(f64, Vec<Step>, f64), String> {
+/// The first seconds in the air without a gap: when they begin, s since the first row, their steps, and by how much the velocity down grew, m/s.
+fn first_seconds(
+    log: &FlightLog,
+    parts: &FlightParts,
+    rotor_count: usize,
+    leak: f64,
+) -> Result<(f64, Vec<Step>, f64), String> {
     let start_s = log.time_s.first().copied().unwrap_or(0.0);
-    let parts = log.flight_parts(None).parts;
-    let in_air = |part: &&rotortwin_twin::log::flight_parts::FlightPart| {
+    let in_air = |part: &&FlightPart| {
         matches!(part.kind, PartKind::Air | PartKind::Unknown) && part.end_s - part.start_s >= SHORTEST_S
     };
     let why = || format!("it is found from {SHORTEST_S} s in the air without a gap, and the log has none");
-    let part = parts.iter().find(in_air).ok_or_else(why)?;
+    let part = parts.parts.iter().find(in_air).ok_or_else(why)?;
     let (from_s, to_s) = (part.start_s, part.end_s.min(part.start_s + LONGEST_S));
     let duties: Vec<String> = (1..=rotor_count).map(names::duty).collect();
     let mut columns = vec![names::VELOCITY[2], names::ATTITUDE[0], names::ATTITUDE[1]];
     columns.extend(duties.iter().map(String::as_str));
     let mut steps = Vec::new();
     let mut sinking: Option<(f64, f64)> = None;
+    let mut forgotten = 0.0;
     let mut begin_s = from_s;
     let mut over = false;
     let given: Result<(), std::convert::Infallible> = log.for_each_block(&columns, STEP_RATE_HZ, |first, block| {
@@ -194,6 +201,7 @@ fn first_seconds(log: &FlightLog, rotor_count: usize) -> Result<(f64, Vec<Step>,
             }
             let down = block[0][row];
             sinking = Some(sinking.map_or((down, down), |(begin, _)| (begin, down)));
+            forgotten += leak * down / STEP_RATE_HZ;
             if steps.is_empty() {
                 begin_s = time_s;
             }
@@ -209,7 +217,7 @@ fn first_seconds(log: &FlightLog, rotor_count: usize) -> Result<(f64, Vec<Step>,
     }
     match sinking {
         Some((begin, end)) if steps.len() as f64 >= SHORTEST_S * STEP_RATE_HZ => {
-            Ok((begin_s - start_s, steps, end - begin))
+            Ok((begin_s - start_s, steps, end - begin + forgotten))
         }
         _ => Err(why()),
     }

@@ -256,6 +256,37 @@ fn five_effects(rotors: usize, random: &mut Stream) -> Vec<Hidden> {
     effects
 }
 
+/// Healthy flights of the vehicle of a case on `n` other days: its effects without what happens to rotors or load in the case, weather drawn anew, kinds of flight in turn.
+pub fn other_days(case: &FaultCase, n: usize) -> Vec<FaultCase> {
+    let weather = |day: usize| {
+        let mut random = Stream::new(case.seed, &format!("weather-{day}"));
+        let drawn = ["wind", "gusts"].into_iter().filter_map(catalogue::kind);
+        // The last of each is the effect itself; what it acts through is the vehicle's.
+        let drawn: Vec<Hidden> = drawn
+            .filter_map(|kind| draw_effect(kind, 1.0, 1, &mut random).pop())
+            .collect();
+        drawn
+    };
+    let happens = |effect: &&Hidden| !["rotor-thrust-scale", "blade-drag"].contains(&effect.id.as_str());
+    (1..=n)
+        .map(|day| {
+            let today = weather(day);
+            let mut effects: Vec<Hidden> = case.effects.iter().filter(happens).cloned().collect();
+            for effect in &mut effects {
+                if let Some(other) = today.iter().find(|other| other.id == effect.id) {
+                    *effect = other.clone();
+                }
+            }
+            FaultCase {
+                flight: ["waypoint", "helix", "hover"][(day - 1) % 3].to_owned(),
+                seed: Stream::new(case.seed, &format!("day-{day}")).below(1 << 31) as u64,
+                effects,
+                ..case.clone()
+            }
+        })
+        .collect()
+}
+
 /// What the last verdict is worth, next to what the rotors have lost or gained by then.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]

@@ -154,8 +154,10 @@ fn rate(events: usize, hours: f64) -> [f64; 2] {
     [low / hours, high / hours]
 }
 
-/// The tables.
+/// The tables, of classes that were flown.
 pub fn text(sheets: &[ClassSheet]) -> String {
+    let flown: Vec<&ClassSheet> = sheets.iter().filter(|sheet| sheet.flights + sheet.failed > 0).collect();
+    let sheets = flown.as_slice();
     let mut text = format!(
         "{:<17}{:>3}  {:<17}{:<13}{:<16}{}\n",
         "fault", "n", "found in 10 s", "first, s", "settled", "settled, s"

@@ -11,7 +11,7 @@ use rotortwin_flight_core::fdi::residual::{BodyMomentum, RigidBody};
 use rotortwin_flight_core::signals::Measurement;
 
 /// F_z, M_x, M_y, M_z.
-pub(super) const AXES: usize = 4;
+pub(crate) const AXES: usize = 4;
 
 /// Integrals beside the defect: wrench (4), its sensitivity to ln τ (4), vertical path, time, gyroscopic torque (3), thrust of every rotor.
 const INTEGRALS: usize = THRUST + MAX_ROTORS;
@@ -25,7 +25,7 @@ const OTHER_AXES: [[usize; 2]; 3] = [[2, 3], [3, 1], [1, 2]];
 
 /// What one block of samples gives; of each quantity the change of its mean since the block before.
 #[derive(Clone, Copy, Debug, Default)]
-pub(super) struct Block {
+pub(crate) struct Block {
     /// Momentum defect, N·s.
     pub defect: [f64; AXES],
     /// Time between the middles of the two blocks, s.
@@ -55,7 +55,7 @@ struct Lag {
 
 /// See the module.
 #[derive(Clone, Debug)]
-pub(super) struct Meter {
+pub(crate) struct Meter {
     config: FdiConfig,
     body: RigidBody,
     period: f64,
@@ -79,7 +79,7 @@ pub(super) struct Meter {
 }
 
 impl Meter {
-    pub(super) fn new(config: &FdiConfig) -> Self {
+    pub(crate) fn new(config: &FdiConfig) -> Self {
         let n = config.geometry.rotor_count();
         let f = config.geometry.effectiveness();
         let arm: [f64; AXES] = std::array::from_fn(|axis| {
@@ -120,7 +120,7 @@ impl Meter {
     }
 
     /// Takes in one sample that the engine has taken.
-    pub(super) fn step(&mut self, input: &Measurement) {
+    pub(crate) fn step(&mut self, input: &Measurement) {
         let n = self.config.geometry.rotor_count();
         let body = BodyMomentum::from_nav(&self.body, &input.nav);
         let (momentum, drift) = (body.momentum.map(f64::from), body.drift.map(f64::from));
@@ -176,7 +176,7 @@ impl Meter {
     }
 
     /// One step at the rates of the last one: also what a sample does that was lost or rejected.
-    pub(super) fn hold(&mut self) {
+    pub(crate) fn hold(&mut self) {
         for axis in 0..AXES {
             self.accounted[axis] += self.period * self.rate[axis];
         }
@@ -186,7 +186,7 @@ impl Meter {
     }
 
     /// Means since the last block; `None` without a sample in between, then the block goes on.
-    pub(super) fn close(&mut self) -> Option<Block> {
+    pub(crate) fn close(&mut self) -> Option<Block> {
         if self.samples < 1.0 {
             return None;
         }

@@ -14,7 +14,7 @@
 //!   ([`trust`]).
 
 mod joint;
-mod meter;
+pub(crate) mod meter;
 mod sets;
 mod settling;
 mod trust;
@@ -71,6 +71,8 @@ const REAL_SIGMAS: f64 = 3.0;
 /// Standard deviation of the slope of the thrust curve, in units of the error of the thrust in hover: somewhere between none of it (the mass is
 /// off) and all of it (the thrust is), 1/√3.
 const SLOPE_ERROR: f64 = 0.577;
+/// Standard deviation of the slope of a thrust curve that was learnt.
+const LEARNT_ERROR: f64 = 0.04;
 /// Low-pass of the unexplained wrench, s: as the engine's residuals have.
 const UNEXPLAINED_TIME: f64 = 0.2;
 /// Probability of nothing above which a fault is over, and below which it is back.
@@ -106,6 +108,8 @@ pub struct SecondLook {
     trust: Trust,
     /// As the present episode began: factor of the variance of a severity, error of the thrust in hover as a share of it.
     caution: [f64; 2],
+    /// Standard deviation of the slope of a thrust curve that was learnt; 0 of a model's.
+    learnt_error: f64,
 }
 
 impl SecondLook {
@@ -141,7 +145,23 @@ impl SecondLook {
             settling: Settling::default(),
             trust: Trust::default(),
             caution: [1.0, 0.0],
+            learnt_error: 0.0,
         }
+    }
+
+    /// The same for a vehicle of which earlier flights left gusts and white forces of these levels, N²: no calibration is calmer than that.
+    #[must_use]
+    pub(crate) fn with_noise(mut self, least: [[f64; 2]; AXES]) -> Self {
+        self.filter.least = least;
+        self.learnt_error = LEARNT_ERROR;
+        self
+    }
+
+    /// The same where the velocity down is integrated from the specific force: its noise is that of a force, not of a speed.
+    #[must_use]
+    pub(crate) fn by_force(mut self, by_force: bool) -> Self {
+        self.filter.by_force = by_force;
+        self
     }
 
     /// Takes in a sample that the engine has taken.
@@ -269,7 +289,7 @@ impl SecondLook {
         };
         let noise = self.filter.noise();
         let [factor, thrust_error] = self.caution;
-        let relative = MODEL_ERROR.hypot(SLOPE_ERROR * thrust_error);
+        let relative = MODEL_ERROR.hypot(SLOPE_ERROR * thrust_error).hypot(self.learnt_error);
         let rotors = (0..self.rotor_count).filter(|rotor| tracked.rotors >> rotor & 1 == 1);
         tracked
             .lost()

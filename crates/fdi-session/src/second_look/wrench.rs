@@ -30,7 +30,7 @@ const CALMS: f64 = 0.06;
 const RISES: f64 = 0.01;
 /// Levels of gusts that are tried, share of a rotor's thrust in hover; each the √10-fold of the one before.
 const LEAST_GUST: f64 = 3e-4;
-const GUST_LEVELS: i32 = 7;
+const GUST_LEVELS: i32 = 8;
 /// White force, standard deviation of its mean over a block in the same unit.
 const LEAST_WHITE: f64 = 3e-4;
 const WHITE_LEVELS: i32 = 7;
@@ -137,6 +137,10 @@ pub(super) struct WrenchFilter {
     /// Of the calibration.
     blocks: Vec<Block>,
     noise: [Noise; AXES],
+    /// Least gusts and white force, N².
+    pub(super) least: [[f64; 2]; AXES],
+    /// The momentum along z is an integral of the force itself.
+    pub(super) by_force: bool,
     scale: [f64; AXES],
     modes: Vec<[Filter; AXES]>,
     probability: [f64; SPEEDS.len()],
@@ -174,6 +178,8 @@ impl WrenchFilter {
             gust_time: f64::from(c.disturbance_correlation_time),
             blocks: Vec::new(),
             noise: [Noise::default(); AXES],
+            least: [[0.0; 2]; AXES],
+            by_force: false,
             scale: [1.0; AXES],
             modes: Vec::new(),
             probability: [0.0; SPEEDS.len()],
@@ -190,7 +196,12 @@ impl WrenchFilter {
             0.0,
             block.elapsed,
             block.elapsed,
-            block.wrench[axis] + block.defect[axis],
+            // The noise of an integrated force is all in its defect: as a regressor that would explain itself.
+            if axis == 0 && self.by_force {
+                block.wrench[axis]
+            } else {
+                block.wrench[axis] + block.defect[axis]
+            },
             second,
             block.lag_slope[axis],
             if axis == 0 { 0.0 } else { block.gyroscopic[axis - 1] },
@@ -236,8 +247,8 @@ impl WrenchFilter {
                         |least: f64, step: i32| (self.hover * least * 10f64.powf(0.5 * f64::from(step))).powi(2);
                     let noise = Noise {
                         correlation,
-                        gust: level(LEAST_GUST, gust),
-                        white: level(LEAST_WHITE, white),
+                        gust: level(LEAST_GUST, gust).max(self.least[axis][0]),
+                        white: level(LEAST_WHITE, white).max(self.least[axis][1]),
                         measurement: rough / count,
                     };
                     let mut prior = self.prior[axis];

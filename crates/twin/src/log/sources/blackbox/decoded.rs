@@ -2,7 +2,8 @@
 //!
 //! One line per frame of the main stream, names as in the log, with the unit behind a name where the tool has converted it:
 //! `time (us)`, `vbatLatest (V)`, `amperageLatest (A)`, `gyroADC[0] (deg/s)`. Header lines do not survive, so what they say is taken from
-//! the numbers: counts of 1 g from the accelerometer at most times, the range of the motors from what they reach.
+//! the numbers: counts of 1 g from the accelerometer at most times, the range of the motors from what they reach;
+//! rotor speeds count with the firmware's usual number of magnet poles.
 //!
 //! Limits: the scale of a gyroscope that logs counts (before Betaflight 3.0) is lost; 1 count is taken as 1 deg/s.
 
@@ -90,6 +91,7 @@ pub(in crate::log) fn parse(bytes: &[u8], mut room: Room) -> Result<SourceLog, S
     counts(&mut stream, &mut log);
     battery(&mut stream, &mut log);
     motors(&stream, &mut log);
+    fields::rotor_speeds(None, &mut stream, &mut log);
     log.notes.push(
         "decoded blackbox log: scales of its header are lost and taken from the numbers; the .bbl itself tells them"
             .to_owned(),
@@ -214,6 +216,22 @@ mod tests {
             (log.parameters["motor_low"], log.parameters["motor_high"]),
             (48.0, 2047.0)
         );
+    }
+
+    #[test]
+    fn val_electrical_turns_of_a_decoded_log_are_rotor_speeds() {
+        for field in ["eRPM[0]", "eRPM(/100)[0]"] {
+            let text = text(20).replace("vbatLatest (V)", field).replace("15.3", "210");
+            let log = parse(text.as_bytes(), Room::new(1 << 16)).unwrap();
+            let rpm = log.streams[0].fields.iter().find(|(name, _)| name == "rpm[0]");
+            // 14 poles.
+            assert_eq!(rpm.map(|(_, rpm)| rpm[0]), Some(3000.0), "{field}");
+            assert!(
+                log.notes.iter().any(|note| note.contains("14 are taken")),
+                "{:?}",
+                log.notes
+            );
+        }
     }
 
     #[test]

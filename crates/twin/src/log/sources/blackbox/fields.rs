@@ -1,14 +1,19 @@
 //! Blackbox fields in units: which number is what depends on header lines and firmware.
 //!
-//! Body axes of the family are forward, left, up. Added to the stream: `gyro[i]` (deg/s), `acc[i]` (g), `voltage_v`, `current_a`, and of
-//! INAV `position[i]` (m, NED), `velocity[i]` (m/s, NED), `euler[i]` (deg, FRD in NED). Parameters `motor_low` and `motor_high` are the
+//! Body axes of the family are forward, left, up. Added to the stream: `gyro[i]` (deg/s), `acc[i]` (g), `rpm[i]` (min⁻¹), `voltage_v`, `current_a`,
+//! and of INAV `position[i]` (m, NED), `velocity[i]` (m/s, NED), `euler[i]` (deg, FRD in NED). Parameters `motor_low` and `motor_high` are the
 //! motor values of duty 0 and 1.
 
 use super::super::{RawStream, SourceLog};
 use super::Header;
+use rotortwin_flight_core::MAX_ROTORS;
 
 /// DShot: 48 is the least throttle, 2047 the most.
 const DSHOT: (f64, f64) = (48.0, 2047.0);
+/// `eRPM` counts so many electrical turns per minute (Betaflight, `ERPM_PER_LSB` of drivers/dshot.c).
+const ERPM_PER_COUNT: f64 = 100.0;
+/// Magnet poles of a motor where nothing says how many: the firmware's default.
+const USUAL_POLES: f64 = 14.0;
 
 pub(super) fn in_units(header: &Header, stream: &mut RawStream, log: &mut SourceLog) {
     let firmware = header.text("Firmware revision").to_owned();
@@ -32,6 +37,7 @@ pub(super) fn in_units(header: &Header, stream: &mut RawStream, log: &mut Source
         .filter(|one_g| *one_g > 0.0)
         .unwrap_or_else(|| rest_level(stream));
     add(stream, "accSmooth", "acc", &[1.0 / one_g; 3]);
+    rotor_speeds(header.number("motor_poles"), stream, log);
     battery(&firmware, stream, log);
     if is_inav {
         // Tenths of degrees; nose down is positive there. Centimetres, up.
@@ -39,6 +45,29 @@ pub(super) fn in_units(header: &Header, stream: &mut RawStream, log: &mut Source
         add(stream, "navPos", "position", &[0.01, 0.01, -0.01]);
         add(stream, "navVel", "velocity", &[0.01, 0.01, -0.01]);
     }
+}
+
+/// Rotor speeds from the telemetry of the ESCs (bidirectional DShot), numbered as the outputs `motor[i]` are: a turn of the rotor is one electrical
+/// turn for each pair of poles.
+pub(super) fn rotor_speeds(poles: Option<f64>, stream: &mut RawStream, log: &mut SourceLog) {
+    let motors_of = |field: &str| {
+        let has = |motor: &usize| column(stream, &format!("{field}[{motor}]")).is_some();
+        (0..MAX_ROTORS).take_while(has).count()
+    };
+    // The second name is that of some releases and tools.
+    let fields = ["eRPM", "eRPM(/100)"].map(|field| (field, motors_of(field)));
+    let Some((field, motors)) = fields.into_iter().find(|(_, motors)| *motors > 0) else {
+        return;
+    };
+    let poles = poles.filter(|poles| *poles >= 2.0).unwrap_or_else(|| {
+        log.notes.push(format!(
+            "eRPM: nothing says how many magnet poles the motors have; {USUAL_POLES} are taken, as the firmware does (for another number N set \
+             factor = {USUAL_POLES} / N of rotor_speed in a mapping)"
+        ));
+        USUAL_POLES
+    });
+    let factor = ERPM_PER_COUNT / (0.5 * poles);
+    add(stream, field, "rpm", &vec![factor; motors]);
 }
 
 /// Degrees per second of one count. Firmware before 2016 writes `gyro.scale`; Baseflight's is in radians per microsecond.

@@ -130,6 +130,46 @@ fn prop_no_bytes_panic() {
     }
 }
 
+#[test]
+fn val_electrical_turns_are_rotor_speeds_by_the_poles_of_the_header() {
+    let header = HEADER
+        .replace("motor[0],motor[1]\n", "motor[0],motor[1],eRPM[0],eRPM[1]\n")
+        .replace("H Field I signed:0,0,1,1,1,0,0", "H Field I signed:0,0,1,1,1,0,0,0,0")
+        .replace(
+            "H Field I predictor:0,0,0,0,0,11,5",
+            "H Field I predictor:0,0,0,0,0,11,5,0,0",
+        )
+        .replace(
+            "H Field I encoding:1,1,0,0,0,1,0",
+            "H Field I encoding:1,1,0,0,0,1,0,1,1",
+        )
+        .replace(
+            "H Field P predictor:6,2,1,1,1,3,3",
+            "H Field P predictor:6,2,1,1,1,3,3,1,1",
+        )
+        .replace(
+            "H Field P encoding:9,0,7,7,7,0,0",
+            "H Field P encoding:9,0,7,7,7,0,0,0,0",
+        );
+    // 700 and 7 counts; then 1 more and 1 less. 12 poles: 100/6 min⁻¹ a count; the firmware's 14 where the header does not say.
+    let whole: &[u8] = &[b'I', 4, 0xe8, 0x07, 2, 1, 4, 42, 10, 0xbc, 0x05, 7];
+    let against: &[u8] = &[b'P', 0xf4, 0x03, 0b01_10_01, 20, 3, 2, 1];
+    let end: &[u8] = b"E\xffEnd of log\0";
+    for (line, poles) in [("H motor_poles:12\n", 12.0), ("", 14.0)] {
+        let log = stream(&bytes(&format!("{header}{line}"), &[whole, against, end]));
+        let rpm = |counts: f64| counts * 100.0 / (poles / 2.0);
+        for (name, counts) in [("rpm[0]", [700.0, 701.0]), ("rpm[1]", [7.0, 6.0])] {
+            for (read, counts) in column(&log, name).iter().zip(counts) {
+                assert!((read - rpm(counts)).abs() < 1e-9, "{name}: {read}");
+            }
+        }
+        assert_eq!(
+            log.notes.iter().any(|note| note.contains("magnet poles")),
+            line.is_empty()
+        );
+    }
+}
+
 /// Header lines of three generations, and the rate of one count that each means, deg/s.
 #[test]
 fn regress_firmware_before_2016_writes_the_scale_of_its_gyroscope_under_another_key() {

@@ -1,0 +1,614 @@
+//! What healthy flights of a vehicle say of it beyond its model, and how a session takes that into account.
+//!
+//! ```text
+//!  healthy flights ─▶ Learner: what rotors do not explain, against signals of the flight ─▶ Learnt: Θ
+//!  Measurement, Θ ─▶ the duties that the model would need for the wrench that this vehicle has ─▶ engine, second look
+//! ```
+//! The momentum defect D of each axis a (as in [`super::second_look`], levers taken out) is fitted by
+//!
+//! ```text
+//!  D_a' = w_a + b_a + Σ_k Θ_ak s̃_k       w' = −w/T + noise,  b: of one flight,  s̃: s through the rotors' lag
+//! ```
+//! with a Kalman filter that goes through all blocks of all flights; gusts w and the bias b are the day's, Θ is the vehicle's. Signals s are what usual missing
+//! physics goes with ([`NAMES`]): gains of the wrenches and of their squares (mass, inertia, thrust curve, rotors that lean), speeds (drag and where it acts, inflow,
+//! translational lift), rates (damping, products of inertia), what the commands change (lag, latencies, spin of the rotors), the voltage. Θ has a prior about
+//! 0 of what such physics can be, so that what the flights do not show stays 0.
+//!
+//! A session that has learnt adds F⁺ Σ_k Θ_ak s_k to the thrusts that were commanded: the detectors stay as they are and see a vehicle that is their model. Their
+//! priors of what was learnt are narrower by [`NARROW`]; the second look takes no calibration for calmer than [`LEAST_NOISE`] of what the flights left, since
+//! eight seconds seldom hold a gust or a corner of the flight to come.
+//!
+//! Limits: what the flights did not do is not learnt; a wind is the day's, so drag is learnt against the ground. A fault in a flight that is learnt from is
+//! a part of the vehicle then.
+
+use super::second_look::meter::{AXES, Meter};
+use rotortwin_flight_core::MAX_ROTORS;
+use rotortwin_flight_core::fdi::FdiConfig;
+use rotortwin_flight_core::fdi::nominal_thrust::static_thrust;
+use rotortwin_flight_core::frames::{BodyToNed, Vec3};
+use rotortwin_flight_core::signals::Measurement;
+
+/// Signals.
+const SIGNALS: usize = NAMES.len();
+/// Each in N at the levers, or in N for 1 m/s, 1 rad/s; what it stands for, and the standard deviation of Θ: for the axis itself and for the others.
+const NAMES: [(&str, f64, f64); 30] = [
+    ("vertical force beyond the weight", 0.1, 0.03),
+    ("roll moment", 0.1, 0.03),
+    ("pitch moment", 0.1, 0.03),
+    ("yaw moment", 0.1, 0.03),
+    ("change of the vertical force", 0.5, 0.05),
+    ("change of the roll moment", 0.5, 0.05),
+    ("change of the pitch moment", 0.5, 0.05),
+    ("change of the yaw moment", 0.5, 0.05),
+    ("vertical force, squares of thrusts", 0.1, 0.02),
+    ("roll moment, squares of thrusts", 0.1, 0.02),
+    ("pitch moment, squares of thrusts", 0.1, 0.02),
+    ("yaw moment, squares of thrusts", 0.1, 0.02),
+    ("forward speed", 0.1, 0.1),
+    ("speed to the right", 0.1, 0.1),
+    ("speed down", 0.5, 0.1),
+    ("square of the horizontal speed", 0.03, 0.01),
+    ("square of the vertical speed", 0.03, 0.01),
+    ("forward speed times the horizontal speed", 0.02, 0.02),
+    ("speed to the right times the horizontal speed", 0.02, 0.02),
+    ("roll rate", 0.05, 0.05),
+    ("pitch rate", 0.05, 0.05),
+    ("yaw rate", 0.05, 0.05),
+    ("product of pitch and yaw rate", 0.2, 0.05),
+    ("product of roll and yaw rate", 0.2, 0.05),
+    ("product of roll and pitch rate", 0.2, 0.05),
+    (
+        "roll rate times speed to the right less pitch rate times forward speed",
+        0.05,
+        0.02,
+    ),
+    ("specific force forward, as the air pushes", 0.5, 0.3),
+    ("specific force to the right, as the air pushes", 0.5, 0.3),
+    ("square of the horizontal specific force over the weight", 0.5, 0.3),
+    ("voltage off its mean, times the thrust", 0.3, 0.0),
+];
+/// Hover thrust of the rotors that these are given for, N: speeds and rates scale with it.
+const SCALE_THRUST: f64 = 2.5;
+/// First of the signals whose Θ is no share.
+const FIRST_SPEED: usize = 12;
+/// Which axis a signal belongs to; the rest belong to all alike.
+const AXIS_OF: [Option<usize>; SIGNALS] = {
+    let mut axis = [None; SIGNALS];
+    let mut k = 0;
+    while k < FIRST_SPEED {
+        axis[k] = Some(k % AXES);
+        k += 1;
+    }
+    axis
+};
+/// States of the fit: defect, gust, bias, Θ.
+const STATES: usize = 3 + SIGNALS;
+const DEFECT: usize = 0;
+const GUST: usize = 1;
+const BIAS: usize = 2;
+/// Fewest blocks that something is learnt from: 20 s.
+const FEWEST_BLOCKS: usize = 320;
+/// Spreads of gain, lag, centre of mass and drag of a vehicle that is known from flights, over those of one that is not.
+const NARROW: f32 = 0.4;
+/// Variances of a calm day over those of the flights.
+const LEAST_NOISE: f64 = 0.25;
+/// Rounds of noise and Θ.
+const ROUNDS: usize = 2;
+/// Low-pass of the horizontal force, s: it stands for the speed through the air, which a rotor's drag makes of it.
+const AIR_TIME: f64 = 0.05;
+/// Time of the low-pass of the voltage, s.
+const VOLTAGE_TIME: f64 = 20.0;
+
+/// Signals of a flight, sample by sample.
+#[derive(Clone, Debug)]
+struct Signals {
+    config: FdiConfig,
+    arm: [f64; AXES],
+    weight: f64,
+    hover: f64,
+    /// 1 − e^(−dt/τ).
+    end: f64,
+    lagged: Option<[f64; AXES]>,
+    voltage: f64,
+    /// Low-passed in the body: speeds, and what changes them but forces.
+    speed: [f64; 2],
+    turn: [f64; 2],
+}
+
+impl Signals {
+    fn new(config: &FdiConfig, arm: [f64; AXES]) -> Self {
+        let x = f64::from(config.period) / f64::from(config.sequential.rotor_time_constant);
+        let weight = f64::from(config.mass) * f64::from(config.gravity);
+        Self {
+            config: *config,
+            arm,
+            weight,
+            hover: weight / config.geometry.rotor_count() as f64,
+            end: -(-x).exp_m1(),
+            lagged: None,
+            voltage: 0.0,
+            speed: [0.0; 2],
+            turn: [0.0; 2],
+        }
+    }
+
+    /// Of one sample.
+    fn of(&mut self, input: &Measurement, thrust: &[f32; MAX_ROTORS]) -> [f64; SIGNALS] {
+        let geometry = &self.config.geometry;
+        let wrench = geometry.wrench_from_thrust(thrust);
+        let square = geometry.wrench_from_thrust(&thrust.map(|f| f * f));
+        let wrench: [f64; AXES] = std::array::from_fn(|axis| f64::from(wrench[axis]) / self.arm[axis]);
+        let square: [f64; AXES] = std::array::from_fn(|axis| f64::from(square[axis]) / (self.arm[axis] * self.hover));
+        let body = BodyToNed::from_euler(input.nav.attitude);
+        let [u, v, w] = body.to_body(input.nav.velocity_ned).to_array().map(f64::from);
+        let [p, q, r] = input.nav.body_rates.to_array().map(f64::from);
+        let gravity = body
+            .to_body(Vec3::new(0.0, 0.0, self.config.gravity))
+            .to_array()
+            .map(f64::from);
+        // f = v' + ω × v − g.
+        let turn = [q * w - r * v - gravity[0], r * u - p * w - gravity[1]];
+        let lagged = self.lagged.get_or_insert_with(|| {
+            self.voltage = f64::from(input.battery_voltage);
+            (self.speed, self.turn) = ([u, v], turn);
+            wrench
+        });
+        let mut push = [0.0; 2];
+        for (k, speed) in [u, v].into_iter().enumerate() {
+            let share = f64::from(self.config.period) / AIR_TIME;
+            // The low-pass of a derivative is the distance to the low-pass, over its time.
+            push[k] = f64::from(self.config.mass) * ((speed - self.speed[k]) / AIR_TIME + self.turn[k]);
+            self.speed[k] += (speed - self.speed[k]) * share;
+            self.turn[k] += (turn[k] - self.turn[k]) * share;
+        }
+        let change: [f64; AXES] = std::array::from_fn(|axis| wrench[axis] - lagged[axis]);
+        for axis in 0..AXES {
+            lagged[axis] += change[axis] * self.end;
+        }
+        let voltage = f64::from(input.battery_voltage);
+        self.voltage += (voltage - self.voltage) * f64::from(self.config.period) / VOLTAGE_TIME;
+        let level = u.hypot(v);
+        let off = if self.voltage > 0.0 {
+            voltage / self.voltage - 1.0
+        } else {
+            0.0
+        };
+        [
+            wrench[0] + self.weight,
+            wrench[1],
+            wrench[2],
+            wrench[3],
+            change[0],
+            change[1],
+            change[2],
+            change[3],
+            square[0] + self.weight,
+            square[1],
+            square[2],
+            square[3],
+            u,
+            v,
+            w,
+            level * level,
+            w * w.abs(),
+            u * level,
+            v * level,
+            p,
+            q,
+            r,
+            q * r,
+            p * r,
+            p * q,
+            p * v - q * u,
+            push[0],
+            push[1],
+            (push[0] * push[0] + push[1] * push[1]) / self.hover,
+            off * wrench[0],
+        ]
+    }
+}
+
+/// A block of a flight.
+#[derive(Clone, Debug)]
+struct Taken {
+    /// The first after a gap: what was before says nothing of it.
+    begins: bool,
+    defect: [f64; AXES],
+    elapsed: f64,
+    /// ∫ signals through the lag.
+    signal: [f64; SIGNALS],
+    /// Of the mean of the momentum, (N·s)².
+    noise: [f64; AXES],
+}
+
+/// Takes in healthy flights.
+#[derive(Clone, Debug)]
+pub struct Learner {
+    config: FdiConfig,
+    meter: Meter,
+    signals: Signals,
+    /// 1 − e^(−dt/τ), and the share of a step's input in the mean over it.
+    end: f64,
+    mean: f64,
+    lagged: Option<[f64; SIGNALS]>,
+    rate: [f64; SIGNALS],
+    integral: [f64; SIGNALS],
+    sum: [f64; SIGNALS],
+    samples: f64,
+    begins: bool,
+    blocks: Vec<Taken>,
+    flights: usize,
+}
+
+impl Learner {
+    /// For the vehicle of these detectors.
+    pub fn new(config: &FdiConfig) -> Self {
+        let meter = Meter::new(config);
+        let x = f64::from(config.period) / f64::from(config.sequential.rotor_time_constant);
+        let end = -(-x).exp_m1();
+        Self {
+            config: *config,
+            signals: Signals::new(config, meter.arm),
+            meter,
+            end,
+            mean: 1.0 - end / x,
+            lagged: None,
+            rate: [0.0; SIGNALS],
+            integral: [0.0; SIGNALS],
+            sum: [0.0; SIGNALS],
+            samples: 0.0,
+            begins: true,
+            blocks: Vec::new(),
+            flights: 0,
+        }
+    }
+
+    /// Before another flight.
+    pub(crate) fn and_a_flight(mut self) -> Self {
+        self.begin();
+        self.flights += 1;
+        self
+    }
+
+    /// What comes next does not go on from what was.
+    pub(crate) fn begin(&mut self) {
+        let (blocks, flights) = (std::mem::take(&mut self.blocks), self.flights);
+        *self = Self {
+            blocks,
+            flights,
+            ..Self::new(&self.config)
+        };
+    }
+
+    /// Takes in a sample that the engine has taken.
+    pub(crate) fn step(&mut self, input: &Measurement) {
+        self.meter.step(input);
+        self.samples += 1.0;
+        for k in 0..SIGNALS {
+            self.sum[k] += self.integral[k];
+        }
+        let rotors = self.config.geometry.rotor_count();
+        let now = self
+            .signals
+            .of(input, &static_thrust(&self.config.thrust_map, rotors, input));
+        let lagged = self.lagged.get_or_insert(now);
+        for k in 0..SIGNALS {
+            let gap = now[k] - lagged[k];
+            self.rate[k] = lagged[k] + gap * self.mean;
+            lagged[k] += gap * self.end;
+        }
+        self.advance();
+    }
+
+    /// A sample was lost or rejected.
+    pub(crate) fn hold(&mut self) {
+        self.meter.hold();
+        self.advance();
+    }
+
+    fn advance(&mut self) {
+        for k in 0..SIGNALS {
+            self.integral[k] += f64::from(self.config.period) * self.rate[k];
+        }
+    }
+
+    /// After the last sample of a window.
+    ///
+    /// * `counts`: the vehicle flew, and the model could explain it
+    pub(crate) fn close(&mut self, counts: bool) {
+        let Some(block) = self.meter.close() else {
+            return;
+        };
+        let share = 1.0 / self.samples.max(1.0);
+        let signal = self.sum.map(|sum| sum * share);
+        for k in 0..SIGNALS {
+            self.integral[k] -= signal[k];
+        }
+        (self.sum, self.samples) = ([0.0; SIGNALS], 0.0);
+        let first = std::mem::replace(&mut self.begins, false);
+        if !counts {
+            self.begins = true;
+        } else if first {
+            // Its defect counts from a sample, not from a mean.
+            self.blocks.push(Taken {
+                begins: true,
+                defect: [0.0; AXES],
+                elapsed: 0.0,
+                signal: [0.0; SIGNALS],
+                noise: block.roughness.map(|rough| rough / (2.0 * block.samples)),
+            });
+        } else {
+            self.blocks.push(Taken {
+                begins: false,
+                defect: block.defect,
+                elapsed: block.elapsed,
+                signal,
+                noise: block.roughness.map(|rough| rough / (2.0 * block.samples)),
+            });
+        }
+    }
+
+    /// What the flights so far say; `None`: too short.
+    pub fn learnt(&self) -> Option<Learnt> {
+        if self.blocks.len() < FEWEST_BLOCKS {
+            return None;
+        }
+        let mut theta = [[0.0; SIGNALS]; AXES];
+        let mut noise = [[0.0; 2]; AXES];
+        for axis in 0..AXES {
+            (theta[axis], noise[axis]) = fitted(&self.blocks, axis, self.signals.hover, &self.config);
+        }
+        Some(Learnt {
+            inertia: take_inertia(&mut theta),
+            noise,
+            theta,
+            flights: self.flights,
+            seconds: self.blocks.iter().map(|block| block.elapsed).sum(),
+        })
+    }
+}
+
+/// Gusts and white force of an axis, N², and their correlation over a block.
+#[derive(Clone, Copy)]
+struct Noise {
+    gust: f64,
+    white: f64,
+    correlation: f64,
+}
+
+/// Θ of one axis: noise for the Θ so far, Θ for that noise.
+fn fitted(blocks: &[Taken], axis: usize, hover: f64, config: &FdiConfig) -> ([f64; SIGNALS], [f64; 2]) {
+    /// Levels that are tried, share of the thrust in hover.
+    const LEVELS: [f64; 12] = [3e-4, 1e-3, 3e-3, 6e-3, 1e-2, 1.7e-2, 3e-2, 6e-2, 0.1, 0.3, 0.55, 1.0];
+    let usual = blocks.iter().map(|block| block.elapsed).fold(0.0, f64::max);
+    let correlation = (-usual / f64::from(config.sequential.disturbance_correlation_time)).exp();
+    let bias = (f64::from(config.sequential.bias_spread) * hover).powi(2);
+    let mut theta = [0.0; SIGNALS];
+    let mut left = [0.0; 2];
+    for round in 0..=ROUNDS {
+        let levels = LEVELS.iter().flat_map(|gust| LEVELS.map(|white| (*gust, white)));
+        let noises = levels.map(|(gust, white)| Noise {
+            gust: (gust * hover).powi(2),
+            white: (white * hover).powi(2),
+            correlation,
+        });
+        let likelihood = |noise: &Noise| filtered::<BARE>(blocks, axis, noise, bias, &theta, &[0.0; SIGNALS]).0;
+        let Some(best) = noises.max_by(|a, b| likelihood(a).total_cmp(&likelihood(b))) else {
+            return (theta, left);
+        };
+        left = [best.gust, best.white];
+        if round == ROUNDS {
+            break;
+        }
+        let spread: [f64; SIGNALS] = std::array::from_fn(|k| {
+            let (_, own, other) = NAMES[k];
+            let scale = if k < FIRST_SPEED || k == SIGNALS - 1 {
+                1.0
+            } else {
+                hover / SCALE_THRUST
+            };
+            let is_own = AXIS_OF[k].map_or(axis == 0 || k < SIGNALS - 1, |of| of == axis);
+            scale * if is_own { own } else { other }
+        });
+        theta = filtered::<STATES>(blocks, axis, &best, bias, &[0.0; SIGNALS], &spread).1;
+    }
+    (theta, left)
+}
+
+/// Without Θ as states.
+const BARE: usize = 3;
+
+/// ln likelihood of the blocks, and Θ where it is among the `N` states.
+///
+/// * `known`: Θ that is taken off   * `spread`: standard deviation of the rest
+fn filtered<const N: usize>(
+    blocks: &[Taken],
+    axis: usize,
+    noise: &Noise,
+    bias: f64,
+    known: &[f64; SIGNALS],
+    spread: &[f64; SIGNALS],
+) -> (f64, [f64; SIGNALS]) {
+    let mut x = [0.0; N];
+    let mut p = [[0.0; N]; N];
+    for state in BARE..N {
+        p[state][state] = spread[state - BARE].powi(2);
+    }
+    let mut log_likelihood = 0.0;
+    for block in blocks {
+        if block.begins {
+            for state in 0..BARE {
+                x[state] = 0.0;
+                for other in 0..N {
+                    (p[state][other], p[other][state]) = (0.0, 0.0);
+                }
+            }
+            p[DEFECT][DEFECT] = block.noise[axis];
+            p[GUST][GUST] = noise.gust;
+            p[BIAS][BIAS] = bias;
+            continue;
+        }
+        let mut c = [0.0; N];
+        (c[GUST], c[BIAS]) = (block.elapsed, block.elapsed);
+        c[BARE..].copy_from_slice(&block.signal[..N - BARE]);
+        let told: f64 = known
+            .iter()
+            .zip(&block.signal)
+            .map(|(theta, signal)| theta * signal)
+            .sum();
+        // P ← A P Aᵀ with A = 1 + e_D cᵀ.
+        x[DEFECT] += c.iter().zip(&x).map(|(c, x)| c * x).sum::<f64>();
+        let row: [f64; N] = std::array::from_fn(|k| (1..N).map(|j| c[j] * p[j][k]).sum());
+        let spread: f64 = (1..N).map(|j| c[j] * row[j]).sum();
+        p[DEFECT][DEFECT] += 2.0 * row[DEFECT] + spread + noise.white * block.elapsed * block.elapsed;
+        for k in 1..N {
+            p[DEFECT][k] += row[k];
+            p[k][DEFECT] = p[DEFECT][k];
+        }
+        x[GUST] *= noise.correlation;
+        for k in 0..N {
+            p[GUST][k] *= noise.correlation;
+            p[k][GUST] *= noise.correlation;
+        }
+        p[GUST][GUST] += (1.0 - noise.correlation.powi(2)) * noise.gust;
+        let innovation = block.defect[axis] - told - x[DEFECT];
+        let column = p[DEFECT];
+        let variance = column[DEFECT] + block.noise[axis];
+        for i in 0..N {
+            x[i] += column[i] / variance * innovation;
+            for j in 0..N {
+                p[i][j] -= column[i] * column[j] / variance;
+            }
+        }
+        // D counts from the measured one.
+        x[DEFECT] -= block.defect[axis] - told;
+        log_likelihood -= 0.5 * (variance.ln() + innovation * innovation / variance);
+    }
+    let mut theta = [0.0; SIGNALS];
+    theta[..N - BARE].copy_from_slice(&x[BARE..]);
+    (log_likelihood, theta)
+}
+
+/// Factor of the inertia about each axis. What roll and pitch gain alike is the slope of the thrust curve, of which a lost thrust has no part; the rest of an axis'
+/// gain is its inertia (or its moment ratio), and a lost thrust counts as much more or less.
+fn take_inertia(theta: &mut [[f64; SIGNALS]; AXES]) -> [f64; 3] {
+    let [roll, pitch] = [theta[1][1], theta[2][2]];
+    let common = if roll * pitch > 0.0 {
+        roll.signum() * roll.abs().min(pitch.abs())
+    } else {
+        0.0
+    };
+    std::array::from_fn(|k| {
+        let axis = k + 1;
+        let gain = (1.0 + theta[axis][axis]) / (1.0 + common);
+        let gain = gain.clamp(0.5, 2.0);
+        theta[axis][axis] = common;
+        for other in (0..SIGNALS).filter(|other| *other != axis) {
+            theta[axis][other] /= gain;
+        }
+        1.0 / gain
+    })
+}
+
+/// What was learnt of a vehicle.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Learnt {
+    theta: [[f64; SIGNALS]; AXES],
+    inertia: [f64; 3],
+    /// Gusts and white force of each axis that were left, N².
+    noise: [[f64; 2]; AXES],
+    /// Flights behind it.
+    pub flights: usize,
+    /// Time in the air behind it, s.
+    pub seconds: f64,
+}
+
+impl Learnt {
+    /// Gusts and white force below which no calibration goes, N²: half of what the flights had.
+    pub(crate) fn least_noise(&self) -> [[f64; 2]; AXES] {
+        self.noise.map(|levels| levels.map(|level| LEAST_NOISE * level))
+    }
+
+    /// The detectors' vehicle with what they have a number for.
+    pub(crate) fn config(&self, config: &FdiConfig) -> FdiConfig {
+        let mut config = *config;
+        for (inertia, factor) in config.inertia_body.iter_mut().zip(self.inertia) {
+            *inertia *= factor as f32;
+        }
+        let spreads = &mut config.sequential;
+        for spread in [
+            &mut spreads.gain_spread,
+            &mut spreads.rotor_time_constant_spread,
+            &mut spreads.centre_of_mass_spread,
+            &mut spreads.drag_spread,
+        ] {
+            *spread *= NARROW;
+        }
+        config
+    }
+}
+
+/// Puts what was learnt into the commands of a flight.
+#[derive(Clone, Debug)]
+pub(crate) struct Corrected {
+    learnt: Learnt,
+    signals: Signals,
+    config: FdiConfig,
+}
+
+impl Corrected {
+    pub(crate) fn new(learnt: Learnt, config: &FdiConfig) -> Self {
+        let arm = Meter::new(config).arm;
+        Self {
+            learnt,
+            signals: Signals::new(config, arm),
+            config: *config,
+        }
+    }
+
+    /// See [`Learnt::noise`].
+    pub(crate) fn noise(&self) -> [[f64; 2]; AXES] {
+        self.learnt.least_noise()
+    }
+
+    /// Before other samples than the ones that follow.
+    pub(crate) fn begin(&mut self) {
+        self.signals.lagged = None;
+    }
+
+    /// The sample with the duties that a vehicle of the model would have needed; one without numbers stays as it is.
+    pub(crate) fn of(&mut self, input: &Measurement) -> Measurement {
+        let numbers = [input.nav.velocity_ned.to_array(), input.nav.body_rates.to_array()];
+        let attitude = input.nav.attitude;
+        let all = numbers.as_flattened().iter().chain([
+            &attitude.roll,
+            &attitude.pitch,
+            &attitude.yaw,
+            &input.battery_voltage,
+        ]);
+        if !all.copied().all(f32::is_finite) {
+            return *input;
+        }
+        let rotors = self.config.geometry.rotor_count();
+        let map = &self.config.thrust_map;
+        let thrust = static_thrust(map, rotors, input);
+        let signal = self.signals.of(input, &thrust);
+        let wrench: [f32; AXES] = std::array::from_fn(|axis| {
+            let sum: f64 = self.learnt.theta[axis]
+                .iter()
+                .zip(&signal)
+                .map(|(theta, s)| theta * s)
+                .sum();
+            (sum * self.signals.arm[axis]) as f32
+        });
+        let more = self.config.geometry.allocate(wrench);
+        let mut corrected = *input;
+        for rotor in 0..rotors {
+            if thrust[rotor] > 0.0 {
+                let duty = map.duty(thrust[rotor] + more[rotor], input.battery_voltage);
+                corrected.command.duty[rotor] = duty.clamp(0.0, 1.0);
+            }
+        }
+        corrected
+    }
+}
