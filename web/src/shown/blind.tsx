@@ -1,4 +1,4 @@
-/** A blind bench: what was hidden, what was named, and how often that was right. */
+/** A blind bench: hidden effects, diagnoses, and how often they were right. */
 import { For, Show, createMemo } from "solid-js";
 import { count, percent, short } from "../format";
 import { confusionOf } from "../model/confusion";
@@ -67,7 +67,7 @@ export function BlindView(props: { result: BlindResult }) {
   );
 }
 
-/** What the report of a bench has besides the score. */
+/** Additional contents of a bench's report. */
 export interface BlindReport {
   request: { version: string; presets: string[]; n: number; seed: number; vehicles: string[]; duration_s: number };
   sheet: BlindResult;
