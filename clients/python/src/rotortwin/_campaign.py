@@ -32,9 +32,9 @@ from .errors import CampaignFailed
 if TYPE_CHECKING:
     import pyarrow
 
-#: Tasks that are handed to an executor before the first has ended, at most.
+#: Most tasks submitted to an executor before the first has ended.
 _AHEAD = 1000
-#: Variable that names the program, before it is looked for.
+#: Environment variable with the path of the program; takes precedence over the search.
 _PROGRAM = "ROTORTWIN_PROGRAM"
 
 
@@ -96,7 +96,7 @@ def _flown(
                 folder.take(shards)
                 if progress is not None:
                     progress(folder.present, plan["shards"])
-    # Flies what is missing, which is nothing unless all of it is flown here, looks at every shard, and makes the results of them.
+    # Flies the missing shards, which are none unless everything is flown here, checks every shard, and writes the results.
     _say(program, ["campaign", os.fspath(campaign), "--out", str(out), "--json"])
     return pyarrow.parquet.read_table(out / "campaign.parquet")
 
@@ -131,7 +131,7 @@ class _Folder:
         return self
 
     def __exit__(self, *_error: object) -> None:
-        # By word: processes of an executor that were forked meanwhile hold the file open, too.
+        # Explicitly: processes of an executor that were forked meanwhile hold the file open, too.
         fcntl.flock(self._lock, fcntl.LOCK_UN)
         self._lock.close()
 
@@ -193,7 +193,7 @@ def _below(root: Path, name: str) -> Path:
     return root / os.path.normpath(name).lstrip("/")
 
 
-#: Gives what the tasks gave, in the order in which they end.
+#: Yields the tasks' results in order of completion.
 _Submitter = Callable[[_Task, list[tuple[int, int]]], Iterator[Mapping[str, bytes]]]
 
 
@@ -237,7 +237,7 @@ def _by_ray(
         raise CampaignFailed("executor='ray' needs Ray: pip install ray") from error
     if not ray.is_initialized():
         ray.init()
-    # Deaths of nodes and processes are Ray's to mend; what the program itself refuses is refused everywhere.
+    # Ray recovers from deaths of nodes and processes; what the program itself refuses is refused everywhere.
     fly = ray.remote(num_cpus=threads, max_retries=retries, resources=dict(resources or {}))(_fly)
     shared = ray.put(task)
     waiting, running = iter(ranges), []
@@ -290,7 +290,7 @@ def _say(program: str | None, words: list[str], **environment: str) -> str:
         with subprocess.Popen(
             command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=os.environ | environment
         ) as process:
-            # The standard input stays open: the program takes its closing for our death.
+            # The standard input stays open: the program takes its closing for the death of this process.
             assert process.stdout is not None and process.stderr is not None
             with concurrent.futures.ThreadPoolExecutor(1) as reader:
                 complaints = reader.submit(process.stderr.read)

@@ -25,9 +25,9 @@ from .errors import ConnectionLost, problem_of
 
 T = TypeVar("T")
 
-#: Answers that mean "not now".
+#: Statuses that mean "try again later".
 _AGAIN = (429, 502, 503, 504)
-#: A pause that the server asks for is not kept longer.
+#: Upper bound of the retry delay that the server requests.
 _LONGEST_PAUSE_S = 60.0
 
 
@@ -45,7 +45,7 @@ class Sleep:
     seconds: float
 
 
-#: What is to be done, what comes back, the result.
+#: What it sends and waits for, what it receives, its result.
 Operation = Generator[Union[Send, Sleep], httpx.Response, T]
 
 

@@ -18,7 +18,7 @@ from ._exchange import _AGAIN, Backoff, Settings, lost, retry_after_s
 from .errors import UnexpectedAnswer, problem_of
 from .models import Event
 
-#: The server says something every 15 s: after this long without a word the connection is dead.
+#: The server sends something every 15 s: after this long a silent connection is dead.
 _SILENCE_S = 40.0
 
 
@@ -61,9 +61,9 @@ class Follow:
         self._settings = settings
         self._path = path
         self.last = after
-        #: The last event has come.
+        #: The last event has arrived.
         self.over = False
-        #: The present connection has brought something.
+        #: The current connection has delivered something.
         self.news = False
         self._parser = SseParser()
         self._backoff = Backoff(settings.patience_s)
@@ -178,7 +178,7 @@ class Download:
     def refused(self, answer: httpx.Response) -> float:
         """The pause after a refusal; raises what will not get better. The answer must have been read."""
         if answer.status_code == 416 and self._have() > 0:
-            # What is there is as long as the file, or longer: not worth finding out which.
+            # The existing part is as long as the file, or longer: not worth finding out which.
             self.discard()
             return 0.0
         pause = self._backoff.pause(retry_after_s(answer)) if answer.status_code in _AGAIN else None

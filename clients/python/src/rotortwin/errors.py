@@ -37,7 +37,7 @@ class Problem(RotortwinError):
         super().__init__(detail)
         #: HTTP status.
         self.status = status
-        #: A name that programs can rely on, such as `/problems/not-found`.
+        #: A stable name for programs, such as `/problems/not-found`.
         self.kind = kind
         #: The kind in words.
         self.title = title
@@ -45,7 +45,7 @@ class Problem(RotortwinError):
         self.detail = detail
         #: `x-request-id`: names this request in the server's log.
         self.request_id = request_id
-        #: All that is wrong with a document, the one of `detail` first.
+        #: All errors in a document, that of `detail` first.
         self.complaints: list[str] = []
 
 

@@ -82,7 +82,7 @@ class Cusum(EvidenceDetector):
     def __init__(self, threshold: float = 40.0, drift: float = 1.5, largest: float | None = None) -> None:
         self.threshold = threshold
         self.drift = drift
-        #: No sum goes beyond it, so that a rotor that recovers is released; the default is twice the threshold.
+        #: Upper bound of the sums, so that a rotor that recovers is released; twice the threshold by default.
         self.largest = 2.0 * threshold if largest is None else largest
         self._directions: NDArray[np.float64] | None = None
 
@@ -95,7 +95,7 @@ class Cusum(EvidenceDetector):
         sums = np.zeros(along.shape[1])
         for window in np.flatnonzero(flight.window_end_s > CALIBRATED_S):
             sums = np.maximum(sums + along[window] - self.drift, 0.0)
-            # Bounded as a whole, so that its neighbours do not catch up.
+            # Scaled together, so that its neighbours do not catch up.
             sums *= min(1.0, self.largest / max(float(sums.max()), 1e-12))
             found[window] = sums
         return found
@@ -151,7 +151,7 @@ class Glr(_Whitened):
         weighed[:first] = 0.0
         answer = 1.0 - np.exp(-self.observer_gain * WINDOW_S * (np.arange(self.horizon) + 0.5))
         step = np.concatenate([[0.0], answer])
-        # Of a step of size 1 in each axis, after the whitening, shape (horizon, 4).
+        # Response to a step of size 1 in each axis, after whitening, shape (horizon, 4).
         shape = step[1:, None] - self._a * step[:-1, None]
         found = np.zeros((flight.window_count, len(d)))
         for age in range(1, self.horizon + 1):
@@ -160,7 +160,7 @@ class Glr(_Whitened):
             information = np.einsum("jia,ab,jib->i", signatures, self._precision, signatures)
             size = np.maximum(along @ d.T, 0.0)
             ratio = 0.5 * size**2 / np.maximum(information, 1e-12)
-            # An onset before the calibration has ended is none.
+            # Onsets before the end of the calibration do not count.
             ratio[: first + age - 1] = 0.0
             found = np.maximum(found, ratio)
         # `size` and `information` are of the oldest onset now: the best of those that leave the horizon is kept and goes on, a rival while it leads.
@@ -232,7 +232,7 @@ class Imm(_Whitened):
         for window in range(flight.window_count):
             calibrated = bool(flight.window_end_s[window] > CALIBRATED_S)
             predicted = weight @ moves if calibrated else weight
-            # Share of a model in what it starts from; the rest comes from healthy, without an answer yet.
+            # Share of a model's own estimate in its mixed initial state; the rest comes from healthy, without a response yet.
             own = np.ones((models, 1))
             if calibrated:
                 own[1:, 0] = weight[1:] * moves.diagonal()[1:] / predicted[1:]
@@ -251,7 +251,7 @@ class Imm(_Whitened):
             step = gain @ inverse
             mean = mean + (step @ surprise[:, :, None])[:, :, 0]
             spread = spread - step @ gain.transpose(0, 2, 1)
-            # Healthy has no answer.
+            # Healthy has no response.
             mean[0, axes] = 0.0
             spread[0, axes, :], spread[0, :, axes] = 0.0, 0.0
             if not calibrated:
@@ -290,7 +290,7 @@ class SlidingMode(EvidenceDetector):
             raise InputError(f"expected a flight longer than {CALIBRATED_S:g} s, the time of the calibration")
         spread = np.maximum(r[calm].std(axis=0), 1e-12)
         r = r / spread
-        # 1/s: beyond what moves a healthy residual, with room for a fault.
+        # 1/s: beyond the variations of a healthy residual, with a margin for a fault.
         reach = self.reach * self.observer_gain
         copy, smooth = np.zeros(len(AXES)), np.zeros(len(AXES))
         kept = np.empty_like(r)
@@ -376,7 +376,7 @@ class _Sequences(_Classifier):
 
     def _sequences(self, flight: Flight) -> NDArray[np.float32]:
         """The last `memory` windows up to each one, shape (windows, memory, 4); what is before the flight is 0."""
-        # Beyond 30 spreads nothing is learnt any more.
+        # Beyond 30 standard deviations there is nothing to learn.
         z = np.clip(standardized(flight), -30.0, 30.0).astype(np.float32)
         padded = np.vstack([np.zeros((self.memory - 1, z.shape[1]), dtype=np.float32), z])
         return np.lib.stride_tricks.sliding_window_view(padded, self.memory, axis=0).transpose(0, 2, 1)
@@ -430,7 +430,7 @@ class Convolutional(_Sequences):
                 self.layers = nn.Sequential(
                     nn.Conv1d(len(AXES), hidden, 5, padding=2), nn.ReLU(), nn.Conv1d(hidden, hidden, 5, stride=2, padding=2), nn.ReLU(),
                 )  # fmt: skip
-                # The mean over all time and the latest: an old fault and a new one.
+                # The mean over all time and the latest value: for an old fault and a new one.
                 self.out = nn.Linear(2 * hidden, classes)
 
             def forward(self, x: torch.Tensor) -> torch.Tensor:

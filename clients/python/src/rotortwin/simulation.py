@@ -34,7 +34,7 @@ FlightError = _native.FlightError
 #: Length of a step, s.
 STEP_S = 0.0025
 
-#: What stands where in an observation.
+#: Layout of an observation.
 OBSERVATION = (
     "position_north_m", "position_east_m", "position_down_m",
     "velocity_north_m_s", "velocity_east_m_s", "velocity_down_m_s",
@@ -45,10 +45,10 @@ OBSERVATION = (
     "reference_yaw_rad", "battery_voltage_v",
 )  # fmt: skip
 
-#: What stands where in a true motion: the first twelve of an observation, without noise.
+#: Layout of a true motion: the first twelve entries of an observation, without noise.
 MOTION = OBSERVATION[:12]
 
-#: Values that a scenario document takes: numbers, words, and lists and tables of them.
+#: Values of a scenario document: numbers, strings, and lists and tables of them.
 Settings = Mapping[str, Any]
 
 
@@ -121,7 +121,7 @@ class Verdict:
 
     #: 0 healthy, i rotor i, 100 i + j the rotors i and j, −1 unknown fault, −2 not ready, −3 ambiguous.
     code: int
-    #: Of what it says, 0 to 1.
+    #: Probability of this verdict, 0 to 1.
     probability: float
     #: Lost share of the named rotor's thrust at hover and its 95 % interval, fractions; 0 where none is named.
     loss: float
@@ -347,12 +347,12 @@ class Flights:
     """What `fly` gives."""
 
     seeds: tuple[int, ...]
-    #: Of rows, s.
+    #: Times of the rows, s.
     time_s: NDArray[np.float64]
     #: Arrays of shape (flights, rows) by column; NaN where a flight ended early.
     columns: dict[str, NDArray[np.float64]]
     run_hashes: tuple[str, ...]
-    #: A sentence for each flight that ended early.
+    #: One sentence for each flight that ended early.
     failures: tuple[str | None, ...]
 
     def __getitem__(self, column: str) -> NDArray[np.float64]:
