@@ -102,7 +102,7 @@ def _flown(
 
 
 class _Folder:
-    """The folder of a campaign, which this process works on alone: as crates/campaign/src/study/folder.rs has it."""
+    """The folder of a campaign, locked by this process: as in crates/campaign/src/study/folder.rs."""
 
     def __init__(self, path: Path, plan: Mapping[str, Any]) -> None:
         self._path = path
@@ -139,7 +139,7 @@ class _Folder:
         return self._path / "shards" / f"{number:06}.parquet"
 
     def missing(self, most: int) -> list[tuple[int, int]]:
-        """Ranges of shards that are not there, each of at most so many."""
+        """Ranges of missing shards, each of at most this length."""
         ranges: list[tuple[int, int]] = []
         for number in range(self._count):
             if self._shard(number).exists():
@@ -151,7 +151,7 @@ class _Folder:
         return ranges
 
     def take(self, shards: Mapping[str, bytes]) -> None:
-        """What a task gave."""
+        """The result of a task."""
         if json.loads(shards["campaign.json"]) != json.loads(self._manifest):
             raise CampaignFailed(
                 "a task flew with another version of rotortwin, or other vehicles, than are here; expected the same package on every node"
@@ -163,7 +163,7 @@ class _Folder:
 
 
 class _Task:
-    """Flies shards, wherever it runs; pickled with the files of its campaign."""
+    """Flies shards on any machine; pickled with the files of its campaign."""
 
     def __init__(self, program: str | None, threads: int, campaign: str, files: Mapping[str, bytes]) -> None:
         self._program = program
@@ -189,7 +189,7 @@ class _Task:
 
 
 def _below(root: Path, name: str) -> Path:
-    """Where a file of another machine is laid out: files that name each other do so relative to where they are."""
+    """Where a file of another machine is placed: files that name each other do so relative to where they are."""
     return root / os.path.normpath(name).lstrip("/")
 
 
@@ -284,7 +284,7 @@ def _program(named: str | None) -> str:
 
 
 def _say(program: str | None, words: list[str], **environment: str) -> str:
-    """What a command says; it ends when this process does."""
+    """The output of a command; it is killed when this process ends."""
     command = [_program(program), "--end-with-stdin", *words]
     try:
         with subprocess.Popen(

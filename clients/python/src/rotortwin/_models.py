@@ -1,4 +1,4 @@
-"""What can be asked of models that grow, once for both clients."""
+"""Requests on models that grow, shared by both clients."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ MAIN = "main"
 
 
 class ModelOperations:
-    """The verbs of `/api/v1/models/NAME`."""
+    """The operations of `/api/v1/models/NAME`."""
 
     def __init__(self, settings: Settings) -> None:
         self.settings = settings
@@ -59,7 +59,7 @@ class ModelOperations:
         return dict(answer.json())
 
     def _once(self, name: str, branch: str, seen: str | None, path: str, body: Json) -> Operation[Json]:
-        """A change that a second try cannot make twice: it says which version the branch was seen at."""
+        """A change that a retry cannot make twice: it names the version at which the branch was seen."""
         before = yield from self.history(name)
         if seen is None:
             heads = {head["name"]: head["hash"] for head in before["branches"]}

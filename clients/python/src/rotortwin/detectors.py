@@ -1,4 +1,4 @@
-"""A detector of one's own beside ours: the same flights, the same score.
+"""Custom detectors compared with ours: the same flights, the same score.
 
     import numpy as np
     from rotortwin import detectors
@@ -70,7 +70,7 @@ class Case:
 
 @dataclass(frozen=True)
 class Flight:
-    """What a detector sees of a flight."""
+    """A detector's view of a flight."""
 
     columns: dict[str, NDArray[Any]]
     #: Number of rotors of the vehicle.
@@ -96,7 +96,7 @@ class Flight:
 
 @dataclass(frozen=True)
 class LabelledFlight:
-    """A flight to learn from."""
+    """A training flight."""
 
     flight: Flight
     case: Case
@@ -105,13 +105,13 @@ class LabelledFlight:
 
 
 class Detector(ABC):
-    """Judges flights. One that goes from step to step is a `StepDetector`."""
+    """Judges flights. For one that works step by step use `StepDetector`."""
 
     #: Name in tables.
     name = "own"
 
     def learn(self, flights: Sequence[LabelledFlight]) -> None:  # noqa: B027 - not everybody learns
-        """Called once before the score if there are flights to learn from; they are none of those that are scored."""
+        """Called once before the score if there are training flights, none of which are scored."""
 
     @abstractmethod
     def judge(self, flight: Flight) -> ArrayLike:

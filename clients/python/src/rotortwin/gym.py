@@ -69,7 +69,7 @@ def _little_charge(random: np.random.Generator) -> Settings:
 
 @dataclass(frozen=True)
 class Task:
-    """What is flown, and what is drawn anew for each episode."""
+    """The scenario, and what is drawn for each episode."""
 
     scenario: str
     draw: Callable[[np.random.Generator], Settings] = _as_it_is
@@ -93,7 +93,7 @@ def _task(task: str | Task) -> Task:
 
 
 class _Episodes:
-    """What single and vector environments share."""
+    """Common part of single and vector environments."""
 
     def __init__(self, task: str | Task, duration_s: float, set: Settings | None) -> None:
         self.task = _task(task)
@@ -185,7 +185,7 @@ class FlightEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
 
 
 class FlightVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], NDArray[Any]]):
-    """Many flights on all cores; an episode that has ended begins anew with the next step."""
+    """Many flights on all cores; an episode that has ended restarts with the next step."""
 
     metadata: dict[str, Any] = {**FlightEnv.metadata, "autoreset_mode": AutoresetMode.NEXT_STEP}
 

@@ -102,7 +102,7 @@ class Cusum(EvidenceDetector):
 
 
 class _Whitened(EvidenceDetector):
-    """What `Glr` and `Imm` share: the healthy residual as z⁺ = A z + w, A diagonal, w of covariance Σ, learnt from healthy time."""
+    """Common part of `Glr` and `Imm`: the healthy residual as z⁺ = A z + w, A diagonal, w of covariance Σ, learnt from healthy time."""
 
     def __init__(self) -> None:
         self._directions: NDArray[np.float64] | None = None
@@ -264,7 +264,7 @@ class Imm(_Whitened):
 
 
 class SlidingMode(EvidenceDetector):
-    """Sliding-mode observer (Edwards, Spurgeon & Patton 2000): what it has to inject in order to stay on the residual is the unexplained wrench.
+    """Sliding-mode observer (Edwards, Spurgeon & Patton 2000): the injection that keeps it on the residual is the unexplained wrench.
 
     The residual r of our observer obeys ṙ = δ − h r, δ the unexplained wrench. The copy r̂˙ = −h r̂ + ν with ν = ρ sat((r − r̂)/φ) slides along it, and the
     low-passed ν (`time_s`) is δ. Evidence is ν along the direction of rotor i in units of its spread in the calibration.
@@ -282,7 +282,7 @@ class SlidingMode(EvidenceDetector):
         self._directions: NDArray[np.float64] | None = None
 
     def _injection(self, flight: Flight) -> NDArray[np.float64]:
-        """The low-passed injection at the end of each window in units of its spread in the calibration, shape (windows, 4)."""
+        """The low-passed injection at the end of each window in calibration standard deviations, shape (windows, 4)."""
         r = np.column_stack([flight[axis].astype(np.float64) for axis in AXES])
         time_s = flight["time_s"]
         calm = (time_s > SETTLED_S) & (time_s <= CALIBRATED_S)
@@ -314,7 +314,7 @@ class SlidingMode(EvidenceDetector):
 
 
 class _Classifier(EvidenceDetector):
-    """Learns the classes 0 healthy, i rotor i. Evidence is the logarithm of the odds of rotor i against healthy."""
+    """Learns the classes 0 healthy, i rotor i. Evidence is the log odds of rotor i against healthy."""
 
     @staticmethod
     def _odds(probabilities: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -375,7 +375,7 @@ class _Sequences(_Classifier):
         raise NotImplementedError
 
     def _sequences(self, flight: Flight) -> NDArray[np.float32]:
-        """The last `memory` windows up to each one, shape (windows, memory, 4); what is before the flight is 0."""
+        """The last `memory` windows up to each one, shape (windows, memory, 4); zeros before the flight."""
         # Beyond 30 standard deviations there is nothing to learn.
         z = np.clip(standardized(flight), -30.0, 30.0).astype(np.float32)
         padded = np.vstack([np.zeros((self.memory - 1, z.shape[1]), dtype=np.float32), z])
@@ -464,7 +464,7 @@ class Recurrent(_Sequences):
 
 
 def everything() -> list[Detector]:
-    """One of each with its defaults; without those whose library is not there, which `missing` names."""
+    """One of each with its defaults, except those whose library is missing, which `missing` names."""
     made: list[Detector] = [Cusum(), Glr(), Imm(), SlidingMode()]
     absent = missing()
     if "scikit-learn" not in absent:
