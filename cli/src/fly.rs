@@ -595,7 +595,7 @@ impl Screen {
         }
     }
 
-    /// Prints where viewers connect, whoever reads the rest.
+    /// Prints the viewers' address, whatever consumes the other output.
     fn with_viewers(self, viewers: Option<Box<dyn Viewers>>) -> Self {
         if let Some(viewers) = &viewers {
             eprintln!("Foxglove     {}", viewers.url());

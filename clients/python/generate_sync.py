@@ -14,14 +14,14 @@ from pathlib import Path
 import unasync  # type: ignore[import-untyped]
 
 SOURCES = Path(__file__).parent / "src/rotortwin"
-#: Source, what is made of it, and its first line.
+#: Source, generated module, and its first line.
 MODULES = {
     "_aio_resource.py": ("_resource.py", "Jobs of one kind, with threads: the verbs that all of them have."),
     "aio.py": ("client.py", "The blocking client."),
     "aio_fdi.py": ("fdi.py", "The detectors as a service, over HTTP in chunks."),
     "aio_twin.py": ("twin.py", "Logs, comparisons, diagnoses, improvements, classifiers."),
 }
-#: Besides `Async…`, `__aenter__` and the like, which `unasync` knows or which are found below.
+#: In addition to `Async…`, `__aenter__` and the like, which `unasync` knows or which are found below.
 NAMES = {
     "drive_async": "drive",
     "query_async": "query",

@@ -89,7 +89,7 @@ fn path(path: &Path) -> &str {
 fn scenario_a_flight_from_the_ground_is_judged_in_the_air_alone() {
     let scratch = Scratch::new();
     let run = from_the_ground(&scratch, "healthy", None);
-    // Until it lands: a touch-down after which the thrust falls slowly is not told from flight at once (docs/detector.md).
+    // Until it lands: a touch-down after which the thrust falls slowly is not recognized at once (docs/detector.md).
     let report = judged(&scratch, &[&format!("{}@0:50", path(&run))], "f550-skids");
     let sequential = &report["counts"][2];
     assert_eq!(sequential["alarms"], 0, "{report}");

@@ -20,8 +20,8 @@ use std::time::Duration;
 const FAULT_S: f64 = 6.0;
 /// Settings of the flight's detectors.
 const CALIBRATION: [(&str, f64); 2] = [("calibration_start_s", 0.75), ("calibration_end_s", 4.75)];
-/// Until a loss of 15 % is named: the fault comes 1.25 s after the calibration, when the model has not yet explained 5 s of flight, so that a name has
-/// to stand before it is told; by then "cannot judge".
+/// Until a loss of 15 % is named: the fault comes 1.25 s after the calibration, when the model has not yet explained 5 s of flight, so that a name
+/// must hold for a while before it is reported; by then "cannot judge".
 const NAMED_WITHIN_S: f64 = 1.0;
 /// Windows to wait for.
 const WAITED: usize = 16;

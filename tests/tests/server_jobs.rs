@@ -448,7 +448,7 @@ fn val_a_database_of_the_first_version_is_copied_and_brought_forward() {
     assert!(data.join("rotortwin.sqlite.before-2").is_file());
 }
 
-/// A job of every kind, queued (one run: running) by the program from when jobs were command lines; the server was killed then.
+/// A job of every kind, queued (one run: running) by the version in which jobs were command lines; that server was then killed.
 #[test]
 fn val_what_the_version_before_has_queued_is_done() {
     let scratch = Scratch::new();

@@ -1,4 +1,4 @@
-//! Where the server's files are: a bucket that several hosts share, and a disk that is full.
+//! Storage of the server's files: a bucket that several hosts share, and a full disk.
 
 use rotortwin_tests::bucket::Bucket;
 use rotortwin_tests::disk::Disk;
@@ -38,7 +38,7 @@ fn scenario_files_in_a_bucket_outlive_the_host() {
     assert!(keys.iter().any(|key| key.ends_with("/out/report.html")), "{keys:?}");
     assert!(keys.iter().all(|key| key.starts_with("bench/")), "{keys:?}");
 
-    // A task reads what another job has left, through the bucket.
+    // A task reads another job's output through the bucket.
     let comparison = json!({ "model": { "vehicle": "f550" }, "flights": { "runs": [&id] } });
     let compared = server.submit_to("comparisons", &comparison);
     let compared = server.ended_in("comparisons", &compared);
@@ -85,7 +85,7 @@ fn scenario_a_bucket_that_is_gone_is_named() {
     assert_eq!(server.ask("GET", "/healthz", &[], "").status, 200, "it lives");
 }
 
-/// Until the disk is full, and after there is room again.
+/// Until the disk is full, and after space has been freed.
 #[test]
 fn scenario_a_full_disk_is_a_clear_refusal_and_loses_nothing() {
     let scratch = Scratch::new();
@@ -99,7 +99,7 @@ fn scenario_a_full_disk_is_a_clear_refusal_and_loses_nothing() {
     let first = server.ended(&first);
     assert_eq!(first["status"], "done", "{first}");
 
-    // Somebody else's file leaves less than a run needs, then nothing.
+    // A foreign file leaves less space than a run needs, then none.
     let ballast = disk.path().join("ballast");
     let fill = |bytes: usize| {
         let mut file = std::fs::OpenOptions::new()
@@ -107,7 +107,7 @@ fn scenario_a_full_disk_is_a_clear_refusal_and_loses_nothing() {
             .append(true)
             .open(&ballast)
             .expect("it can be opened");
-        // It ends where the disk does.
+        // Fails when the disk is full.
         let _full = file.write_all(&vec![0; bytes]);
     };
     fill(16 << 20);
@@ -130,7 +130,7 @@ fn scenario_a_full_disk_is_a_clear_refusal_and_loses_nothing() {
         &body,
     );
     assert_eq!(upload.status, 507, "{}", upload.json());
-    // Whatever needs a copy of the library or a row of its own says so, too: each was a 500.
+    // Requests that need a copy of the library or a row of their own say so, too: each was a 500.
     fill(1 << 20);
     let comparison = json!({ "model": { "vehicle": "f550" }, "flights": { "runs": [first["id"]] } });
     for (address, body) in [
@@ -150,7 +150,7 @@ fn scenario_a_full_disk_is_a_clear_refusal_and_loses_nothing() {
             answer.status
         );
     }
-    // What is there can be read; watchdogs hear that there is no room.
+    // Existing items are readable; watchdogs are told that there is no space.
     let id = first["id"].as_str().expect("an id").to_owned();
     let report = format!("/api/v1/runs/{id}/artifacts/report.html");
     assert_eq!(server.ask("GET", &report, &[], "").status, 200);
@@ -162,12 +162,12 @@ fn scenario_a_full_disk_is_a_clear_refusal_and_loses_nothing() {
         ready.json()
     );
     assert_eq!(server.ask("GET", "/healthz", &[], "").status, 200, "it lives");
-    // It starts there again.
+    // It starts again on the full disk.
     assert_eq!(server.stop(), Some(0));
     server = Server::start(&data);
     fill(1 << 20);
     assert_eq!(server.ask("GET", &report, &[], "").status, 200);
-    // Without one byte left the database cannot even note that something is gone, and says so; nothing is lost by that.
+    // Without one free byte the database cannot even record a deletion, and says so; nothing is lost.
     let full = server.ask("POST", "/api/v1/runs", &[], &flight.to_string());
     assert_eq!(full.status, 507, "{}", full.json());
     let deleted = server.ask("DELETE", &format!("/api/v1/runs/{id}"), &[], "");
@@ -178,14 +178,14 @@ fn scenario_a_full_disk_is_a_clear_refusal_and_loses_nothing() {
     );
     let there = if deleted.status == 507 { 200 } else { 404 };
     assert_eq!(server.ask("GET", &report, &[], "").status, there);
-    // With a little, too little for a job to begin, people make room by deleting.
+    // With a little space, too little for a job to start, deleting makes room.
     let file = std::fs::File::options()
         .write(true)
         .open(&ballast)
         .expect("it is there");
     let length = file.metadata().expect("it has a length").len();
     file.set_len(length - (512 << 10)).expect("it can be cut");
-    // Held, it would keep its room when it is removed.
+    // An open file would keep its space when it is removed.
     drop(file);
     if there == 200 {
         let deleted = server.ask("DELETE", &format!("/api/v1/runs/{id}"), &[], "");
@@ -214,7 +214,8 @@ fn scenario_a_full_disk_is_a_clear_refusal_and_loses_nothing() {
     assert_eq!(runs, Some(accepted.len() + 1), "the database is whole");
 }
 
-/// A worker whose disk is full begins nothing: a job does not use up its attempts there, and is done when there is room.
+/// A worker whose disk is full starts nothing: a job does not use up its attempts there, and is done once there is
+/// space.
 #[test]
 fn scenario_a_worker_waits_for_room() {
     let scratch = Scratch::new();
@@ -248,7 +249,7 @@ fn upload(server: &Server, name: &str, headers: &[(&str, &str)], bytes: usize) -
     )
 }
 
-/// What lies in the folder of uploads.
+/// Contents of the folder of uploads.
 fn uploads(data: &Path) -> Vec<String> {
     let entries =
         std::fs::read_dir(data.join("uploads")).map(|entries| entries.filter_map(Result::ok).collect::<Vec<_>>());
@@ -261,7 +262,7 @@ fn uploads(data: &Path) -> Vec<String> {
     names
 }
 
-/// A file counts from the moment at which it was accepted until its log is deleted, whatever becomes of the import.
+/// A file counts from its acceptance until its log is deleted, whatever the outcome of the import.
 #[test]
 fn scenario_uploads_that_wait_fill_an_account() {
     const MEGABYTE: usize = 1_000_000;
@@ -284,7 +285,7 @@ fn scenario_uploads_that_wait_fill_an_account() {
         assert!(told.contains(words), "{words} is not in: {told}");
     }
     assert_eq!(uploads(&data).len(), 3, "what was refused is not kept");
-    // A smaller one finds room, and then not even a flight does.
+    // A smaller one still fits, and then there is no room even for a flight.
     assert_eq!(upload(&server, "flight.csv", &[], 100 * MEGABYTE).status, 202);
     let flight = json!({ "scenario": "short-hover", "link": "in-process" }).to_string();
     assert_eq!(server.ask("POST", "/api/v1/runs", &[], &flight).status, 507);
@@ -298,7 +299,8 @@ fn scenario_uploads_that_wait_fill_an_account() {
     assert_eq!(server.ask("POST", "/api/v1/runs", &[], &flight).status, 202);
 }
 
-/// Half an upload leaves nothing: neither one whose client goes, nor one whose server is killed in the middle.
+/// Half an upload leaves nothing behind: neither when its client disconnects, nor when its server is killed in the
+/// middle.
 #[test]
 fn scenario_half_an_upload_leaves_nothing() {
     let scratch = Scratch::new();
@@ -319,19 +321,19 @@ fn scenario_half_an_upload_leaves_nothing() {
     let half_there = |data: &Path| uploads(data).len() == 2;
     let only_whole = || wait_until(Duration::from_secs(20), || uploads(&data) == kept);
 
-    // The client goes.
+    // The client disconnects.
     let stream = begin(&server);
     wait_until(Duration::from_secs(20), || half_there(&data)).expect("it is written as it comes");
     drop(stream);
     only_whole().unwrap_or_else(|| panic!("left by a client: {:?}", uploads(&data)));
-    // The same file again: the second copy goes.
+    // The same file again: the second copy is removed.
     assert_eq!(
         upload(&server, "flight.csv", &[("idempotency-key", "whole")], 1000).status,
         200
     );
     assert_eq!(uploads(&data), kept);
 
-    // The server goes, twice: what the first start finds, it removes.
+    // The server is killed, twice: the next start removes what it finds.
     for _ in 0..2 {
         let _stream = begin(&server);
         wait_until(Duration::from_secs(20), || half_there(&data)).expect("it is written as it comes");
@@ -344,7 +346,7 @@ fn scenario_half_an_upload_leaves_nothing() {
     }
 }
 
-/// Two servers on one folder of files: one that starts leaves alone what the other one is being sent.
+/// Two servers on one folder of files: one that starts does not touch uploads in progress on the other.
 #[test]
 fn scenario_a_start_leaves_the_uploads_of_another_server_alone() {
     let scratch = Scratch::new();

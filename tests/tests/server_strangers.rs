@@ -1,4 +1,4 @@
-//! What strangers can do to a server that asks nobody for a token: web pages in the browser of its user, files, slow connections, other users.
+//! Attacks on a server without tokens: web pages in its user's browser, files, slow connections, other users.
 
 use rotortwin_tests::process::{Process, wait_until};
 use rotortwin_tests::scratch::{Scratch, repository};
@@ -12,7 +12,7 @@ use std::time::{Duration, Instant};
 
 const HOVER: &str = r#"{"scenario":"short-hover","link":"in-process"}"#;
 
-/// Sends a request as a browser does; status, and head and body as they came.
+/// Sends a request as a browser does; returns the status, and the raw head and body.
 fn browse(server: &Server, line: &str, headers: &[(&str, &str)], body: &str) -> (u16, String) {
     let mut stream = server.connect();
     let mut text = format!("{line} HTTP/1.1\r\nconnection: close\r\n");
@@ -40,7 +40,7 @@ fn scenario_a_page_of_another_name_is_told_nothing() {
         &["--workers", "0", "--allow-host", "bench.example"],
     );
     let port = server.address().rsplit(':').next().expect("a port").to_owned();
-    // The name of an attacker's page, pointed at this host (DNS rebinding): for its browser the two are one site.
+    // An attacker's host name that resolves to this host (DNS rebinding): to the browser the two are one site.
     for host in [
         "evil.example",
         "evil.example:8400",
@@ -128,7 +128,7 @@ fn scenario_pages_of_other_origins_change_nothing() {
             assert!(answer.contains("/problems/foreign-page"), "{answer}");
         }
     }
-    // What a form can send needs no preflight: no page needs to ask for it.
+    // A form's content types need no preflight: no page needs to ask first.
     for kind in [Some("text/plain"), Some("application/x-www-form-urlencoded"), None] {
         for path in [
             "/api/v1/runs",
@@ -215,7 +215,7 @@ fn scenario_every_answer_says_what_a_page_may_do() {
             );
         }
     }
-    // What these pages need is allowed: no script stands inside them, and what they load is of this server.
+    // What these pages need is allowed: no inline scripts, and everything they load is from this server.
     for path in ["/", "/api/v1/docs/"] {
         let page = server.ask("GET", path, &[], "");
         let text = String::from_utf8_lossy(&page.body).to_lowercase();
@@ -240,7 +240,7 @@ fn scenario_every_answer_says_what_a_page_may_do() {
     }
 }
 
-/// Most memory that a process has ever had, bytes.
+/// Peak memory of a process, bytes.
 fn peak_memory(pid: u32) -> u64 {
     let status = std::fs::read_to_string(format!("/proc/{pid}/status")).expect("it lives");
     let line = status.lines().find_map(|line| line.strip_prefix("VmHWM:"));
@@ -305,7 +305,7 @@ fn scenario_a_job_has_only_so_much_memory() {
     );
     let error = job["error"].as_str().unwrap_or_default();
     assert!(error.contains("--job-memory"), "{error}");
-    // The same to be judged at once: its process fails, not the server.
+    // The same to be judged immediately: its process fails, not the server.
     let answer = server.ask_bytes("POST", "/api/v1/fdi/reports?vehicle=f550", BINARY, file.as_bytes());
     let detail = answer.json()["detail"].as_str().unwrap_or_default().to_owned();
     assert_eq!(answer.status, 422, "{detail}");
@@ -351,7 +351,7 @@ fn scenario_slow_clients_do_not_hold_up_the_end() {
         let half_upload = b"POST /api/v1/logs?name=a.csv HTTP/1.1\r\nhost: localhost\r\ncontent-type: text/csv\r\n\
              content-length: 1000\r\n\r\ntime_s"
             .to_vec();
-        // 40 MB of answers that nobody reads.
+        // 40 MB of responses that are never read.
         let unread = b"GET /api/v1/docs/swagger-ui-bundle.js HTTP/1.1\r\nhost: localhost\r\n\r\n".repeat(30);
         [half_head, half_upload, unread].map(|words| {
             let mut stream = server.connect();
@@ -366,7 +366,7 @@ fn scenario_slow_clients_do_not_hold_up_the_end() {
     assert!(begun.elapsed() < Duration::from_secs(15), "{:?}", begun.elapsed());
     drop(open);
 
-    // The folder is free, and a second signal does not wait for anybody.
+    // The folder is free, and a second signal ends the server immediately.
     let mut server = Server::start_at("127.0.0.1:0", &data, &["--workers", "0"]);
     let open = slow(&server);
     std::thread::sleep(Duration::from_millis(500));
@@ -402,7 +402,7 @@ fn scenario_what_the_server_keeps_is_for_its_user_alone() {
             .iter()
             .filter(|(_, words)| words.get(1).is_some_and(|word| word == "job"));
         for (process, _) in flights {
-            // One that has just ended has none.
+            // A process that has just ended has none.
             let environment = std::fs::read(format!("/proc/{}/environ", process.pid)).unwrap_or_default();
             let text = String::from_utf8_lossy(&environment).into_owned();
             assert!(!text.contains("secret-of-a-"), "{text}");
@@ -414,7 +414,7 @@ fn scenario_what_the_server_keeps_is_for_its_user_alone() {
     assert_eq!(server.ended(&id)["status"], "done");
 }
 
-/// Rows of docs/threat-model.md: each names a file of tests, and functions in it that are tests.
+/// Rows of docs/threat-model.md: each names a test file, and functions in it that are tests.
 #[test]
 fn val_the_threat_model_names_tests_that_are_there() {
     let root = repository();

@@ -1,4 +1,4 @@
-//! Telemetry over HTTP, live and as whole runs, compared with the Parquet file of the run as a reader of rows sees it.
+//! Telemetry over HTTP, live and as whole runs, compared with the run's Parquet file read row by row.
 
 use parquet::file::reader::{FileReader as _, SerializedFileReader};
 use parquet::record::Field;
@@ -15,7 +15,7 @@ use std::path::Path;
 use std::process::Command;
 use std::time::Instant;
 
-/// All values of a run's file, read row by row: no code of the server's.
+/// All values of a run's file, read row by row without the server's code.
 fn recorded(data: &Path, id: &str) -> BTreeMap<String, Vec<f64>> {
     let path = data.join("jobs").join(id).join("1/out/telemetry.parquet");
     let reader = SerializedFileReader::new(std::fs::File::open(path).expect("it is there")).expect("it is Parquet");
@@ -94,12 +94,12 @@ fn scenario_telemetry_over_http_is_what_the_file_holds() {
     }
     assert!(part["data"].get("duty_4").is_some(), "a pattern gives all that fit");
 
-    // A picture of the whole run: no channel loses an extreme, and the time rises.
+    // A plot of the whole run: no channel loses an extreme, and time increases.
     let whole = server.get(&format!("/api/v1/runs/{id}/telemetry?channels=*&points=64"));
     assert_eq!((&whole["rows"], &whole["decimated"]), (&json!(64), &json!(true)));
     assert!(numbers(&whole, "time_s").windows(2).all(|pair| pair[0] < pair[1]));
     for (name, written) in &file {
-        // Masks are decimated by bits.
+        // Masks are decimated bit by bit.
         if ["faulty_rotors", "saturated_rotors", "sensor_faults", "suspect_rotors"].contains(&name.as_str()) {
             continue;
         }
@@ -114,7 +114,7 @@ fn scenario_telemetry_over_http_is_what_the_file_holds() {
         );
     }
 
-    // The other formats, by name and by header, and two runs at once.
+    // The other formats, by parameter and by header, and two runs at once.
     let address = format!("/api/v1/runs/{id}/telemetry?channels=yaw_rad&points=10");
     let csv = server.ask("GET", &address, &[("accept", "text/csv")], "");
     assert!(csv.body.starts_with(b"time_s,yaw_rad\n0.0,") && csv.headers.contains("text/csv"));
@@ -185,7 +185,7 @@ fn scenario_live_samples_come_while_a_run_flies_and_end_with_it() {
         &format!("{address}?channels=roll_rad,true_position_down_m&rate_hz=50"),
     )
     .expect("it is opened");
-    // Another one asks for less, then changes its mind, and says something that makes no sense in between.
+    // Another client asks for less, then changes its mind, with an invalid message in between.
     let mut other = WebSocket::open(&server, &format!("{address}?channels=yaw_rad&rate_hz=2")).expect("it is opened");
     assert_eq!(
         other.next_message().expect("a start")["channels"],
@@ -209,7 +209,7 @@ fn scenario_live_samples_come_while_a_run_flies_and_end_with_it() {
         (end["samples"].as_u64(), &end["lost"]),
         (Some(samples.len() as u64), &json!(0))
     );
-    // 50 a second, with one at either end; how many depends on the machine.
+    // 50 per second, with one at either end; the exact number depends on the machine.
     assert!(
         samples.len() >= 10 && samples.len() as f64 <= most,
         "{} of at most {most}",
@@ -240,7 +240,7 @@ fn scenario_live_samples_come_while_a_run_flies_and_end_with_it() {
     assert!(heard.iter().any(|message| message["values"].get("duty_6").is_some()));
     assert!(heard.last().is_some_and(|end| end["type"] == "end"));
 
-    // Samples stand nowhere: no event tells of them.
+    // Samples are not stored: no event mentions them.
     let mut events = String::new();
     let mut stream = server.send("GET", &format!("/api/v1/runs/{id}/events"), &[], "");
     stream.read_to_string(&mut events).expect("events");
@@ -250,7 +250,7 @@ fn scenario_live_samples_come_while_a_run_flies_and_end_with_it() {
     );
     assert!(!events.contains("sample"));
 
-    // A run that has ended: a start and an end. What makes no sense is refused before.
+    // A finished run: a start and an end. Invalid requests are refused before.
     let messages = WebSocket::open(&server, &address).expect("it is opened").rest();
     assert_eq!(
         messages.iter().map(|message| &message["type"]).collect::<Vec<_>>(),
@@ -290,12 +290,12 @@ fn scenario_a_watcher_that_does_not_listen_holds_no_flight_up() {
     let run = server.ended(&id);
     assert_eq!(run["status"], "done", "{run}");
     let wall_s = run["summary"]["wall_s"].as_f64().expect("a time");
-    // The pace is that of the wall clock; a flight that waited for them would never have ended.
+    // The pace is the wall clock's; a flight that waited for them would never have ended.
     assert!(wall_s < 30.0, "{wall_s}");
     drop(deaf);
 }
 
-/// Prints what PX4's own reader finds in a log: samples and some values of each topic, facts, lines.
+/// Prints what PX4's own reader finds in a log: samples and some values of each topic, info fields, log messages.
 const READ_WITH_PYULOG: &str = r"
 import json, sys
 from pyulog import ULog
@@ -320,7 +320,7 @@ fn val_a_whole_run_as_ulog_is_what_px4s_own_reader_reads() {
     };
     let folder = data.join("jobs").join(&id).join("1/out");
 
-    // Over HTTP and from the command line the same bytes; a part is a part of the whole; nothing is left behind.
+    // The same bytes over HTTP and from the command line; a part is a part of the whole; no temporary files remain.
     let ulog = export("ulog", &[]);
     assert!(
         ulog.status == 200 && ulog.headers.contains(&format!("{id}.ulg")),

@@ -1,4 +1,4 @@
-//! Spans over OTLP: a collector of the test takes them from real servers and workers.
+//! Spans over OTLP: the test's collector receives them from real servers and workers.
 
 use opentelemetry_proto::tonic::collector::trace::v1::ExportTraceServiceRequest;
 use opentelemetry_proto::tonic::common::v1::any_value::Value as Any;
@@ -42,7 +42,7 @@ impl Span {
     }
 }
 
-/// Takes `POST /v1/traces`, protobuf.
+/// Accepts `POST /v1/traces`, protobuf.
 struct Collector {
     address: String,
     spans: Arc<Mutex<Vec<Span>>>,
@@ -157,7 +157,7 @@ fn hex(bytes: &[u8]) -> String {
     bytes.iter().map(|byte| format!("{byte:02x}")).collect()
 }
 
-/// A flight of a second.
+/// A flight of 1 s.
 fn flight() -> String {
     json!({ "scenario": "short-hover", "set": ["duration_s=1"], "link": "in-process" }).to_string()
 }
@@ -212,7 +212,7 @@ fn scenario_a_trace_goes_from_the_client_to_the_attempt() {
     }
     assert!(!attempt.failed, "{attempt:?}");
 
-    // What waits is sent before the server ends; without a client's trace it is one of its own.
+    // Queued spans are sent before the server ends; without a client's trace they start their own.
     assert_eq!(server.ask("GET", "/api/v1/nothing", &[], "").status, 404);
     assert_eq!(server.stop(), Some(0));
     let lost = collector.one("the unknown address", |span| span.says("url.path", "/api/v1/nothing"));
@@ -269,7 +269,7 @@ fn scenario_a_trace_crosses_to_another_worker() {
 
 #[test]
 fn scenario_a_collector_that_is_away_or_deaf_holds_up_nothing() {
-    // Nobody listens at the first; the second takes connections and never answers.
+    // The first address is closed; the second accepts connections and never answers.
     let away = TcpListener::bind("127.0.0.1:0")
         .and_then(|listener| listener.local_addr())
         .expect("a port");

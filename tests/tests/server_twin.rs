@@ -1,11 +1,12 @@
-//! Models compared with flights over HTTP, classifiers trained on the server: each is what the command line gives.
+//! Models compared with flights over HTTP, classifiers trained on the server: the results are those of the command
+//! line.
 
 use rotortwin_tests::program::Call;
 use rotortwin_tests::scratch::Scratch;
 use rotortwin_tests::server::{Answer, Server};
 use serde_json::{Value, json};
 
-/// Healthy propellers, in drag that the vehicle's model does not know.
+/// Healthy propellers, with drag that the vehicle's model lacks.
 const HIDDEN_DRAG: [&str; 3] = [
     "fault=[]",
     "duration_s=60.0",
@@ -20,7 +21,7 @@ fn done(server: &Server, collection: &str, body: &Value) -> (String, Value) {
 }
 
 fn upload(server: &Server, query: &str, body: &[u8]) -> Answer {
-    // The harness sends texts; a log is one as CSV.
+    // The harness sends texts; a log as text is a CSV.
     let text = String::from_utf8(body.to_vec()).expect("a CSV");
     let headers = [("content-type", "application/octet-stream")];
     server.ask("POST", &format!("/api/v1/logs?{query}"), &headers, &text)
@@ -36,7 +37,7 @@ fn scenario_from_an_upload_to_an_improved_model() {
         &json!({ "scenario": "waypoints", "link": "in-process" }),
     );
 
-    // A log of that run as somebody's CSV: exported, uploaded, imported.
+    // A log of that run as a foreign CSV: exported, uploaded, imported.
     let export = server.ask(
         "GET",
         &format!("/api/v1/runs/{run}/artifacts/telemetry.parquet"),
@@ -107,7 +108,7 @@ fn scenario_from_an_upload_to_an_improved_model() {
     ] {
         let answer = server.ask("POST", "/api/v1/comparisons", &[], &body.to_string());
         if status == 0 {
-            // A word that looks like an option is still only the name of a part.
+            // A word that looks like an option is still just a part's name.
             let id = answer.json()["id"].as_str().expect("an id").to_owned();
             assert_eq!(server.ended_in("comparisons", &id)["status"], "failed");
             continue;
@@ -130,7 +131,7 @@ fn scenario_from_an_upload_to_an_improved_model() {
     assert_eq!(upload(&server, "name=a.csv", b"").status, 422);
 }
 
-/// Not a log of anything.
+/// Not a valid log.
 const LOG: &str = "time,colour\n0,red\n";
 
 #[test]
@@ -169,7 +170,7 @@ fn scenario_a_missing_effect_is_named_and_added_over_http() {
         "",
     );
     assert!(String::from_utf8_lossy(&model.body).contains("rotor-drag"));
-    // What was learnt holds against the flight better than what was known.
+    // The trained model fits the flight better than the original one.
     let error = |model: Value| {
         let (_, job) = done(&server, "comparisons", &json!({ "model": model, "flights": flights }));
         job["result"]["logs"][0]["models"][0].clone()
@@ -201,7 +202,7 @@ fn scenario_a_classifier_trained_over_http_is_that_of_the_command_line_and_flies
             .to_string(),
     ];
     Call::new(&scratch, words).with(scenario).run().expect_code(0);
-    // Equal but for the path in the command that made it.
+    // Equal except for the path in the recorded command.
     let weights = |bytes: &[u8]| {
         let mut classifier: Value = serde_json::from_slice(bytes).expect("JSON");
         let made = classifier["provenance"]["command"].take();
@@ -218,7 +219,7 @@ fn scenario_a_classifier_trained_over_http_is_that_of_the_command_line_and_flies
     let problem = server.ask("POST", "/api/v1/classifiers", &[], r#"{"seeds":0}"#);
     assert_eq!(problem.status, 422);
 
-    // Fresh flights: a campaign with this network in every one of them.
+    // New flights: a campaign with this network in every one of them.
     let (evaluation, status) = {
         let path = format!("/api/v1/classifiers/{id}/evaluations");
         let answer = server.ask("POST", &path, &[], r#"{"repeats":1}"#);
@@ -233,7 +234,7 @@ fn scenario_a_classifier_trained_over_http_is_that_of_the_command_line_and_flies
         .expect("groups")
         .iter()
         .map(|group| group["detectors"]["network"]["right"].as_f64().expect("a share"));
-    // The quiet courses: waypoints are the network's hard case (Table 6), and are not asked for here.
+    // The quiet courses: waypoints are the network's hard case (Table 6) and are not required here.
     let good = right.filter(|share| *share > 0.97).count();
     assert!(good >= 3, "{campaign}");
 }

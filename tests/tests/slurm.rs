@@ -1,4 +1,4 @@
-//! A campaign on a Slurm cluster, of which a node dies.
+//! A campaign on a Slurm cluster that loses a node.
 
 use rotortwin_tests::process::wait_until;
 use rotortwin_tests::program::{Call, program};
@@ -6,7 +6,8 @@ use rotortwin_tests::scratch::{Scratch, repository};
 use rotortwin_tests::slurm::Slurm;
 use std::time::Duration;
 
-/// Longest wait for the array: the lost node is missed after 8 s, its task is queued again and flown by the other node.
+/// Longest wait for the array: the lost node is detected after 8 s; its task is queued again and flown by the other
+/// node.
 const PATIENCE: Duration = Duration::from_secs(300);
 
 #[test]
@@ -19,7 +20,7 @@ fn scenario_an_array_survives_the_death_of_a_node() {
         "name = 'c'\ndescription = 'on a cluster'\nscenario = 'hover.toml'\nseed = 5\nflights = 4096\n[set]\nduration_s = 60.0\n\
          [[axis]]\nname = 'loss'\nkey = 'fault[0].thrust_loss_percent'\nlog_uniform = [2.0, 30.0]\n",
     );
-    // By the name that the script calls.
+    // Under the name that the script calls.
     std::fs::create_dir_all(scratch.path("bin")).expect("a folder");
     std::os::unix::fs::symlink(program(), scratch.path("bin/rotortwin")).expect("a link");
     let path = format!(

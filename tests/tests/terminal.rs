@@ -1,4 +1,4 @@
-//! What a terminal and its pipes see of the command.
+//! The command's behaviour on a terminal and in pipes.
 
 use rotortwin_tests::columns::too_wide;
 use rotortwin_tests::program::program;
@@ -7,7 +7,7 @@ use std::io::PipeWriter;
 use std::process::{Command, Output, Stdio};
 use std::time::Instant;
 
-/// The writing end of a pipe whose reader has gone.
+/// The write end of a pipe whose read end is closed.
 fn closed() -> PipeWriter {
     std::io::pipe().expect("the kernel gives pipes").1
 }
@@ -76,7 +76,8 @@ fn regress_a_closed_pipe_ends_quietly() {
     }
 }
 
-/// `rotortwin … 2>&1 >FILE | true`: a flight is flown although nobody sees how far it is, and bad input is still bad input.
+/// `rotortwin … 2>&1 >FILE | true`: a flight completes although nobody reads its progress, and bad input is still bad
+/// input.
 #[test]
 fn regress_nobody_needs_to_read_the_standard_error() {
     let scratch = Scratch::new();
@@ -118,7 +119,7 @@ fn regress_nobody_needs_to_read_the_standard_error() {
     }
 }
 
-/// What could not be written is not silently lost.
+/// Failed writes are not silently ignored.
 #[test]
 fn scenario_the_answer_does_not_fit_on_the_disk() {
     let scratch = Scratch::new();
@@ -153,7 +154,7 @@ fn all_commands(scratch: &Scratch, words: &[String], found: &mut Vec<Vec<String>
     }
 }
 
-/// Tables were 130 to 175 letters wide, help up to 200.
+/// Tables were 130 to 175 characters wide, help up to 200.
 #[test]
 fn regress_help_and_tables_fit_the_terminal() {
     let scratch = Scratch::new();
@@ -326,7 +327,7 @@ fn regress_a_usage_error_names_the_help_that_explains_it() {
     }
 }
 
-/// `--server` behind the command was an unexpected argument.
+/// `--server` after the command was an unexpected argument.
 #[test]
 fn regress_options_of_all_commands_may_stand_anywhere() {
     let scratch = Scratch::new();
@@ -420,7 +421,7 @@ fn scenario_completions_and_manual_pages() {
     assert_eq!(unknown.status.code(), Some(2));
 }
 
-/// A second `compare --out` wrote over the first.
+/// A second `compare --out` overwrote the first.
 #[test]
 fn regress_results_never_go_over_others_and_folders_are_tried_before_the_work() {
     let scratch = Scratch::new();
@@ -447,7 +448,7 @@ fn regress_results_never_go_over_others_and_folders_are_tried_before_the_work() 
         );
         let nowhere = call("run", "short.toml/below");
         assert_eq!(nowhere.status.code(), Some(2), "{}", words(&nowhere));
-        // Bad input leaves nothing.
+        // Bad input leaves nothing behind.
         assert_eq!(call("absent.ulg", "left").status.code(), Some(2));
         assert!(!scratch.path("left").exists());
     }

@@ -1,11 +1,12 @@
-//! `rotortwin` flies by itself and lets `rotortwin-network` do what needs other hosts: docs/decisions/0062-two-programs.md.
+//! `rotortwin` flies by itself and delegates to `rotortwin-network` what needs other hosts:
+//! docs/decisions/0062-two-programs.md.
 
 use rotortwin_tests::program::program;
 use rotortwin_tests::scratch::Scratch;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
 
-/// A folder with `rotortwin` in it and nothing else.
+/// A folder with only `rotortwin` in it.
 fn alone(scratch: &Scratch) -> PathBuf {
     let built = program().with_file_name("rotortwin-alone-under-test");
     let own = scratch.path("rotortwin");
@@ -17,7 +18,7 @@ fn call(program: &Path, scratch: &Scratch, words: &[&str]) -> Output {
     Command::new(program)
         .args(words)
         .current_dir(scratch.folder())
-        // Not the one that happens to be installed here.
+        // Not one that happens to be installed here.
         .env("PATH", scratch.folder())
         .output()
         .expect("the program starts")
@@ -96,12 +97,12 @@ fn scenario_the_network_program_takes_over_beside_it_or_on_the_search_path() {
         ],
     );
     assert!(flown.status.success(), "{}", error_of(&flown));
-    // Nobody listens there: the sentence is that of the other program.
+    // Nothing listens there: the message is the other program's.
     let asked = call(&own, &scratch, &["health", "tcp/127.0.0.1:1"]);
     assert_eq!(asked.status.code(), Some(1), "{}", error_of(&asked));
 }
 
-/// What the first flight would wait for.
+/// The dependencies compiled before the first flight.
 #[test]
 fn prop_the_first_program_compiles_no_server_and_no_zenoh() {
     let cargo = std::env::var_os("CARGO").unwrap_or_else(|| "cargo".into());
@@ -117,7 +118,7 @@ fn prop_the_first_program_compiles_no_server_and_no_zenoh() {
             "--prefix",
             "none",
         ])
-        // With the features of all packages the tree would be that of all packages.
+        // With the features of all packages the tree would be the workspace's.
         .env_remove("CARGO_RESOLVER_FEATURE_UNIFICATION")
         .current_dir(concat!(env!("CARGO_MANIFEST_DIR"), "/.."))
         .output()

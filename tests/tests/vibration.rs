@@ -1,5 +1,5 @@
 //! `rotortwin vibration` and the line *Vibration* of `diagnose --baseline`, on logs with rotor speeds as a flight controller with ESC telemetry
-//! writes them: a propeller out of balance is named, healthy ones are left in peace, and what a log lacks is said.
+//! writes them: an unbalanced propeller is named, healthy ones raise no alarm, and missing channels are reported.
 
 use rotortwin_tests::columns::too_wide;
 use rotortwin_tests::program::{Call, program};
@@ -10,11 +10,11 @@ use std::process::Command;
 
 const RATE_HZ: f64 = 500.0;
 const SPAN_S: f64 = 20.0;
-/// Mean speed of each rotor, Hz, and the pull of a healthy one at 100 Hz, m/s².
+/// Mean speed of each rotor, Hz, and the amplitude of a healthy one at 100 Hz, m/s².
 const SPEEDS_HZ: [f64; 6] = [91.0, 94.5, 98.0, 101.5, 105.0, 108.5];
 const HEALTHY: [f64; 6] = [0.3, 0.2, 0.35, 0.25, 0.3, 0.2];
 
-/// Uniform in ± √3: deviation 1.
+/// Uniform in ± √3: standard deviation 1.
 struct Draw(u64);
 
 impl Draw {
@@ -98,7 +98,7 @@ fn scenario_a_propeller_out_of_balance_is_named_against_healthy_flights() {
     assert_eq!(named.len(), 1, "{found}");
     let interval = |k: usize| named[0]["interval_95"][k].as_f64().unwrap();
     assert!(interval(0) < 4.0 && interval(1) > 4.0, "{}", named[0]);
-    // A healthy flight against the others.
+    // A healthy flight compared with the others.
     let words = [
         "vibration",
         &healthy[0],
@@ -112,7 +112,7 @@ fn scenario_a_propeller_out_of_balance_is_named_against_healthy_flights() {
         .expect_code(0)
         .stdout;
     assert!(said.contains("no rotor shakes more for certain"), "{said}");
-    // The same beside the thrust that the rotors were asked for.
+    // The same in addition to the commanded thrust of the rotors.
     let model = repository().join("config/vehicles/f550.toml").display().to_string();
     let mut words: Vec<String> = ["diagnose", &today, "--model", &model, "--baseline"]
         .map(str::to_owned)

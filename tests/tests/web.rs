@@ -1,7 +1,8 @@
-//! The web page in a real browser against the real server: the twin from a log to a model that agrees, a live flight, every page by axe.
+//! The web page in a real browser against the real server: the twin from a log to a model that agrees, a live flight, every page checked
+//! with axe.
 //!
-//! Needs Chromium (Debian's `chromium`) and Playwright for Python, which comes into a virtual environment under `target/`; skipped by name
-//! without them.
+//! Needs Chromium (Debian's `chromium`) and Playwright for Python, installed into a virtual environment under `target/`; reported as
+//! skipped without them.
 
 use rotortwin_tests::disk::Disk;
 use rotortwin_tests::program::program;
@@ -12,7 +13,7 @@ use rotortwin_tests::skip;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
-/// Versions that were tried together.
+/// Versions tested together.
 const PACKAGES: [&str; 2] = ["playwright==1.65.2", "axe-playwright-python==0.1.8"];
 
 fn chromium() -> Option<PathBuf> {
@@ -30,7 +31,7 @@ fn chromium() -> Option<PathBuf> {
     found
 }
 
-/// These logs of the independent simulator, and a file that is none.
+/// These logs of the independent simulator, and an invalid file.
 fn logs(scratch: &Scratch, wanted: &[&str]) {
     let vehicle = repository().join("config/vehicles/f550.toml").display().to_string();
     // A short flight at one speed cannot tell one kind of drag from another.
@@ -66,7 +67,7 @@ fn passes(scenario: &str, wanted: &[&str]) {
     };
     let scratch = Scratch::new();
     logs(&scratch, wanted);
-    // A small disk where the scenario fills it.
+    // A small disk for the scenario that fills it.
     let disk = if scenario == "full" {
         let Some(disk) = Disk::new(scratch.path("disk"), "48m") else {
             return;
@@ -95,7 +96,7 @@ fn passes(scenario: &str, wanted: &[&str]) {
     print!("{}", words.concat());
 }
 
-/// Runs a command that must do what it is for.
+/// Runs a command that must succeed.
 fn made(what: &str, words: &[&str]) {
     let output = Command::new(program()).args(words).output().expect("it starts");
     assert!(
@@ -105,7 +106,7 @@ fn made(what: &str, words: &[&str]) {
     );
 }
 
-/// Makes every kind of report, each in a folder with its name, with what it must say beside it.
+/// Makes every kind of report, each in a folder of that name, with the texts it must contain.
 fn reports(scratch: &Scratch) {
     let at = |name: &str| scratch.path(name).display().to_string();
     let vehicle = repository().join("config/vehicles/f550.toml").display().to_string();
@@ -123,7 +124,7 @@ fn reports(scratch: &Scratch) {
     let fit = at("fit/report.html");
     let (first, last) = (format!("{drag}@0:40"), format!("{drag}@40:60"));
     let models = at("models");
-    // Name, command, plots at least, words on the page, words without scripts.
+    // Name, command, least number of plots, words on the page, words without scripts.
     type Kind<'a> = (&'a str, Vec<&'a str>, usize, &'a [&'a str], &'a str);
     let identified = at("identification/mine.toml");
     std::fs::create_dir(scratch.path("identification")).expect("it can be made");

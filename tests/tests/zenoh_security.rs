@@ -1,5 +1,4 @@
-//! zenoh with certificates, users and access control: who belongs to a run flies it as ever, who does not reads nothing and changes
-//! nothing.
+//! zenoh with certificates, users and access control: members of a run fly as usual, others can neither read nor change anything.
 
 use rotortwin_tests::certificates::certificates;
 use rotortwin_tests::program::{Call, Link, PATIENCE, Run, text};
@@ -10,10 +9,10 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 use zenoh::Wait as _;
 
-/// A run id that everybody knows: what keeps strangers out must not be that they cannot guess it.
+/// A well-known run id: strangers must be kept out even if they know it.
 const RUN: &str = "00000000000000ab";
 
-/// Short, so that a refusal takes a second; a process that is let in connects within milliseconds.
+/// Short, so that a rejection takes a second; an accepted process connects within milliseconds.
 const CONNECT_MS: &str = "1000";
 
 fn endpoint(protocol: &str) -> String {
@@ -31,12 +30,12 @@ fn config(scratch: &Scratch, certificates: &Path, name: &str, more: &str) -> Pat
     scratch.write(&format!("{name}.toml"), text)
 }
 
-/// A process of a run that somebody starts by hand.
+/// A process of a run started by hand.
 fn peer(scratch: &Scratch, who: &str, endpoint: &str, config: Option<&Path>) -> Run {
     start(scratch, who, endpoint, config, "30000")
 }
 
-/// The same, by somebody who will not be let in.
+/// The same without valid credentials.
 fn stranger(scratch: &Scratch, who: &str, endpoint: &str, config: Option<&Path>) -> Run {
     start(scratch, who, endpoint, config, CONNECT_MS)
 }
@@ -51,7 +50,7 @@ fn start(scratch: &Scratch, who: &str, endpoint: &str, config: Option<&Path>, jo
     .start()
 }
 
-/// The plant of the run [`RUN`], with the command by which people start it.
+/// The plant of the run [`RUN`], with the command that users start it with.
 fn plant(scratch: &Scratch, scenario: &Path, link: &str, out: &str) -> Run {
     let out = scratch.path(out);
     let mut args: Vec<String> = [
@@ -83,7 +82,7 @@ fn in_process_hash(scratch: &Scratch, scenario: &Path) -> String {
         .run_hash()
 }
 
-/// `fly` gives the three processes one file of credentials; the flight is the same.
+/// `fly` gives the three processes one credentials file; the flight is the same.
 #[test]
 fn scenario_credentials_change_no_bit() {
     let scratch = Scratch::new();
@@ -107,7 +106,7 @@ fn scenario_credentials_change_no_bit() {
     }
 }
 
-/// Who has no certificate, a foreign one, or a wrong password is told so; the run waits on and flies with the right peers.
+/// A peer with no certificate, a foreign one, or a wrong password is told so; the run keeps waiting and flies with the right peers.
 #[test]
 fn scenario_strangers_are_not_let_in() {
     let scratch = Scratch::new();
@@ -195,7 +194,7 @@ fn scenario_strangers_are_not_let_in() {
         }
         assert!(!said.contains("guessed-password"), "{said}");
     }
-    // A role is not taken from somebody else's certificate: the FDI engine's is no controller's.
+    // A certificate is valid for its own role only: the FDI engine's is not accepted from a controller.
     let fdi_config = config(&scratch, &folder, "fdi", &login("fdi", "f"));
     let ended = stranger(&scratch, "controller", &endpoint, Some(&fdi_config))
         .end(PATIENCE)
@@ -214,17 +213,17 @@ fn scenario_strangers_are_not_let_in() {
     assert_eq!(hash_of(&scratch, "strangers"), expected);
 }
 
-/// No message of ours.
+/// Not one of our messages.
 const NONSENSE: [u8; 40] = [0xff; 40];
 
-/// What a session that is none of ours can do.
+/// What a zenoh session outside the run can do.
 struct Spy {
     session: zenoh::Session,
     heard: Arc<AtomicU64>,
 }
 
 impl Spy {
-    /// Opens a session with the certificate `name`; a sentence if it is not let in.
+    /// Opens a session with the certificate `name`; an error message if it is rejected.
     fn open(endpoint: &str, certificates: Option<(&Path, &str)>) -> Result<Self, String> {
         let mut config = zenoh::Config::default();
         let mut set =
@@ -249,7 +248,7 @@ impl Spy {
         Ok(Self { session, heard })
     }
 
-    /// Counts what it hears of the topics that carry the flight.
+    /// Counts messages received on the topics that carry the flight.
     fn listen(&self, space: &str) {
         for key in [
             format!("{space}/v1/{RUN}/sensors"),
@@ -274,7 +273,7 @@ impl Spy {
         }
     }
 
-    /// Says what ends or spoils a run if it is believed, until the flight is over.
+    /// Sends messages that would end or spoil the run if accepted, until the flight is over.
     fn disturb(&self, space: &str, mut is_over: impl FnMut() -> bool) {
         let token = self
             .session
@@ -298,8 +297,8 @@ impl Spy {
     }
 }
 
-/// Somebody who was let in for another role reads nothing of the flight and cannot speak for others; without access control the
-/// same session reads it and ends it.
+/// A peer accepted for another role cannot read the flight or speak for others; without access control the same session reads it and
+/// ends it.
 #[test]
 fn scenario_a_peer_speaks_for_itself_only() {
     let scratch = Scratch::new();
@@ -319,7 +318,7 @@ fn scenario_a_peer_speaks_for_itself_only() {
         let link = format!("zenoh:listen={endpoint},config={}", plant_config.display());
         let mut flight = plant(&scratch, &scenario, &link, intruder);
         let spy = loop {
-            // Until the plant listens.
+            // Until the plant is listening.
             if let Ok(spy) = Spy::open(&endpoint, Some((&folder, intruder))) {
                 break spy;
             }
@@ -337,10 +336,10 @@ fn scenario_a_peer_speaks_for_itself_only() {
             run.end(PATIENCE).expect_code(0);
         }
         assert_eq!(hash_of(&scratch, intruder), expected, "{intruder}");
-        // The FDI engine's certificate may hear who is alive, what it is told at the beginning and the steps, and asked for none of these.
+        // The FDI engine's certificate may receive liveliness, its configuration and the steps, and requested none of these.
         assert_eq!(spy.heard.load(Ordering::Relaxed), 0, "{intruder} heard of the flight");
     }
-    // The session is no straw man.
+    // Without access control the spy does succeed.
     let endpoint = endpoint("tcp");
     let mut flight = plant(&scratch, &scenario, &format!("zenoh:listen={endpoint}"), "open");
     let spy = loop {
@@ -357,7 +356,7 @@ fn scenario_a_peer_speaks_for_itself_only() {
     assert!(spy.heard.load(Ordering::Relaxed) > 0, "an open run can be heard");
 }
 
-/// At a router a space is a tenant's: another tenant with a good certificate reads and changes nothing.
+/// At a router a space belongs to a tenant: another tenant with a valid certificate can neither read nor change anything.
 #[test]
 fn scenario_a_router_keeps_spaces_apart() {
     let scratch = Scratch::new();

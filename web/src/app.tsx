@@ -1,4 +1,4 @@
-/** Which page stands at which address. */
+/** Pages by address. */
 import { ErrorBoundary, Match, Show, Suspense, Switch, createEffect, lazy } from "solid-js";
 import { route } from "./router";
 import { Shell } from "./shell/shell";

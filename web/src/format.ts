@@ -1,4 +1,4 @@
-/** Numbers, times and sizes for people. */
+/** Formatting of numbers, times and sizes. */
 
 const SUPERSCRIPT: Record<string, string> = { "-": "⁻", "0": "⁰", "1": "¹", "2": "²", "3": "³", "4": "⁴", "5": "⁵", "6": "⁶", "7": "⁷", "8": "⁸", "9": "⁹" };
 
@@ -61,7 +61,7 @@ export function bytes(count: number): string {
   return `${place === 0 ? value : value.toPrecision(3)} ${units[place] ?? ""}`;
 }
 
-/** Date and time of the reader's clock. */
+/** Date and time in the user's time zone. */
 export function moment(ms: number | null | undefined): string {
   if (ms === null || ms === undefined) return "–";
   const date = new Date(ms);

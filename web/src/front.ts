@@ -1,9 +1,8 @@
 /**
- * Which of this browser's open pages somebody works with, and whether this one is seen at all.
+ * Which of this browser's open pages is in use, and whether this one is visible at all.
  *
- * Pictures that follow a flight are drawn for whoever looks. Where several pages follow one, the processor that draws them is shared: the
- * one that was touched last draws each picture, those in windows beside it step back where pictures come late, so that a click is answered
- * at once. A page that nobody sees draws nothing.
+ * Plots that follow a flight are drawn for a viewer. Where several pages follow one, they share a processor: the page used last draws
+ * every frame, those in windows next to it slow down if frames are late, so that clicks are handled at once. A hidden page draws nothing.
  */
 import { createSignal } from "solid-js";
 
@@ -11,9 +10,9 @@ const CHANNEL = "rotortwin.front";
 const [front, setFront] = createSignal(true);
 const [seen, setSeen] = createSignal(document.visibilityState !== "hidden");
 
-/** Whether this is the page that was touched last. */
+/** Whether this is the page used last. */
 export { front };
-/** Whether it can be seen: no other tab lies over it. */
+/** Whether it is visible: not behind another tab. */
 export { seen };
 
 const channel = typeof BroadcastChannel === "undefined" ? undefined : new BroadcastChannel(CHANNEL);

@@ -1,4 +1,4 @@
-/** Addresses of the page: the path says which page, the query what it shows. Nothing is kept elsewhere, so that a link is the state. */
+/** Addresses of the page: the path names the page, the query its state. Nothing is stored elsewhere, so that a link is the state. */
 import { createSignal } from "solid-js";
 
 function here() {
@@ -8,7 +8,7 @@ function here() {
 const [route, setRoute] = createSignal(here());
 window.addEventListener("popstate", () => setRoute(here()));
 
-/** Where we are. */
+/** The current address. */
 export { route };
 
 /** Goes to an address of the page. */
@@ -21,7 +21,7 @@ export function navigate(url: string, replace = false): void {
   if (route().path !== before) window.scrollTo(0, 0);
 }
 
-/** Changes parts of the query; `undefined` takes one out. */
+/** Changes parts of the query; `undefined` removes one. */
 export function setQuery(parts: Record<string, string | string[] | undefined>, replace = false): void {
   const query = new URLSearchParams(location.search);
   for (const [key, value] of Object.entries(parts)) {
@@ -33,7 +33,7 @@ export function setQuery(parts: Record<string, string | string[] | undefined>, r
   navigate(location.pathname + (text ? `?${text}` : ""), replace);
 }
 
-/** Follows a click on a link inside the page without loading it anew. */
+/** Follows a click on an internal link without reloading the page. */
 export function followLinks(event: MouseEvent): void {
   if (event.defaultPrevented || event.button !== 0 || event.metaKey || event.ctrlKey || event.shiftKey || event.altKey) return;
   const link = (event.target as Element | null)?.closest("a");

@@ -1,4 +1,4 @@
-//! Many flights at once: in the hands of a caller ([`SimulationBatch`]), or from start to end side by side in vector lanes ([`fly`]).
+//! Many flights at once: stepped by a caller ([`SimulationBatch`]), or from start to end in parallel vector lanes ([`fly`]).
 
 use crate::columns::{Recording, bytes, singles};
 use crate::refusal::input;
@@ -13,15 +13,15 @@ use rotortwin_flight::stepped::SteppedFlight;
 use rotortwin_plant::vector_units::Dispatch;
 use std::sync::Arc;
 
-/// Flights that one thread takes at a time: as many as keep its lanes full for long.
+/// Flights per thread at a time: enough to keep its lanes full for long.
 const FLIGHTS_OF_A_PART: usize = 32;
 
-/// A flight and how it fares.
+/// A flight and its state.
 struct Seat {
     scenario: Arc<rotortwin_scenario::Scenario>,
     seed: u64,
     flight: SteppedFlight,
-    /// Why it cannot go on.
+    /// Why it cannot continue.
     failure: Option<String>,
 }
 
@@ -105,7 +105,7 @@ impl SimulationBatch {
         self.seats.iter().map(|seat| seat.flight.hover_duty()).collect()
     }
 
-    /// Begins the flights at `places` again, with new seeds and, where they are given, other scenarios.
+    /// Restarts the flights at `places`, with new seeds and, where given, other scenarios.
     #[pyo3(signature = (places, seeds, scenarios = None))]
     fn reset(&mut self, places: Vec<usize>, seeds: Vec<u64>, scenarios: Option<Vec<Py<Scenario>>>) -> PyResult<()> {
         if places.len() != seeds.len() || scenarios.as_ref().is_some_and(|list| list.len() != places.len()) {
@@ -173,7 +173,7 @@ impl SimulationBatch {
         self.seats.iter().map(|seat| seat.flight.done()).collect()
     }
 
-    /// A sentence for each flight that cannot go on.
+    /// One sentence for each flight that cannot continue.
     #[getter]
     fn failures(&self) -> Vec<Option<String>> {
         self.seats.iter().map(|seat| seat.failure.clone()).collect()
@@ -190,10 +190,10 @@ impl SimulationBatch {
     }
 }
 
-/// Doubles by column, run hashes, a sentence for each flight that ended early.
+/// Doubles by column, run hashes, one sentence for each flight that ended early.
 type FlownTogether<'py> = (Bound<'py, PyDict>, Vec<String>, Vec<Option<String>>);
 
-/// Keeps every so many rows of some columns.
+/// Keeps some columns of every n-th row.
 struct Keeper {
     every: u64,
     recording: Recording,
@@ -219,9 +219,9 @@ struct Flown {
     failure: Option<String>,
 }
 
-/// Flies `scenario` with each seed from start to end, side by side, with our controller; some columns of every so many steps.
+/// Flies `scenario` with each seed from start to end, in parallel, with our controller; keeps some columns of every n-th step.
 ///
-/// Gives (flights × rows) doubles by name, padded with NaN where a flight ended early, the run hashes and the failures.
+/// Returns (flights × rows) doubles by name, padded with NaN where a flight ended early, the run hashes and the failures.
 #[pyfunction]
 #[pyo3(signature = (scenario, seeds, columns, every = 1))]
 pub(crate) fn fly<'py>(

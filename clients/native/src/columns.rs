@@ -1,4 +1,4 @@
-//! Numbers for Python as bytes that NumPy takes as arrays; telemetry under the names and in the precision of `telemetry.parquet`.
+//! Numbers for Python as bytes that NumPy reads as arrays; telemetry under the names and in the precision of `telemetry.parquet`.
 
 use crate::refusal::input;
 use pyo3::prelude::*;
@@ -15,7 +15,7 @@ pub(crate) struct Recording {
     conditions: ConditionSchedule,
     rotor_count: usize,
     all: Vec<f64>,
-    /// Places of the recorded columns among all.
+    /// Indices of the recorded columns among all.
     places: Vec<usize>,
     columns: Vec<Column>,
     /// One vector per recorded column.
@@ -23,7 +23,7 @@ pub(crate) struct Recording {
 }
 
 impl Recording {
-    /// Of the columns that fit `patterns` (a name, or its beginning with a `*` after it).
+    /// The columns that match `patterns` (a name, or its beginning followed by `*`).
     pub(crate) fn new(scenario: &Scenario, rotor_count: usize, patterns: &[String]) -> PyResult<Self> {
         let known = telemetry_columns(rotor_count);
         let places = chosen(&known, patterns)?;
@@ -76,12 +76,12 @@ fn coded<'py>(py: Python<'py>, kind: Kind, values: &[f64]) -> (&'static str, Bou
     }
 }
 
-/// Numbers one after the other; a NumPy array over it can be written to.
+/// Contiguous numbers; a NumPy array over them is writable.
 pub(crate) fn bytes<const N: usize>(py: Python<'_>, numbers: impl Iterator<Item = [u8; N]>) -> Bound<'_, PyByteArray> {
     PyByteArray::new(py, &numbers.flatten().collect::<Vec<u8>>())
 }
 
-/// The other way: single-precision numbers from bytes, which come in whole numbers.
+/// The reverse: single-precision numbers from bytes, whole numbers only.
 pub(crate) fn singles(bytes: &[u8]) -> Vec<f32> {
     let (numbers, _) = bytes.as_chunks::<4>();
     numbers.iter().map(|&number| f32::from_ne_bytes(number)).collect()

@@ -1,4 +1,4 @@
-//! One flight, a step at a time.
+//! One flight, one step at a time.
 
 use crate::columns::{Recording, bytes, singles};
 use crate::refusal::flight;
@@ -30,7 +30,7 @@ impl Simulation {
         Self::begin(scenario, seed, record)
     }
 
-    /// Begins again; without a seed with the one of before.
+    /// Restarts the flight, by default with the previous seed.
     #[pyo3(signature = (seed = None))]
     fn reset(&mut self, seed: Option<u64>) -> PyResult<()> {
         *self = Self::begin(
@@ -51,7 +51,7 @@ impl Simulation {
         py.detach(|| (0..steps).try_for_each(|_| self.one(duty.as_deref())))
     }
 
-    /// Flies on with our controller, to the end or to a step.
+    /// Continues with our controller, to the end or to a step.
     #[pyo3(signature = (until_step = None))]
     fn run(&mut self, py: Python<'_>, until_step: Option<u64>) -> PyResult<()> {
         let until = until_step.unwrap_or(u64::MAX);
@@ -106,7 +106,7 @@ impl Simulation {
         )
     }
 
-    /// What our controller would do now.
+    /// Our controller's output now.
     fn controller_duty<'py>(&mut self, py: Python<'py>) -> Bound<'py, PyByteArray> {
         let count = self.flight.rotor_count();
         let duty = self.flight.controller_command().duty;
@@ -145,7 +145,7 @@ impl Simulation {
         Ok(dict)
     }
 
-    /// What the detectors said of the last step.
+    /// Outputs of the detectors after the last step.
     #[getter]
     fn report<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
         let report = &self.report;

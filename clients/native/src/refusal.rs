@@ -1,4 +1,4 @@
-//! What goes wrong, as Python sees it: one sentence each.
+//! Errors as Python sees them: one sentence each.
 
 use pyo3::PyErr;
 use pyo3::exceptions::{PyRuntimeError, PyValueError};
@@ -21,7 +21,7 @@ pub(crate) fn input(sentence: impl std::fmt::Display) -> PyErr {
     InputError::new_err(sentence.to_string())
 }
 
-/// A flight has ended against everybody's will.
+/// A flight has ended unexpectedly.
 pub(crate) fn flight(sentence: impl std::fmt::Display) -> PyErr {
     FlightError::new_err(sentence.to_string())
 }

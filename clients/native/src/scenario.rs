@@ -1,4 +1,4 @@
-//! What is flown: a scenario document with its vehicle, checked once and flown as often as wanted.
+//! A scenario document with its vehicle, checked once and flown any number of times.
 
 use crate::refusal::input;
 use pyo3::prelude::*;

@@ -48,7 +48,7 @@ fn read(log: &Log<'_>) -> PyResult<FlightLog> {
     }
 }
 
-/// Reads logs that are to be compared with `model`.
+/// Reads logs for a comparison with `model`.
 fn read_for(logs: &[Log<'_>], model: &ModelVersion) -> PyResult<Vec<FlightLog>> {
     let ordered = |log| read(log).map(|log| in_the_order_of(log, &model.vehicle));
     let logs = logs.iter().map(ordered).collect::<PyResult<Vec<_>>>()?;
@@ -70,7 +70,7 @@ fn json(value: &impl serde::Serialize) -> PyResult<String> {
     serde_json::to_string(value).map_err(input)
 }
 
-/// Models against logs.
+/// Compares models with logs.
 #[pyfunction]
 pub(crate) fn compare(py: Python<'_>, logs: Vec<Log<'_>>, models: Vec<String>, store: PathBuf) -> PyResult<String> {
     let models = models
@@ -85,7 +85,7 @@ pub(crate) fn compare(py: Python<'_>, logs: Vec<Log<'_>>, models: Vec<String>, s
     json(&result.map_err(input)?.0)
 }
 
-/// What a model lacks.
+/// Diagnoses what a model lacks.
 #[pyfunction]
 pub(crate) fn diagnose(
     py: Python<'_>,
@@ -146,7 +146,7 @@ pub(crate) fn improve(
     Ok((json(&result)?, result.model.to_toml()))
 }
 
-/// What the detectors say of logs: a list of reports.
+/// The detectors' verdicts on logs: a list of reports.
 #[pyfunction]
 pub(crate) fn fdi_log(
     py: Python<'_>,
@@ -177,7 +177,7 @@ pub(crate) fn fdi_log(
     json(&reports.map_err(input)?)
 }
 
-/// A vehicle from logs: what was found, and the three files of it (vehicle, blades, intervals).
+/// Identifies a vehicle from logs: the result, and its three files (vehicle, blades, intervals).
 #[expect(clippy::too_many_arguments, reason = "Python's keyword arguments")]
 #[pyfunction]
 #[pyo3(signature = (logs, mass_kg, arm_m, name, frame = None, trust_frame = false, capacity_ah = None, cells = None, bench = Vec::new()))]

@@ -20,7 +20,7 @@ submitted = [
 # %% Wait for all of them.
 runs = [client.runs.wait(run.id, progress=True, check=True) for run in submitted]
 
-# %% What the detectors said in the intervals with a fault.
+# %% The detectors' verdicts in the intervals with a fault.
 for run in runs:
     assert run.summary is not None
     for interval in run.summary["intervals"]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import subprocess
 from pathlib import Path
 
-#: Files that are the same bytes whoever flew the shards.
+#: Files that are byte-identical wherever the shards were flown.
 RESULTS = ("campaign.parquet", "campaign.csv", "summary.json", "report.html")
 
 FLIGHT = """

@@ -17,7 +17,7 @@ import pytest
 
 from rotortwin import Client
 
-# What runs in this process is part of the platform's wheel only; tests/tests/packages.rs runs these tests from it.
+# In-process modules are part of the platform's wheel only; tests/tests/packages.rs runs these tests from it.
 collect_ignore = [] if importlib.util.find_spec("rotortwin._native") else ["native"]
 # Ray and Dask are in an environment of their own: tests/tests/executors.rs.
 collect_ignore += [] if importlib.util.find_spec("ray") else ["executors"]
@@ -51,7 +51,7 @@ class Server:
         arguments = ["serve", "--listen", f"127.0.0.1:{self.port}", "--workers", "2", "--data", str(self.folder)]
         self.process = subprocess.Popen(
             [program(), *arguments, "--library", str(ROOT / "config")],
-            # SQL is answered by the DuckDB of this environment.
+            # SQL runs in the DuckDB of this environment.
             env=os.environ | {"ROTORTWIN_PYTHON": sys.executable},
             stdout=subprocess.PIPE,
             stderr=subprocess.DEVNULL,

@@ -53,7 +53,7 @@ def test_val_any_executor_gives_the_bytes_of_one_machine(here: tuple[Path, Path]
     with concurrent.futures.ProcessPoolExecutor(2) as processes:
         again = rotortwin.campaign(file, executor=processes, out=tmp_path / "processes", program=program())
     assert_same(one, tmp_path / "processes")
-    # Not as a whole: what is not a number is equal to nothing.
+    # Not as a whole: NaN is not equal to anything.
     assert again["run_hash"].equals(table["run_hash"])
     assert rotortwin.campaign(file, program=program())["run_hash"].equals(table["run_hash"])
 
@@ -76,7 +76,7 @@ def test_val_what_is_there_is_not_flown_again(here: tuple[Path, Path], tmp_path:
         rotortwin.campaign(file, executor=threads, out=out, shards_per_task=1, program=program())
     assert len(threads.calls) == 7 - len(before)
     assert_same(one, out)
-    # Whole: nothing is flown.
+    # Complete: nothing is flown.
     with Counting() as threads:
         rotortwin.campaign(file, executor=threads, out=out, program=program())
     assert threads.calls == []

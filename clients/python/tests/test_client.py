@@ -341,7 +341,7 @@ def test_scenario_a_download_goes_on_where_an_earlier_one_was_given_up(server: S
     with Client(server.url) as client:
         client.runs.download(done.id, "run.mcap", target)
         assert target.read_bytes() == client.runs.artifact(done.id, "run.mcap")
-        # What is left of another file is not continued.
+        # A partial download of another file is not continued.
         other = tmp_path / "other"
         (tmp_path / "other.part").write_bytes(b"x" * 100)
         (tmp_path / "other.part.etag").write_text('"another"')

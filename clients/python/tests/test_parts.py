@@ -17,7 +17,7 @@ from rotortwin._exchange import Backoff, retry_after_s
 from rotortwin._operations import toml_value
 from rotortwin._stream import SseParser, local_path
 
-#: Dataclasses and the schemas that they stand for; fields of their own.
+#: Dataclasses and their schemas; fields that exist only here.
 MODELS: dict[type, str] = {
     models.Run: "Run",
     models.Job: "JobView",

@@ -43,7 +43,7 @@ def test_val_what_cannot_be_asked_is_said(tmp_path: Path) -> None:
         rotortwin.query("SELECT * FROM nothing", tmp_path)
 
 
-#: Asks in a process of its own, so that its memory can be measured: peak of the process before and after, MiB, and the time, s.
+#: Runs a query in a separate process, to measure memory: peak of the process before and after, MiB, and the time, s.
 ASK = """
 import json, resource, sys, time
 import duckdb, pyarrow
@@ -64,7 +64,7 @@ def test_val_a_million_flights_in_bounded_memory(tmp_path: Path) -> None:
             flight=list(rows),
             rotor=[1 + row % 6 for row in rows],
             delay_s=[0.01 * (row % 500) for row in rows],
-            # So long that all of it does not fit into the query's memory at once.
+            # Long enough not to fit into the query's memory at once.
             hash=[f"{row * 2654435761 % 2**61:032x}" * 4 for row in rows],
             **{f"number_{column}": [float(row ^ column) for row in rows] for column in range(16)},
         )

@@ -86,7 +86,7 @@ def test_scenario_diagnosis_and_improvement_of_a_flight(client: Client, flown: R
     assert improvement.result["reason"] and improvement.result["rows"]
     model = client.improvements.model(improvement.id)
     assert "model_format" in model
-    # Nothing was missing, so that it is a vehicle still, from which another one can begin.
+    # Nothing was missing: it is still a plain vehicle, from which another model can start.
     again = client.improvements.submit(version=model, runs=[flown.id])
     assert client.improvements.wait(again.id, check=True).result["reason"] == improvement.result["reason"]
     named = client.comparisons.submit(improvement=improvement.id, runs=[flown.id])

@@ -69,7 +69,7 @@ pub fn read(file: &Path, reading: &Reading<'_>) -> Result<FlightLog, String> {
     };
     let mut log = FlightLog::read_part_with(file, &options)?;
     if let Some((vehicle, path)) = vehicle.transpose()?.zip(reading.vehicle) {
-        // The file keeps the autopilot's numbering; whoever compares it with a vehicle reorders it as done here.
+        // The file keeps the autopilot's numbering; a comparison with a vehicle reorders it as done here.
         let ordered = in_the_order_of(log.clone(), &vehicle.vehicle);
         log.report
             .findings

@@ -1,4 +1,4 @@
-/** What a click asks for: busy while it lasts, and one sentence if it fails. */
+/** An action started by a click: busy while it lasts, one sentence if it fails. */
 import { createSignal } from "solid-js";
 import { sentenceOf } from "./problem";
 

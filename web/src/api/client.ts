@@ -1,8 +1,8 @@
 /**
  * Requests to the server, typed by its OpenAPI document.
  *
- * A read that gets no answer waits for the server and asks again. A write carries an `Idempotency-Key`, so that asking again after an
- * answer that was lost cannot do the work twice. Every refusal is thrown as an [`ApiError`].
+ * A read without an answer waits for the server and is repeated. A write carries an `Idempotency-Key`, so that repeating it after a
+ * lost answer cannot do the work twice. Every refusal is thrown as an [`ApiError`].
  */
 import { parseExact } from "../exact";
 import { back, lost } from "./connection";
@@ -21,9 +21,9 @@ type Answer<O> = O extends { responses: infer R }
 type Body<O> = O extends { requestBody: { content: { "application/json": infer B } } } ? B : undefined;
 type Query<O> = O extends { parameters: { query?: infer Q } } ? Q : never;
 
-/** What a request may carry. */
+/** Options of a request. */
 interface Options {
-  /** Values for `{name}` in the address. */
+  /** Values for `{name}` in the path. */
   path?: Record<string, string>;
   query?: object;
   signal?: AbortSignal;
@@ -45,13 +45,13 @@ export function address(template: string, options: Options = {}): string {
   return url;
 }
 
-/** A key of its own for each thing that is asked for. */
+/** A unique key for each operation. */
 export function freshKey(): string {
   const bytes = crypto.getRandomValues(new Uint8Array(16));
   return Array.from(bytes, (byte) => byte.toString(16).padStart(2, "0")).join("");
 }
 
-/** Sends until there is an answer of the server itself. */
+/** Retries until the server itself answers. */
 async function send(url: string, init: RequestInit, what: string): Promise<Response> {
   for (;;) {
     let response: Response;
@@ -63,7 +63,7 @@ async function send(url: string, init: RequestInit, what: string): Promise<Respo
       await back();
       continue;
     }
-    // What stands between us and a server that is away: a proxy's 502 to 504, or an error without words.
+    // Sent by an intermediary while the server is down: a proxy's 502 to 504, or an error without a body.
     if (response.status >= 500 && !(response.headers.get("content-type") ?? "").startsWith("application/problem+json")) {
       lost();
       await back();
@@ -78,7 +78,7 @@ async function send(url: string, init: RequestInit, what: string): Promise<Respo
   }
 }
 
-/** Any request with a JSON answer. `T` is the caller's word for what comes; a body that is a text is JSON already. */
+/** Any request with a JSON answer. `T` is the caller's claim about its type; a body that is a string is JSON already. */
 export async function ask<T>(method: string, url: string, body?: unknown, more: RequestInit = {}): Promise<T> {
   const headers: Record<string, string> = { accept: "application/json" };
   if (body !== undefined) headers["content-type"] = "application/json";
@@ -105,12 +105,12 @@ export function post<P extends keyof paths>(
   return ask("POST", address(path, options), body, { signal: options.signal ?? null });
 }
 
-/** Puts a document where it belongs. */
+/** Creates or replaces a document. */
 export async function putDocument(url: string, document: string): Promise<void> {
   await send(url, { method: "PUT", headers: { "content-type": "application/toml" }, body: document }, `PUT ${url}`);
 }
 
-/** Deletes what is at an address. */
+/** Deletes the resource at an address. */
 export async function remove(url: string): Promise<void> {
   await send(url, { method: "DELETE" }, `DELETE ${url}`);
 }
@@ -120,7 +120,7 @@ export async function text(url: string): Promise<string> {
   return (await send(url, {}, `GET ${url}`)).text();
 }
 
-/** A file to the server with progress, fraction 0 to 1. `fetch` cannot tell how far a body has come. */
+/** Uploads a file with progress, fraction 0 to 1. `fetch` cannot report the progress of a body. */
 export function upload<T>(url: string, file: Blob, onProgress: (share: number) => void, signal?: AbortSignal): Promise<T> {
   return new Promise((resolve, reject) => {
     const request = new XMLHttpRequest();

@@ -1,8 +1,8 @@
 /**
- * Whether the server answers.
+ * Whether the server responds.
  *
- * A request that gets no answer calls [`lost`]; from then on `/healthz` is asked, at first every half second, later every five.
- * Whoever needs the server waits for [`back`]. Pages that show data reload it when [`epoch`] rises.
+ * A request without an answer calls [`lost`]; from then on `/healthz` is polled, at first every half second, later every five.
+ * Code that needs the server waits for [`back`]. Pages that show data reload it when [`epoch`] increases.
  */
 import { createSignal } from "solid-js";
 
@@ -14,7 +14,7 @@ const [away, setAway] = createSignal(false);
 const [epoch, setEpoch] = createSignal(0);
 let waiting: (() => void)[] = [];
 
-/** True while the server does not answer. */
+/** True while the server does not respond. */
 export { away, epoch };
 
 /** A request got no answer. */
@@ -26,13 +26,13 @@ export function lost(): void {
 
 const returned = new Set<() => void>();
 
-/** Calls `listener` whenever the server has come back; returns what ends it. */
+/** Calls `listener` whenever the server is back; returns a function that unsubscribes. */
 export function onBack(listener: () => void): () => void {
   returned.add(listener);
   return () => void returned.delete(listener);
 }
 
-/** Resolves when the server answers again; at once if it is not known to be away. */
+/** Resolves when the server responds again; immediately if it is not known to be down. */
 export function back(): Promise<void> {
   if (!away()) return Promise.resolve();
   return new Promise((resolve) => waiting.push(resolve));
@@ -52,7 +52,7 @@ async function look(pause: number): Promise<void> {
   void look(Math.min(LONGEST_PAUSE_MS, pause * 1.5));
 }
 
-/** Asks once. */
+/** Polls once. */
 export async function answers(): Promise<boolean> {
   try {
     const response = await fetch("/healthz", { signal: AbortSignal.timeout(PATIENCE_MS), cache: "no-store" });

@@ -1,7 +1,7 @@
 /**
- * Events of jobs: server-sent events, read with `fetch`, which passes every kind on and lets us say where to go on.
+ * Events of jobs: server-sent events, read with `fetch`, which passes on every kind and lets us resume at a given event.
  *
- * A stream that breaks is taken up again after its last event: none is missed, none comes twice.
+ * A broken stream is resumed after its last event: none is missed, none is duplicated.
  */
 import { back, lost, onBack } from "./connection";
 import { problemOf, sentenceOf } from "./problem";
@@ -13,16 +13,16 @@ export interface ServerEvent {
   data: string;
 }
 
-/** The server says something at least every 15 s. */
+/** The server sends something at least every 15 s. */
 const SILENCE_MS = 40_000;
 
-/** Takes a stream of text apart into events (WHATWG HTML, 9.2.6). */
+/** Parses a stream of text into events (WHATWG HTML, 9.2.6). */
 export class EventParser {
   private rest = "";
   private fields: ServerEvent = { id: "", event: "", data: "" };
   private lines: string[] = [];
 
-  /** The events that this piece completes. */
+  /** The events completed by this chunk. */
   push(piece: string): ServerEvent[] {
     const found: ServerEvent[] = [];
     this.rest += piece;
@@ -50,7 +50,7 @@ export class EventParser {
 /**
  * Follows a stream until `onEvent` returns true, or `signal` ends it.
  *
- * Throws only what the server refuses; a broken connection is awaited.
+ * Throws only if the server refuses; a broken connection is retried.
  */
 export async function follow(url: string, onEvent: (event: ServerEvent) => boolean | void, signal: AbortSignal, lastId = ""): Promise<void> {
   let last = lastId;
@@ -70,13 +70,13 @@ export async function follow(url: string, onEvent: (event: ServerEvent) => boole
         if (problem.status < 500) throw new Refused(problem);
         throw problem;
       }
-      // Not through a `TextDecoderStream`: one whose source breaks leaves a rejection in Chromium that nobody can handle.
+      // Not a `TextDecoderStream`: if its source breaks, Chromium reports a rejection that cannot be handled.
       const reader = response.body?.getReader();
       if (!reader) return;
       const decoder = new TextDecoder();
       const parser = new EventParser();
-      // A proxy may hold a stream open whose server is gone: after an absence, and after a silence, it is taken up anew.
-      // One that is broken already refuses to be canceled, and is taken up anew below.
+      // A proxy may keep a stream open after its server has died: it is reopened after an outage or a silence.
+      // A broken stream rejects the cancel, and is reopened below.
       const renew = () => void reader.cancel().catch(() => undefined);
       const listening = onBack(renew);
       ignore = () => void listening();
@@ -95,7 +95,7 @@ export async function follow(url: string, onEvent: (event: ServerEvent) => boole
           }
         }
       }
-      // The server ends a stream when there is nothing more to come, or when it ends itself.
+      // The server ends a stream when there are no more events, or when it shuts down.
       await new Promise((resolve) => setTimeout(resolve, 500));
     } catch (error) {
       ignore();

@@ -9,9 +9,9 @@ export type JobView = Schemas["JobView"];
 
 export interface Followed<R> {
   job: Accessor<JobView | undefined>;
-  /** What it came to, once it is done. */
+  /** Result, once it is done. */
   result: Accessor<R | undefined>;
-  /** Fraction done and what is being done, where the job says so. */
+  /** Fraction done and current activity, where the job reports them. */
   progress: Accessor<{ share: number | undefined; text: string }>;
   running: Accessor<boolean>;
   /** Why it failed, or why it cannot be followed: one sentence. */
@@ -51,17 +51,17 @@ export function createJob<R>(collection: string, id: Accessor<string | undefined
     running: () => id() !== undefined && problem() === undefined && !hasEnded(job()?.status),
     error: () => {
       if (problem() !== undefined) return problem();
-      // What the program says of itself on a terminal is nothing to a page.
+      // The program's terminal output is of no use on a page.
       if (job()?.status === "failed") return job()?.error?.replace(/^rotortwin: /, "") ?? "It failed, and the server does not say why.";
       return job()?.status === "canceled" ? "It was canceled." : undefined;
     },
     cancel: async () => {
       try {
         const asked = await ask<JobView>("POST", `/api/v1/${collection}/${id()}/cancel`);
-        // The news of its end may have been faster than this answer.
+        // The event of its end may have overtaken this answer.
         setJob((now) => (now?.id === asked.id && hasEnded(now.status) ? now : asked));
       } catch (error) {
-        // 409: it has ended meanwhile, and how is told by the news.
+        // 409: it has ended meanwhile; its event says how.
         if (!(error instanceof ApiError) || error.status !== 409) setProblem(sentenceOf(error));
       }
     },

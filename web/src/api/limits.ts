@@ -1,9 +1,9 @@
-/** What the server takes at most: a file that is too large is not sent first. */
+/** The server's size limits: a file that is too large is not sent. */
 import { bytes } from "../format";
 import { get } from "./client";
 import { isUnknownAddress } from "./problem";
 
-/** Why a log is not sent, if it is larger than the server takes; `judged`: to be judged at once and not kept. */
+/** Why a log is too large to send; `judged`: to be judged immediately and not stored. */
 export async function tooLarge(file: File, judged = false): Promise<string | undefined> {
   try {
     const limits = await get("/api/v1/limits");
@@ -11,7 +11,7 @@ export async function tooLarge(file: File, judged = false): Promise<string | und
     if (file.size <= most) return undefined;
     return `${file.name} (${bytes(file.size)}): this server takes logs of at most ${bytes(most)}${judged ? " here; drop it on the page Twin, and judge the imported log" : " (rotortwin serve --largest-upload)"}. Nothing was sent.`;
   } catch (error) {
-    // An older server says so once the file has come.
+    // An older server says so after the upload.
     if (isUnknownAddress(error)) return undefined;
     throw error;
   }

@@ -1,4 +1,4 @@
-/** Live samples of a run over a WebSocket; a connection that breaks goes on after the last sample. */
+/** Live samples of a run over a WebSocket; a broken connection resumes after the last sample. */
 import { answers, back, lost } from "./connection";
 
 export interface LiveStart {
@@ -23,22 +23,22 @@ export interface LiveHistory {
   type: "history";
   time_s: number[];
   values: Record<string, (number | null)[]>;
-  /** Old rows are fewer than there were. */
+  /** Older rows have been thinned out. */
   thinned: boolean;
 }
 export type LiveMessage = LiveHistory | LiveStart | LiveSample | LiveEnd | { type: "lost"; count: number } | { type: "error"; detail: string };
 
-/** A sample that is so much earlier than the one before belongs to another attempt, s. */
+/** A sample earlier than the previous one by this much belongs to another attempt, s. */
 export const FLOWN_AGAIN_S = 1;
 
-/** So many connections in a row that a server refuses. */
+/** Consecutive refused connections after which to give up. */
 const REFUSALS = 3;
 
-/** Watches a run from the sample after `last` (0: from the first one) until it ends; returns what stops it. */
+/** Watches a run from the sample after `last` (0: from the first one) until it ends; returns a function that stops it. */
 export function watchLive(run: string, channels: string, rateHz: number, last: number, onMessage: (message: LiveMessage) => void): () => void {
   let stopped = false;
   let socket: WebSocket | undefined;
-  // A server without a history refuses `from_s` before the connection stands.
+  // A server without a history refuses `from_s` before the connection is established.
   let history = true;
   let refusals = 0;
   const connect = () => {
@@ -53,7 +53,7 @@ export function watchLive(run: string, channels: string, rateHz: number, last: n
     socket.onmessage = (event) => {
       const message = JSON.parse(String(event.data)) as LiveMessage;
       if (message.type === "sample") {
-        // It is flown again, and its beginning was told while nobody listened here: all of it is asked for.
+        // It is flown again, and its beginning was sent while we were not connected: request all of it.
         if (history && message.time_s + FLOWN_AGAIN_S < last) {
           last = 0;
           if (socket) socket.onclose = null;
@@ -71,7 +71,7 @@ export function watchLive(run: string, channels: string, rateHz: number, last: n
       if (stopped || ended) return;
       void answers().then((there) => {
         if (stopped) return;
-        // A server that has just come back refused while it was away and answers now: only one that goes on refusing knows no history.
+        // A server that is just back may have refused because it was down: only one that keeps refusing has no history.
         refusals = there && !opened ? refusals + 1 : 0;
         if (refusals >= REFUSALS && history) {
           history = false;

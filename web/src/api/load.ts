@@ -1,17 +1,17 @@
-/** Data of a page: loaded again when its source changes or the server has come back; what was there stays visible meanwhile. */
+/** Data of a page: reloaded when its source changes or the server is back; the old data stay visible meanwhile. */
 import { type Accessor, createEffect, createSignal, on, onCleanup } from "solid-js";
 import { epoch } from "./connection";
 import { sentenceOf } from "./problem";
 
 export interface Load<T> {
   data: Accessor<T | undefined>;
-  /** Why there is none: one sentence. */
+  /** Why there are no data: one sentence. */
   error: Accessor<string | undefined>;
   loading: Accessor<boolean>;
   reload: () => void;
 }
 
-/** Loads whenever `source` gives another value; `undefined`: nothing to load. */
+/** Loads whenever `source` returns another value; `undefined`: nothing to load. */
 export function createLoad<S, T>(source: Accessor<S | undefined>, load: (source: S, signal: AbortSignal) => Promise<T>): Load<T> {
   const [data, setData] = createSignal<T>();
   const [error, setError] = createSignal<string>();

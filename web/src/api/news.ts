@@ -1,9 +1,9 @@
 /**
- * What happens to all jobs of the caller: one event stream for all tabs of a browser.
+ * Events of all the caller's jobs: one event stream for all tabs of a browser.
  *
- * Browsers open six connections per host (HTTP/1.1), and an event stream takes one for good. So one tab reads the stream and tells the
- * others; when it is closed, another one goes on after the last event that it has seen. Where a browser has no locks (a page without
- * HTTPS on another host), each tab reads for itself.
+ * Browsers open six connections per host (HTTP/1.1), and an event stream occupies one. So one tab reads the stream and forwards it to
+ * the others; when it is closed, another one resumes after the last event it has seen. In a browser without locks (a page without
+ * HTTPS on another host), each tab reads its own stream.
  */
 import { createSignal } from "solid-js";
 import { ask } from "./client";
@@ -14,7 +14,7 @@ import { ApiError, sentenceOf } from "./problem";
 export interface News {
   job: string;
   collection: string;
-  /** What happened: `queued`, `started`, `progress`, `ended`, …. */
+  /** Kind: `queued`, `started`, `progress`, `ended`, …. */
   event: string;
   data: Record<string, unknown>;
 }
@@ -27,10 +27,10 @@ const listeners = new Set<(news: News) => void>();
 let cursor = "";
 let begun: Promise<void> | undefined;
 
-/** Why there is no news, if the server refuses the stream. */
+/** Why there are no events, if the server refuses the stream. */
 export { refusal as newsRefusal };
 
-/** Calls `listener` for each event from now on; returns what ends it. Resolves once nothing later can be missed. */
+/** Calls `listener` for each event from now on; returns a function that unsubscribes. Resolves once no later event can be missed. */
 export function onNews(listener: (news: News) => void): { open: Promise<void>; stop: () => void } {
   listeners.add(listener);
   begun ??= begin();
@@ -50,7 +50,7 @@ function begin(): Promise<void> {
       take(message.data as Told);
     };
     const read = async () => {
-      // A tab that comes later learns from the reader that the stream stands.
+      // A tab opened later learns from the reader that the stream is open.
       channel.onmessage = (message) => {
         if (message.data === "anybody" && cursor) channel.postMessage({ cursor } satisfies Told);
       };
@@ -88,11 +88,11 @@ export interface AnyJob {
   result?: unknown;
 }
 
-/** Whether a job stays as it is. */
+/** Whether a job's state is final. */
 export const hasEnded = (status: AnyJob["status"] | undefined) => status === "done" || status === "failed" || status === "canceled";
 
 /**
- * Follows a job until it has ended: `onJob` with its first and each later state, `onEvent` with what it says meanwhile.
+ * Follows a job until it has ended: `onJob` with its first and each later state, `onEvent` with its events.
  *
  * Without the stream for all jobs, the job's own one is read.
  */
@@ -110,7 +110,7 @@ export function watchJob<J extends AnyJob>(
   const look = async () => {
     const job = await ask<J>("GET", url, undefined, { signal: control.signal });
     if (control.signal.aborted) return true;
-    // Answers of two looks may come in the other order: what has ended does not run again.
+    // Answers of two requests may arrive out of order: an ended job does not run again.
     if (!ended) onJob(job);
     ended ||= hasEnded(job.status);
     return ended;
@@ -123,7 +123,7 @@ export function watchJob<J extends AnyJob>(
   };
   const start = async () => {
     if (await look()) return;
-    // Whatever a stream tells after an absence: how the job stands is asked once more.
+    // Whatever the stream sends after an outage, the job's state is requested once more.
     const ignore = onBack(() => void look().then((ended) => ended && stop?.(), onError));
     control.signal.addEventListener("abort", ignore);
     const news = onNews((one) => one.job === id && told(one.event, one.data));
@@ -138,7 +138,7 @@ export function watchJob<J extends AnyJob>(
       }, control.signal);
       return;
     }
-    // What came between the first look and the opening of the stream.
+    // Events between the first request and the opening of the stream.
     if (await look()) news.stop();
   };
   start().catch((error: unknown) => {

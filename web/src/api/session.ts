@@ -1,7 +1,7 @@
 /**
  * Sign-in: a token becomes a cookie that no script can read. The page never keeps the token.
  *
- * A request that is answered with 401 waits for [`signedIn`] and is asked again: nothing that was typed is lost.
+ * A request answered with 401 waits for [`signedIn`] and is repeated: no input is lost.
  */
 import { createSignal } from "solid-js";
 import { lost } from "./connection";
@@ -11,7 +11,7 @@ const [wanted, setWanted] = createSignal(false);
 const [here, setHere] = createSignal(false);
 let waiting: (() => void)[] = [];
 
-/** True while somebody must sign in. */
+/** True while the user must sign in. */
 export { wanted as signInWanted };
 /** True if this page has signed in. */
 export { here as hasSignedIn };
@@ -22,7 +22,7 @@ export function signedIn(): Promise<void> {
   return new Promise((resolve) => waiting.push(resolve));
 }
 
-/** Turns a token into a cookie; what went wrong in a sentence. */
+/** Exchanges a token for a cookie; returns a sentence on failure. */
 export async function signIn(token: string): Promise<string | undefined> {
   try {
     const response = await fetch("/api/v1/session", { method: "POST", headers: { "content-type": "application/json" }, body: JSON.stringify({ token }) });
@@ -39,7 +39,7 @@ export async function signIn(token: string): Promise<string | undefined> {
   return undefined;
 }
 
-/** Ends the session, and forgets all that is shown. */
+/** Ends the session, and clears all data shown. */
 export async function signOut(): Promise<void> {
   await fetch("/api/v1/session", { method: "DELETE" });
   location.reload();

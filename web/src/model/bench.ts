@@ -1,15 +1,15 @@
-/** Tables of a thrust bench: what the browser can say of a file before the server reads it, and what the server said of it afterwards. */
+/** Tables of a thrust bench: what the browser can check before the server reads a file, and the server's findings. */
 
 export interface BenchTable {
   name: string;
   text: string;
 }
 
-/** What the server takes: tables, and bytes of all together. */
+/** The server's limits: number of tables, and total bytes. */
 export const MOST_TABLES = 16;
 export const MOST_BYTES = 1 << 20;
 
-/** A table from a file; UTF-8, or else Latin-1, as older spreadsheets write. A sentence where it cannot be one. */
+/** A table from a file; UTF-8, or else Latin-1, as older spreadsheets write. A sentence if it is not a table. */
 export function benchTable(file: string, bytes: Uint8Array): BenchTable | { problem: string } {
   if (bytes.length > MOST_BYTES) return { problem: `${file} has ${bytes.length.toLocaleString("en")} bytes; expected a table of at most ${MOST_BYTES.toLocaleString("en")}.` };
   if (bytes.includes(0)) return { problem: `${file} is no text; expected a table with a header and a row for each reading: export the sheet as CSV.` };
@@ -30,7 +30,7 @@ function decoded(bytes: Uint8Array): string {
   }
 }
 
-/** Heads of the columns and the number of rows below. */
+/** Column headers and the number of rows. */
 export function shapeOf(text: string): { columns: string[]; rows: number } {
   const lines = text.split(/\r\n|\n|\r/).filter((line) => line.trim() !== "" && !line.trim().startsWith("#"));
   const head = lines[0] ?? "";
@@ -38,14 +38,14 @@ export function shapeOf(text: string): { columns: string[]; rows: number } {
   return { columns: head.split(delimiter).map((cell) => cell.trim()).filter(Boolean), rows: Math.max(0, lines.length - 1) };
 }
 
-/** What is too much of tables together. */
+/** Why the tables together are too large. */
 export function tooMuch(tables: readonly BenchTable[]): string | undefined {
   if (tables.length > MOST_TABLES) return `${tables.length} tables; expected at most ${MOST_TABLES}.`;
   const bytes = tables.reduce((sum, one) => sum + new TextEncoder().encode(one.text).length, 0);
   return bytes > MOST_BYTES ? `The tables have ${bytes.toLocaleString("en")} bytes; expected at most ${MOST_BYTES.toLocaleString("en")} together.` : undefined;
 }
 
-/** Tables that were kept as text; none where it is no list of them. */
+/** Tables that were stored as text; none if it is not a list of them. */
 export function tablesOf(kept: string): BenchTable[] {
   try {
     const found = JSON.parse(kept || "[]") as BenchTable[];
@@ -55,10 +55,10 @@ export function tablesOf(kept: string): BenchTable[] {
   }
 }
 
-/** Where a job lays a table is nothing to people. */
+/** Removes the path at which a job stores a table. */
 export const withoutPlace = (sentence: string) => sentence.replace(/\bbench\/\d+\//g, "");
 
-/** Notes of a result: what was found about the bench, and the rest. */
+/** Notes of a result: those about the bench, and the rest. */
 export function benchNotes(notes: readonly string[]): { bench: string[]; rest: string[] } {
   const isBench = (note: string) => note.startsWith("bench ");
   return { bench: notes.filter(isBench).map((note) => withoutPlace(note.replace(/^bench /, ""))), rest: notes.filter((note) => !isBench(note)) };

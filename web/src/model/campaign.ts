@@ -1,22 +1,22 @@
-/** Arithmetic of a campaign's pictures. */
+/** Calculations for a campaign's plots. */
 import { verdictText } from "../format";
 import type { Values } from "../plots/series";
 import type { Confusion } from "./confusion";
 
 /** Truth, verdict, windows. */
 export type VerdictCount = readonly [number, number, number];
-/** Verdicts of this code and above name two rotors. */
+/** Verdict codes from here on name two rotors. */
 const PAIR = 100;
-/** More pairs than these fit no table. */
+/** More pairs than this do not fit in a table. */
 const MOST_PAIRS = 4;
 const SEVERAL = -1;
 
-/** Windows of each truth by verdict. Pairs by the dozen are one column. */
+/** Windows of each truth by verdict. Many pairs are merged into one column. */
 export function verdictConfusion(counts: readonly VerdictCount[]): Confusion {
   const joined = new Set(counts.map(([, verdict]) => verdict).filter((code) => code >= PAIR)).size > MOST_PAIRS;
   const truth = (code: number) => (code === SEVERAL ? "several rotors" : verdictText(code));
   const verdict = (code: number) => (joined && code >= PAIR ? "several rotors" : verdictText(code));
-  // Healthy, the rotors, pairs, then what names none; not by their counts, which differ from detector to detector.
+  // Healthy, the rotors, pairs, then verdicts without a rotor; not by their counts, which differ between detectors.
   const place = (code: number) => (code < 0 ? 1e6 - code : code);
   const sorted = (codes: readonly number[], name: (code: number) => string) => [...new Set([...codes].sort((a, b) => place(a) - place(b)).map(name))];
   const [truths, names] = [sorted(counts.map(([code]) => code), truth), sorted(counts.map(([, code]) => code), verdict)];
@@ -30,7 +30,7 @@ export interface Points {
   y: readonly number[];
 }
 
-/** Several series of points on the times of all of them; null where a series has no point. */
+/** Merges several series onto the union of their times; null where a series has no point. */
 export function seriesOn(series: readonly Points[]): { x: number[]; y: Values[] } {
   const x = [...new Set(series.flatMap((one) => [...one.x]))].sort((a, b) => a - b);
   const y = series.map((one) => {
@@ -40,7 +40,7 @@ export function seriesOn(series: readonly Points[]): { x: number[]; y: Values[] 
   return { x, y };
 }
 
-/** The same for series that only grow: held from point to point, 0 before the first. */
+/** The same for increasing series: held from point to point, 0 before the first. */
 export function cumulativeOn(series: readonly Points[]): { x: number[]; y: Values[] } {
   const { x, y } = seriesOn(series);
   return {

@@ -1,22 +1,22 @@
-/** The same run by other means: for curl, Python and the command line. */
+/** Other ways to start the same run: curl, Python and the command line. */
 import { jsonWithSeed } from "../exact";
 
 export interface Wish {
   scenario: string;
-  /** Digits: a number would be another one beyond 2^53. */
+  /** A string of digits: a number would be rounded beyond 2^53. */
   seed: string | undefined;
   set: readonly string[];
   pace: "fast" | "real-time";
   link: "in-process" | "iceoryx2" | "zenoh";
-  /** Name of a model, instead of the scenario's vehicle. */
+  /** Name of a model that replaces the scenario's vehicle. */
   model?: string | undefined;
-  /** Name of the model that the detectors assume. */
+  /** Name of the model that the detectors use. */
   fdiModel?: string | undefined;
-  /** Name of an autopilot that the operator has listed, instead of our own controller; pace and link are its own. */
+  /** Name of an autopilot listed by the operator, instead of our own controller; it determines pace and link. */
   autopilot?: string | undefined;
 }
 
-/** What `POST /runs` takes. */
+/** The body of `POST /runs`. */
 export function submissionOf(wish: Wish) {
   return {
     scenario: wish.scenario,
@@ -28,7 +28,7 @@ export function submissionOf(wish: Wish) {
   };
 }
 
-/** A word for a POSIX shell. */
+/** Quotes a word for a POSIX shell. */
 export function quoted(word: string): string {
   return /^[\w@%+=:,./-]+$/.test(word) ? word : `'${word.replaceAll("'", `'\\''`)}'`;
 }
@@ -55,7 +55,7 @@ export function asPython(wish: Wish, origin: string): string {
   ].join("\n");
 }
 
-/** An autopilot is the server's: the command asks the server for it. */
+/** An autopilot belongs to the server: the command runs through the server. */
 export function asCommand(wish: Wish, origin: string): string {
   const words = ["rotortwin", "fly", `config/scenarios/${wish.scenario}.toml`];
   if (wish.seed !== undefined) words.push("--seed", wish.seed);

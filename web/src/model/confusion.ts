@@ -1,16 +1,16 @@
 /** A confusion matrix from its counted pairs. */
 
 export interface Confusion {
-  /** What was hidden. */
+  /** Truths. */
   truths: string[];
-  /** What was named. */
+  /** Verdicts. */
   names: string[];
   counts: number[][];
-  /** Codes that each row and each column stands for, where they are codes. */
+  /** Codes of each row and each column, where they are codes. */
   codes?: { truths: number[][]; names: number[][] };
 }
 
-/** Rows and columns in one order, so that the diagonal is what was right; largest rows first. */
+/** Rows and columns in the same order, so that the diagonal is correct; largest rows first. */
 export function confusionOf(pairs: readonly (readonly [string, string, number])[]): Confusion {
   const sums = new Map<string, number>();
   for (const [truth, , count] of pairs) sums.set(truth, (sums.get(truth) ?? 0) + count);

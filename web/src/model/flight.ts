@@ -1,4 +1,4 @@
-/** A flight as people look at it: what the server draws of it, and words for it. */
+/** A flight for display: the server's analysis of it, and its texts. */
 import type { Schemas } from "../api/client";
 import type { Lane } from "../plots/lanes";
 import type { Stretch, Values } from "../plots/series";
@@ -7,7 +7,7 @@ export type FlightPicture = Schemas["FlightPicture"];
 type Part = FlightPicture["parts"]["parts"][number];
 type Event = FlightPicture["parts"]["events"][number];
 
-/** Kinds of parts: words, and how they look. In the air is good, what breaks is not. */
+/** Kinds of parts: texts and styles. */
 const PARTS: Record<string, { words: string; look: "idle" | "healthy" | "unknown" }> = {
   ground: { words: "on the ground", look: "idle" },
   "take-off": { words: "taking off", look: "idle" },
@@ -18,7 +18,7 @@ const PARTS: Record<string, { words: string; look: "idle" | "healthy" | "unknown
 };
 export const partOf = (kind: string | undefined) => PARTS[kind ?? ""] ?? { words: "not known", look: "idle" as const };
 
-/** Parts of a flight; a code is the place of its kind, negative, for positive ones are rotors. */
+/** Parts of a flight; a code is the negated index of its kind, as positive ones are rotors. */
 export function partLane(parts: readonly Pick<Part, "kind" | "start_s" | "end_s">[]): Lane {
   const kinds = [...new Set(parts.map((part) => part.kind))];
   return {
@@ -37,7 +37,7 @@ const EVENTS: readonly { kind: Event["kind"]; name: string }[] = [
   { kind: "hard-landing", name: "hard landing" },
   { kind: "gap", name: "no rows" },
 ];
-/** An event is at least as wide as this share of the flight, so that it can be seen. */
+/** Least width of an event as a share of the flight, so that it is visible. */
 const WIDTH = 0.004;
 
 /** A lane for each kind of event that happened; a motor has the colour of its rotor. */
@@ -58,19 +58,19 @@ export function eventLanes(flight: Pick<FlightPicture, "parts" | "start_s" | "en
   });
 }
 
-/** Duties in %, and where one is at its limit: points above all others. */
+/** Duties in %, with points where one is saturated, above all others. */
 export function outputLines(flight: Pick<FlightPicture, "outputs" | "output_limit">): { duty: Values; saturated: Values; output: number }[] {
   const limit = flight.output_limit - 0.005;
   const percent = (value: number | null) => (value === null ? null : 100 * value);
   return flight.outputs.map((one) => ({
     output: one.output,
     duty: one.mean.map(percent),
-    // The highest sample of the bucket: a short saturation disappears in no mean.
+    // The highest sample of the bucket: a mean would hide a short saturation.
     saturated: one.high.map((high) => (high !== null && high >= limit ? 100 * high : null)),
   }));
 }
 
-/** The flight in a sentence: how long it was in the air, and what happened. */
+/** The flight in a sentence: time in the air, and events. */
 export function flightSentence(flight: FlightPicture): string {
   const air = flight.parts.parts.filter((one) => one.kind === "air" || one.kind === "unknown").reduce((sum, one) => sum + one.end_s - one.start_s, 0);
   const happened = EVENTS.flatMap(({ kind, name }) => {
@@ -81,7 +81,7 @@ export function flightSentence(flight: FlightPicture): string {
   return `${air.toFixed(1)} of ${(flight.end_s - flight.start_s).toFixed(1)} s in the air; ${words}.`;
 }
 
-/** Frequencies of the rotors in words; empty where the log does not tell. */
+/** Frequencies of the rotors as text; empty if the log has none. */
 export function rotorSpeedWords(rotors: readonly { rotor: number; low_hz: number; median_hz: number; high_hz: number }[]): string {
   return rotors.map((one) => `rotor ${one.rotor} ${one.median_hz.toFixed(0)} Hz (${one.low_hz.toFixed(0)} to ${one.high_hz.toFixed(0)})`).join(", ");
 }

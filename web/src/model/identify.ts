@@ -1,4 +1,4 @@
-/** A vehicle from a log: what is sent, and what comes back, as far as the page shows it. */
+/** A vehicle from a log: the request, and the result as far as the page shows it. */
 import { count, percent } from "../format";
 import type { Lane } from "../plots/lanes";
 import type { Rotor } from "../replay/motion";
@@ -15,7 +15,7 @@ export interface Estimate {
   how: string;
   better: string;
 }
-/** What `/identifications/{id}` answers. */
+/** The answer of `/identifications/{id}`. */
 export interface Identification {
   identified: {
     logs: string[];
@@ -48,14 +48,14 @@ const SOURCE_WORDS: Record<Source, { words: string; kind: string }> = {
 };
 export const sourceOf = (source: Source) => SOURCE_WORDS[source] ?? { words: source, kind: "" };
 
-/** What of a flight was fitted. */
+/** Data of a flight that was fitted. */
 export const usedLane = (found: Identification["identified"], log: string): Lane => ({
   name: "used",
   stretches: found.airborne.filter((part) => part.log === log).map((part) => ({ from: part.start_s, to: part.end_s, code: 0 })),
   words: () => "used",
 });
 
-/** Channels of the proof, for people who know their vehicle and not our words. */
+/** Channels of the validation, in plain words. */
 const CHANNELS: Record<string, string> = {
   "vertical specific force": "thrust: what the accelerometer reads along the vehicle's axis",
   "the same without drift": "the same without slow drift (battery, weather)",
@@ -65,24 +65,24 @@ const CHANNELS: Record<string, string> = {
 };
 export const channelWords = (channel: string) => CHANNELS[channel] ?? channel;
 
-/** A band in Hz as how slow and how fast the motion is. */
+/** A frequency band in Hz, described as slow or fast motion. */
 export function bandWords(band: { low_hz: number; high_hz: number }): string {
   const hz = (value: number) => Number(value.toPrecision(2));
   return band.low_hz > 0 ? `${hz(band.low_hz)} to ${hz(band.high_hz)} Hz` : `from standing still to ${hz(band.high_hz)} Hz`;
 }
 
-/** R² as people read it; what is worse than the mean has no share. */
+/** R² as a percentage; a fit worse than the mean has none. */
 export const predicted = (r2: number) => (r2 < 0 ? "worse than the mean" : percent(r2));
 
-/** How something is known, without the source twice. */
+/** How a value is known, without repeating the source. */
 export function knownHow(it: { source: Source; how: string }): string {
   const words = sourceOf(it.source).words;
   return it.how.startsWith(words) ? it.how : `${words} (${it.how})`;
 }
 
-/** The plain answer: how much of the vehicle is known, and how much is a guess. */
+/** The summary: how much of the vehicle is known, and how much is guessed. */
 export function answerOf(values: readonly Estimate[]): { head: string; rest: string; kind: string } {
-  // What everybody takes for granted is neither.
+  // Universal constants are neither.
   const asked = values.filter((one) => one.source !== "assumed" && one.source !== "entered");
   const guesses = asked.filter((one) => one.source === "class");
   const partly = asked.filter((one) => one.source === "log-and-class");
@@ -99,7 +99,7 @@ export function answerOf(values: readonly Estimate[]): { head: string; rest: str
   };
 }
 
-/** Values together by how far they can be trusted; what needs attention first. */
+/** Values grouped by confidence; those that need attention first. */
 export function groupsOf(values: readonly Estimate[]): { title: string; values: Estimate[]; open: boolean }[] {
   const of = (...sources: Source[]) => values.filter((one) => sources.includes(one.source));
   const groups = [
@@ -110,26 +110,26 @@ export function groupsOf(values: readonly Estimate[]): { title: string; values: 
   return groups.filter((group) => group.values.length > 0);
 }
 
-/** Frames that can be named where the log does not say it; the numbers of the motors are ArduPilot's. */
+/** Frames to choose from if the log does not name one; motors are numbered as in ArduPilot. */
 export const FRAMES = [
   "quad-x", "quad-plus", "quad-v", "quad-h", "quad-betaflight-x", "quad-dji-x", "quad-cw-x", "quad-betaflight-x-reversed",
   "hexa-x", "hexa-plus", "hexa-dji-x", "hexa-cw-x", "octo-x", "octo-plus", "octo-dji-x", "octo-cw-x",
 ] as const;
 
-/** A name that documents may have, from that of a file. */
+/** A valid document name derived from a file name. */
 export function nameFrom(file: string): string {
   const stem = file.replace(/\.[^.]*$/, "").toLowerCase();
   const name = stem.replace(/[^a-z0-9._-]+/g, "-").replace(/^[^a-z0-9]+/, "").replace(/[-._]+$/, "");
   return name.slice(0, 40) || "mine";
 }
 
-/** What is wrong with a name of a document, as the server says it. */
+/** What is wrong with a document's name, in the server's words. */
 export function nameProblem(name: string): string | undefined {
   if (/^[a-z0-9][a-z0-9._-]{0,63}$/.test(name)) return undefined;
   return `'${name}' is no name for a document; expected 1 to 64 of a-z, 0-9, '.', '_' and '-', beginning with a letter or digit.`;
 }
 
-/** A positive number as people type it; what is wrong with it otherwise. */
+/** Parses a positive number as typed; otherwise an error message. */
 export function numberOf(text: string, what: string, unit: string): { value?: number; problem?: string } {
   const trimmed = text.trim().replace(",", ".");
   const value = Number(trimmed);
@@ -137,7 +137,7 @@ export function numberOf(text: string, what: string, unit: string): { value?: nu
   return { problem: trimmed === "" ? `${what}: expected a number, ${unit}.` : `${what}: '${text}' is no number above 0, ${unit}.` };
 }
 
-/** Where the rotors are, from the document of the vehicle; undefined if its lines are others than those we know. */
+/** Positions of the rotors from the vehicle's document; undefined if its lines are not in the known form. */
 export function rotorsOf(vehicle: string): Rotor[] | undefined {
   const rows = [...vehicle.matchAll(/\{\s*number = (\d+), position_body_m = \[([^\]]+)\], spin = "(cw|ccw)"/g)];
   const rotors = rows.map((row) => {
@@ -147,10 +147,10 @@ export function rotorsOf(vehicle: string): Rotor[] | undefined {
   return rotors.length > 0 && rotors.every((rotor) => rotor.position_body_m.every(Number.isFinite)) ? rotors : undefined;
 }
 
-/** The command line's options are fields of the form here. */
+/** Replaces command-line options by the form's fields. */
 export const adviceText = (better: string) => better.replace(/^--(\w+)/, "the $1");
 
-/** What would make the vehicle better: each advice once, with the values that it is for. */
+/** How to improve the vehicle: each recommendation once, with the values it concerns. */
 export function adviceOf(values: readonly Estimate[]): { better: string; names: string[] }[] {
   const found = new Map<string, string[]>();
   for (const value of values) {

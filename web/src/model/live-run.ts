@@ -1,27 +1,27 @@
-/** A run while it flies: its samples as they come, drawn as often as whoever looks can use. */
+/** A run in flight: its samples as they arrive, drawn as often as is useful. */
 import { type Accessor, createEffect, createMemo, createSignal, on, onCleanup } from "solid-js";
 import { watchLive } from "../api/live";
 import { front, seen } from "../front";
 import { Collector, type Samples, thinned } from "./run";
 
-/** Pictures of plots are drawn so often, ms. */
+/** Interval at which plots are drawn, ms. */
 const PLOT_MS = 250;
-/** Plots take at most this share of the time, so that a click need not wait for them. */
+/** Largest share of the time for plots, so that clicks need not wait for them. */
 const PLOT_SHARE = 0.2;
-/** A page beside the one that somebody works with draws so often, ms, where pictures come late. */
+/** Drawing interval of a page next to the one in use, if frames are late, ms. */
 const BESIDE_MS = 1000;
-/** A picture comes late that the browser begins so long after it was asked for, ms. */
+/** Delay after which a frame counts as late, ms. */
 const LATE_MS = 60;
-/** So many late ones in a row, and the pages beside step back for a while, ms; each time twice as long. */
+/** After this many late frames in a row the other pages slow down for a while, ms; each time twice as long. */
 const LATE_ONES = 3;
 const STEP_BACK_MS = [15_000, 240_000] as const;
 const LIVE_RATE_HZ = 40;
 const LIVE_POINTS = 1600;
 
 /**
- * Live samples: `frame` changes with every picture of the screen, `plots` a few times a second.
+ * Live samples: `frame` changes with every frame of the screen, `plots` a few times a second.
  *
- * Nothing comes while nobody sees the page; what flew meanwhile comes when it is seen again.
+ * A hidden page gets nothing; the samples missed meanwhile arrive when it is visible again.
  */
 export function createLive(run: string, active: Accessor<boolean>) {
   const empty: Samples = { time: [], data: {}, units: {} };
@@ -52,7 +52,7 @@ export function createLive(run: string, active: Accessor<boolean>) {
           plotted = now;
           const before = performance.now();
           setPlots(thinned({ ...collector }, LIVE_POINTS));
-          // The plots are drawn before this comes to its turn.
+          // The plots are drawn before this runs.
           queueMicrotask(() => (plotTook = performance.now() - before));
         }
       };

@@ -1,7 +1,7 @@
-/** What to fly next, where a flight cannot tell two effects apart. */
+/** The next flight to make if a flight cannot distinguish two effects. */
 import type { Diagnosis } from "./twin";
 
-/** Natural logarithm of the Bayes factor that a manoeuvre is expected to give, if one of the two effects is true. */
+/** Expected ln Bayes factor of a manoeuvre if one of the two effects is true. */
 interface Evidence {
   against_other: number;
   against_all: number;
@@ -16,7 +16,7 @@ export interface Manoeuvre {
 }
 
 export interface Candidate {
-  /** As the server names it: `rotor-thrust-scale#3`. */
+  /** The server's name for it: `rotor-thrust-scale#3`. */
   id: string;
   label: string;
 }
@@ -26,7 +26,7 @@ const named = (effect: string, rotor: number | null | undefined, label: string):
   label: rotor && !label.includes(`rotor ${rotor}`) ? `${label}, rotor ${rotor}` : label,
 });
 
-/** Effects that the diagnosis cannot tell apart, best first. */
+/** Effects that the diagnosis cannot distinguish, best first. */
 export function candidatesOf(found: Diagnosis): Candidate[] {
   const list = found.effects.flatMap((one) => [
     named(one.instance.effect, one.instance.rotor, one.label),
@@ -35,7 +35,7 @@ export function candidatesOf(found: Diagnosis): Candidate[] {
   return list.filter((one, place) => list.findIndex((other) => other.id === one.id) === place);
 }
 
-/** The scenario with a vehicle of the library in the place of the file beside it. */
+/** The scenario with a library vehicle in place of the file next to it. */
 export function withVehicle(scenario: string, vehicle: string): string {
   return scenario.replace(/^vehicle = .*$/m, `vehicle = ${JSON.stringify(`../vehicles/${vehicle}.toml`)}`);
 }

@@ -32,7 +32,7 @@ describe("a log that is read again otherwise", () => {
     const swapped = mappingOf("px4-ulog", { axes: { rates: [[1, 1], [0, 1], [2, 1]] }, units: {} }, px4, 4) ?? "";
     expect(swapped).toContain('to = "roll_rate_rad_s"\nfrom = "vehicle_angular_velocity:xyz[1]"\nunit = "rad/s"');
     expect(swapped).toContain('to = "roll_rate_rad_s"\nfrom = "vehicle_attitude:pitchspeed"');
-    // Its axes are forward-left-up already: turned twice they are as they were.
+    // Its axes are forward-left-up already: converting twice restores them.
     const twice = mappingOf("crazyflie-usdlog", { axes: { accel: UP_LEFT }, units: {} }, crazyflie, 4) ?? "";
     expect(twice).toContain('to = "accel_y_m_s2"\nfrom = "fixedFrequency:acc.y"\nunit = "g"');
     expect(twice).not.toContain("factor = -1.0\n\n[[column]]\nto = \"accel_y");

@@ -1,7 +1,7 @@
 /**
- * A log read again otherwise: choices of axes, units and order, and the mapping (TOML) that the server takes for them.
+ * Re-importing a log: choices of axes, units and order, and the corresponding mapping (TOML) for the server.
  *
- * Mappings of autopilots begin with the built-in rows (config/log-mappings), so that a choice changes what they say and nothing else.
+ * Mappings of autopilots start from the built-in rows (config/log-mappings), so that a choice changes only what it is about.
  */
 
 /** Kinds of source with a mapping. */
@@ -21,7 +21,7 @@ interface Group {
   title: string;
   columns: readonly [string, string, string];
   units: readonly (readonly [string, string])[];
-  /** Axes that one meets, by name. */
+  /** Common axis conventions, by name. */
   axes: readonly (readonly [string, Axes])[];
 }
 const BODY = [["forward, right, down: as expected", AS_IS], ["forward, left, up", UP_LEFT], ["x and y exchanged", [[1, 1], [0, 1], [2, 1]]], ["x and z exchanged", [[2, 1], [1, 1], [0, 1]]], ["y and z exchanged", [[0, 1], [2, 1], [1, 1]]], ["z upside down", [[0, 1], [1, 1], [2, -1]]]] as const;
@@ -38,23 +38,23 @@ export type GroupKey = Group["key"];
 export interface Choice {
   axes: Partial<Record<GroupKey, Axes>>;
   units: Partial<Record<GroupKey, string>>;
-  /** For each rotor of the vehicle, which output of the log it is, from 1. */
+  /** For each rotor of the vehicle, the log's output, from 1. */
   order?: readonly number[] | undefined;
-  /** Seconds in a unit of the time stamps; CSV and Parquet alone. */
+  /** Seconds per unit of the time stamps; CSV and Parquet only. */
   time?: number | undefined;
 }
 
 export const sameAxes = (a: Axes, b: Axes) => a.every(([axis, sign], k) => b[k]?.[0] === axis && b[k]?.[1] === sign);
 /** `(y, x, −z)`. */
 export const axesText = (axes: Axes) => `(${axes.map(([axis, sign]) => `${sign < 0 ? "−" : ""}${"xyz"[axis]}`).join(", ")})`;
-/** Axes of a sentence of the server, such as "the body rates fit the attitude as (y, x, −z)". */
+/** Axes from a message of the server, such as "the body rates fit the attitude as (y, x, −z)". */
 export function axesIn(sentence: string): Axes | undefined {
   const found = /as \((−?[xyz]), (−?[xyz]), (−?[xyz])\)/.exec(sentence)?.slice(1);
   if (!found || new Set(found.map((one) => one.at(-1))).size !== 3) return undefined;
   return found.map((one) => ["xyz".indexOf(one.at(-1) ?? "x"), one.startsWith("−") ? -1 : 1] as unknown as Signed) as unknown as Axes;
 }
 
-/** Kind of source by the name of the file, as the import tells them apart by content. */
+/** Kind of source by file name; the import itself goes by content. */
 export function sourceOfFile(name: string): SourceName {
   const ending = /\.([^.]+)$/.exec(name)?.[1]?.toLowerCase();
   if (ending === "ulg") return "px4-ulog";
@@ -68,7 +68,7 @@ export interface Finding {
   detail: string;
 }
 
-/** What the findings and refusals of an import suggest; nothing where they do not say it. */
+/** Corrections suggested by the findings and refusals of an import; none if they suggest nothing. */
 export function suggestionOf(findings: readonly Finding[], rotors = 0): Choice {
   const choice: Choice = { axes: {}, units: {} };
   for (const { kind, detail } of findings) {
@@ -95,7 +95,7 @@ export function suggestionOf(findings: readonly Finding[], rotors = 0): Choice {
   return choice;
 }
 
-/** The order of the motors from "duty_1 drives rotor 3, duty_3 drives rotor 1"; the others stay. */
+/** Motor order from "duty_1 drives rotor 3, duty_3 drives rotor 1"; the others stay. */
 export function orderIn(detail: string, rotors = 0): number[] | undefined {
   const moved = [...detail.matchAll(/duty_(\d+) drives rotor (\d+)/g)].map((one) => [Number(one[1]), Number(one[2])] as const);
   if (moved.length === 0) return undefined;
@@ -105,7 +105,7 @@ export function orderIn(detail: string, rotors = 0): number[] | undefined {
   return order;
 }
 
-/** A refusal of the import says the unit, too: "the accelerometer is in g", "degrees?". */
+/** A refusal of the import names the unit, too: "the accelerometer is in g", "degrees?". */
 export function suggestionOfRefusal(sentence: string): Choice {
   if (/accelerometer is in g/.test(sentence)) return { axes: {}, units: { accel: "g" } };
   if (/pitch in radians/.test(sentence)) return { axes: {}, units: { attitude: "deg" } };
@@ -115,7 +115,7 @@ export function suggestionOfRefusal(sentence: string): Choice {
 export const isChosen = (choice: Choice) =>
   Object.values(choice.axes).some((axes) => !sameAxes(axes, AS_IS)) || Object.keys(choice.units).length > 0 || choice.order !== undefined || choice.time !== undefined;
 
-/** One `[[column]]` of a mapping: its lines, and what the choices need to know of it. */
+/** One `[[column]]` of a mapping: its lines, and the values that the choices need. */
 interface Row {
   lines: string[];
   to: string;
@@ -132,7 +132,7 @@ function rowsOf(mapping: string): Row[] {
 const set = (lines: readonly string[], key: string, text: string) => [...lines.filter((line) => !line.startsWith(`${key} =`)), `${key} = ${text}`];
 const without = (lines: readonly string[], ...keys: string[]) => lines.filter((line) => !keys.some((key) => line.startsWith(`${key} =`)));
 
-/** The rows that a choice changes; `builtIn` is the mapping of the source. Undefined: nothing was chosen. */
+/** The rows changed by a choice; `builtIn` is the mapping of the source. Undefined: nothing was chosen. */
 export function mappingOf(source: SourceName, choice: Choice, builtIn: string, rotors: number): string | undefined {
   if (!isChosen(choice)) return undefined;
   const rows = source === "canonical" ? canonicalRows(rotors) : rowsOf(builtIn);
@@ -160,7 +160,7 @@ export function mappingOf(source: SourceName, choice: Choice, builtIn: string, r
   return [`source = "${source}"`, "", ...changed.flatMap((lines) => ["[[column]]", ...lines, ""])].join("\n");
 }
 
-/** A vector row as three rows of one column each, with other axes: the frame of the row goes first, then the choice. */
+/** A vector row split into three single-column rows with other axes: first the frame of the row, then the choice. */
 function turned(group: Group, lines: readonly string[], row: Row, axes: Axes): string[][] {
   const [topic = "", fields = ""] = row.from.split(/:(.*)/s);
   const names = fields.includes("[]") ? [0, 1, 2].map((k) => fields.replace("[]", `[${k}]`)) : fields.split(",").map((field) => field.trim());
@@ -183,14 +183,14 @@ function canonicalRows(rotors: number): Row[] {
   ];
 }
 
-/** An order as people type it: "3, 2, 1, 4"; undefined if it is none. */
+/** Parses an order as typed: "3, 2, 1, 4"; undefined if invalid. */
 export function orderOf(text: string): number[] | undefined {
   const numbers = text.split(/[\s,;]+/).filter(Boolean).map(Number);
   const good = numbers.length > 0 && numbers.every((one) => Number.isInteger(one) && one >= 1) && new Set(numbers).size === numbers.length;
   return good ? numbers : undefined;
 }
 
-/** What to do where no choice helps; undefined where one does. */
+/** Advice if no choice helps; undefined if one does. */
 export function adviceFor(kind: string, source: SourceName): string | undefined {
   const autopilot = source !== "canonical";
   const words: Record<string, string> = {

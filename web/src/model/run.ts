@@ -1,4 +1,4 @@
-/** What the page knows of a run: its summary's shape, its samples, live and afterwards. */
+/** A run's data on the page: the shape of its summary, and its samples, live and afterwards. */
 import { ask } from "../api/client";
 import { FLOWN_AGAIN_S, type LiveMessage } from "../api/live";
 import type { Values } from "../plots/series";
@@ -60,7 +60,7 @@ const UNKNOWN = -1;
 /** Share of windows from which a verdict on a fault counts as good. */
 const GOOD_SHARE = 0.9;
 
-/** Whether a detector was good, so-so or bad in an interval; empty where it gave no verdict. */
+/** Rates a detector in an interval as good, fair or poor; empty if it gave no verdict. */
 export function kindOfScore(interval: Interval, score: Score): "good" | "warn" | "bad" | "" {
   if (score.share_right === null) return "";
   const healthy = interval.fault_label === HEALTHY;
@@ -70,7 +70,7 @@ export function kindOfScore(interval: Interval, score: Score): "good" | "warn" |
   return held && score.share_right >= GOOD_SHARE ? "good" : "warn";
 }
 
-/** What the windows said that were not right: "3 healthy, 12 calibrating". */
+/** The other verdicts of the windows: "3 healthy, 12 calibrating". */
 export function otherwise(interval: Interval, score: Score): string {
   const healthy = interval.fault_label === HEALTHY;
   const counts: [number, string][] = [
@@ -82,7 +82,7 @@ export function otherwise(interval: Interval, score: Score): string {
   return counts.filter(([count]) => count > 0).map(([count, what]) => `${count.toLocaleString("en")} ${what}`).join(", ");
 }
 
-/** Intervals in which a rotor or a sensor is at fault. */
+/** Intervals with a faulty rotor or sensor. */
 export const faultIntervals = (summary: Summary | undefined): [number, number][] =>
   (summary?.intervals ?? []).filter((one) => one.fault_label !== HEALTHY || (one.sensor_faults?.length ?? 0) > 0).map((one) => [one.start_s, one.end_s]);
 
@@ -90,7 +90,7 @@ export interface Samples extends Track {
   units: Readonly<Record<string, string>>;
 }
 
-/** Samples of an ended run, at most `points` rows of an interval. */
+/** Samples of a finished run, at most `points` rows of an interval. */
 export async function samplesOf(run: string, channels: string, points: number, range: readonly [number, number] | undefined, signal: AbortSignal): Promise<Samples> {
   const query = new URLSearchParams({ channels, points: String(points) });
   if (range) {
@@ -101,13 +101,13 @@ export async function samplesOf(run: string, channels: string, points: number, r
   return { time: (answer.data["time_s"] ?? []) as number[], data: answer.data, units: answer.units };
 }
 
-/** Collects the samples of a live run; drops what is flown again. */
+/** Collects the samples of a live run; discards those that are flown again. */
 export class Collector {
   readonly time: number[] = [];
   readonly data: Record<string, (number | null)[]> = {};
   readonly units: Record<string, string> = {};
 
-  /** True if there is something new. */
+  /** True if there are new samples. */
   take(message: LiveMessage): boolean {
     if (message.type === "start") {
       for (const channel of message.channels) {
@@ -128,7 +128,7 @@ export class Collector {
   }
 
   private add(time: number, value: (name: string) => number | null): void {
-    // A run that is begun again starts at 0: what was collected belongs to the attempt before.
+    // A restarted run begins at 0: the samples so far belong to the previous attempt.
     if (time + FLOWN_AGAIN_S < (this.time.at(-1) ?? -Infinity)) {
       this.time.length = 0;
       for (const values of Object.values(this.data)) values.length = 0;
@@ -139,7 +139,7 @@ export class Collector {
   }
 }
 
-/** Every so many rows, so that a plot has no more points than a screen shows; always the same rows, and the last one. */
+/** Every n-th row, so that a plot has no more points than a screen shows; always the same rows, and the last one. */
 export function thinned(samples: Samples, most: number): Samples {
   const every = Math.ceil(samples.time.length / most);
   if (every <= 1) return samples;

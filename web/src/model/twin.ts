@@ -1,4 +1,4 @@
-/** Shapes of what comparisons, diagnoses, models and imports answer, as far as the page shows them, and words for them. */
+/** Types of the answers on comparisons, diagnoses, models and imports, as far as the page shows them, and their texts. */
 import type { Values } from "../plots/series";
 
 export interface ImportResult {
@@ -72,7 +72,7 @@ export interface Comparison {
   logs: LogComparison[];
 }
 
-/** Means and extremes of buckets. */
+/** Means and extremes per bucket. */
 export interface Buckets {
   mean: Values;
   low: Values;
@@ -168,7 +168,7 @@ export interface Diagnosis {
   threshold: number;
 }
 
-/** How an improvement went, version by version. */
+/** The course of an improvement, version by version. */
 export interface Improvement {
   tool: string;
   end: string;
@@ -212,7 +212,7 @@ export interface History {
   versions: Version[];
 }
 
-/** Effects that could not be considered, those for the same reason together. */
+/** Effects that could not be considered, grouped by reason. */
 export function togetherByReason(all: readonly Unconsidered[]): { labels: string[]; reason: string; columns: string[]; setting: string | null }[] {
   const rows: { labels: string[]; reason: string; columns: string[]; setting: string | null }[] = [];
   for (const one of all) {
@@ -241,7 +241,7 @@ const CHANNEL_STRIPS: Record<string, string> = {
   v: "battery voltage",
 };
 
-/** The words of [`channelTitle`] as short as the rows of a heat strip need them. */
+/** [`channelTitle`] shortened for the rows of a heat strip. */
 export const channelStrip = (channel: string) => CHANNEL_STRIPS[channel] ?? channel;
 
 /** `forward specific force (fx)`. */
@@ -260,9 +260,9 @@ export function lineTo(history: History, head: number): Version[] {
   return line;
 }
 
-/** A key for work that is the same whenever these are the same: asking again gives the job that is there. */
+/** A key that is the same for the same inputs: repeating a request returns the existing job. */
 export function keyOf(value: unknown): string {
-  // FNV-1a, twice with other starts: 64 bits tell the few jobs of one user apart.
+  // FNV-1a, twice with different offsets: 64 bits distinguish the few jobs of one user.
   const text = JSON.stringify(value);
   return [0x811c9dc5, 0x1234567].map((start) => {
     let hash = start;
@@ -271,14 +271,14 @@ export function keyOf(value: unknown): string {
   }).join("");
 }
 
-/** Words for a ln Bayes factor. */
+/** A ln Bayes factor in words. */
 export function evidenceWords(ln: number): string {
   if (ln > 10) return "decisive";
   if (ln > 5) return "strong";
   return ln > 2 ? "moderate" : "weak";
 }
 
-/** The channel that is farthest off. */
+/** The channel with the largest error. */
 export function worstChannel(model: ModelOnLog): string {
   let worst = model.channels[0];
   for (const one of model.channels) if ((one.low_frequency ?? 0) > (worst?.low_frequency ?? 0)) worst = one;
@@ -292,5 +292,5 @@ const FINDING_WORDS: Record<string, string> = {
   swapped_axes: "Swapped axes", rotor_count: "Rotor count", scale_mismatch: "Scales that do not fit", inconsistent: "Columns that do not fit",
 };
 export const findingTitle = (kind: string) => FINDING_WORDS[kind] ?? kind.replaceAll("_", " ");
-/** A finding that no model is compared with. */
+/** A finding that rules out any comparison with a model. */
 export const findingBlocks = (kind: string) => !["stuck", "saturated", "all_missing"].includes(kind);

@@ -9,7 +9,7 @@ import { type BlindResult, BlindView } from "../shown/blind";
 import { BlindCases, type Cell } from "./blind-cases";
 import { JobList, JobPage } from "./jobs";
 
-/** Kinds of cases, and what is hidden in them (docs/blind-bench.md). */
+/** Kinds of cases, and their hidden effects (docs/blind-bench.md). */
 const PRESETS = [
   ["singles", "one effect of the catalogue at about its ordinary size"],
   ["pairs", "two effects that no group of confusable ones holds together"],

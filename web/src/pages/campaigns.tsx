@@ -21,7 +21,7 @@ export default function Campaigns(props: { id: string | undefined }) {
   );
 }
 
-/** What is looked at stands in the address. */
+/** The current selection is in the address. */
 function look(): Look {
   const query = route().query;
   const detector = DETECTORS.map(([key]) => key).find((key) => key === query.get("detector")) ?? "sequential";

@@ -1,4 +1,4 @@
-/** What an effect of the catalogue does to a flight, for chosen parameters: the server flies it and lets the effect act; nothing is computed here. */
+/** The influence of a catalogue effect on a flight, for chosen parameters: simulated by the server; nothing is computed here. */
 import { For, Show, createEffect, createMemo, createSignal, on, onCleanup } from "solid-js";
 import { type Schemas, address, ask } from "../api/client";
 import { createLoad } from "../api/load";
@@ -15,7 +15,7 @@ export interface Sandboxed {
   parameters: readonly { name: string; symbol: string; unit: string; meaning: string; typical: number; plausible_low: number; plausible_high: number }[];
 }
 
-/** After the last move of a slider. */
+/** Delay after the last move of a slider. */
 const SLIDING_MS = 250;
 const STEPS = 100;
 
@@ -33,7 +33,7 @@ function Sandbox(props: { effect: Sandboxed; vehicles: readonly string[] }) {
   const [vehicle, setVehicle] = createSignal("f550");
   const [rotor, setRotor] = createSignal(1);
   const [values, setValues] = createSignal<Record<string, number>>(Object.fromEntries(props.effect.parameters.map((one) => [one.name, one.typical])));
-  // The flight that shows it best is found once for each vehicle; then only this one is flown.
+  // The flight that shows it best is searched once per vehicle; then only this one is flown.
   const [flight, setFlight] = createSignal<string>();
   const wish = createMemo(() => ({ vehicle: vehicle(), rotor: rotor(), values: values() }));
   const [asked, setAsked] = createSignal(wish());

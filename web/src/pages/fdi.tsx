@@ -1,4 +1,4 @@
-/** The detectors as a service: a log that is judged, and one's sessions as they stand. */
+/** The detectors as a service: a log to be judged, and the state of the user's sessions. */
 import { For, Show, createSignal, onCleanup } from "solid-js";
 import { createAttempt } from "../api/attempt";
 import { type Schemas, address, ask, get, upload } from "../api/client";
@@ -13,7 +13,7 @@ import { Judged, changesToStretches, verdictWords } from "../shown/judged";
 
 type Report = Schemas["LogReport"];
 type Session = Schemas["SessionView"];
-/** Sessions are looked at so often. */
+/** Polling interval of the sessions. */
 const LOOK_MS = 1000;
 
 export default function Fdi() {

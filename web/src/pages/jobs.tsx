@@ -1,4 +1,4 @@
-/** Lists of campaigns and blind benches with a form to begin one; one of them with its progress and result. */
+/** Lists of campaigns and blind benches with a form to start one; one of them with its progress and result. */
 import { For, type JSX, Show, createSignal, onCleanup } from "solid-js";
 import { ask } from "../api/client";
 import { type JobView, createJob } from "../api/job";

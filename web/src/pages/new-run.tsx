@@ -1,4 +1,4 @@
-/** The form of a new run: checked by the server while one types; shown as curl, Python and command line, too. */
+/** The form of a new run: checked by the server during typing; also shown as curl, Python and command line. */
 import { For, Show, createEffect, createMemo, createSignal, onCleanup } from "solid-js";
 import { type Schemas, ask, get, post } from "../api/client";
 import { createLoad } from "../api/load";
@@ -8,7 +8,7 @@ import { type Wish, asCommand, asCurl, asPython, submissionOf } from "../model/c
 import { Copy, Panel, Problem } from "../parts/bits";
 import { navigate, route } from "../router";
 
-/** A check after the last key. */
+/** Delay of the check after the last keystroke. */
 const TYPING_MS = 350;
 
 export function NewRun(props: { onSubmitted: () => void }) {
@@ -178,7 +178,7 @@ export function NewRun(props: { onSubmitted: () => void }) {
   );
 }
 
-/** The names, and `NAME@v1` where a link came with it. */
+/** The names, and `NAME@v1` if a link contained it. */
 function withLinked(names: readonly string[] | undefined, linked: string): readonly string[] {
   const all = names ?? [];
   return linked.includes("@") && !all.includes(linked) ? [...all, linked] : all;

@@ -1,4 +1,4 @@
-/** Runs beside each other in numbers, as `rotortwin controllers` has them. */
+/** Runs compared in numbers, like `rotortwin controllers`. */
 export function Compared(props: { id: string; others: readonly string[] }) {
   const compared = createLoad(
     () => (props.others.length > 0 ? [props.id, ...props.others].join(",") : undefined),
@@ -16,7 +16,7 @@ export function Compared(props: { id: string; others: readonly string[] }) {
   );
 }
 
-/** Any channel of a run, beside the same one of other runs, and their difference. */
+/** Any channel of a run, together with the same one of other runs, and their difference. */
 import { For, Show, createMemo, createSignal } from "solid-js";
 import { get } from "../api/client";
 import { createLoad } from "../api/load";
@@ -39,7 +39,7 @@ export function Overlay(props: { id: string; others: readonly string[]; samples:
     (wanted, signal) => Promise.all(wanted.ids.map((id) => samplesOf(id, wanted.channel, POINTS, wanted.range, signal))),
   );
   const x = () => props.samples?.time ?? [];
-  // All on the times of this run, so that they can be subtracted.
+  // All resampled to the times of this run, so that they can be subtracted.
   const aligned = createMemo(() => (others.data() ?? []).map((other) => x().map((at) => (at > (other.time.at(-1) ?? -1) ? null : linearAt(other.time, other.data[channel()] ?? [], at)))));
   const mine = () => props.samples?.data[channel()] ?? [];
   const lines = (): Line[] => [

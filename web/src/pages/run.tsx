@@ -1,4 +1,4 @@
-/** One run, live and afterwards: summary, 3-D, verdicts over the truth, residuals, duties, battery; one cursor for all. */
+/** One run, live and afterwards: summary, 3-D, verdicts with the truth, residuals, duties, battery; one cursor for all. */
 import { For, Show, createEffect, createMemo, createSignal, on, onCleanup } from "solid-js";
 import { type Schemas, ask, get, remove } from "../api/client";
 import { createLoad } from "../api/load";
@@ -65,7 +65,7 @@ export default function RunPage(props: { id: string }) {
   };
   const cancel = () => act(async () => {
     const asked = await ask<Run>("POST", `/api/v1/runs/${id}/cancel`);
-    // The news of its end may have been faster than this answer.
+    // The event of its end may have overtaken this answer.
     setRun((now) => (hasEnded(now?.status) ? now : asked));
   });
   const [verified, setVerified] = createSignal<Schemas["Verification"] | "running">();
@@ -160,7 +160,7 @@ export default function RunPage(props: { id: string }) {
 
 const verificationOf = (value: Schemas["Verification"] | "running" | undefined) => (value === "running" ? undefined : value);
 
-/** Whether this run, a flight of a campaign, has the samples that the campaign has judged. */
+/** Whether this run, a flight of a campaign, has the samples that the campaign judged. */
 function SameAsFlight(props: { campaign: string; flight: number; run: Run | undefined }) {
   const row = createLoad(
     () => props,

@@ -12,9 +12,9 @@ import { NewRun } from "./new-run";
 type Run = Schemas["Run"];
 const PAGE = 50;
 const STATES = ["queued", "running", "done", "failed", "canceled"] as const;
-/** Verdicts that can be chosen: healthy, what names no rotor, the rotors of the largest vehicles; a pair by a link. */
+/** Verdicts to choose from: healthy, those without a rotor, the rotors of the largest vehicles; a pair by a link. */
 const VERDICTS = [0, -1, -3, -2, ...Array.from({ length: 8 }, (_, k) => k + 1)];
-/** News in quick succession reload the list once. */
+/** A burst of events reloads the list once. */
 const SETTLE_MS = 400;
 
 export default function Runs() {
@@ -26,7 +26,7 @@ export default function Runs() {
     vehicle: query().get("vehicle") ?? undefined,
     verdict: numberOf(query().get("verdict")),
     from_ms: dayStart(query().get("from")),
-    // The whole of the last day.
+    // Including the whole of the last day.
     to_ms: dayStart(query().get("to"), 1),
   });
   const isFiltered = () => Object.values(filter()).some((value) => value !== undefined);
@@ -212,7 +212,7 @@ function numberOf(text: string | null): number | undefined {
   return text !== null && /^-?\d+$/.test(text) ? Number(text) : undefined;
 }
 
-/** When a day of the reader's clock begins, ms since 1970; `later` days after it. */
+/** Start of a day in the user's time zone, ms since 1970; `later` days after it. */
 function dayStart(text: string | null, later = 0): number | undefined {
   const [year, month, day] = (text ?? "").split("-").map(Number);
   const at = year && month && day ? new Date(year, month - 1, day + later).getTime() : Number.NaN;

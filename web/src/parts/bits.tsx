@@ -1,4 +1,4 @@
-/** Small pieces that pages share. */
+/** Small components that pages share. */
 import { For, type JSX, Show, createSignal } from "solid-js";
 import type { Load } from "../api/load";
 
@@ -8,7 +8,7 @@ export function StatusTag(props: { status: string }) {
   return <span class={`tag ${kind()}`}>{props.status}</span>;
 }
 
-/** What went wrong, where it happened. */
+/** An error message, shown where it belongs. */
 export function Problem(props: { sentence: string | undefined; complaints?: readonly string[] | undefined; retry?: () => void }) {
   return (
     <div role="alert">
@@ -30,7 +30,7 @@ export function Problem(props: { sentence: string | undefined; complaints?: read
   );
 }
 
-/** Data, or why there is none, or that it comes. */
+/** The data, the reason why there are none, or a loading indicator. */
 export function Loaded<T>(props: { load: Load<T>; children: (data: () => T) => JSX.Element; what: string }) {
   return (
     <>
@@ -42,7 +42,7 @@ export function Loaded<T>(props: { load: Load<T>; children: (data: () => T) => J
   );
 }
 
-/** Copies a text; says so. */
+/** Copies a text and confirms it. */
 export function Copy(props: { text: () => string; label: string }) {
   const [said, setSaid] = createSignal("");
   const copy = async () => {
@@ -62,7 +62,7 @@ export function Copy(props: { text: () => string; label: string }) {
   );
 }
 
-/** Gives a text to the reader as a file. */
+/** Saves a text as a file. */
 export function saveText(name: string, text: string): void {
   const url = URL.createObjectURL(new Blob([text], { type: "text/plain" }));
   const link = document.createElement("a");
@@ -72,7 +72,7 @@ export function saveText(name: string, text: string): void {
   setTimeout(() => URL.revokeObjectURL(url), 1000);
 }
 
-/** A title and what belongs to it. */
+/** A title with its content. */
 export function Panel(props: { title: string; note?: string | undefined; actions?: JSX.Element; children: JSX.Element; id?: string }) {
   return (
     <section class="panel" aria-label={props.title} {...(props.id ? { id: props.id } : {})}>
@@ -96,9 +96,9 @@ export function Figures(props: { items: readonly (readonly [string, JSX.Element]
   );
 }
 
-/** A bar; without a share it only says that something goes on. */
+/** A progress bar; without a share it only shows activity. */
 export function Progress(props: { share: number | undefined; what: string }) {
-  // Two elements: the property `value` refuses to be without a number.
+  // Two elements: the property `value` must be a number.
   return (
     <Show when={props.share !== undefined} fallback={<progress max="1" aria-label={props.what} />}>
       <progress max="1" value={props.share ?? 0} aria-label={props.what} />

@@ -1,4 +1,4 @@
-/** A confusion matrix as a table; its cells can be chosen where there is more to see of them. */
+/** A confusion matrix as a table; cells with details can be selected. */
 import { For, type JSX, Show } from "solid-js";
 import { percent } from "../format";
 import type { Confusion } from "../model/confusion";
@@ -8,11 +8,11 @@ export function ConfusionTable(props: {
   corner: string;
   /** Shares of each row instead of counts. */
   shares?: boolean;
-  /** Of a cell that counts something. */
+  /** For a cell with a count. */
   choose?: (row: number, column: number) => void;
   /** Row and column. */
   chosen?: readonly [number, number] | undefined;
-  /** What a cell counts: "windows". */
+  /** Unit of the counts: "windows". */
   what?: string;
 }) {
   const total = (row: number) => props.confusion.counts[row]?.reduce((sum, count) => sum + count, 0) ?? 0;

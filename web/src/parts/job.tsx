@@ -1,4 +1,4 @@
-/** A job that goes on: how far it is, and how to stop it. */
+/** A running job: its progress, and a button to stop it. */
 import { Show } from "solid-js";
 import type { Followed } from "../api/job";
 import { percent } from "../format";

@@ -1,12 +1,12 @@
-/** Ranges of axes, and the numbers at them. */
+/** Ranges of axes and their tick labels. */
 import uPlot from "uplot";
 
-/** Digits of a number at an axis. */
+/** Digits of a tick label. */
 const TICK_DIGITS = 6;
-/** Of the range, above and below what is drawn. */
+/** Margin above and below the data, as a share of the range. */
 const PADDING = 0.1;
 
-/** A number at an axis: no digits that say nothing. */
+/** A tick label without meaningless digits. */
 export const tickText = (value: number) => `${Number(value.toPrecision(TICK_DIGITS))}`.replace(/^-/, "−");
 
 /**

@@ -19,9 +19,9 @@ export interface Line {
   step?: boolean;
   /** Dots instead of a line. */
   points?: boolean;
-  /** Behind the others, without a word of its own: the samples of a mean. */
+  /** Behind the others and without a legend entry: the samples of a mean. */
   faint?: boolean;
-  /** Joined over values that are not there. */
+  /** Joined across missing values. */
   joined?: boolean;
 }
 
@@ -32,7 +32,7 @@ export interface Band {
   high: Values;
   colour: string;
   opacity?: number;
-  /** It may reach beyond the picture, whose range is that of the others. */
+  /** It may extend beyond the plot, whose range is that of the others. */
   beyond?: boolean;
 }
 
@@ -41,27 +41,27 @@ interface Props {
   unit: string;
   x: readonly number[];
   xLabel?: string;
-  /** x counts things: only whole numbers are marked. */
+  /** x is a count: ticks at integers only. */
   xWhole?: boolean;
   xUnit?: string;
-  /** x by its logarithm. */
+  /** Logarithmic x axis. */
   xLog?: boolean;
-  /** y by its logarithm. */
+  /** Logarithmic y axis. */
   yLog?: boolean;
-  /** Intervals of x with a name, such as the frequency of a rotor. */
+  /** Labelled intervals of x, such as the frequency of a rotor. */
   marks?: readonly { from: number; to: number; at: number; label: string; colour: string }[];
   lines: readonly Line[];
   bands?: readonly Band[];
   view?: View;
   height?: number;
-  /** Lines across, such as a threshold. */
+  /** Horizontal lines, such as a threshold. */
   levels?: readonly { value: number; label: string }[];
 }
 
 const TABLE_ROWS = 25;
-/** Steps of an arrow key over the interval shown. */
+/** Steps of an arrow key per interval shown. */
 const KEY_STEPS = 200;
-/** Share of a time below which nothing is magnified: numbers end there. */
+/** Least interval for zooming, relative to the time: limited by the precision of numbers. */
 const FINEST_ZOOM = 1e-12;
 
 export function Chart(props: Props) {
@@ -99,7 +99,7 @@ export function Chart(props: Props) {
       place(plot, props.view);
     };
     createEffect(on(structure, () => untrack(build)));
-    // What nobody can see is drawn when it comes near: while a flight goes on ten plots change several times a second, and two are on the screen.
+    // Invisible plots are drawn on approach: in a live flight ten plots change several times a second, and two are on the screen.
     const [near, setNear] = createSignal(true);
     const watcher = new IntersectionObserver(([entry]) => setNear(entry?.isIntersecting ?? true), { rootMargin: "50% 0px" });
     watcher.observe(holder);
@@ -337,7 +337,7 @@ function options(props: Props, xLabel: string, xUnit: string, width: number): uP
   };
 }
 
-/** An interval across the picture, its middle as a line, its name at the top; what is beyond the picture has none. */
+/** An interval across the plot, with a centre line and its name at the top; parts outside the plot are clipped. */
 function drawMark(plot: uPlot, mark: NonNullable<Props["marks"]>[number]): void {
   const box = plot.bbox;
   const inside = (at: number) => Math.min(box.left + box.width, Math.max(box.left, at));

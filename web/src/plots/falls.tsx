@@ -1,4 +1,4 @@
-/** How an error falls over the versions of a model, with the floor that noise alone gives. */
+/** How an error decreases over the versions of a model, with the floor due to noise. */
 import { For, Show } from "solid-js";
 import { short } from "../format";
 

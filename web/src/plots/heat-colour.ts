@@ -1,4 +1,4 @@
-/** Colour of chi²/N by its logarithm: 1 is noise alone, which is quiet on either ground; 50 and more stands out most. */
+/** Colour of chi²/N by its logarithm: 1 is noise alone, which is inconspicuous on either background; 50 and more stands out most. */
 
 type Stops = readonly (readonly [number, readonly [number, number, number]])[];
 const LIGHT: Stops = [

@@ -1,4 +1,4 @@
-/** A table of colours: channel over time or over a flight condition. Each cell is a button with its value in words. */
+/** A heat map: channel over time or over a flight condition. Each cell is a button with its value in words. */
 import { For, Show } from "solid-js";
 import { short } from "../format";
 import { dark } from "../theme";
@@ -6,9 +6,9 @@ import { HEAT_STEPS, heatColour } from "./heat-colour";
 
 export interface HeatRow {
   name: string;
-  /** chi²/N; null: does not count. */
+  /** chi²/N; null: not counted. */
   cells: readonly (number | null)[];
-  /** What a cell stands for, in words. */
+  /** Meaning of a cell, in words. */
   where: (place: number) => string;
 }
 
@@ -70,7 +70,7 @@ export function Heat(props: Props) {
   );
 }
 
-/** Arrow keys go from cell to cell. */
+/** Arrow keys move from cell to cell. */
 function walk(event: KeyboardEvent & { currentTarget: HTMLElement }): void {
   const grid = event.currentTarget.parentElement;
   if (!grid) return;

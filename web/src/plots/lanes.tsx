@@ -8,9 +8,9 @@ import type { View } from "./view";
 export interface Lane {
   name: string;
   stretches: readonly Stretch[];
-  /** Words for a code, if they are not those of verdicts. */
+  /** Text of a code, if it is not a verdict. */
   words?: (code: number) => string;
-  /** How a code looks, if it is none of verdicts. */
+  /** Style of a code, if it is not a verdict. */
   look?: (code: number) => "idle" | "healthy" | "unknown" | "rotor";
 }
 

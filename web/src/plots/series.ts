@@ -1,8 +1,8 @@
-/** Arithmetic on series that plots share. Times rise; a value that is not there is null. */
+/** Calculations on series, shared by the plots. Times increase; a missing value is null. */
 
 export type Values = readonly (number | null)[];
 
-/** Place of the last time that is not after `at`; 0 before the first. */
+/** Index of the last time that is not after `at`; 0 before the first. */
 export function placeAt(times: readonly number[], at: number): number {
   let low = 0;
   let high = times.length - 1;
@@ -19,7 +19,7 @@ export function heldAt(times: readonly number[], values: Values, at: number): nu
   return values[placeAt(times, at)] ?? null;
 }
 
-/** Between two samples on a straight line; null where one of them is missing. */
+/** Linear interpolation between two samples; null if either is missing. */
 export function linearAt(times: readonly number[], values: Values, at: number): number | null {
   const place = placeAt(times, at);
   const [from, to] = [times[place], times[place + 1]];
@@ -29,7 +29,7 @@ export function linearAt(times: readonly number[], values: Values, at: number): 
   return before + ((after - before) * (at - from)) / (to - from);
 }
 
-/** An angle between two samples, the short way round. */
+/** Interpolates an angle between two samples, the short way round. */
 export function angleAt(times: readonly number[], values: Values, at: number): number | null {
   const place = placeAt(times, at);
   const [from, to] = [times[place], times[place + 1]];
@@ -40,14 +40,14 @@ export function angleAt(times: readonly number[], values: Values, at: number): n
   return before + (turn * (at - from)) / (to - from);
 }
 
-/** A stretch in which a code stays the same. */
+/** An interval of constant code. */
 export interface Stretch {
   from: number;
   to: number;
   code: number;
 }
 
-/** Stretches of equal codes; the last one ends at the last time. */
+/** Intervals of constant code; the last one ends at the last time. */
 export function stretches(times: readonly number[], codes: Values): Stretch[] {
   const found: Stretch[] = [];
   for (let k = 0; k < times.length; k += 1) {
@@ -64,7 +64,7 @@ export function stretches(times: readonly number[], codes: Values): Stretch[] {
   return found;
 }
 
-/** Mean of the `window` values around each one; null where there is none. */
+/** Centred moving mean of `window` values; null where there is none. */
 export function movingMean(values: Values, window: number): Values {
   const half = Math.floor(window / 2);
   let [sum, count] = [0, 0];
@@ -89,7 +89,7 @@ export interface Extent {
   last: number;
 }
 
-/** Least, largest, mean and last value; undefined if there is none. */
+/** Minimum, maximum, mean and last value; undefined if there are none. */
 export function extent(values: Values): Extent | undefined {
   let [least, largest, sum, n, last] = [Infinity, -Infinity, 0, 0, 0];
   for (const value of values) {
@@ -103,7 +103,7 @@ export function extent(values: Values): Extent | undefined {
   return n === 0 ? undefined : { least, largest, mean: sum / n, last };
 }
 
-/** At most `most` places, evenly over `from..to` of the times, for a table. */
+/** At most `most` indices, spread evenly over `from..to` of the times, for a table. */
 export function samplePlaces(times: readonly number[], range: readonly [number, number] | undefined, most: number): number[] {
   const from = range ? placeAt(times, range[0]) : 0;
   const to = range ? placeAt(times, range[1]) : times.length - 1;

@@ -1,4 +1,4 @@
-/** Where a vehicle went, from above: north is up. A point follows the cursor; what is outside of the interval shown is faint. */
+/** Ground track of a vehicle: north is up. A point follows the cursor; the track outside the interval shown is faint. */
 import { For, Show, createMemo, createSignal, createUniqueId } from "solid-js";
 import { short } from "../format";
 import { type Values, extent, placeAt, samplePlaces } from "./series";
@@ -22,7 +22,7 @@ export function Track(props: Props) {
   const frame = createMemo(() => {
     const [north, east] = [extent(props.north), extent(props.east)];
     if (!north || !east) return undefined;
-    // One scale for both, so that a circle is one.
+    // Equal scales, so that a circle is a circle.
     const reach = Math.max(north.largest - north.least, east.largest - east.least, 0.1);
     const scale = (SIZE - 2 * EDGE) / reach;
     const [middleNorth, middleEast] = [(north.least + north.largest) / 2, (east.least + east.largest) / 2];

@@ -1,4 +1,4 @@
-/** What the 3-D picture shows at a time: pose, thrusts and estimated losses, from telemetry by name. */
+/** State of the 3-D view at a time: pose, thrusts and estimated losses, from telemetry by name. */
 import { type Values, angleAt, heldAt, linearAt } from "../plots/series";
 
 /** Channels of a run by name, with their times. */
@@ -13,7 +13,7 @@ export interface Rotor {
   spin: "cw" | "ccw";
 }
 
-/** What the pictures need to know of a vehicle; the answer of `/geometry` has more. */
+/** Properties of a vehicle that the views need; the answer of `/geometry` has more. */
 export interface Geometry {
   name: string;
   arm_m: number;
@@ -26,22 +26,22 @@ export interface Pose {
   position: readonly [number, number, number];
   /** Roll, pitch, yaw, rad. */
   attitude: readonly [number, number, number];
-  /** Thrust of each rotor, N; by the duty where it is not recorded. */
+  /** Thrust of each rotor, N; from the duty where it is not recorded. */
   thrust: readonly number[];
   /** Estimated loss of each rotor, share of its nominal thrust. */
   loss: readonly number[];
-  /** Rotor concerned for certain or maybe. */
+  /** Affected rotors, certain or possible. */
   suspect: readonly boolean[];
 }
 
-/** Channels of the picture. */
+/** Channels of the view. */
 export const MOTION_CHANNELS =
   "true_position_*,true_roll_rad,true_pitch_rad,true_yaw_rad,reference_north_m,reference_east_m,reference_down_m,duty_*,true_thrust_*,verdict_sequential,thrust_loss_share,second_thrust_loss_share,suspect_rotors";
 
-/** The same of a log, which knows no truth. */
+/** The same for a log, which has no truth. */
 export const LOG_CHANNELS = "position_*,roll_rad,pitch_rad,yaw_rad,duty_*";
 
-/** Names of positions and angles: the truth where there is one, else what was measured. */
+/** Names of positions and angles: the truth if there is one, else the measurement. */
 export const prefixOf = (track: Track) => (track.data["true_position_north_m"] ? "true_" : "");
 
 /** Pose at a time; undefined before the first sample. */
@@ -71,7 +71,7 @@ export function poseAt(track: Track, geometry: Geometry, at: number): Pose | und
   };
 }
 
-/** Rotors that a verdict code names, in the order of their losses. */
+/** Rotors named by a verdict code, in the order of their losses. */
 export function namedRotors(code: number): number[] {
   if (code >= 100) return [Math.floor(code / 100), code % 100];
   return code > 0 ? [code] : [];

@@ -1,7 +1,7 @@
 import { describe, expect, it } from "vitest";
 import { Pace } from "./pace";
 
-/** Ratios of pictures that come every `gap` ms. */
+/** Ratios for frames that arrive every `gap` ms. */
 const run = (pace: Pace, from: number, gap: number, count: number) => Array.from({ length: count }, (_, k) => pace.ratio(from + k * gap));
 
 describe("pace of the 3-D picture", () => {

@@ -1,15 +1,15 @@
-/** How many points a picture may have so that the next one comes in time. */
+/** How many pixels a frame may have so that the next one is on time. */
 export class Pace {
-  /** Nothing moved for so long, ms: the next picture may take its time. */
+  /** Idle time after which a frame may take longer, ms. */
   static readonly STILL_MS = 250;
-  /** Later than this is seen, ms: 30 pictures a second. */
+  /** Visible delay, ms: 30 frames per second. */
   private static readonly LATE_MS = 34;
-  /** So early there is room for more points, ms. */
+  /** Frame interval below which more pixels are affordable, ms. */
   private static readonly EARLY_MS = 20;
-  /** Pictures that are looked at together. */
+  /** Frames per window of the control. */
   private static readonly WINDOW = 12;
   private static readonly STEPS = [1, 0.75, 0.5];
-  /** Small pictures that come later than this leave nothing for anything else, ms; then one comes every so often. */
+  /** If even small frames come later than this, they leave no time for anything else, ms; then frames are spaced out. */
   private static readonly CROWDED_FROM_MS = 70;
   private static readonly CROWDED_MS = 100;
   private static readonly CROWDED_WINDOWS = 8;
@@ -18,11 +18,11 @@ export class Pace {
   private sum = 0;
   private count = 0;
   private step = 0;
-  /** Windows in which there was room in a row: more points are tried more and more rarely. */
+  /** Consecutive windows with spare time: more pixels are tried at increasing intervals. */
   private good = 0;
   private patience = 2;
 
-  /** Share of the screen's points, for a picture at a time (ms). */
+  /** Share of the screen's pixels for a frame at a time (ms). */
   ratio(now: number): number {
     const gap = now - this.last;
     this.last = now;
@@ -35,7 +35,7 @@ export class Pace {
     if (this.count >= Pace.WINDOW) {
       const mean = this.sum / this.count;
       this.sum = this.count = 0;
-      // What is held back cannot tell whether there would be room: it is tried again after a while.
+      // While frames are held back, spare time cannot be measured: tried again after a while.
       if (this.crowded > 0) this.crowded -= 1;
       else if (this.step === Pace.STEPS.length - 1 && mean > Pace.CROWDED_FROM_MS) this.crowded = Pace.CROWDED_WINDOWS;
       if (mean > Pace.LATE_MS) {
@@ -53,7 +53,7 @@ export class Pace {
     return Pace.STEPS[this.step] ?? 1;
   }
 
-  /** How long to wait before the next picture, ms: where even small ones come late, clicks go first. */
+  /** How long to wait before the next frame, ms: if even small ones are late, clicks have priority. */
   pause(): number {
     return this.crowded > 0 ? Pace.CROWDED_MS : 0;
   }

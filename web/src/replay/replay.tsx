@@ -9,7 +9,7 @@ import type { Colours, Scene } from "./scene";
 
 /** Points of the trail. */
 const TRAIL = 400;
-/** While the flight moves its state is told in words so often, s. */
+/** Interval at which the state of a moving vehicle is described in words, s. */
 const TOLD_S = 0.5;
 const SPEEDS = [0.25, 1, 2, 5] as const;
 
@@ -60,7 +60,7 @@ export function Replay(props: Props) {
 
   createEffect(on([scene, dark], ([made]) => made?.paint(palette())));
   createEffect(() => scene()?.setFollow(following()));
-  // While it flies the paths grow with every picture of the screen; once a second is enough for those that the vehicle is not at.
+  // In a live flight the paths grow with every frame; once a second is enough for those away from the vehicle.
   const whole = createMemo(() => (props.live ? Math.floor(end()) : props.track));
   createEffect(on([scene, whole, () => props.ghost], ([made]) => {
     if (!made) return;
@@ -95,7 +95,7 @@ export function Replay(props: Props) {
     if (!playing() && at() >= end() - 1e-6) props.view.setCursor(start());
     setPlaying(!playing());
   };
-  // While it moves nobody reads forty sentences a second, and each is laid out and painted.
+  // In motion nobody reads forty sentences a second, and each costs layout and painting.
   const moving = () => playing() || (props.live && props.view.cursor() === undefined);
   const told = createMemo(() => (moving() ? Math.max(start(), Math.floor(at() / TOLD_S) * TOLD_S) : at()));
   const words = createMemo(() => {
@@ -150,7 +150,7 @@ export function Replay(props: Props) {
   );
 }
 
-/** To the centimetre; a hover is no 10⁻²⁵ m from its point. */
+/** Rounded to 1 cm; a hover is not 10⁻²⁵ m from its point. */
 const metres = (value: number) => `${(Math.round(100 * value) / 100 || 0).toFixed(2).replace("-", "−")} m`;
 
 function palette(): Colours {

@@ -1,7 +1,7 @@
 /**
- * The 3-D picture: vehicle, thrust arrows, trail, reference path, ground. Loaded on demand, as three.js is four fifths of the page.
+ * The 3-D view: vehicle, thrust arrows, trail, reference path, ground. Loaded on demand, as three.js is four fifths of the page.
  *
- * World of the picture: x east, y up, z south, m; from north, east, down by (n, e, d) → (e, −d, −n).
+ * World frame of the view: x east, y up, z south, m; from north, east, down by (n, e, d) → (e, −d, −n).
  */
 import * as THREE from "three";
 import { OrbitControls } from "three/addons/controls/OrbitControls.js";
@@ -9,11 +9,11 @@ import { mergeGeometries } from "three/addons/utils/BufferGeometryUtils.js";
 import { Pace } from "./pace";
 import type { Geometry, Pose } from "./motion";
 
-/** A loss that is coloured fully, share of the nominal thrust. */
+/** Loss at which the colour saturates, share of the nominal thrust. */
 const FULL_LOSS = 0.25;
 /** Length of an arrow of hover thrust, in arm lengths. */
 const ARROW = 1.1;
-/** The vehicle is drawn larger than it is, or a flight of 10 m would show a dot. */
+/** The vehicle is drawn enlarged; otherwise a flight of 10 m would show a dot. */
 const MAGNIFY = 2.5;
 
 export interface Colours {
@@ -31,7 +31,7 @@ export interface Colours {
 type Point = readonly [number, number, number];
 const world = ([north, east, down]: Point) => new THREE.Vector3(east, -down, -north);
 
-/** Few objects, as each is a call of the driver in each picture: a body, all discs, all shafts and all heads of the arrows. */
+/** Few objects, as each is a draw call in each frame: a body, all discs, all shafts and all heads of the arrows. */
 interface Craft {
   group: THREE.Group;
   discs: THREE.InstancedMesh;
@@ -40,9 +40,9 @@ interface Craft {
   arrows: { shafts: THREE.LineSegments; heads: THREE.InstancedMesh } | undefined;
 }
 
-/** Most points of a trail; its buffer is made once. */
+/** Most points of a trail; its buffer is allocated once. */
 const TRAIL_POINTS = 512;
-/** Renderers that draw with the processor: nothing of the picture may cost more than it shows. */
+/** Renderers that draw on the processor: expensive features are avoided there. */
 const SOFTWARE = /swiftshader|llvmpipe|softpipe|software|basic render/i;
 
 export class Scene {
@@ -95,7 +95,7 @@ export class Scene {
     this.resize();
   }
 
-  /** Takes other colours: dark or light. */
+  /** Sets the colours: dark or light. */
   paint(colours: Colours): void {
     this.colours = colours;
     this.scene.background = new THREE.Color(colours.background);
@@ -121,7 +121,7 @@ export class Scene {
     this.draw();
   }
 
-  /** The flight at a time, with the trail up to it. */
+  /** Shows the flight at a time, with the trail up to it. */
   show(pose: Pose, trail: readonly Point[], ghost: Pose | undefined): void {
     this.place(this.craft, pose);
     const points = this.trail.geometry.getAttribute("position");
@@ -145,7 +145,7 @@ export class Scene {
     this.draw();
   }
 
-  /** The camera goes with the vehicle, or stays. */
+  /** The camera follows the vehicle, or is fixed. */
   setFollow(follow: boolean): void {
     this.follow = follow;
   }
@@ -178,7 +178,7 @@ export class Scene {
   private paintSoon(): void {
     this.pending = requestAnimationFrame((now) => {
       this.pending = 0;
-      // Fewer points where pictures come late; as many as the screen has once nothing moves for a while.
+      // Fewer pixels if frames are late; full resolution once nothing has moved for a while.
       const ratio = this.pace.ratio(now) * Math.min(devicePixelRatio, 1.5);
       if (Math.abs(ratio - this.renderer.getPixelRatio()) > 1e-6) this.renderer.setPixelRatio(ratio);
       this.renderer.render(this.scene, this.camera);
@@ -217,7 +217,7 @@ export class Scene {
         new THREE.BufferGeometry().setAttribute("position", new THREE.BufferAttribute(new Float32Array(6 * rotors.length), 3).setUsage(THREE.DynamicDrawUsage)),
         new THREE.LineBasicMaterial({ color: colour }),
       );
-      // A head of height 1 with its tip at the origin; its size and place are those of the thrust.
+      // A head of height 1 with its tip at the origin; scaled and placed by the thrust.
       const heads = new THREE.InstancedMesh(new THREE.ConeGeometry(0.065 * arm, 1, 8).translate(0, -0.5, 0), new THREE.MeshBasicMaterial({ color: colour }), rotors.length);
       shafts.frustumCulled = false;
       heads.frustumCulled = false;
@@ -256,7 +256,7 @@ export class Scene {
   }
 }
 
-/** Whether this browser draws 3-D pictures with the processor. */
+/** Whether this browser renders 3-D on the processor. */
 function isSoftware(): boolean {
   const context = document.createElement("canvas").getContext("webgl2");
   const info = context?.getExtension("WEBGL_debug_renderer_info");

@@ -1,4 +1,4 @@
-/** A report: what the server's page shows of a result, in one file, with the result inside. Asks nobody for anything. */
+/** A report: the server's page for a result, in one file, with the result inside. Makes no requests. */
 import { render } from "solid-js/web";
 import { parseExact } from "../exact";
 import { type Content, Report } from "./report";

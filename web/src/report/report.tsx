@@ -1,4 +1,4 @@
-/** The frame of a report, and which result is shown how. */
+/** The frame of a report, and the choice of the view for its result. */
 import { ErrorBoundary, Match, Show, Switch, createSignal, onCleanup } from "solid-js";
 import type { Improvement } from "../model/twin";
 import { type BlindReport, BlindReportView } from "../shown/blind";
@@ -15,7 +15,7 @@ import { type Reproduction, ReproductionView } from "../shown/reproduction";
 import { type RunReport, RunReportView } from "../shown/run-report";
 import { applyTheme, dark, setTheme } from "../theme";
 
-/** What is inside: kind and shape of `data` belong together. */
+/** Content: kind and shape of `data` belong together. */
 export interface Content {
   kind: string;
   title: string;
@@ -23,7 +23,7 @@ export interface Content {
   data: unknown;
 }
 
-/** A server shows files of jobs in a sandbox, in which a page opens no dialogs: save it, or print by the browser's menu. */
+/** A server shows files of jobs in a sandbox, where a page cannot open dialogs: save it, or print from the browser's menu. */
 const canPrint = location.protocol === "file:" || self.origin !== "null";
 
 export function Report(props: Content) {
@@ -64,7 +64,7 @@ export function Report(props: Content) {
   );
 }
 
-/** What is folded is unfolded on paper, and folded again afterwards. */
+/** Collapsed parts are expanded for printing, and collapsed again afterwards. */
 function openForPrint(): void {
   const [opened, setOpened] = createSignal<HTMLDetailsElement[]>([]);
   const before = () => {

@@ -1,4 +1,4 @@
-/** What every page has: navigation, theme, the sentence about a server that is away, sign-in. */
+/** Elements of every page: navigation, theme, the message about an unreachable server, sign-in. */
 import { For, Show, createEffect, createSignal, type JSX, on, onCleanup } from "solid-js";
 import { away } from "../api/connection";
 import { hasSignedIn, signOut } from "../api/session";
@@ -18,7 +18,7 @@ const PAGES = [
 export function Shell(props: { children: JSX.Element }) {
   const current = (path: string) => (route().path === path || (path === "/twin" && route().path === "/") || route().path.startsWith(`${path}/`) ? "page" : undefined);
   let nav: HTMLElement | undefined;
-  // On a telephone the row of pages is longer than the screen.
+  // On a telephone the row of pages is wider than the screen.
   createEffect(on(route, () => queueMicrotask(() => nav?.querySelector("[aria-current]")?.scrollIntoView({ block: "nearest", inline: "nearest" }))));
   return (
     <div onClick={followLinks}>
@@ -57,7 +57,7 @@ export function Shell(props: { children: JSX.Element }) {
   );
 }
 
-/** Says that the server does not answer, and since when. */
+/** Shows that the server does not respond, and since when. */
 function Away() {
   return (
     <div role="status" aria-live="polite">

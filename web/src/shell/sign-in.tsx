@@ -1,4 +1,4 @@
-/** The form that a server with tokens asks for. */
+/** The sign-in form for a server with tokens. */
 import { Show, createSignal } from "solid-js";
 import { signIn, signInWanted } from "../api/session";
 import { Problem } from "../parts/bits";

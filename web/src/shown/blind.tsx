@@ -76,7 +76,7 @@ export function BlindView(props: { result: BlindResult; /** Row and column that 
   );
 }
 
-/** What the report of a bench has besides the score. */
+/** Additional contents of a bench's report. */
 export interface BlindReport {
   request: { version: string; presets: string[]; n: number; seed: number; vehicles: string[]; duration_s: number };
   sheet: BlindResult;

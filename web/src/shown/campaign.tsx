@@ -34,7 +34,7 @@ export const DETECTORS = [["sequential", "sequential"], ["t_test", "T-test"], ["
 
 const verdictConfusion = (score: Score) => confusionOfVerdicts(score.confusion_truth_verdict_windows ?? []);
 
-/** What is looked at: a detector, and a cell of its confusion matrix by the codes of its truth and verdicts. */
+/** Selection: a detector, and a cell of its confusion matrix by the codes of its truth and verdicts. */
 export interface Look {
   detector: DetectorName;
   truth?: number | undefined;
@@ -127,12 +127,12 @@ function ScoreTable(props: { head: string; rows: readonly { name: string; scores
   );
 }
 
-/** What the report of a campaign has besides the result. */
+/** Additional contents of a campaign's report. */
 export interface CampaignReport {
   name: string;
   description: string;
   seed: number;
-  /** Flights that are planned. */
+  /** Planned flights. */
   planned: number;
   result: CampaignResult;
   tables: ResultTable[];

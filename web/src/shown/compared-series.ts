@@ -1,9 +1,9 @@
-/** Series of a comparison that are inside of its report. */
+/** Series of a comparison that are stored in its report. */
 import type { FlightPicture } from "../model/flight";
 import type { Comparison, Series } from "../model/twin";
 import type { Values } from "../plots/series";
 
-/** The pictures of one log, as the report has them: means of what was measured; means and extremes of the residuals. */
+/** Series of one log in the report: means of the measurements; means and extremes of the residuals. */
 export interface LogPictures {
   start_s: number;
   end_s: number;
@@ -16,7 +16,7 @@ export interface LogPictures {
 export interface ComparisonReport {
   comparison: Comparison;
   pictures: LogPictures[];
-  /** The same logs, as people look at them. */
+  /** The same logs, in display form. */
   flights?: FlightPicture[];
 }
 
@@ -37,7 +37,7 @@ export function within(pictures: LogPictures, only: Only | undefined): boolean[]
   });
 }
 
-/** The series of one channel, as a server would give it; null where a condition is out of its bounds. */
+/** The series of one channel, as from a server; null where a condition is out of bounds. */
 export function seriesOf(report: ComparisonReport, log: number, channel: string, only?: Only): Series | undefined {
   const pictures = report.pictures[log];
   const all = pictures?.channels.find((one) => one.channel === channel);

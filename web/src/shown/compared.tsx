@@ -28,7 +28,7 @@ export function ComparedView(props: { report: ComparisonReport }) {
   );
 }
 
-/** Where and when: heat strips, channels and the flight over time. `lanes`: what else is said of the time of a log, by its name. */
+/** Where and when: heat strips, channels and the flight over time. `lanes`: additional lanes on a log's time axis, by its name. */
 export function ComparedPanel(props: { title: string; report: ComparisonReport; lanes?: Looks["lanes"] }) {
   const [log, chooseLog] = createSignal(0);
   const [channel, chooseChannel] = createSignal<string>();

@@ -11,28 +11,28 @@ import { type View, createView } from "../plots/view";
 import { FlightLanes, FlightPlots } from "./flight";
 import { ChannelSeries } from "./series";
 
-/** Length of a cell over time, s; as the comparison makes them. */
+/** Length of a cell over time, s; as in the comparison. */
 const BLOCK_S = 5;
 
-/** Which series is looked at. */
+/** The selected series. */
 export interface Wanted {
   channel: string;
   log: number;
   range: readonly [number, number] | undefined;
 }
 
-/** What is looked at of a comparison, and where its pictures come from: the address and the server, or a report. */
+/** The selected part of a comparison, and the source of its series: the address and the server, or a report. */
 export interface Looks {
   logAt: () => number;
   chooseLog: (place: number) => void;
   channel: () => string | undefined;
   chooseChannel: (name: string) => void;
   series: (wanted: Accessor<Wanted>) => Load<Series>;
-  /** The flight of a log, where it is known: its parts, events, motors and vibration stand on the time axis of the channels. */
+  /** The flight of a log, if known: its parts, events, motors and vibration are shown on the time axis of the channels. */
   picture?: (log: number) => FlightPicture | undefined;
-  /** What else is said of the time of a log, by its name. */
+  /** Additional lanes on a log's time axis, by its name. */
   lanes?: (log: string) => readonly Lane[];
-  /** The vehicle in 3-D, where there is a server that knows its flight. */
+  /** The vehicle in 3-D, if a server knows its flight. */
   flight?: (view: View) => JSX.Element;
 }
 
@@ -79,7 +79,7 @@ function sentence(log: LogComparison): string {
   const failing = tested.filter((one) => one.verdict === "fails").sort((a, b) => (b.low_frequency ?? 0) - (a.low_frequency ?? 0));
   const parts = failing.slice(0, 4).map((one) => {
     const ratio = (one.smoothed_rms ?? NaN) / (one.smoothed_noise ?? NaN);
-    // An error as small as the noise fails because it lasts, and noise does not.
+    // An error as small as the noise fails if it persists, which noise does not.
     const lasts = ratio < 1.1 && (one.low_frequency ?? 0) > 1 ? `, but it lasts (means over 0.25 s: chi²/N ${short(one.low_frequency)})` : "";
     const depends = one.conditions[0];
     return `${channelTitle(one.channel)}: error ${short(ratio)} × noise${lasts}${depends && depends.explained > 0.3 ? `, ${(100 * depends.explained).toFixed(0)} % of it explained by ${depends.title}` : ""}`;
@@ -92,7 +92,7 @@ function Where(props: { log: LogComparison; model: ModelOnLog; looks: Looks; vie
   const channel = () => {
     const wanted = props.looks.channel();
     if (rows().some((one) => one.channel === wanted)) return wanted as string;
-    // Once all agree, the channel that failed before: what was added shows there.
+    // Once all agree, the channel that failed before: there the improvement shows.
     return worstChannel(props.model.agrees ? (props.log.models[0] ?? props.model) : props.model);
   };
   const found = () => rows().find((one) => one.channel === channel());
@@ -236,7 +236,7 @@ function Where(props: { log: LogComparison; model: ModelOnLog; looks: Looks; vie
   );
 }
 
-/** A probability; what is below a thousandth is not told apart. */
+/** A probability; values below 0.001 are not distinguished. */
 const chance = (value: number | null | undefined) => (typeof value === "number" && value < 0.001 ? "< 0.001" : short(value));
 
 function followed(one: ChannelResult): string {

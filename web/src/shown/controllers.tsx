@@ -1,4 +1,4 @@
-/** Controllers compared on runs of one scenario: a column a run, the rows of `rotortwin controllers`. */
+/** Controllers compared on runs of one scenario: one column per run, the rows of `rotortwin controllers`. */
 import { For, Show } from "solid-js";
 import type { Schemas } from "../api/client";
 import { short } from "../format";
@@ -42,7 +42,7 @@ export function Controllers(props: { compared: Compared; /** Of each run. */ nam
   );
 }
 
-/** A row of the table; without a value in any flight there is none. */
+/** A row of the table; omitted if no flight has a value. */
 interface Line {
   name: string;
   cells: string[];

@@ -1,4 +1,4 @@
-/** A diagnosis: what is missing. "Agrees", "the log is at fault", "cannot tell" and "not in the catalogue" are full answers. */
+/** A diagnosis: missing effects. "Agrees", "the log is at fault", "cannot tell" and "not in the catalogue" are complete answers. */
 import { For, type JSX, Show } from "solid-js";
 import { count, percent, plusMinus, short } from "../format";
 import { type Diagnosis, type Finding, type Proposal, channelTitle, evidenceWords, togetherByReason } from "../model/twin";
@@ -15,7 +15,7 @@ const HEADLINES: Record<Diagnosis["verdict"]["kind"], { words: string; kind: str
   "nothing-testable": { words: "Nothing of this log can be compared with the model.", kind: "bad" },
 };
 
-/** The sentence without what the headline says already. */
+/** The sentence without the part that the headline already says. */
 function restOf(found: Diagnosis): string {
   const rest = found.verdict.kind === "agrees" ? found.sentence.replace(/^The model agrees with (this|the) flights?: /, "") : found.sentence;
   return rest.charAt(0).toUpperCase() + rest.slice(1);
@@ -54,7 +54,7 @@ export function DiagnosisView(props: { found: Diagnosis; add?: AddToModel; child
   );
 }
 
-/** What could not be considered at all, and what would make it testable. */
+/** Effects that could not be considered, and what would make them testable. */
 function NotConsidered(props: { found: Diagnosis }) {
   const rows = () => togetherByReason(props.found.not_considered ?? []);
   return (
@@ -86,7 +86,7 @@ function NotConsidered(props: { found: Diagnosis }) {
   );
 }
 
-/** What changed against healthy flights. */
+/** Changes compared with healthy flights. */
 function TrimView(props: { trim: NonNullable<Diagnosis["trim"]> }) {
   return (
     <div class="say">
@@ -109,7 +109,7 @@ function TrimView(props: { trim: NonNullable<Diagnosis["trim"]> }) {
   );
 }
 
-/** Guesses of the vehicle that the flights contradict. */
+/** Guessed values of the vehicle that the flights contradict. */
 function Calibrate(props: { found: Diagnosis }) {
   return (
     <div class="scroll" tabindex="0" role="region" aria-label="Constants to calibrate">

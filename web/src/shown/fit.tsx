@@ -12,12 +12,12 @@ interface FittedModel {
   r2: number;
   aicc: number;
   lag_one_correlation: number;
-  /** Where the intervals come from. */
+  /** Source of the intervals. */
   intervals: string;
   parameters: { name: string; value: number; low: number | null; high: number | null }[];
   notes: string[];
 }
-/** What was fitted to what; `x`, `y` and `fitted` (of the best structure) by rising x. */
+/** Data and fit; `x`, `y` and `fitted` (of the best structure) by increasing x. */
 export interface FitResult {
   kind: string;
   files: string[];
@@ -46,7 +46,7 @@ export function FitView(props: { fits: readonly FitResult[] }) {
 function One(props: { fit: FitResult }) {
   const it = () => props.fit;
   const best = () => it().models[0];
-  // Several values over one abscissa (thrust at several voltages) are no curve.
+  // Several values at one abscissa (thrust at several voltages) do not form a curve.
   const isCurve = () => it().x.every((at, k) => k === 0 || at !== it().x[k - 1]);
   return (
     <Panel title={`${it().kind} · ${it().files.join(", ")}`} note={`${it().points} points`}>

@@ -1,4 +1,4 @@
-/** The flights of a vehicle, one after the other: what each rotor has lost, and which propeller to look at. */
+/** The flights of a vehicle, one after the other: each rotor's loss, and which propeller to inspect. */
 import { For, Show } from "solid-js";
 import { Panel } from "../parts/bits";
 import { Chart } from "../plots/chart";
@@ -27,7 +27,7 @@ interface Flight {
   bias: number[];
   losses: { rotor: number; share: number; low: number; high: number }[];
 }
-/** As `rotortwin fleet show --json` has a vehicle. */
+/** A vehicle in the output of `rotortwin fleet show --json`. */
 export interface FleetVehicle {
   vehicle: string;
   model: string;
@@ -41,7 +41,7 @@ export interface FleetVehicle {
 
 const signed = (share: number, decimals = 1) => `${share < 0 ? "−" : "+"}${Math.abs(100 * share).toFixed(decimals)}`;
 const interval = (one: Share | null | undefined) => (one ? `${signed(one.share)} % [${signed(one.low)}, ${signed(one.high)}]` : "–");
-/** A date as people read it; the time of day where it is known. */
+/** A date, with the time of day if known. */
 const day = (date: string) => (date.endsWith("T00:00:00Z") ? date.slice(0, 10) : `${date.slice(0, 10)} ${date.slice(11, 16)} UTC`);
 const DONE: Record<string, string> = { acknowledge: "acknowledged", reset: "replaced" };
 const WORDS = { ok: ["", "ok"], inspect: ["bad", "inspect"], acknowledged: ["warn", "acknowledged"], too_few_flights: ["", "too few flights"] } as const;

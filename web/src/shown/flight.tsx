@@ -1,4 +1,4 @@
-/** A flight on one time axis: parts and events, where it went, what each motor was told; and how it shook. Asks no server. */
+/** A flight on one time axis: parts and events, position, motor commands, and vibration. Needs no server. */
 import { For, Show } from "solid-js";
 import { type FlightPicture, eventLanes, flightSentence, outputLines, partLane, rotorSpeedWords } from "../model/flight";
 import { Chart, type Line } from "../plots/chart";
@@ -7,7 +7,7 @@ import { Track } from "../plots/track";
 import type { View } from "../plots/view";
 import { seriesColour } from "../theme";
 
-/** Parts and events, with lanes of the caller's above or below. */
+/** Parts and events, with the caller's lanes above or below. */
 export function FlightLanes(props: { flight: FlightPicture; view: View; more?: readonly Lane[] }) {
   return (
     <div class="stack">

@@ -7,7 +7,7 @@ import { Panel } from "../parts/bits";
 import { VehiclePicture } from "../parts/vehicle-picture";
 import { type OverTime, OverTimeView } from "./over-time";
 
-/** What the report of `vehicle from-log` holds. */
+/** Contents of the report of `vehicle from-log`. */
 export type IdentifiedReport = Identification & { name: string; over_time: OverTime | null };
 
 export function IdentifiedReportView(props: { report: IdentifiedReport }) {
@@ -51,7 +51,7 @@ export function IdentifiedReportView(props: { report: IdentifiedReport }) {
   );
 }
 
-/** What would make it better, each once. */
+/** Recommendations for improvement, each once. */
 export function Advice(props: { values: readonly Estimate[] }) {
   return (
     <Show when={adviceOf(props.values).length > 0}>
@@ -106,7 +106,7 @@ export function ValueTable(props: { values: readonly Estimate[]; label: string }
   );
 }
 
-/** R² of each half by what the other half gave. */
+/** R² of each half, predicted from the other half. */
 export function HeldOut(props: { scores: Identification["held_out"] }) {
   return (
     <For each={props.scores}>

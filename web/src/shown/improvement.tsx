@@ -1,4 +1,4 @@
-/** An improvement: what each version added, and how the error fell. */
+/** An improvement: additions of each version, and how the error decreased. */
 import { For, Show } from "solid-js";
 import { plusMinus, short } from "../format";
 import type { Improvement } from "../model/twin";
@@ -6,7 +6,7 @@ import { Panel } from "../parts/bits";
 import { type Fall, Falls } from "../plots/falls";
 import { DiagnosisView } from "./diagnosis";
 
-/** Quantities of the bars, beside open loop. */
+/** Quantities of the bars, in addition to open loop. */
 const QUANTITIES = ["force", "torque", "voltage"];
 /** Horizon of the open-loop bars, s. */
 const HORIZON_S = 1;

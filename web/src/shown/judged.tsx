@@ -1,4 +1,4 @@
-/** What the detectors say of a log: the last word, verdicts over time, what was not judged and why, what the log lacks. */
+/** Verdicts of the detectors on a log: the final one, verdicts over time, what was not judged and why, what the log lacks. */
 import { For, Show } from "solid-js";
 import type { Schemas } from "../api/client";
 import { percent, plusMinus, short } from "../format";
@@ -12,7 +12,7 @@ import { type OverTime, OverTimeView } from "./over-time";
 type Report = Schemas["LogReport"];
 type Sequential = Schemas["SequentialView"];
 
-/** Logs that were judged, as the report of `fdi-log` has them. */
+/** Judged logs, as in the report of `fdi-log`. */
 export type JudgedLogs = readonly { file: string; report: Report; over_time?: OverTime }[];
 
 export function JudgedView(props: { logs: JudgedLogs }) {

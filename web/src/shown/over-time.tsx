@@ -14,7 +14,7 @@ export interface OverTime {
   not_compared: string | null;
 }
 
-/** `lanes`: what else is said of the time of a log, by its name. */
+/** `lanes`: additional lanes on a log's time axis, by its name. */
 export function OverTimeView(props: { data: OverTime; lanes?: (log: string) => readonly Lane[] }) {
   return (
     <Show

@@ -12,7 +12,7 @@ export interface Reproduction {
   hours: number;
   tables: ResultTable[];
   choices: [string, string][];
-  /** Pictures as SVG documents; `report` is the page of that flight, beside this file; none of a figure of the blades. */
+  /** Plots as SVG documents; `report` is the page of that flight, next to this file; none for a figure of the blades. */
   figures: { label: string; title: string; about: string; svg: string; report: string | null }[];
   facts: [string, string][];
   files: string[];

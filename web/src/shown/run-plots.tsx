@@ -8,11 +8,11 @@ import { type Values, movingMean, stretches } from "../plots/series";
 import type { View } from "../plots/view";
 import { seriesColour } from "../theme";
 
-/** Points of a mean of a residual, of some 1600. */
+/** Points of a residual's mean, out of about 1600. */
 const MEAN_POINTS = 31;
 const COMPONENTS = ["arm", "lever", "yaw"] as const;
 
-/** `all`: every component of the residuals at once, for paper; motion is then shown elsewhere. */
+/** `all`: every component of the residuals at once, for printing; motion is then shown elsewhere. */
 export function RunPlots(props: { samples: Samples; view: View; all?: boolean }) {
   const [component, setComponent] = createSignal<(typeof COMPONENTS)[number]>("arm");
   const values = (name: string): Values => props.samples.data[name] ?? [];
@@ -36,12 +36,12 @@ export function RunPlots(props: { samples: Samples; view: View; all?: boolean })
       ...(name === "truth" ? { words: (code: number) => (code === 0 ? "no fault" : code === -1 ? "several rotors" : `rotor ${code}`) } : {}),
     })),
   );
-  // The samples of six rotors hide one another; their means do not.
+  // The samples of six rotors overlap; their means do not.
   const residuals = (component: string): Line[] => {
     const samples = perRotor((rotor) => `residual_${rotor}_${component}_nms`);
     return [...samples.map((line) => ({ ...line, faint: true })), ...samples.map((line) => ({ ...line, values: movingMean(line.values, MEAN_POINTS), width: 1.8 }))];
   };
-  // Where no rotor is named there is no loss to show.
+  // If no rotor is named there is no loss to show.
   const named = (name: string, from = 1): Values => scaled(name, 100).map((value, k) => ((values("verdict_sequential")[k] ?? 0) >= from ? value : null));
   const common = () => ({ x: props.samples.time, view: props.view });
 
@@ -128,7 +128,7 @@ export function RunPlots(props: { samples: Samples; view: View; all?: boolean })
   );
 }
 
-/** The interval shown, and the way back to all. */
+/** The interval shown, and a button to show everything. */
 export function Zoom(props: { view: View }) {
   return (
     <Show when={props.view.range()} fallback={<span class="small muted">drag over a plot to zoom</span>}>

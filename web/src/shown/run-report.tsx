@@ -18,7 +18,7 @@ interface NormalPlot {
 }
 export interface RunReport {
   summary: Summary;
-  /** As the server gives them: thinned to lowest and highest samples. None: no step was recorded. */
+  /** As from the server: thinned to minimum and maximum samples. None: no step was recorded. */
   telemetry: { data: Record<string, Values>; units: Record<string, string> } | null;
   normal: NormalPlot | null;
 }
@@ -66,7 +66,7 @@ export function RunReportView(props: { report: RunReport }) {
   );
 }
 
-/** Position and attitude against what was asked for: the paper's Figs. 9 and 10. */
+/** Position and attitude with their references: the paper's Figs. 9 and 10. */
 function Tracking(props: { summary: Summary; samples: Samples; view: View }) {
   const values = (name: string, by = 1): Values => (props.samples.data[name] ?? []).map((value) => (value === null ? null : value * by));
   const common = () => ({ x: props.samples.time, view: props.view, height: 140 });

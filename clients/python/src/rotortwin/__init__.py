@@ -67,7 +67,7 @@ if TYPE_CHECKING:
     from ._query import query
     from .simulation import FlightError, Flights, InputError, Scenario, Simulation, SimulationBatch, Verdict, fly
 
-#: What runs in this process, by module: found when it is asked for, as the client of a server needs neither NumPy nor the native module.
+#: Modules that run in this process: imported on demand, as the client of a server needs neither NumPy nor the native module.
 _HERE = {
     "analysis": (
         "IdentifiedVehicle", "Improved", "JudgedLog", "Result", "compare", "diagnose", "fdi_log", "improve", "vehicle_from_log",

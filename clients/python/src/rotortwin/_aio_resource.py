@@ -71,7 +71,7 @@ class AsyncResource(Generic[J]):
                     await answer.aclose()
             except httpx.TransportError as error:
                 pause = follow.broke(error)
-            # A stream that ends without `ended` and without news: the server is ending, or there will be no more.
+            # A stream that ends without `ended` and without events: the server is shutting down, or there will be no more.
             else:
                 if answer.status_code == 200 and not follow.news and (await self.get(id)).ended:
                     return

@@ -32,9 +32,9 @@ from .errors import CampaignFailed
 if TYPE_CHECKING:
     import pyarrow
 
-#: Tasks that are handed to an executor before the first has ended, at most.
+#: Most tasks submitted to an executor before the first has ended.
 _AHEAD = 1000
-#: Variable that names the program, before it is looked for.
+#: Environment variable with the path of the program; takes precedence over the search.
 _PROGRAM = "ROTORTWIN_PROGRAM"
 
 
@@ -96,13 +96,13 @@ def _flown(
                 folder.take(shards)
                 if progress is not None:
                     progress(folder.present, plan["shards"])
-    # Flies what is missing, which is nothing unless all of it is flown here, looks at every shard, and makes the results of them.
+    # Flies the missing shards, which are none unless everything is flown here, checks every shard, and writes the results.
     _say(program, ["campaign", os.fspath(campaign), "--out", str(out), "--json"])
     return pyarrow.parquet.read_table(out / "campaign.parquet")
 
 
 class _Folder:
-    """The folder of a campaign, which this process works on alone: as crates/campaign/src/study/folder.rs has it."""
+    """The folder of a campaign, locked by this process: as in crates/campaign/src/study/folder.rs."""
 
     def __init__(self, path: Path, plan: Mapping[str, Any]) -> None:
         self._path = path
@@ -131,7 +131,7 @@ class _Folder:
         return self
 
     def __exit__(self, *_error: object) -> None:
-        # By word: processes of an executor that were forked meanwhile hold the file open, too.
+        # Explicitly: processes of an executor that were forked meanwhile hold the file open, too.
         fcntl.flock(self._lock, fcntl.LOCK_UN)
         self._lock.close()
 
@@ -139,7 +139,7 @@ class _Folder:
         return self._path / "shards" / f"{number:06}.parquet"
 
     def missing(self, most: int) -> list[tuple[int, int]]:
-        """Ranges of shards that are not there, each of at most so many."""
+        """Ranges of missing shards, each of at most this length."""
         ranges: list[tuple[int, int]] = []
         for number in range(self._count):
             if self._shard(number).exists():
@@ -151,7 +151,7 @@ class _Folder:
         return ranges
 
     def take(self, shards: Mapping[str, bytes]) -> None:
-        """What a task gave."""
+        """The result of a task."""
         if json.loads(shards["campaign.json"]) != json.loads(self._manifest):
             raise CampaignFailed(
                 "a task flew with another version of rotortwin, or other vehicles, than are here; expected the same package on every node"
@@ -163,7 +163,7 @@ class _Folder:
 
 
 class _Task:
-    """Flies shards, wherever it runs; pickled with the files of its campaign."""
+    """Flies shards on any machine; pickled with the files of its campaign."""
 
     def __init__(self, program: str | None, threads: int, campaign: str, files: Mapping[str, bytes]) -> None:
         self._program = program
@@ -189,11 +189,11 @@ class _Task:
 
 
 def _below(root: Path, name: str) -> Path:
-    """Where a file of another machine is laid out: files that name each other do so relative to where they are."""
+    """Where a file of another machine is placed: files that name each other do so relative to where they are."""
     return root / os.path.normpath(name).lstrip("/")
 
 
-#: Gives what the tasks gave, in the order in which they end.
+#: Yields the tasks' results in order of completion.
 _Submitter = Callable[[_Task, list[tuple[int, int]]], Iterator[Mapping[str, bytes]]]
 
 
@@ -237,7 +237,7 @@ def _by_ray(
         raise CampaignFailed("executor='ray' needs Ray: pip install ray") from error
     if not ray.is_initialized():
         ray.init()
-    # Deaths of nodes and processes are Ray's to mend; what the program itself refuses is refused everywhere.
+    # Ray recovers from deaths of nodes and processes; what the program itself refuses is refused everywhere.
     fly = ray.remote(num_cpus=threads, max_retries=retries, resources=dict(resources or {}))(_fly)
     shared = ray.put(task)
     waiting, running = iter(ranges), []
@@ -284,13 +284,13 @@ def _program(named: str | None) -> str:
 
 
 def _say(program: str | None, words: list[str], **environment: str) -> str:
-    """What a command says; it ends when this process does."""
+    """The output of a command; it is killed when this process ends."""
     command = [_program(program), "--end-with-stdin", *words]
     try:
         with subprocess.Popen(
             command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=os.environ | environment
         ) as process:
-            # The standard input stays open: the program takes its closing for our death.
+            # The standard input stays open: the program takes its closing for the death of this process.
             assert process.stdout is not None and process.stderr is not None
             with concurrent.futures.ThreadPoolExecutor(1) as reader:
                 complaints = reader.submit(process.stderr.read)

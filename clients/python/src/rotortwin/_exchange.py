@@ -1,4 +1,4 @@
-"""Requests with patience, without input and output of their own.
+"""Requests with retries, independent of I/O.
 
 An operation is a generator: it yields what is to be done (`Send`, `Sleep`), is resumed with the answer, and returns its result.
 `drive` does that with threads, `drive_async` with asyncio, so that every operation is written once.
@@ -25,9 +25,9 @@ from .errors import ConnectionLost, problem_of
 
 T = TypeVar("T")
 
-#: Answers that mean "not now".
+#: Statuses that mean "try again later".
 _AGAIN = (429, 502, 503, 504)
-#: A pause that the server asks for is not kept longer.
+#: Upper bound of the retry delay that the server requests.
 _LONGEST_PAUSE_S = 60.0
 
 
@@ -45,20 +45,20 @@ class Sleep:
     seconds: float
 
 
-#: What is to be done, what comes back, the result.
+#: What it sends and waits for, what it receives, its result.
 Operation = Generator[Union[Send, Sleep], httpx.Response, T]
 
 
 @dataclass
 class Backoff:
-    """Pauses between tries: 0.1 s, doubling up to 5 s, each shortened at random by up to a half; until `patience_s` have passed."""
+    """Pauses between attempts: 0.1 s, doubling up to 5 s, each shortened at random by up to a half; until `patience_s` have passed."""
 
     patience_s: float
     tries: int = 0
     began: float = field(default_factory=time.monotonic)
 
     def pause(self, asked_s: float | None = None) -> float | None:
-        """Seconds until the next try; None: the patience is at its end."""
+        """Seconds until the next attempt; None: out of patience."""
         pause = min(5.0, 0.1 * 2.0 ** min(self.tries, 10)) * random.uniform(0.5, 1.0)
         if asked_s is not None:
             pause = min(max(asked_s, pause), _LONGEST_PAUSE_S)
@@ -67,7 +67,7 @@ class Backoff:
 
 
 def retry_after_s(answer: httpx.Response) -> float | None:
-    """What `Retry-After` asks for: seconds, or a date."""
+    """The delay in `Retry-After`: seconds, or a date."""
     text = answer.headers.get("retry-after", "").strip()
     if text.isdigit():
         return float(text)
@@ -81,7 +81,7 @@ def retry_after_s(answer: httpx.Response) -> float | None:
 
 @dataclass(frozen=True)
 class Settings:
-    """Where the server is, and how patient to be."""
+    """Address of the server, and how long to retry."""
 
     url: str
     token: str | None
@@ -90,14 +90,14 @@ class Settings:
     timeout_s: float
 
     def headers(self) -> dict[str, str]:
-        """Of every request."""
+        """Headers of every request."""
         headers = {"user-agent": "rotortwin-python/0.1.0"}
         if self.token is not None:
             headers["authorization"] = f"Bearer {self.token}"
         return headers
 
     def verify(self) -> ssl.SSLContext | bool:
-        """Whom to trust."""
+        """Certificates to trust."""
         return ssl.create_default_context(cafile=self.ca) if self.ca is not None else True
 
     def request(
@@ -126,7 +126,7 @@ class Settings:
         )
 
     def call(self, method: str, path: str, *, ok_when_repeated: tuple[int, ...] = (), **more: Any) -> Operation[httpx.Response]:
-        """One request with patience; refusals are raised.
+        """One request with retries; refusals are raised.
 
         `ok_when_repeated`: refusals that, on a second try, say that the first one did its work although its answer was lost.
         """
@@ -150,7 +150,7 @@ class Settings:
 
 
 def lost(request: httpx.Request, error: Exception, backoff: Backoff) -> ConnectionLost:
-    """The sentence after the last try."""
+    """The error message after the last attempt."""
     words = str(error) or type(error).__name__
     seconds = time.monotonic() - backoff.began
     return ConnectionLost(
@@ -160,7 +160,7 @@ def lost(request: httpx.Request, error: Exception, backoff: Backoff) -> Connecti
 
 
 def drive(client: httpx.Client, operation: Operation[T]) -> T:
-    """Does an operation with a blocking client."""
+    """Runs an operation with a blocking client."""
     try:
         step = next(operation)
         while True:
@@ -179,7 +179,7 @@ def drive(client: httpx.Client, operation: Operation[T]) -> T:
 
 
 async def drive_async(client: httpx.AsyncClient, operation: Operation[T]) -> T:
-    """Does an operation with asyncio."""
+    """Runs an operation with asyncio."""
     try:
         step = next(operation)
         while True:

@@ -1,4 +1,4 @@
-"""The native module, or one sentence where this install has none."""
+"""The native module, or one sentence if this installation lacks it."""
 
 from types import ModuleType
 

@@ -1,4 +1,4 @@
-"""What can be asked of models that grow, once for both clients."""
+"""Requests on models that grow, shared by both clients."""
 
 from __future__ import annotations
 
@@ -10,18 +10,18 @@ from ._stream import in_path
 from .errors import problem_of
 from .models import Json
 
-#: The branch where none is named.
+#: The default branch.
 MAIN = "main"
 
 
 class ModelOperations:
-    """The verbs of `/api/v1/models/NAME`."""
+    """The operations of `/api/v1/models/NAME`."""
 
     def __init__(self, settings: Settings) -> None:
         self.settings = settings
 
     def create(self, name: str, model: Mapping[str, Any]) -> Operation[Json]:
-        # Made by the try whose answer was lost.
+        # Created by the attempt whose answer was lost.
         body = {"name": name, "model": dict(model)}
         answer = yield from self.settings.call("POST", "/api/v1/models", json=body, ok_when_repeated=(409,))
         if answer.status_code == 409:
@@ -59,17 +59,17 @@ class ModelOperations:
         return dict(answer.json())
 
     def _once(self, name: str, branch: str, seen: str | None, path: str, body: Json) -> Operation[Json]:
-        """A change that a second try cannot make twice: it says which version the branch was seen at."""
+        """A change that a retry cannot make twice: it names the version at which the branch was seen."""
         before = yield from self.history(name)
         if seen is None:
             heads = {head["name"]: head["hash"] for head in before["branches"]}
-            # One that is not there is refused by the server, in its words.
+            # A missing one is refused by the server, in its words.
             seen = heads.get(branch)
         headers = {} if seen is None else {"if-match": f'"{seen}"'}
         answer = yield from self.settings.call("POST", path, json=body, headers=headers, ok_when_repeated=(412,))
         if answer.status_code != 412:
             return dict(answer.json())
-        # The first try did it and its answer was lost, or somebody else was between the two.
+        # The first attempt succeeded and its answer was lost, or another client wrote in between.
         head = yield from self.version(name, branch)
         numbers = {version["hash"]: version["version"] for version in before["versions"]}
         left = numbers.get(seen or "")

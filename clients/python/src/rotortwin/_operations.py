@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 J = TypeVar("J", bound=Union[Run, Job])
 T = TypeVar("T")
 
-#: Told of every event of a job that is waited for; True draws a bar on standard error.
+#: Receives every event of a job that is waited for; True draws a bar on standard error.
 Progress = Union[bool, Callable[[Event], None]]
 
 
@@ -45,7 +45,7 @@ class JobOperations(Generic[J]):
     def __init__(self, settings: Settings, kind: str, parse: Callable[[object], J]) -> None:
         self.settings = settings
         self.root = f"/api/v1/{kind}"
-        #: One of it, in words.
+        #: Its singular, in words.
         self.noun = _noun(kind)
         self.parse = parse
 
@@ -68,13 +68,13 @@ class JobOperations(Generic[J]):
         return [self.parse(item) for item in body["items"]], body.get("next")
 
     def flight(self, id: str) -> Operation[Json]:
-        # Read anew by a process of the server's.
+        # Read again by a process of the server.
         answer = yield from self.settings.call("GET", self.path(id, "flight"), timeout_s=max(130.0, self.settings.timeout_s))
         picture: Json = answer.json()
         return picture
 
     def cancel(self, id: str) -> Operation[J]:
-        # Ended between two tries: what was wanted.
+        # Ended between two attempts, as intended.
         answer = yield from self.settings.call("POST", self.path(id, "cancel"), ok_when_repeated=(409,))
         if answer.status_code == 409:
             return (yield from self.get(id))
@@ -107,7 +107,7 @@ def query_files(
 ) -> Operation[QueryAnswer]:
     """SQL over files of jobs, answered by the server."""
     body = {"sql": sql, "runs": list(runs), "campaigns": list(campaigns), "blind_benches": list(blind_benches), "rows": rows}
-    # 30 s in the server unless its operator allows more, and as long until it is its turn.
+    # 30 s in the server unless its operator allows more, and as long in its queue.
     answer = yield from settings.call("POST", "/api/v1/queries", json=body, timeout_s=max(90.0, settings.timeout_s))
     return read(QueryAnswer, answer.json())
 
@@ -124,7 +124,7 @@ class CampaignOperations(JobOperations[Job]):
         return [campaign_flight(item) for item in body["items"]], body.get("next")
 
     def fly(self, id: str, flight: int) -> Operation[Run]:
-        # The address says which: asked twice, it is the same run.
+        # The address identifies the run: a repeated request gives the same one.
         answer = yield from self.settings.call("POST", self.path(id, "flights", str(flight), "run"))
         return read(Run, answer.json())
 
@@ -178,7 +178,7 @@ class RunOperations(JobOperations[Run]):
         return (yield from self.submit(body, key, self.path(id, "fork")))
 
     def verify(self, id: str) -> Operation[Verification]:
-        # As long as the flight takes in one process, and its time in the queue; tried again, it waits for the same job.
+        # As long as the flight takes in one process, plus its time in the queue; a retry waits for the same job.
         headers = {"idempotency-key": new_key()}
         answer = yield from self.settings.call("POST", self.path(id, "verify"), headers=headers, timeout_s=610.0)
         return read(Verification, answer.json())
@@ -306,7 +306,7 @@ def _bench_vehicle(vehicle: str | Path) -> Json:
         return {"vehicle": vehicle}
     text = vehicle.read_text(encoding="utf-8")
     body: Json = {"vehicle": vehicle.stem, "text": text}
-    # Python 3.10 has no reader of TOML: the one key that is looked for stands in a line of its own.
+    # Python 3.10 has no TOML parser: the only key needed is on a line of its own.
     named = re.search(r"""^\s*blades\s*=\s*(["'])(.+?)\1""", text, re.MULTILINE)
     if named:
         body["blades"] = (vehicle.parent / named[2]).read_text(encoding="utf-8")

@@ -35,7 +35,7 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     import pyarrow
 
-#: What DuckDB may take where nothing else is said; what does not fit goes to a temporary folder.
+#: DuckDB's default memory limit; what does not fit goes to a temporary folder.
 MEMORY = "512MB"
 
 #: A folder, an address `s3://BUCKET/PREFIX`, several of them, or several by the name that their rows have in the column `folder`.
@@ -43,11 +43,11 @@ Sources = str | PathLike[str] | Sequence[str | PathLike[str]] | Mapping[str, str
 
 #: Exit code of `main`: this Python has no DuckDB, or one that is too old.
 NO_DUCKDB = 4
-#: The first DuckDB with a list of the files that it may read.
+#: The first DuckDB with a list of files that it may read.
 _OLDEST = (1, 2)
-#: Where an object store does not answer, s.
+#: Time-out for an object store, s.
 _PATIENCE_S = 20.0
-#: Rows that are taken from DuckDB at once.
+#: Rows fetched from DuckDB at once.
 _BATCH = 256
 
 
@@ -78,7 +78,7 @@ async def query_async(sql: str, folder: Sources = ".", *, memory: str = MEMORY) 
 
 def _configure(connection: Any, memory: str, threads: int | None, spill: str, most_spill: str | None = None) -> None:
     settings: dict[str, Any] = {"memory_limit": memory, "temp_directory": spill}
-    # What is slow would draw a bar into the output of whoever asks.
+    # A slow query would draw a progress bar into the caller's output.
     settings |= {"preserve_insertion_order": False, "enable_progress_bar": False}
     if most_spill is not None:
         settings["max_temp_directory_size"] = most_spill
@@ -170,7 +170,7 @@ def _selects_of_bucket(connection: Any, label: str, address: str) -> dict[str, l
             folders[table, folder.removeprefix(root).strip("/")].append(entry.path)
     selects: dict[str, list[str]] = defaultdict(list)
     for (table, folder), files in folders.items():
-        # A view knows what is registered by its name only.
+        # A view refers to registered data by name only.
         name = f"files {len(selects)} of {address} {folder} {table}".replace('"', "'")
         connection.register(name, dataset.dataset(files, filesystem=store, format="parquet"))
         shown = "/".join(part for part in (label, folder) if part)
@@ -225,7 +225,7 @@ def _has_duckdb() -> bool:
 
 def _end_with_stdin(spill: str) -> None:
     sys.stdin.read()
-    # Whoever made the folder may have been killed.
+    # The process that created the folder may have been killed.
     shutil.rmtree(spill, ignore_errors=True)
     os._exit(1)
 
@@ -239,7 +239,7 @@ def _answer(request: Mapping[str, Any]) -> None:
         try:
             files = _add_tables(connection, request["sources"])
             _lock(connection, files)
-            # Behind the lock: to read some statements (IMPORT DATABASE) is to read files.
+            # After the lock: reading some statements (IMPORT DATABASE) reads files.
             _check_is_a_question(connection, sql)
             cursor = connection.execute(sql)
             names = _told_apart([column[0] for column in cursor.description])
@@ -247,7 +247,7 @@ def _answer(request: Mapping[str, Any]) -> None:
             print(json.dumps({"columns": [{"name": name, "type": kind} for name, kind in zip(names, kinds, strict=True)]}))
             _print_rows(cursor, request["rows"], request["bytes"])
         except duckdb.Error as error:
-            # The first line says what, those after it may repeat the statement.
+            # The first line is the message; those after it may repeat the statement.
             lines = [line.strip() for line in str(error).splitlines() if line.strip()]
             raise _Refusal(f"the SQL cannot be answered: {' '.join(lines[:2])[:1000]}") from error
 
@@ -260,7 +260,7 @@ def _check_is_a_question(connection: Any, sql: str) -> None:
     except duckdb.Error as error:
         lines = [line.strip() for line in str(error).splitlines() if line.strip()]
         raise _Refusal(f"not SQL: {' '.join(lines[:2])[:1000]}") from error
-    # It writes nothing, and there is no second statement behind the first.
+    # It writes nothing, and no second statement follows.
     if len(statements) != 1 or statements[0].type != duckdb.StatementType.SELECT:
         kinds = ", ".join(statement.type.name for statement in statements) or "nothing"
         raise _Refusal(f"expected one SELECT (or FROM, WITH, DESCRIBE, SUMMARIZE), got {kinds}")

@@ -1,4 +1,4 @@
-"""Answers that come in pieces: events without gaps, files that go on where they stopped.
+"""Streamed answers: events without gaps, resumable files.
 
 `Follow` and `Download` hold the state over connections and decide; the clients only move bytes.
 """
@@ -18,7 +18,7 @@ from ._exchange import _AGAIN, Backoff, Settings, lost, retry_after_s
 from .errors import UnexpectedAnswer, problem_of
 from .models import Event
 
-#: The server says something every 15 s: after this long without a word the connection is dead.
+#: The server sends something every 15 s: after this long a silent connection is dead.
 _SILENCE_S = 40.0
 
 
@@ -32,7 +32,7 @@ class SseParser:
         self._data: list[str] = []
 
     def feed(self, chunk: bytes) -> Iterator[tuple[str, str, str]]:
-        """(id, kind, data) of every event that is whole."""
+        """(id, kind, data) of every complete event."""
         text = self._rest + chunk
         # A CR at the very end may be half of a CRLF.
         held = text[-1:] == b"\r"
@@ -61,23 +61,23 @@ class Follow:
         self._settings = settings
         self._path = path
         self.last = after
-        #: The last event has come.
+        #: The last event has arrived.
         self.over = False
-        #: The present connection has brought something.
+        #: The current connection has delivered something.
         self.news = False
         self._parser = SseParser()
         self._backoff = Backoff(settings.patience_s)
         self._request = self.request()
 
     def request(self) -> httpx.Request:
-        """For the next connection: goes on after the last event that was seen."""
+        """For the next connection: resumes after the last event that was seen."""
         self._parser, self.news = SseParser(), False
         headers = {"accept": "text/event-stream", "last-event-id": str(self.last)}
         self._request = self._settings.request("GET", self._path, headers=headers, timeout_s=_SILENCE_S)
         return self._request
 
     def feed(self, chunk: bytes) -> Iterator[Event]:
-        """Events that are new. A gap cannot be: it ends the connection, and the next one asks again."""
+        """New events. A gap ends the connection, and the next one requests the events again."""
         for number, kind, text in self._parser.feed(chunk):
             try:
                 seq, data = int(number), json.loads(text)
@@ -92,14 +92,14 @@ class Follow:
             yield Event(seq, kind, data if isinstance(data, dict) else {"value": data})
 
     def refused(self, answer: httpx.Response) -> float:
-        """The pause after an answer that is no stream; raises what will not get better. The answer must have been read."""
+        """The pause after an answer that is not a stream; raises permanent errors. The answer must have been read."""
         pause = self._backoff.pause(retry_after_s(answer)) if answer.status_code in _AGAIN else None
         if pause is None:
             raise problem_of(answer)
         return pause
 
     def broke(self, error: Exception) -> float:
-        """The pause after a connection that could not be made, or broke."""
+        """The pause after a connection that failed or broke."""
         pause = self._backoff.pause()
         if pause is None:
             raise lost(self._request, error, self._backoff) from error
@@ -107,7 +107,7 @@ class Follow:
 
 
 class Download:
-    """One file over as many connections as it takes; also goes on with what an earlier call has left."""
+    """One file over as many connections as it takes; also continues what an earlier call has left."""
 
     def __init__(self, settings: Settings, path: str, target: Path) -> None:
         self._settings = settings
@@ -133,7 +133,7 @@ class Download:
         return self._part.stat().st_size if self._part.exists() and self._tag.exists() else 0
 
     def begin(self, answer: httpx.Response) -> bool:
-        """Takes the head of an answer; False: it does not continue what is there, begin anew."""
+        """Processes the head of an answer; False: it does not continue the existing part, start again."""
         tag, have = answer.headers.get("etag", ""), self._have()
         if answer.status_code == 206:
             span, _, total = answer.headers.get("content-range", "").removeprefix("bytes ").partition("/")
@@ -150,19 +150,19 @@ class Download:
         return True
 
     def write(self, chunk: bytes) -> None:
-        """Takes a piece."""
+        """Appends a piece."""
         assert self._file is not None
         self._file.write(chunk)
         self._backoff = Backoff(self._settings.patience_s)
 
     def close(self) -> None:
-        """The connection is over."""
+        """The connection has ended."""
         if self._file is not None:
             self._file.close()
             self._file = None
 
     def complete(self) -> bool:
-        """The file is whole, and in its place now."""
+        """The file is complete: moves it into place."""
         self.close()
         if self._expected is not None and self._part.stat().st_size != self._expected:
             return False
@@ -171,14 +171,14 @@ class Download:
         return True
 
     def discard(self) -> None:
-        """Forgets what is there."""
+        """Discards the existing part."""
         self._part.unlink(missing_ok=True)
         self._tag.unlink(missing_ok=True)
 
     def refused(self, answer: httpx.Response) -> float:
-        """The pause after a refusal; raises what will not get better. The answer must have been read."""
+        """The pause after a refusal; raises permanent errors. The answer must have been read."""
         if answer.status_code == 416 and self._have() > 0:
-            # What is there is as long as the file, or longer: not worth finding out which.
+            # The existing part is as long as the file, or longer: not worth finding out which.
             self.discard()
             return 0.0
         pause = self._backoff.pause(retry_after_s(answer)) if answer.status_code in _AGAIN else None
@@ -187,7 +187,7 @@ class Download:
         return pause
 
     def broke(self, error: Exception) -> float:
-        """The pause after a connection that could not be made, or broke."""
+        """The pause after a connection that failed or broke."""
         pause = self._backoff.pause()
         if pause is None:
             raise lost(self._request, error, self._backoff) from error
@@ -200,7 +200,7 @@ def in_path(text: str) -> str:
 
 
 def local_path(folder: Path, name: str) -> Path:
-    """Where a file of a job goes; a server cannot make it lie outside of the folder."""
+    """Path for a file of a job; a server cannot place it outside the folder."""
     path = folder.joinpath(*name.split("/"))
     if not path.resolve().is_relative_to(folder.resolve()):
         raise UnexpectedAnswer(f"the server names a file '{name}' that would lie outside of {folder}")

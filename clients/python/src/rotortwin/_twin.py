@@ -16,7 +16,7 @@ from .models import FdiAnswer, FdiState, Job, Json, Sample, read
 if TYPE_CHECKING:
     import pandas
 
-#: Samples of a chunk; the server takes up to 4000.
+#: Samples per chunk; the server accepts up to 4000.
 CHUNK = 2000
 
 
@@ -40,7 +40,7 @@ class LogOperations(JobOperations[Job]):
             name, content = name or Path(log).name, Path(log).read_bytes()
         params = {"name": name, **query}
         if key is None:
-            # The same file, read in the same way, is one log.
+            # The same file, imported with the same settings, is one log.
             words = json.dumps(params, sort_keys=True).encode()
             key = f"log-{hashlib.sha256(words + content).hexdigest()}"
         headers = {"idempotency-key": key, "content-type": "application/octet-stream"}
@@ -90,7 +90,7 @@ class FdiOperations:
         params = {"first_step": first_step, "after_gap": "true" if after_gap else "false"}
         kind = "text/csv" if isinstance(samples, str) else "application/json"
         content = samples if isinstance(samples, str) else json.dumps(list(samples))
-        # A chunk that was taken although its answer was lost gets the same answer.
+        # A chunk that was accepted although its answer was lost gets the same answer.
         answer = yield from self.settings.call(
             "POST", f"{self.root}/{in_path(id)}/measurements", params=params, content=content.encode(), headers={"content-type": kind}
         )

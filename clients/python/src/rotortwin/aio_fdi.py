@@ -23,9 +23,9 @@ class AsyncFdiSession:
         self._transport = transport
         self._operations = operations
         self.id = state.id
-        #: As it was when it was opened.
+        #: State when it was opened.
         self.opened = state
-        #: Step that the next chunk begins with.
+        #: First step of the next chunk.
         self.next_step = state.next_step
 
     async def feed(self, samples: Sequence[Sample] | str, *, lost: int = 0) -> FdiAnswer:

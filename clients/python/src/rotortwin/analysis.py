@@ -28,7 +28,7 @@ from ._here import native
 
 _native = native()
 
-#: A path, a table, or a table with the name that answers call it by.
+#: A path, a table, or a table with the name used for it in answers.
 Log = Any
 
 
@@ -60,7 +60,7 @@ def _log(log: Log, number: int) -> Any:
 
 
 def _names(table: Any) -> Sequence[str]:
-    # Arrow's `columns` are the columns, not their names.
+    # Arrow's `columns` holds the columns, not their names.
     names = getattr(table, "column_names", None)
     names = getattr(table, "columns", None) if names is None else names
     if names is None:
@@ -109,7 +109,7 @@ class Improved:
     """What `improve` gives."""
 
     result: Result
-    #: The last version as a file that `--model` takes.
+    #: The last version as a file for `--model`.
     model_toml: str
 
     @property
@@ -207,7 +207,7 @@ class IdentifiedVehicle:
 
     result: Result
     name: str
-    #: Texts of NAME.toml, NAME.blades.toml, NAME.intervals.toml.
+    #: Contents of NAME.toml, NAME.blades.toml, NAME.intervals.toml.
     files: tuple[str, str, str]
 
     def write(self, folder: str | PathLike[str] = ".") -> Path:

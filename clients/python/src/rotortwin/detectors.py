@@ -1,4 +1,4 @@
-"""A detector of one's own beside ours: the same flights, the same score.
+"""Custom detectors compared with ours: the same flights, the same score.
 
     import numpy as np
     from rotortwin import detectors
@@ -36,17 +36,17 @@ from .simulation import STEP_S, InputError, Settings, Simulation
 if TYPE_CHECKING:
     import pandas
 
-#: Verdict codes beside the rotors from 1: as in `telemetry.parquet`.
+#: Verdict codes other than rotors, which count from 1: as in `telemetry.parquet`.
 HEALTHY, UNKNOWN, NOT_READY, AMBIGUOUS = 0, -1, -2, -3
 
 #: Steps of a window.
 WINDOW = 25
 #: Length of a window, s.
 WINDOW_S = WINDOW * STEP_S
-#: The flight up to here is for calibration, s.
+#: The flight up to this time is for calibration, s.
 CALIBRATED_S = 10.0
 
-#: What a detector gets, by the beginning of the column's name; the residuals are those of our observers (Eq. 32 of the paper).
+#: A detector's inputs, by prefix of the column's name; the residuals are those of our observers (Eq. 32 of the paper).
 MEASURED = (
     "time_s", "position_", "velocity_", "roll_rad", "pitch_rad", "yaw_rad", "roll_rate_rad_s", "pitch_rate_rad_s", "yaw_rate_rad_s",
     "duty_", "battery_voltage_v", "residual_", "wrench_residual_",
@@ -58,22 +58,22 @@ _OURS = {"our T-test": "verdict_t_test", "our network": "verdict_network", "our 
 class Case:
     """A flight of a protocol. Without a rotor it is healthy."""
 
-    #: Rows of the score are by label.
+    #: Rows of the score are grouped by label.
     label: str
     scenario: str | PathLike[str]
     seed: int
     rotor: int | None = None
-    #: When the fault sets in, s.
+    #: Onset of the fault, s.
     onset_s: float = nan
     set: Settings = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
 class Flight:
-    """What a detector sees of a flight."""
+    """A detector's view of a flight."""
 
     columns: dict[str, NDArray[Any]]
-    #: Of the vehicle.
+    #: Number of rotors of the vehicle.
     rotor_count: int
 
     def __getitem__(self, column: str) -> NDArray[Any]:
@@ -96,22 +96,22 @@ class Flight:
 
 @dataclass(frozen=True)
 class LabelledFlight:
-    """A flight to learn from."""
+    """A training flight."""
 
     flight: Flight
     case: Case
-    #: What is right in each window: 0, or the damaged rotor.
+    #: The right verdict in each window: 0, or the damaged rotor.
     truth: NDArray[np.int64]
 
 
 class Detector(ABC):
-    """Judges flights. One that goes from step to step is a `StepDetector`."""
+    """Judges flights. For one that works step by step use `StepDetector`."""
 
-    #: In tables.
+    #: Name in tables.
     name = "own"
 
     def learn(self, flights: Sequence[LabelledFlight]) -> None:  # noqa: B027 - not everybody learns
-        """Called once before the score if there are flights to learn from; they are none of those that are scored."""
+        """Called once before the score if there are training flights, none of which are scored."""
 
     @abstractmethod
     def judge(self, flight: Flight) -> ArrayLike:
@@ -140,7 +140,7 @@ class StepDetector(Detector):
 class EvidenceDetector(Detector):
     """Says how much speaks for each rotor, and names one beyond a threshold. `curve` sweeps that."""
 
-    #: Evidence from which on a rotor is named.
+    #: Evidence above which a rotor is named.
     threshold: float
     #: The verdict is `AMBIGUOUS` while the second has more than this share of the first's evidence; None: never.
     rivalry: float | None = None
@@ -213,7 +213,7 @@ def _fly(case: Case) -> _Flown:
     truth = np.zeros(flight.window_count, dtype=np.int64)
     if case.rotor is not None:
         truth[flight.window_end_s > case.onset_s + 1e-9] = case.rotor
-    # A verdict stands at the last step of its window and until the next one ends.
+    # A verdict holds from the last step of its window until the next one ends.
     ours = {name: kept[column][WINDOW - 1 :: WINDOW] for name, column in _OURS.items()}
     return _Flown(LabelledFlight(flight, case, truth), ours)
 
@@ -242,12 +242,12 @@ class Row:
     settled_s: float
     #: Flights in which a healthy rotor was named.
     wrong_rotor: int
-    #: Begins of an alarm while everything was healthy, and the healthy time that was scored, h.
+    #: Alarms raised while everything was healthy, and the healthy time that was scored, h.
     false_alarms: int
     healthy_h: float
-    #: Computing time of a step, µs; 0 for ours, which fly along.
+    #: Computing time per step, µs; 0 for ours, which run during the flight.
     cost_us: float
-    #: Flights with a fault, of which `found` are.
+    #: Flights with a fault; in `found` of them it was named right.
     faults: int
 
     @property
@@ -474,7 +474,7 @@ def _spread(flown: Sequence[_Flown], found: Sequence[NDArray[np.float64]], point
     largest = [evidence[each.labelled.flight.window_end_s > CALIBRATED_S].max(axis=1) for each, evidence in zip(flown, found, strict=True)]
     peaks = np.array([each.max() for each in largest])
     windows = np.concatenate(largest)
-    # Half of them where windows begin to be quiet, half where whole flights do.
+    # Half of them at quantiles of windows, half at quantiles of whole flights.
     half = max(points // 2, 1)
     low = np.quantile(windows, np.linspace(0.5, 1.0, half, endpoint=False))
     high = np.quantile(peaks, np.linspace(0.0, 1.0, points - half))

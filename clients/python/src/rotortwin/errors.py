@@ -1,4 +1,4 @@
-"""What can go wrong, each with one sentence: what, where, what was expected."""
+"""Errors, each with one sentence: what, where, what was expected."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ class RotortwinError(Exception):
 
 
 class ConnectionLost(RotortwinError):
-    """The server did not answer for as long as the client was told to be patient."""
+    """The server did not answer within the client's patience."""
 
 
 class UnexpectedAnswer(RotortwinError):
@@ -18,7 +18,7 @@ class UnexpectedAnswer(RotortwinError):
 
 
 class JobFailed(RotortwinError):
-    """A job that was waited for ended otherwise than as done."""
+    """A job that was waited for ended as failed or canceled."""
 
     def __init__(self, sentence: str, status: str) -> None:
         super().__init__(sentence)
@@ -37,7 +37,7 @@ class Problem(RotortwinError):
         super().__init__(detail)
         #: HTTP status.
         self.status = status
-        #: A name that programs can rely on, such as `/problems/not-found`.
+        #: A stable name for programs, such as `/problems/not-found`.
         self.kind = kind
         #: The kind in words.
         self.title = title
@@ -45,7 +45,7 @@ class Problem(RotortwinError):
         self.detail = detail
         #: `x-request-id`: names this request in the server's log.
         self.request_id = request_id
-        #: All that is wrong with a document, the one of `detail` first.
+        #: All errors in a document, that of `detail` first.
         self.complaints: list[str] = []
 
 
@@ -54,7 +54,7 @@ class BadRequest(Problem):
 
 
 class Unauthorized(Problem):
-    """401, 403: no token, or one that may not do this."""
+    """401, 403: no token, or one without permission."""
 
 
 class NotFound(Problem):
@@ -62,15 +62,15 @@ class NotFound(Problem):
 
 
 class Conflict(Problem):
-    """409, 412: it contradicts what is there."""
+    """409, 412: it conflicts with the current state."""
 
 
 class Unprocessable(Problem):
-    """422: it can be read, and cannot be done."""
+    """422: it is readable, but cannot be done."""
 
 
 class Unavailable(Problem):
-    """429, 503: not now, and not until the client's patience had run out."""
+    """429, 503: not now, and not within the client's patience."""
 
 
 class DiskFull(Problem):
@@ -96,7 +96,7 @@ _CLASSES: dict[int, type[Problem]] = {
 
 
 def problem_of(answer: httpx.Response) -> RotortwinError:
-    """The error that an answer of status 400 or more stands for. Its body must have been read."""
+    """The error for an answer of status 400 or more, whose body must have been read."""
     where = f"{answer.request.method} {answer.request.url}"
     complaints: list[str] = []
     try:

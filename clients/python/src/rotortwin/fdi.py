@@ -25,9 +25,9 @@ class FdiSession:
         self._transport = transport
         self._operations = operations
         self.id = state.id
-        #: As it was when it was opened.
+        #: State when it was opened.
         self.opened = state
-        #: Step that the next chunk begins with.
+        #: First step of the next chunk.
         self.next_step = state.next_step
 
     def feed(self, samples: Sequence[Sample] | str, *, lost: int = 0) -> FdiAnswer:

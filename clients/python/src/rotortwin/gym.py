@@ -36,13 +36,13 @@ from .simulation import STEP_S, FlightError, Scenario, Simulation, SimulationBat
 
 #: Steps of 2.5 ms for which an action is held.
 STEPS_OF_AN_ACTION = 4
-#: Duty beyond that of hover for an action of 1.
+#: Duty above that of hover for an action of 1.
 REACH = 0.4
 #: Distance at which an episode ends, m.
 FAR_M = 5.0
 #: Tilt at which an episode ends, rad.
 TILTED_RAD = 1.22
-#: Numbers of an observation before the last action.
+#: Length of an observation without the last action.
 _SENSED = 13
 
 Settings = dict[str, Any]
@@ -69,13 +69,13 @@ def _little_charge(random: np.random.Generator) -> Settings:
 
 @dataclass(frozen=True)
 class Task:
-    """What is flown, and what is drawn anew for each episode."""
+    """The scenario, and what is drawn for each episode."""
 
     scenario: str
     draw: Callable[[np.random.Generator], Settings] = _as_it_is
 
 
-#: By the word that the environments take; a task of one's own may be given instead.
+#: By name, as the environments take them; a custom task may be given instead.
 TASKS = {
     "hover": Task("hover"),
     "trajectory": Task("helix-2"),
@@ -93,11 +93,11 @@ def _task(task: str | Task) -> Task:
 
 
 class _Episodes:
-    """What single and vector environments share."""
+    """Common part of single and vector environments."""
 
     def __init__(self, task: str | Task, duration_s: float, set: Settings | None) -> None:
         self.task = _task(task)
-        # Faults of the scenario belong to a flight of its own length.
+        # Faults of the scenario belong to a flight of the scenario's length.
         self.settings = {"duration_s": duration_s, "fault": [], **(set or {})}
         self.plain = Scenario(self.task.scenario, set=self.settings)
 
@@ -185,7 +185,7 @@ class FlightEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
 
 
 class FlightVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], NDArray[Any]]):
-    """Many flights on all cores; an episode that has ended begins anew with the next step."""
+    """Many flights on all cores; an episode that has ended restarts with the next step."""
 
     metadata: dict[str, Any] = {**FlightEnv.metadata, "autoreset_mode": AutoresetMode.NEXT_STEP}
 
@@ -229,7 +229,7 @@ class FlightVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], NDArra
         terminated |= np.asarray([failure is not None for failure in self._batch.failures])
         truncated = self._batch.done & ~terminated
         if len(begun):
-            # The step of an episode that had ended is its reset: the action is not flown.
+            # The step after the end of an episode is its reset: the action is not flown.
             drawn = [self._episodes.draw(self.np_random) for _ in begun]
             self._batch.reset([int(place) for place in begun], [number for _, number in drawn], [scenario for scenario, _ in drawn])
             sensed = self._batch.observation

@@ -82,7 +82,7 @@ class Cusum(EvidenceDetector):
     def __init__(self, threshold: float = 40.0, drift: float = 1.5, largest: float | None = None) -> None:
         self.threshold = threshold
         self.drift = drift
-        #: No sum goes beyond it, so that a rotor that recovers is released; the default is twice the threshold.
+        #: Upper bound of the sums, so that a rotor that recovers is released; twice the threshold by default.
         self.largest = 2.0 * threshold if largest is None else largest
         self._directions: NDArray[np.float64] | None = None
 
@@ -95,14 +95,14 @@ class Cusum(EvidenceDetector):
         sums = np.zeros(along.shape[1])
         for window in np.flatnonzero(flight.window_end_s > CALIBRATED_S):
             sums = np.maximum(sums + along[window] - self.drift, 0.0)
-            # Bounded as a whole, so that its neighbours do not catch up.
+            # Scaled together, so that its neighbours do not catch up.
             sums *= min(1.0, self.largest / max(float(sums.max()), 1e-12))
             found[window] = sums
         return found
 
 
 class _Whitened(EvidenceDetector):
-    """What `Glr` and `Imm` share: the healthy residual as z⁺ = A z + w, A diagonal, w of covariance Σ, learnt from healthy time."""
+    """Common part of `Glr` and `Imm`: the healthy residual as z⁺ = A z + w, A diagonal, w of covariance Σ, learnt from healthy time."""
 
     def __init__(self) -> None:
         self._directions: NDArray[np.float64] | None = None
@@ -151,7 +151,7 @@ class Glr(_Whitened):
         weighed[:first] = 0.0
         answer = 1.0 - np.exp(-self.observer_gain * WINDOW_S * (np.arange(self.horizon) + 0.5))
         step = np.concatenate([[0.0], answer])
-        # Of a step of size 1 in each axis, after the whitening, shape (horizon, 4).
+        # Response to a step of size 1 in each axis, after whitening, shape (horizon, 4).
         shape = step[1:, None] - self._a * step[:-1, None]
         found = np.zeros((flight.window_count, len(d)))
         for age in range(1, self.horizon + 1):
@@ -160,7 +160,7 @@ class Glr(_Whitened):
             information = np.einsum("jia,ab,jib->i", signatures, self._precision, signatures)
             size = np.maximum(along @ d.T, 0.0)
             ratio = 0.5 * size**2 / np.maximum(information, 1e-12)
-            # An onset before the calibration has ended is none.
+            # Onsets before the end of the calibration do not count.
             ratio[: first + age - 1] = 0.0
             found = np.maximum(found, ratio)
         # `size` and `information` are of the oldest onset now: the best of those that leave the horizon is kept and goes on, a rival while it leads.
@@ -232,7 +232,7 @@ class Imm(_Whitened):
         for window in range(flight.window_count):
             calibrated = bool(flight.window_end_s[window] > CALIBRATED_S)
             predicted = weight @ moves if calibrated else weight
-            # Share of a model in what it starts from; the rest comes from healthy, without an answer yet.
+            # Share of a model's own estimate in its mixed initial state; the rest comes from healthy, without a response yet.
             own = np.ones((models, 1))
             if calibrated:
                 own[1:, 0] = weight[1:] * moves.diagonal()[1:] / predicted[1:]
@@ -251,7 +251,7 @@ class Imm(_Whitened):
             step = gain @ inverse
             mean = mean + (step @ surprise[:, :, None])[:, :, 0]
             spread = spread - step @ gain.transpose(0, 2, 1)
-            # Healthy has no answer.
+            # Healthy has no response.
             mean[0, axes] = 0.0
             spread[0, axes, :], spread[0, :, axes] = 0.0, 0.0
             if not calibrated:
@@ -264,7 +264,7 @@ class Imm(_Whitened):
 
 
 class SlidingMode(EvidenceDetector):
-    """Sliding-mode observer (Edwards, Spurgeon & Patton 2000): what it has to inject in order to stay on the residual is the unexplained wrench.
+    """Sliding-mode observer (Edwards, Spurgeon & Patton 2000): the injection that keeps it on the residual is the unexplained wrench.
 
     The residual r of our observer obeys ṙ = δ − h r, δ the unexplained wrench. The copy r̂˙ = −h r̂ + ν with ν = ρ sat((r − r̂)/φ) slides along it, and the
     low-passed ν (`time_s`) is δ. Evidence is ν along the direction of rotor i in units of its spread in the calibration.
@@ -282,7 +282,7 @@ class SlidingMode(EvidenceDetector):
         self._directions: NDArray[np.float64] | None = None
 
     def _injection(self, flight: Flight) -> NDArray[np.float64]:
-        """The low-passed injection at the end of each window in units of its spread in the calibration, shape (windows, 4)."""
+        """The low-passed injection at the end of each window in calibration standard deviations, shape (windows, 4)."""
         r = np.column_stack([flight[axis].astype(np.float64) for axis in AXES])
         time_s = flight["time_s"]
         calm = (time_s > SETTLED_S) & (time_s <= CALIBRATED_S)
@@ -290,7 +290,7 @@ class SlidingMode(EvidenceDetector):
             raise InputError(f"expected a flight longer than {CALIBRATED_S:g} s, the time of the calibration")
         spread = np.maximum(r[calm].std(axis=0), 1e-12)
         r = r / spread
-        # 1/s: beyond what moves a healthy residual, with room for a fault.
+        # 1/s: beyond the variations of a healthy residual, with a margin for a fault.
         reach = self.reach * self.observer_gain
         copy, smooth = np.zeros(len(AXES)), np.zeros(len(AXES))
         kept = np.empty_like(r)
@@ -314,7 +314,7 @@ class SlidingMode(EvidenceDetector):
 
 
 class _Classifier(EvidenceDetector):
-    """Learns the classes 0 healthy, i rotor i. Evidence is the logarithm of the odds of rotor i against healthy."""
+    """Learns the classes 0 healthy, i rotor i. Evidence is the log odds of rotor i against healthy."""
 
     @staticmethod
     def _odds(probabilities: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -375,8 +375,8 @@ class _Sequences(_Classifier):
         raise NotImplementedError
 
     def _sequences(self, flight: Flight) -> NDArray[np.float32]:
-        """The last `memory` windows up to each one, shape (windows, memory, 4); what is before the flight is 0."""
-        # Beyond 30 spreads nothing is learnt any more.
+        """The last `memory` windows up to each one, shape (windows, memory, 4); zeros before the flight."""
+        # Beyond 30 standard deviations there is nothing to learn.
         z = np.clip(standardized(flight), -30.0, 30.0).astype(np.float32)
         padded = np.vstack([np.zeros((self.memory - 1, z.shape[1]), dtype=np.float32), z])
         return np.lib.stride_tricks.sliding_window_view(padded, self.memory, axis=0).transpose(0, 2, 1)
@@ -430,7 +430,7 @@ class Convolutional(_Sequences):
                 self.layers = nn.Sequential(
                     nn.Conv1d(len(AXES), hidden, 5, padding=2), nn.ReLU(), nn.Conv1d(hidden, hidden, 5, stride=2, padding=2), nn.ReLU(),
                 )  # fmt: skip
-                # The mean over all time and the latest: an old fault and a new one.
+                # The mean over all time and the latest value: for an old fault and a new one.
                 self.out = nn.Linear(2 * hidden, classes)
 
             def forward(self, x: torch.Tensor) -> torch.Tensor:
@@ -464,7 +464,7 @@ class Recurrent(_Sequences):
 
 
 def everything() -> list[Detector]:
-    """One of each with its defaults; without those whose library is not there, which `missing` names."""
+    """One of each with its defaults, except those whose library is missing, which `missing` names."""
     made: list[Detector] = [Cusum(), Glr(), Imm(), SlidingMode()]
     absent = missing()
     if "scikit-learn" not in absent:

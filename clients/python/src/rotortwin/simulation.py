@@ -1,4 +1,4 @@
-"""Flights in this process, without a server: a step at a time, or many side by side.
+"""Flights in this process, without a server: one step at a time, or many in parallel.
 
     import rotortwin
 
@@ -34,7 +34,7 @@ FlightError = _native.FlightError
 #: Length of a step, s.
 STEP_S = 0.0025
 
-#: What stands where in an observation.
+#: Layout of an observation.
 OBSERVATION = (
     "position_north_m", "position_east_m", "position_down_m",
     "velocity_north_m_s", "velocity_east_m_s", "velocity_down_m_s",
@@ -45,15 +45,15 @@ OBSERVATION = (
     "reference_yaw_rad", "battery_voltage_v",
 )  # fmt: skip
 
-#: What stands where in a true motion: the first twelve of an observation, without noise.
+#: Layout of a true motion: the first twelve entries of an observation, without noise.
 MOTION = OBSERVATION[:12]
 
-#: Values that a scenario document takes: numbers, words, and lists and tables of them.
+#: Values of a scenario document: numbers, strings, and lists and tables of them.
 Settings = Mapping[str, Any]
 
 
 def _toml(value: object) -> str:
-    """A value as it stands behind the `=` of a TOML document."""
+    """A value as written after the `=` in a TOML document."""
     if isinstance(value, bool):
         return "true" if value else "false"
     if isinstance(value, (int, np.integer)):
@@ -100,7 +100,7 @@ class Scenario:
 
     @property
     def warnings(self) -> list[str]:
-        """What is allowed and hardly meant."""
+        """Settings that are allowed but probably not intended."""
         return list(self._native.warnings)
 
     def __repr__(self) -> str:
@@ -117,11 +117,11 @@ def _scenario(scenario: Scenario | str | PathLike[str], set: Settings | None) ->
 
 @dataclass(frozen=True)
 class Verdict:
-    """What the sequential detector says after a step."""
+    """The sequential detector's verdict after a step."""
 
     #: 0 healthy, i rotor i, 100 i + j the rotors i and j, −1 unknown fault, −2 not ready, −3 ambiguous.
     code: int
-    #: Of what it says, 0 to 1.
+    #: Probability of this verdict, 0 to 1.
     probability: float
     #: Lost share of the named rotor's thrust at hover and its 95 % interval, fractions; 0 where none is named.
     loss: float
@@ -167,7 +167,7 @@ class Simulation:
         self._native = _native.Simulation(_scenario(scenario, set)._native, seed, list(record))
 
     def reset(self, seed: int | None = None) -> NDArray[np.float32]:
-        """Begins again, without a seed with the one of before; the first observation."""
+        """Restarts the flight, by default with the previous seed; returns the first observation."""
         self._native.reset(seed)
         return self.observation
 
@@ -181,7 +181,7 @@ class Simulation:
         return self.observation
 
     def run(self, until_s: float | None = None) -> Simulation:
-        """Flies on with our controller, to the end or to this time, without Python's lock; this flight."""
+        """Continues with our controller, to the end or to this time, without Python's lock; returns this flight."""
         self._native.run(None if until_s is None else round(until_s / STEP_S))
         return self
 
@@ -218,7 +218,7 @@ class Simulation:
 
     @property
     def observation(self) -> NDArray[np.float32]:
-        """What was sensed, shape (20,), in the order of `OBSERVATION`."""
+        """The sensor values, shape (20,), in the order of `OBSERVATION`."""
         return _array(self._native.observation, "f4")
 
     @property
@@ -228,23 +228,23 @@ class Simulation:
 
     @property
     def truth(self) -> dict[str, Any]:
-        """What only the simulator knows: true motion, thrust by rotor, battery, wind, what is broken."""
+        """Data known only to the simulator: true motion, thrust by rotor, battery, wind, faults."""
         return dict(self._native.truth)
 
     @property
     def controller_duty(self) -> NDArray[np.float32]:
-        """What our controller would do now: to add to, or to learn from."""
+        """Our controller's output now: to add to, or to learn from."""
         return _array(self._native.controller_duty(), "f4")
 
     @property
     def verdict(self) -> Verdict:
-        """What the sequential detector said after the last step."""
+        """The sequential detector's verdict after the last step."""
         report = self._native.report
         return Verdict(int(report["sequential"]), float(report["probability"]), *map(float, report["loss"]))
 
     @property
     def report(self) -> dict[str, Any]:
-        """What all detectors said after the last step: verdict codes, residuals."""
+        """Outputs of all detectors after the last step: verdict codes, residuals."""
         return dict(self._native.report)
 
     def telemetry(self) -> dict[str, NDArray[Any]]:
@@ -305,7 +305,7 @@ class SimulationBatch:
         return np.asarray(self._native.hover_duty, dtype=np.float32)
 
     def reset(self, places: Sequence[int], seeds: Sequence[int], scenarios: Sequence[Scenario] | None = None) -> None:
-        """Begins the flights at these places again."""
+        """Restarts the flights at these indices."""
         other = None if scenarios is None else [scenario._native for scenario in scenarios]
         self._native.reset(list(map(int, places)), list(map(int, seeds)), other)
 
@@ -334,7 +334,7 @@ class SimulationBatch:
 
     @property
     def failures(self) -> list[str | None]:
-        """A sentence for each flight that cannot go on."""
+        """One sentence for each flight that cannot continue."""
         return list(self._native.failures)
 
     @property
@@ -344,15 +344,15 @@ class SimulationBatch:
 
 @dataclass(frozen=True)
 class Flights:
-    """What `fly` gives."""
+    """The result of `fly`."""
 
     seeds: tuple[int, ...]
-    #: Of rows, s.
+    #: Times of the rows, s.
     time_s: NDArray[np.float64]
     #: Arrays of shape (flights, rows) by column; NaN where a flight ended early.
     columns: dict[str, NDArray[np.float64]]
     run_hashes: tuple[str, ...]
-    #: A sentence for each flight that ended early.
+    #: One sentence for each flight that ended early.
     failures: tuple[str | None, ...]
 
     def __getitem__(self, column: str) -> NDArray[np.float64]:

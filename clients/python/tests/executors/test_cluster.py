@@ -29,7 +29,7 @@ def test_scenario_a_ray_node_dies_in_mid_campaign(here: tuple[Path, Path], tmp_p
     from ray.cluster_utils import Cluster
 
     file, one = here
-    # The head flies nothing, so that what is lost is flown by the node that is left.
+    # The head flies nothing, so that lost tasks are flown by the remaining node.
     cluster: Any = Cluster(initialize_head=True, head_node_args={"num_cpus": 0, "object_store_memory": 100 << 20})
     nodes = [cluster.add_node(num_cpus=1, object_store_memory=100 << 20) for _ in range(2)]
     ray.init(address=cluster.address, log_to_driver=False)
@@ -43,7 +43,7 @@ def test_scenario_a_ray_node_dies_in_mid_campaign(here: tuple[Path, Path], tmp_p
 
         table = rotortwin.campaign(file, executor="ray", out=tmp_path / "ray", shards_per_task=1, program=program(), progress=progress)
         assert killed, "no node was killed"
-        # The head learns of a death by a connection that broke, or by health checks that fail.
+        # The head detects a death by a broken connection or by failed health checks.
         end = time.monotonic() + 60.0
         while len([node for node in ray.nodes() if node["Alive"]]) != 2:
             assert time.monotonic() < end, "the head still takes the killed node for alive"
@@ -59,7 +59,7 @@ def test_scenario_what_the_program_refuses_is_not_tried_again(here: tuple[Path, 
     file, _ = here
     ray.init(num_cpus=1, object_store_memory=100 << 20, log_to_driver=False)
     try:
-        # A program of another version is there, but not on this node.
+        # Another version of the program, which this node lacks.
         other = tmp_path / "rotortwin"
         other.write_text(f'#!/bin/sh\ncase "$*" in *--shards*) echo "rotortwin: not here" >&2; exit 2;; esac\nexec {program()} "$@"\n')
         other.chmod(0o755)

@@ -11,7 +11,7 @@ from rotortwin import InputError, detectors, reference_detectors
 from rotortwin.reference_detectors import AXES
 
 STEPS_PER_S = 400
-#: In which way the loss of each of four rotors moves the residual.
+#: Directions in which the loss of each of four rotors moves the residual.
 WAYS = np.array([[-1.0, 1.0, 1.0, 0.5], [-1.0, -1.0, 1.0, -0.5], [-1.0, -1.0, -1.0, 0.5], [-1.0, 1.0, -1.0, -0.5]])
 
 
@@ -74,7 +74,7 @@ def test_val_the_ratio_of_a_step_by_hand(monkeypatch: pytest.MonkeyPatch) -> Non
 
 
 def test_val_the_injection_is_what_the_observer_did_not_know() -> None:
-    # ṙ = δ − h r settles at r = δ/h: the injection has to be h r, in units of r's spread.
+    # ṙ = δ − h r settles at r = δ/h: the injection must be h r, in standard deviations of r.
     sliding = reference_detectors.SlidingMode()
     seen = flight(3, 1, 0.3)
     injected = sliding._injection(seen.flight)

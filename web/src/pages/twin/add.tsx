@@ -1,4 +1,4 @@
-/** Step 6: versions of the model, and how the error falls from one to the next; undo, differences, export, what to do with it. */
+/** Step 6: versions of the model, and how the error decreases from one to the next; undo, differences, export, next steps. */
 import { For, Show, createSignal } from "solid-js";
 import { ask } from "../../api/client";
 import { createLoad } from "../../api/load";
@@ -22,7 +22,7 @@ export function Add(props: { twin: Twin }) {
   const [diff, setDiff] = createSignal(false);
   const isHead = () => props.twin.head()?.version === line().at(-1)?.version;
   const branches = () => props.twin.history.data()?.branches ?? [];
-  // What is looked at, as a submission names it.
+  // The selected version, as a submission names it.
   const shown = () => encodeURIComponent(branches().length === 1 && isHead() ? (props.twin.model() ?? "") : `${props.twin.model() ?? ""}@v${line().at(-1)?.version ?? 0}`);
   const difference = createLoad(
     () => (diff() && line().length > 1 ? { model: props.twin.model() ?? "", from: line()[0]?.version ?? 0, to: line().at(-1)?.version ?? 0 } : undefined),
@@ -129,7 +129,7 @@ export function Add(props: { twin: Twin }) {
   );
 }
 
-/** Which branch goes on, and how another one begins at the version that is looked at. */
+/** Choice of the branch to continue, and a new branch from the selected version. */
 function Branches(props: { twin: Twin }) {
   const all = () => props.twin.history.data()?.branches ?? [];
   const free = () => {

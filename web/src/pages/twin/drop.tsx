@@ -40,7 +40,7 @@ export function Drop(props: { twin: Twin }) {
       const control = new AbortController();
       setSending({ name: file.name, share: 0, stop: () => control.abort() });
       try {
-        // Nobody waits for the end of an upload to hear that it is too large.
+        // Do not upload a file only to learn that it is too large.
         const refusal = await tooLarge(file);
         if (refusal) {
           setProblem(refusal);
@@ -55,7 +55,7 @@ export function Drop(props: { twin: Twin }) {
       }
     }
     setSending(undefined);
-    // The first flight is learnt from; the others are held out as proof.
+    // The first flight is for training; the others are held out for validation.
     if (ids[0] !== undefined) {
       props.twin.choose({ logs: [ids[0]] });
       if (ids.length > 1) props.twin.hold(ids.slice(1));
@@ -136,7 +136,7 @@ export function Drop(props: { twin: Twin }) {
   );
 }
 
-/** A name as the server takes it: other characters than these become `_`. */
+/** A valid name for the server: other characters become `_`. */
 const plainName = (name: string) => name.normalize("NFKD").replace(/[^A-Za-z0-9._\- ()+]/g, "_").slice(-200);
 
 function flightName(twin: Twin): string {

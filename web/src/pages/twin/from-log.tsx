@@ -1,4 +1,4 @@
-/** In step 3: a vehicle of one's own from the flight, mass and arm; each value with its interval and source; kept under a name. */
+/** In step 3: a custom vehicle from the flight, mass and arm; each value with its interval and source; stored under a name. */
 import { For, Show, createEffect, createMemo, createSignal } from "solid-js";
 import { createAttempt } from "../../api/attempt";
 import { ask, freshKey } from "../../api/client";
@@ -13,7 +13,7 @@ import { Advice, HeldOut, ValueTable } from "../../shown/identified";
 import { createTyped } from "../../typed";
 import type { Twin } from "./state";
 
-/** What one has at hand: the arm, or what frames are sold by. */
+/** Known dimension: the arm, or the nominal frame size. */
 const LENGTHS = [
   { key: "arm-m", label: "Arm, m (centre to the furthest rotor)", unit: "m", toArm: (value: number) => value },
   { key: "diagonal-mm", label: "Frame size, mm (motor to opposite motor)", unit: "mm", toArm: (value: number) => value / 2000 },
@@ -35,7 +35,7 @@ export function FromLog(props: { twin: Twin; taken: readonly string[]; onKept: (
 
   const way = () => LENGTHS.find((one) => one.key === measure()) ?? LENGTHS[0];
   const name = () => typedName().trim() || nameFrom(props.twin.log.job()?.name ?? "mine");
-  /** An optional number: nothing typed is no complaint. */
+  /** An optional number: empty is valid. */
   const optional = (text: string, what: string, unit: string) => (text.trim() === "" ? {} : numberOf(text, what, unit));
   const numbers = () => ({
     mass: numberOf(mass(), "Mass", "kg"), length: numberOf(length(), way().label.split(",")[0] ?? "", way().unit),
@@ -113,7 +113,7 @@ export function FromLog(props: { twin: Twin; taken: readonly string[]; onKept: (
   );
 }
 
-/** Tables of a thrust bench, dropped or chosen: what was read of each, and how to be rid of it. */
+/** Tables of a thrust bench, dropped or chosen: the data read from each, and a button to remove it. */
 function BenchTables(props: { tables: readonly BenchTable[]; change: (tables: BenchTable[]) => void }) {
   const [over, setOver] = createSignal(false);
   const [problem, setProblem] = createSignal<string>();
@@ -126,7 +126,7 @@ function BenchTables(props: { tables: readonly BenchTable[]; change: (tables: Be
         setProblem(table.problem);
         continue;
       }
-      // The same file again replaces what it was.
+      // Another file of the same name replaces the earlier one.
       const at = tables.findIndex((one) => one.name === table.name);
       if (at < 0) tables.push(table);
       else tables[at] = table;
@@ -170,7 +170,7 @@ function Found(props: { found: Identification; job: JobView | undefined; id: str
   const { busy, problem, attempt } = createAttempt();
   const kept = () => props.twin.made() === props.id;
   let head: HTMLHeadingElement | undefined;
-  // The answer comes where one waits for it, also for those who do not see it.
+  // The answer appears where the user waits for it, and is announced to screen readers.
   createEffect(() => props.found && head?.focus({ preventScroll: true }));
   const keep = () => attempt(async () => {
     const answer = await ask<{ vehicle: string }>("POST", `/api/v1/identifications/${props.id}/keep`);

@@ -1,4 +1,4 @@
-/** The twin: from a log to a model that agrees with it, in six steps. All state is in the address. */
+/** The twin: from a log to a model that agrees with it, in six steps. The address holds all state. */
 import { Add } from "./add";
 import { Drop } from "./drop";
 import { Fails } from "./fails";

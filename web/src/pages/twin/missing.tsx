@@ -40,7 +40,7 @@ interface TruthAnswer {
   flight: string;
 }
 
-/** Of an example: what was hidden. */
+/** The hidden truth of an example. */
 function Truth(props: { twin: Twin }) {
   const [shown, setShown] = createSignal(false);
   const facts = () => (props.twin.log.job()?.facts ?? {}) as { example?: boolean };

@@ -1,4 +1,4 @@
-/** In step 5, where a flight cannot tell two effects apart: the manoeuvre that does, flown in the simulator, and as a file for the field. */
+/** In step 5, if a flight cannot distinguish two effects: a manoeuvre that does, flown in the simulator, and as a file for the real vehicle. */
 import { For, Show, createSignal } from "solid-js";
 import { createAttempt } from "../../api/attempt";
 import { ask, freshKey, putDocument, text as fetchText } from "../../api/client";
@@ -11,7 +11,7 @@ import { JobProgress } from "../../parts/job";
 import { createTyped } from "../../typed";
 import type { Twin } from "./state";
 
-/** Where a diagnosis decides. */
+/** Threshold for a decision of the diagnosis. */
 const DECISIVE = 10;
 const FILE = "next-flight.toml";
 
@@ -69,7 +69,7 @@ function Proposed(props: { twin: Twin; list: readonly Manoeuvre[]; job: JobView 
     return attempt(what);
   };
   const version = () => `${props.twin.model()}@v${props.twin.line().at(-1)?.version}`;
-  // What the server wrote names a file of its own.
+  // The server's text refers to a file of its own.
   const scenario = async () => `# Tells ${between()[0]} from ${between()[1]}; proposed for the model ${version()}.\n${withVehicle(await fetchText(file()), props.twin.vehicle())}`;
   const take = () => act(async () => saveText(`${best()?.manoeuvre ?? "next-flight"}.toml`, await scenario()));
   const fly = () => act(async () => {

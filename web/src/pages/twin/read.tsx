@@ -1,4 +1,4 @@
-/** Step 2: what was read of the log, what is missing and what that rules out, what looks wrong and how to repair it. */
+/** Step 2: the data read from the log, what is missing and what that rules out, what looks wrong and how to repair it. */
 import { For, Show, createSignal } from "solid-js";
 import { duration, short } from "../../format";
 import { isChosen, suggestionOfRefusal } from "../../model/repair";
@@ -13,9 +13,9 @@ export function Read(props: { twin: Twin }) {
   const report = () => result()?.report;
   const blocking = () => (report()?.findings ?? []).filter((one) => findingBlocks(one.kind));
   const [otherwise, setOtherwise] = createSignal(false);
-  // A log that fits itself may still not fit the vehicle: the comparison says so.
+  // A consistent log may still not fit the vehicle: the comparison says so.
   const motors = () => (/swapped motors: .*drives rotor/.test(props.twin.comparison.error() ?? "") ? props.twin.comparison.error() : undefined);
-  // A file that was refused for a unit or a checksum can be read otherwise.
+  // A file refused for a unit or a checksum can be imported with other settings.
   const mendable = () => {
     const refusal = props.twin.log.job()?.status === "failed" ? props.twin.log.error() : undefined;
     return refusal !== undefined && (isChosen(suggestionOfRefusal(refusal)) || /CRC|checksum|damaged/.test(refusal)) ? refusal : undefined;

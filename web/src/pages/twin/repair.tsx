@@ -1,4 +1,4 @@
-/** In step 2: the same file read again otherwise, by choosing what its columns really are. */
+/** In step 2: the same file imported with corrected meanings of its columns. */
 import { For, Show, createEffect, createMemo, createSignal, on } from "solid-js";
 import { createAttempt } from "../../api/attempt";
 import { ask } from "../../api/client";
@@ -15,7 +15,7 @@ import type { Twin } from "./state";
 const SOURCE_WORDS: Record<SourceName, string> = {
   "px4-ulog": "PX4 log", "ardupilot-dataflash": "ArduPilot log", "crazyflie-usdlog": "Crazyflie log", blackbox: "blackbox log", canonical: "CSV or Parquet file",
 };
-/** The built-in rows, which a choice changes; loaded when somebody repairs. */
+/** The built-in rows, which a choice changes; loaded on demand. */
 const BUILT_IN: Record<SourceName, () => Promise<{ default: string }>> = {
   "px4-ulog": () => import("../../../../config/log-mappings/px4-ulog.toml?raw"),
   "ardupilot-dataflash": () => import("../../../../config/log-mappings/ardupilot-dataflash.toml?raw"),
@@ -28,7 +28,7 @@ export function Repair(props: { twin: Twin; findings: readonly Finding[]; refusa
   const facts = () => (props.twin.log.job()?.facts ?? {}) as { file?: string };
   const source = () => sourceOfFile(facts().file ?? props.twin.log.job()?.name ?? "");
   const builtIn = createLoad(source, async (name) => (await BUILT_IN[name]()).default);
-  // A log that could not be read has no channels to ask for.
+  // A log that could not be read has no channels to request.
   const channels = createLoad(
     () => (props.twin.log.result() ? props.twin.logs()[0] : undefined),
     (id, signal) => ask<{ channels: { name: string }[] }>("GET", `/api/v1/logs/${id}/channels`, undefined, { signal }),

@@ -1,6 +1,6 @@
 /**
- * State of the twin page. All of it is in the address: flights, vehicle, model, version, the jobs that were made of them, and what is
- * looked at. Work that is not there yet is asked for; asking twice for the same gives the job that is there.
+ * State of the twin page. All of it is in the address: flights, vehicle, model, version, their jobs, and the current
+ * selection. Missing results are requested; a repeated request returns the existing job.
  */
 import { createEffect, createMemo, createSignal, on } from "solid-js";
 import { ask, freshKey } from "../../api/client";
@@ -10,7 +10,7 @@ import { ApiError, sentenceOf } from "../../api/problem";
 import { type Comparison, type Diagnosis, type History, type ImportResult, findingBlocks, keyOf, lineTo } from "../../model/twin";
 import { route, setQuery } from "../../router";
 
-/** Vehicle of a first visit: that of the examples. */
+/** Default vehicle: that of the examples. */
 const FIRST_VEHICLE = "f550";
 const MAIN = "main";
 
@@ -20,12 +20,12 @@ export function createTwin() {
   const one = (name: string) => createMemo(() => query().get(name) ?? undefined);
   const [logs, runs, held] = [all("log"), all("run"), all("held")];
   const [vehicle, model, version, cmp, diag] = [one("vehicle"), one("model"), one("v"), one("cmp"), one("diag")];
-  // Additions and undo are about one branch of the model; `main` without it.
+  // Additions and undo apply to one branch of the model; `main` by default.
   const branchAsked = one("br");
   const branch = () => branchAsked() ?? MAIN;
-  // A vehicle that is identified from the flight, and the one that was kept and chosen.
+  // A vehicle identified from the flight, and the one that was stored and chosen.
   const [identification, made] = [one("ident"), one("made")];
-  // The manoeuvre that tells two effects apart, and the run that shows it.
+  // The manoeuvre that distinguishes two effects, and the run that shows it.
   const [nextFlight, flown] = [one("next"), one("flown")];
   const [problem, setProblem] = createSignal<string>();
   const attempt = async (what: () => Promise<void>) => {
@@ -38,7 +38,7 @@ export function createTwin() {
   };
 
   const imported = createJob<ImportResult>("logs", () => logs()[0]);
-  // The server keeps an upload as `log.csv`; its owner knows it by another name.
+  // The server stores an upload as `log.csv`; its owner knows it by another name.
   const log = { ...imported, error: () => imported.error()?.replace(/^log(\.\w+)?: /, `${imported.job()?.name}: `) };
   const comparison = createJob<Comparison>("comparisons", cmp);
   const diagnosis = createJob<Diagnosis>("diagnoses", diag);
@@ -53,12 +53,12 @@ export function createTwin() {
     return known && known.name === model() && shown !== undefined ? lineTo(known, shown) : [];
   });
 
-  // A model of its own for each flight: what is added to it changes nothing for others. Asking for the name that is there is no error.
+  // A separate model for each flight: additions do not affect others. Requesting an existing name is not an error.
   createEffect(
     on([flightsReady, vehicle, model, () => logs()[0] ?? runs()[0]], ([ready, , named, flight]) => {
       if (!ready || named !== undefined || flight === undefined) return;
       const base = vehicleName();
-      // A vehicle that was identified twice under one name is two vehicles.
+      // A vehicle identified twice under one name is two vehicles.
       const name = [base, flight.slice(0, 32).slice(-8), made()?.slice(-4)].filter(Boolean).join("-");
       void attempt(async () => {
         const there = await ask<{ items: string[] }>("GET", "/api/v1/models");
@@ -74,12 +74,12 @@ export function createTwin() {
   );
 
   const submit = async (collection: string, body: unknown, parameter: string) => {
-    // The hash of the version: another version of the same number is other work. `again` counts wishes to try once more.
+    // The hash of the version: a different version of the same number is a different job. `again` counts retries.
     const key = keyOf([collection, body, line().at(-1)?.hash, query().get("again")]);
     const job = await ask<JobView>("POST", `/api/v1/${collection}`, body, { headers: { "idempotency-key": key } });
     setQuery({ [parameter]: job.id }, true);
   };
-  // What looks like missing physics in a log with wrong axes is none: no model is compared with it.
+  // With wrong axes a log seems to show missing physics: no model is compared with it.
   const blocked = createMemo(() => (log.result()?.report.findings ?? []).some((one) => findingBlocks(one.kind)));
   const ready = createMemo(() => flightsReady() && !blocked() && line().length > 0);
   createEffect(
@@ -96,14 +96,14 @@ export function createTwin() {
   );
   createEffect(
     on([ready, diag, cmp, line, query], ([go, there, compared, versions]) => {
-      // After the comparison was asked for: two workers then do both at the same time, one does the quick one first.
+      // After the comparison was requested: two workers then do both in parallel, one does the quick one first.
       if (!go || there !== undefined || compared === undefined || problem() !== undefined) return;
       void attempt(() => submit("diagnoses", { model: { model: `${model()}@v${versions.at(-1)?.version}` }, flights: flightsOf(logs(), runs()) }, "diag"));
     }),
   );
 
   const goTo = (at: number, of = branchAsked()) => setQuery({ ...begun, model: model(), br: of === MAIN ? undefined : of, v: String(at), again: undefined });
-  /** Adds to the head of the branch what the diagnosis found. */
+  /** Adds the findings of the diagnosis to the head of the branch. */
   const add = (what: { pick?: number; proposal?: true }) =>
     attempt(async () => {
       const seen = line().at(-1)?.hash ?? head()?.hash;
@@ -124,7 +124,7 @@ export function createTwin() {
       history.reload();
       goTo(answer.version.version);
     });
-  /** Begins a branch at the version that is looked at, and goes on with it; what is shown stays. */
+  /** Starts a branch at the selected version and continues with it; the display does not change. */
   const beginBranch = async (name: string) => {
     const at = line().at(-1)?.version;
     await ask("POST", `/api/v1/models/${encodeURIComponent(model() ?? "")}/branches`, { name, at: `v${at}` });
@@ -139,23 +139,23 @@ export function createTwin() {
   return {
     logs, runs, held, identification, made, nextFlight, flown, vehicle: vehicleName, model, version, log, comparison, diagnosis, history, line, branch, head, problem, add, undo, again, beginBranch,
     flightsReady,
-    /** Whether there is a flight that a model can be compared with, and a model. */
+    /** Whether there are a flight and a model to compare. */
     ready,
-    /** Begins with other flights. */
+    /** Starts with other flights. */
     choose: (flights: { logs?: string[]; runs?: string[] }) =>
       setQuery({ log: flights.logs, run: flights.runs, held: undefined, vehicle: undefined, ident: undefined, made: undefined, ...begun, ch: undefined, again: undefined }),
-    /** The same flight, read again otherwise: vehicle and held-out flights stay. */
+    /** The same flight, imported again with other settings: vehicle and held-out flights stay. */
     reread: (id: string) => setQuery({ log: [id, ...logs().slice(1)], ident: undefined, made: undefined, ...begun, again: undefined }),
-    /** The flights that are learnt from, as submissions name them. */
+    /** The training flights, as submissions name them. */
     flights: () => flightsOf(logs(), runs()),
     chooseVehicle: (name: string) => setQuery({ vehicle: name, made: undefined, ...begun }),
     /** Shows how a vehicle is identified. */
     identify: (id: string) => setQuery({ ident: id }, true),
-    /** Goes on with a vehicle that was identified and kept. */
+    /** Continues with an identified and stored vehicle. */
     chooseMade: (name: string, id: string) => setQuery({ vehicle: name, made: id, ...begun }),
     chooseModel: (name: string) => setQuery({ made: undefined, ...begun, model: name }),
     chooseVersion: (number: number) => goTo(number),
-    /** Goes on with a branch, at its head. */
+    /** Continues with a branch, at its head. */
     chooseBranch: (name: string) => goTo(history.data()?.branches.find((one) => one.name === name)?.version ?? 0, name),
     hold: (ids: string[]) => setQuery({ held: ids, cmp: undefined }),
     proposeFlight: (id: string) => setQuery({ next: id, flown: undefined }, true),
@@ -167,7 +167,7 @@ export function createTwin() {
   };
 }
 
-/** What was made of flights and vehicle, and ends with them. */
+/** Results that depend on flights and vehicle, and are dropped with them. */
 const begun = { model: undefined, br: undefined, v: undefined, cmp: undefined, diag: undefined, next: undefined, flown: undefined };
 
 export type Twin = ReturnType<typeof createTwin>;

@@ -1,4 +1,4 @@
-/** A step of the loop: its number, whether it is done, its content; what it will show (`later`) while it waits for the steps above. */
+/** A step of the loop: its number, whether it is done, its content; a preview (`later`) while it waits for the steps above. */
 import { type JSX, Show } from "solid-js";
 
 export type StepState = "waiting" | "working" | "done" | "problem";

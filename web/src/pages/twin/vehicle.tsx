@@ -10,7 +10,7 @@ import { FromLog } from "./from-log";
 import { Step } from "./step";
 import type { Twin } from "./state";
 
-/** What `/geometry` answers. */
+/** The answer of `/geometry`. */
 export type FullGeometry = Geometry & {
   mass_kg: number;
   hover: { duty: number[]; voltage_v: number };
