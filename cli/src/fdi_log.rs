@@ -69,8 +69,8 @@ pub struct LogArgs {
 /// Evaluates logs; exit code 2 if one is invalid or lacks required channels.
 pub fn judge_logs(args: &LogArgs) -> ExitCode {
     // Looked at before the work: nothing computed is lost.
-    let files = [&args.series, &args.report].into_iter().flatten();
-    if let Err(sentence) = files.map(|path| writable_file(path)).collect::<Result<(), String>>() {
+    let mut files = [&args.series, &args.report].into_iter().flatten();
+    if let Err(sentence) = files.try_for_each(|path| writable_file(path)) {
         return bad_input(sentence);
     }
     let mut logs = match judge_all(args) {
