@@ -181,7 +181,7 @@ fn regress_a_model_that_fails_raises_no_alarm() {
 /// The figures of docs/detector.md of classes flown by hand: `ROTORTWIN_FAULTS_CLASS` (five-healthy, five-step), `ROTORTWIN_FAULTS_N` flights of each,
 /// `ROTORTWIN_FAULTS_SEED`, `ROTORTWIN_FAULTS_S` seconds each.
 #[test]
-#[ignore = "a measurement: cargo test --release -p rotortwin-fdi-session --test foreign_world -- --ignored --nocapture bench_"]
+#[ignore = "a measurement: cargo test --release -p rotortwin-fdi-session --test foreign_world -- --ignored --nocapture bench_classes"]
 fn bench_classes() {
     let of = |name: &str, default: &str| std::env::var(name).unwrap_or_else(|_| default.to_owned());
     let number = |name: &str, default: &str| of(name, default).parse::<usize>().expect("a number");

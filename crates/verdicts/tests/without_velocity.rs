@@ -113,3 +113,19 @@ fn bench_without_velocity() {
         println!("{}", faults_sheet::text(&faults_sheet::sum_up(&rows)));
     }
 }
+
+#[test]
+fn val_neither_a_velocity_nor_a_voltage_is_needed() {
+    let case = &cases(Class::Step, 1, 31)[0];
+    let mut log = blackbox(&fly_case(case).expect("flown"));
+    log.columns.remove(names::BATTERY_VOLTAGE);
+    let report = judge(&log, &detectors(), true).expect("judged");
+    let row = score(case, &serde_json::to_string(&report).expect("JSON")).expect("scored");
+    assert_eq!(row.end, Some(End::Right), "{row:?}");
+    assert!(
+        report.lacks.iter().all(|lack| !lack.prevents_verdicts),
+        "{:?}",
+        report.lacks
+    );
+    assert!(report.lacks.len() >= 2, "{:?}", report.lacks);
+}
