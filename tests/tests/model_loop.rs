@@ -1,7 +1,4 @@
-//! Runs of this program as flight logs: a hidden effect that a scenario flies with is what the diagnosis of its run folder names, and of
-//! a scenario that has none, without its faults, that the model agrees.
-
-use std::path::{Path, PathBuf};
+//! Runs of this program as flight logs: a hidden effect that a scenario flies with is what the diagnosis of its run folder names.
 
 use rotortwin_tests::program::{Call, Link, text};
 use rotortwin_tests::scratch::{Scratch, repository};
@@ -47,90 +44,4 @@ fn scenario_a_hidden_effect_of_a_run_is_named_from_its_folder() {
     );
     let (verdict, named) = diagnosed(&scratch, "", "healthy");
     assert_eq!((verdict.as_str(), named), ("agrees", Vec::new()));
-}
-
-/// A scenario that is shipped, with the vehicle that it flies.
-struct Shipped {
-    name: String,
-    path: PathBuf,
-    vehicle: PathBuf,
-}
-
-/// The scenarios that fly the vehicle as its document has it, once their faults are left out: no wind, no mismatch, no effect, no sensor that
-/// errs.
-fn healthy() -> Vec<Shipped> {
-    let folder = repository().join("config/scenarios");
-    let mut paths: Vec<PathBuf> = std::fs::read_dir(&folder)
-        .expect("a folder of scenarios")
-        .map(|entry| entry.expect("an entry").path())
-        .filter(|path| path.extension().is_some_and(|end| end == "toml"))
-        .collect();
-    paths.sort();
-    paths
-        .into_iter()
-        .filter_map(|path| as_its_document(&folder, path))
-        .collect()
-}
-
-fn as_its_document(folder: &Path, path: PathBuf) -> Option<Shipped> {
-    let text = std::fs::read_to_string(&path).expect("a scenario");
-    let document: toml::Table = toml::from_str(&text).expect("TOML");
-    let other = ["wind", "mismatch", "effect", "sensor_fault"];
-    let vehicle = document["vehicle"].as_str().expect("a vehicle");
-    other.iter().all(|key| !document.contains_key(*key)).then(|| Shipped {
-        name: path.file_stem().expect("a name").to_string_lossy().into_owned(),
-        vehicle: folder.join(vehicle),
-        path,
-    })
-}
-
-/// What the diagnosis of healthy flights names that is not there, as `scenario seed: sentence`; a flight of `seconds` at the most.
-fn named_where_nothing_is(seeds: impl Fn(usize) -> Vec<u64>, seconds: Option<f64>) -> Vec<String> {
-    let mut wrong = Vec::new();
-    let all = healthy();
-    assert!(all.len() >= 13, "{} scenarios", all.len());
-    for (place, one) in all.iter().enumerate() {
-        for seed in seeds(place) {
-            let scratch = Scratch::new();
-            let mut arguments = vec![
-                "--set".to_owned(),
-                "fault=[]".to_owned(),
-                "--seed".to_owned(),
-                seed.to_string(),
-            ];
-            if let Some(seconds) = seconds.filter(|_| one.name != "short-hover") {
-                arguments.extend(["--set".to_owned(), format!("duration_s={seconds}")]);
-            }
-            let flown = Call::fly(&scratch, Link::InProcess, &one.path, "flown")
-                .with(arguments)
-                .run()
-                .expect_code(0);
-            let ended = Call::new(&scratch, ["diagnose".into(), flown.out().as_os_str().to_owned()])
-                .with(["--model".into(), one.vehicle.clone().into_os_string(), "--json".into()])
-                .run()
-                .expect_code(0);
-            let diagnosis: Value = serde_json::from_str(&ended.stdout).expect("JSON");
-            let (verdict, sentence) = (text(&diagnosis, "/verdict/kind"), text(&diagnosis, "/sentence"));
-            println!("{} {seed}: {verdict}", one.name);
-            if verdict != "agrees" {
-                wrong.push(format!("{} {seed}: {sentence}", one.name));
-            }
-        }
-    }
-    wrong
-}
-
-/// The first 20 s of each, each with a seed of its own. Of whole flights with five seeds, which takes half an hour:
-/// `cargo test --release -p rotortwin-tests --test model_loop -- --ignored --nocapture`.
-#[test]
-fn val_the_model_agrees_with_every_healthy_scenario() {
-    let wrong = named_where_nothing_is(|place| vec![911 + place as u64], Some(20.0));
-    assert!(wrong.is_empty(), "{wrong:#?}");
-}
-
-#[test]
-#[ignore = "half an hour: cargo test --release -p rotortwin-tests --test model_loop -- --ignored --nocapture"]
-fn val_the_model_agrees_with_every_healthy_scenario_at_five_seeds() {
-    let wrong = named_where_nothing_is(|_| (901..=905).collect(), None);
-    assert!(wrong.is_empty(), "{wrong:#?}");
 }
