@@ -1,4 +1,3 @@
-//! Runs of this program as flight logs: a hidden effect in a scenario is named by the diagnosis of its run folder.
 //! Runs of this program as flight logs: a hidden effect that a scenario flies with is what the diagnosis of its run folder names, and of
 //! a scenario that has none, without its faults, that the model agrees.
 
