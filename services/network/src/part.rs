@@ -29,9 +29,9 @@ const ANSWER: Duration = Duration::from_secs(60);
 const CONNECT: Duration = Duration::from_secs(10);
 /// Pause between attempts.
 const PAUSE: Duration = Duration::from_secs(1);
-/// Interval at which events, or at least a sign of life, are sent.
+/// Interval at which events are sent.
 const TELL: Duration = Duration::from_millis(500);
-/// See [`TELL`].
+/// Longest interval without a sign of life.
 const LIVES: Duration = Duration::from_secs(3);
 /// Events per request.
 const AT_ONCE: usize = 1000;
