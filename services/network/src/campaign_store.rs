@@ -1,11 +1,11 @@
-//! Shards of a campaign in an object store: flown into it, and taken out of it to be put together.
+//! Shards of a campaign in an object store: written by flights, and read for a merge.
 //!
 //! ```text
 //!  campaign --shards 0..4 --out s3://B/P ─┐                                   ┌─▶ campaign merge C s3://B/P --out DIR
 //!  campaign --shards 4..9 --out s3://B/P ─┴─▶ P/campaign.json, P/shards/000000.parquet, … ─┘
 //! ```
-//! As in a folder, a shard appears whole or not at all, and what is there already is not flown. Several processes may fly the same shard:
-//! each writes only what is not there (`If-None-Match: *`), and compares its bytes with what it finds instead.
+//! As in a folder, a shard appears whole or not at all, and existing shards are not flown. Several processes may fly the same shard: each
+//! writes it only if it does not exist (`If-None-Match: *`), and otherwise compares its bytes with the existing one.
 
 use rotortwin_api::Bucket;
 use rotortwin_campaign::study::engine::OneByOne;
@@ -76,7 +76,7 @@ impl Store for Buckets {
     }
 }
 
-/// Why a shard was not taken in.
+/// Why a shard was not accepted.
 enum Refused {
     Store(std::io::Error),
     Shard(String),
@@ -88,7 +88,7 @@ impl From<std::io::Error> for Refused {
     }
 }
 
-/// An address, and what its store is asked with.
+/// An address, and the client for its store.
 struct Place<'a> {
     address: &'a str,
     bucket: Bucket,
@@ -97,7 +97,7 @@ struct Place<'a> {
 
 impl<'a> Place<'a> {
     fn open(address: &'a str) -> Result<Self, Failure> {
-        // For TLS; an error says that there is one already.
+        // For TLS; an error means that a provider is already installed.
         let _chosen = rustls::crypto::ring::default_provider().install_default();
         let runtime = tokio::runtime::Builder::new_multi_thread()
             .worker_threads(1)
@@ -119,7 +119,7 @@ impl<'a> Place<'a> {
         Failure::Failed(format!("{}: {error}", self.address))
     }
 
-    /// `None`: it was made; otherwise what is there.
+    /// `None`: created; otherwise the existing object.
     fn create(&self, key: &str, content: Vec<u8>) -> Result<Option<Vec<u8>>, Failure> {
         self.wait(self.bucket.create(key, content))
     }
@@ -129,7 +129,7 @@ impl<'a> Place<'a> {
         Ok(names.iter().filter_map(|name| shard_number(name)).collect())
     }
 
-    /// As [`runner::check_same_program`], of shards that are in the store.
+    /// Like [`runner::check_same_program`], for shards in the store.
     fn check_same_program(
         &self,
         campaign: &Campaign,

@@ -1,4 +1,4 @@
-//! `rotortwin fdi-service`: the detectors on measurements that come over zenoh.
+//! `rotortwin fdi-service`: the detectors on measurements received over zenoh.
 
 use rotortwin_cli::fdi_log::verdict_text;
 use rotortwin_cli::fdi_service::ServiceArgs;

@@ -1,4 +1,4 @@
-//! `rotortwin fly --foxglove`: what the command asks for, by the server that speaks the protocol.
+//! `rotortwin fly --foxglove`: the server that implements the protocol.
 
 use rotortwin_cli::foxglove::Viewers;
 use rotortwin_foxglove::Server;

@@ -1,4 +1,4 @@
-//! `rotortwin health`: does somebody answer, does a worker go on? For health checks of containers, which have no other program to ask.
+//! `rotortwin health`: does a server answer, does a worker make progress? For health checks of containers that have no other tool.
 
 use rotortwin_cli::network::health::Args;
 use rotortwin_cli::output::{bad_input, failed};
@@ -7,10 +7,10 @@ use std::path::Path;
 use std::process::ExitCode;
 use std::time::Duration;
 
-/// For connecting, and for the answer.
+/// Time-out for connecting, and for the answer.
 const PATIENCE: Duration = Duration::from_secs(2);
 
-/// Exit code 0 if it is well, 1 with a sentence if not.
+/// Exit code 0 if healthy, 1 with a sentence if not.
 pub(crate) fn run(args: &Args) -> ExitCode {
     let place = args.place.as_str();
     let plain = place.strip_prefix("tcp/").or_else(|| place.strip_prefix("tls/"));

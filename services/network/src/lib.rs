@@ -1,6 +1,6 @@
-//! `rotortwin` with all that talks to other hosts: the HTTP server and its client, workers, tokens, zenoh.
+//! `rotortwin` with everything that talks to other hosts: the HTTP server and its client, workers, tokens, zenoh.
 //!
-//! It knows every command of [`rotortwin_cli`], and that program starts this one for those which it cannot do itself.
+//! It knows every command of [`rotortwin_cli`], whose program starts this one for those it cannot run itself.
 
 #[macro_use]
 extern crate rotortwin_cli;
@@ -19,7 +19,7 @@ use rotortwin_cli::network::remote::ServerArgs;
 use rotortwin_cli::{Command, network};
 use std::process::ExitCode;
 
-/// Does what the command line of this process asks for.
+/// Runs the command line of this process.
 pub fn run() -> ExitCode {
     rotortwin_zenoh::provide();
     rotortwin_cli::foxglove::provide(foxglove::open);

@@ -1,8 +1,8 @@
-//! `rotortwin part`: what a node of a Ray cluster does of a job. It fetches a part from the server, does it in a process of its own as a worker
-//! does, and delivers.
+//! `rotortwin part`: a node of a Ray cluster fetches a part of a job from the server, runs it in a separate process like a worker, and
+//! delivers the result.
 //!
-//! The server may be away for ten minutes ([`PATIENCE`]): it is killed, and another one takes the attempt up. Once it says that the attempt is
-//! over (410), nobody wants what comes of it, and this ends.
+//! The server may be down for ten minutes ([`PATIENCE`]): it may be killed, and another one continues the attempt. Once it says that the
+//! attempt is over (410), the result is no longer needed, and this ends.
 
 use reqwest::header::{AUTHORIZATION, HeaderMap, HeaderValue};
 use reqwest::{Method, StatusCode};
@@ -19,51 +19,51 @@ use tokio::process::{Child, Command};
 use tokio::signal::unix::{Signal, SignalKind, signal};
 use tokio::sync::{Notify, mpsc};
 
-/// The server may be away for so long.
+/// Longest outage of the server.
 const PATIENCE: Duration = Duration::from_secs(600);
-/// A process takes no further part after this: a submission costs Ray about a second, and its place may be wanted by others.
+/// A process starts no further part after this: a submission costs Ray about a second, and others may need its place.
 const LONGEST: Duration = Duration::from_secs(300);
-/// For an answer.
+/// Time-out for an answer.
 const ANSWER: Duration = Duration::from_secs(60);
-/// For a connection.
+/// Time-out for a connection.
 const CONNECT: Duration = Duration::from_secs(10);
-/// Between two tries.
+/// Pause between attempts.
 const PAUSE: Duration = Duration::from_secs(1);
-/// What was said is told so often, and that this lives, at least.
+/// Interval at which events are sent.
 const TELL: Duration = Duration::from_millis(500);
-/// See [`TELL`].
+/// Longest interval without a sign of life.
 const LIVES: Duration = Duration::from_secs(3);
-/// Events that are told at once.
+/// Events per request.
 const AT_ONCE: usize = 1000;
-/// What a process may say that is no event, bytes.
+/// Limit of a process's output other than events, bytes.
 const MOST_WORDS: usize = 64 << 20;
-/// A process that was asked to end may take this long before it is killed.
+/// Time to end on request before a process is killed.
 const GRACE: Duration = Duration::from_millis(900);
-/// Exit code of a job whose input is bad.
+/// Exit code of a job with bad input.
 const BAD_INPUT: i32 = 2;
 /// The job, in its folder.
 const JOB_FILE: &str = "job.json";
-/// Its complaints, beside it.
+/// Its error messages, next to it.
 const COMPLAINTS: &str = "part.log";
 
-/// Why no more is to be done.
+/// Why the work stops.
 enum Stop {
     /// The server says that the attempt is over.
     Over,
-    /// Somebody wants this process to end.
+    /// This process was asked to end.
     Ended,
     /// One sentence.
     Failed(String),
 }
 
-/// The server's side of this attempt.
+/// The server's interface to this attempt.
 #[derive(Clone)]
 struct Server {
     http: reqwest::Client,
     url: String,
 }
 
-/// Does the part that the environment names.
+/// Runs the part named by the environment.
 pub(crate) fn run() -> ExitCode {
     rotortwin_process::start_logging();
     super::serve::in_runtime(async {
@@ -96,7 +96,7 @@ impl Server {
     }
 
     fn open(url: &str, ticket: &str) -> Result<Self, String> {
-        // Another part of this program may have chosen already.
+        // Another part of this program may have installed one already.
         if rustls::crypto::ring::default_provider().install_default().is_err() {
             tracing::debug!("TLS was set up before");
         }
@@ -112,7 +112,7 @@ impl Server {
                 .map_err(|error| format!("{CA_VARIABLE}: {error}"))?;
             http = http.tls_certs_only(certificates);
         } else if url.starts_with("http://") {
-            // No certificates are needed, and a machine without any can still ask.
+            // No certificates are needed, and a machine without any can still connect.
             http = http.tls_certs_only([]);
         }
         let http = http.build().map_err(|error| format!("TLS cannot be set up: {error}"))?;
@@ -122,7 +122,7 @@ impl Server {
         })
     }
 
-    /// An answer that is no refusal.
+    /// A successful answer.
     async fn ask(&self, method: Method, path: &str, body: &Body) -> Result<reqwest::Response, Stop> {
         let begun = Instant::now();
         loop {
@@ -175,7 +175,7 @@ impl Server {
     async fn order(&self) -> Result<PartOrder, Stop> {
         let answer = self.ask(Method::GET, "", &Body::None).await?;
         let text = answer.text().await.map_err(|error| Stop::Failed(causes(&error)))?;
-        // Another version's order may be no order here.
+        // An order from another version may be invalid here.
         let program = serde_json::from_str::<serde_json::Value>(&text).ok();
         let program = program
             .as_ref()
@@ -198,7 +198,7 @@ impl Server {
         self.ask(Method::POST, "/events", &body).await.map(drop)
     }
 
-    /// Says how the part ended; the next one, if there is one.
+    /// Reports how the part ended; returns the next one, if any.
     async fn end(&self, how: PartHow, wants_more: bool) -> Result<Option<NextPart>, Stop> {
         let end = PartEnd {
             node: rotortwin_links::host_name(),
@@ -213,7 +213,7 @@ impl Server {
                     .map_err(|error| Stop::Failed(format!("{}: the answer cannot be read: {error}", self.url)))?;
                 Ok(accepted.next)
             }
-            // This very word may have come through, and its answer not.
+            // This very report may have arrived, and its answer been lost.
             Err(Stop::Over) if begun.elapsed() >= PAUSE => Ok(None),
             Err(stop) => Err(stop),
         }
@@ -260,7 +260,7 @@ async fn either(terminate: &mut Signal, interrupt: &mut Signal) {
     }
 }
 
-/// Does parts as long as there are any and [`LONGEST`] is not over: then others of the cluster may have its place.
+/// Runs parts as long as there are any and [`LONGEST`] has not passed: then others of the cluster may have its place.
 async fn one_after_another(server: &Server) -> Result<(), Stop> {
     let begun = Instant::now();
     let mut server = server.clone();
@@ -283,7 +283,7 @@ async fn in_folder(server: &Server, begun: Instant) -> Result<Option<NextPart>, 
     ended
 }
 
-/// What is left in a folder for temporary files is no failure of a part.
+/// Leftovers in a folder for temporary files are not a failure of the part.
 fn removed(folder: TempDir) {
     if let Err(error) = folder.close() {
         tracing::warn!(%error, "temporary files cannot be removed");
@@ -343,7 +343,7 @@ fn start(order: &PartOrder, folder: &Path) -> std::io::Result<Child> {
     Ok(child)
 }
 
-/// Does the job, tells its events, and delivers its files.
+/// Runs the job, sends its events, and delivers its files.
 async fn do_job(server: &Server, order: &PartOrder, folder: &Path) -> Result<PartHow, Stop> {
     let mut child = match start(order, folder) {
         Ok(child) => child,
@@ -432,7 +432,7 @@ async fn do_job(server: &Server, order: &PartOrder, folder: &Path) -> Result<Par
     Ok(PartHow::Done { result: words, files })
 }
 
-/// Tells what comes, and that this lives, until nothing more will come.
+/// Sends events and signs of life until there are no more.
 async fn tell_all(server: &Server, mut events: mpsc::UnboundedReceiver<String>, ended: &Notify) -> Result<(), Stop> {
     let mut told = Instant::now();
     loop {
@@ -494,7 +494,7 @@ fn why_not(status: ExitStatus, complaints: &Path, order: &PartOrder) -> PartHow 
     }
 }
 
-/// An error with what it comes from.
+/// An error with its causes.
 fn causes(error: &dyn std::error::Error) -> String {
     let (mut words, mut next) = (error.to_string(), error.source());
     while let Some(cause) = next {

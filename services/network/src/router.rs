@@ -1,4 +1,4 @@
-//! `rotortwin router`: a zenoh router with this program's configuration, where processes of runs meet.
+//! `rotortwin router`: a zenoh router with this program's configuration, to which processes of runs connect.
 
 use rotortwin_cli::network::router::Args;
 use rotortwin_cli::output::{bad_input, failed, line};

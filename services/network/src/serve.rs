@@ -1,4 +1,4 @@
-//! `rotortwin serve` and `rotortwin worker`: jobs over HTTP, and more hands for them on other hosts.
+//! `rotortwin serve` and `rotortwin worker`: jobs over HTTP, and additional workers on other hosts.
 
 use rotortwin_api::{Autopilot, FdiLimits, RayConfig, ServeConfig, Server, WorkConfig, Worker};
 use rotortwin_cli::network::autopilot::ListedAutopilot;
@@ -35,7 +35,7 @@ fn work_config(args: &WorkArgs, roles: &[Role], seats: usize) -> Result<WorkConf
     })
 }
 
-/// The cluster that does the parts, if there is one.
+/// The cluster that runs the parts, if there is one.
 fn ray_config(args: &Args) -> Result<Option<RayConfig>, String> {
     let Executor::Ray(url) = &args.executor else {
         return Ok(None);
@@ -77,7 +77,7 @@ fn listed(autopilot: &ListedAutopilot) -> Autopilot {
     }
 }
 
-/// Two runs at once with one autopilot, or a listed one with which nobody flies, would be found out too late.
+/// Two concurrent runs with one autopilot, or a listed one that no worker can reach, would be detected too late.
 fn check_autopilots(work: &WorkConfig) -> Result<(), String> {
     for (place, one) in work.autopilots.iter().enumerate() {
         for other in &work.autopilots[..place] {
@@ -104,10 +104,10 @@ fn check_autopilots(work: &WorkConfig) -> Result<(), String> {
     Ok(())
 }
 
-/// A token of the Ray cluster.
+/// A token for the Ray cluster.
 const RAY_TOKEN: &str = "ROTORTWIN_RAY_TOKEN";
 
-/// Where what clients can name lies.
+/// Folders of the documents that clients can name.
 fn library(args: &Args) -> std::io::Result<PathBuf> {
     if let Some(library) = &args.library {
         return Ok(library.clone());
@@ -205,14 +205,14 @@ pub(crate) fn work(args: &WorkerArgs) -> ExitCode {
     })
 }
 
-/// Threads that compute may take this long when the process ends.
+/// Time for computing threads when the process ends.
 const LAST_THREADS: Duration = Duration::from_millis(500);
 
 pub(crate) fn in_runtime(future: impl Future<Output = ExitCode>) -> ExitCode {
     match tokio::runtime::Builder::new_multi_thread().enable_all().build() {
         Ok(runtime) => {
             let code = runtime.block_on(future);
-            // What still computes is not waited for.
+            // Threads that are still computing are not waited for.
             runtime.shutdown_timeout(LAST_THREADS);
             code
         }
@@ -220,7 +220,7 @@ pub(crate) fn in_runtime(future: impl Future<Output = ExitCode>) -> ExitCode {
     }
 }
 
-/// Ready once somebody asks the process to end. A second request ends it at once; jobs under way are begun again.
+/// Ready once the process is asked to end. A second request ends it immediately; jobs in progress are restarted.
 async fn stopped() {
     use tokio::signal::unix::{Signal, SignalKind, signal};
     async fn either(terminate: &mut Signal) {

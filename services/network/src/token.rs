@@ -1,4 +1,4 @@
-//! `rotortwin token`: who may use a server.
+//! `rotortwin token`: access to a server.
 
 use rotortwin_api::tokens::{self, NewToken, Scope, Token, Tokens};
 use rotortwin_cli::network::token::{Args, What};

@@ -1,4 +1,4 @@
-//! `rotortwin --server URL blind`: the cases are done by the server's workers; score sheet and files here.
+//! `rotortwin --server URL blind`: the server's workers run the cases; score sheet and files are written here.
 
 use super::events::Event;
 use super::http::Remote;
@@ -52,7 +52,7 @@ pub(super) fn run(server: &ServerArgs, args: &Args) -> ExitCode {
     })
 }
 
-/// What is asked for, with the vehicles as they are here.
+/// The request, with this machine's versions of the vehicles.
 fn body(args: &BenchArgs) -> Result<Value, String> {
     let request = args.request().map_err(|error| error.to_string())?;
     let mut names = BTreeSet::new();
@@ -67,7 +67,7 @@ fn body(args: &BenchArgs) -> Result<Value, String> {
     }))
 }
 
-/// A vehicle with its blades, under a name that no other has.
+/// A vehicle with its blades, under a unique name.
 fn sent(path: &Path, names: &mut BTreeSet<String>) -> Result<Value, String> {
     Vehicle::load(path).map_err(|error| error.to_string())?;
     let blades = blades_of(path).map_err(|error| error.to_string())?;
@@ -85,7 +85,7 @@ fn sent(path: &Path, names: &mut BTreeSet<String>) -> Result<Value, String> {
     Ok(json!({ "vehicle": name, "text": read(path)?, "blades": read(&blades)? }))
 }
 
-/// The name of a file, as a server takes it for a document.
+/// The name of a file in a form that the server accepts for a document.
 fn document_name(path: &Path) -> String {
     let stem = path.file_stem().unwrap_or_default().to_string_lossy();
     let plain = |c: char| {
@@ -103,7 +103,7 @@ fn document_name(path: &Path) -> String {
     }
 }
 
-/// The cases that are done. One of a part that was begun again is told twice.
+/// Finished cases. A case of a restarted part is reported twice.
 struct Cases {
     bar: ProgressBar,
     done: BTreeSet<u64>,
@@ -135,7 +135,7 @@ impl Cases {
     }
 }
 
-/// The files, and what they say.
+/// The files, and their summary.
 async fn finish(remote: &Remote, done: &task::Done, args: &BenchArgs) -> Result<ExitCode, RemoteError> {
     fetch::everything(remote, &done.path, &args.out).await?;
     if args.json {

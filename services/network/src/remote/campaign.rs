@@ -1,4 +1,4 @@
-//! `rotortwin --server URL campaign`: flown by the server's workers, in parts; table and files here.
+//! `rotortwin --server URL campaign`: flown by the server's workers, in parts; table and files are written here.
 
 use super::events::Event;
 use super::http::{Ask, Remote};
@@ -89,7 +89,7 @@ fn show(bar: &ProgressBar, event: &Event, done: &mut u64, parts: u64, flights: u
     }
 }
 
-/// The files, and what they say.
+/// The files, and their summary.
 async fn finish(
     remote: &Remote,
     id: &str,
@@ -110,7 +110,7 @@ async fn finish(
         )));
     }
     fetch::everything(remote, &path, folder).await?;
-    // Results of the server are beside its log and what it was given.
+    // The server stores results next to its log and its inputs.
     let folder = if folder.join("out").is_dir() {
         folder.join("out")
     } else {
@@ -122,7 +122,7 @@ async fn finish(
         return Ok(ExitCode::SUCCESS);
     }
     if let Err(sentence) = campaign::print_fetched(args, campaign, &folder) {
-        // Of another version, or of other vehicles than those that are here.
+        // Of another version, or of vehicles other than this machine's.
         tracing::debug!(sentence, "the folder cannot be read as one of ours");
         let number = |key: &str| summary[key].as_u64().unwrap_or(0);
         output::line(&format!(

@@ -7,7 +7,7 @@ use serde_json::Value;
 use std::collections::VecDeque;
 use std::time::Duration;
 
-/// The server says something every 15 s: after this long without a word the connection is dead.
+/// The server sends something every 15 s: after this long a silent connection is dead.
 const SILENCE: Duration = Duration::from_secs(40);
 
 /// An event.
@@ -17,29 +17,29 @@ pub(crate) struct Event {
     pub id: u64,
     /// `queued`, `started`, …, `ended`.
     pub kind: String,
-    /// What it says.
+    /// Its content.
     pub data: Value,
 }
 
-/// Follows one job. A call of [`next`](Self::next) that is dropped loses nothing.
+/// Follows one job. Dropping a call of [`next`](Self::next) loses nothing.
 #[derive(Debug)]
 pub(crate) struct Follow<'a> {
     remote: &'a Remote,
-    /// Of the job.
+    /// Address of the job.
     path: String,
-    /// Number of the last event that was given.
+    /// Number of the last event returned.
     last: u64,
     connection: Option<Response>,
     parser: Parser,
     ready: VecDeque<Event>,
-    /// The connection has brought something.
+    /// The connection has delivered something.
     news: bool,
     over: bool,
     patience: Patience,
 }
 
 impl<'a> Follow<'a> {
-    /// `path`: of the job; events after number `after`.
+    /// `path`: of the job; starts with the events after number `after`.
     pub(crate) fn new(remote: &'a Remote, path: String, after: u64) -> Self {
         Self {
             remote,
@@ -62,7 +62,7 @@ impl<'a> Follow<'a> {
                     continue;
                 }
                 if event.id > self.last + 1 {
-                    // Never seen; asking again is the cure.
+                    // Never seen; a retry would resolve it.
                     self.connection = None;
                     self.ready.clear();
                     break;

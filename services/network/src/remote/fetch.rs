@@ -1,4 +1,4 @@
-//! Files of a job into a folder here.
+//! Downloads a job's files into a local folder.
 
 use super::RemoteError;
 use super::http::{Ask, Patience, Remote, causes};
@@ -9,13 +9,13 @@ use std::io::Write as _;
 use std::path::{Component, Path};
 use std::time::Duration;
 
-/// No piece of a file takes longer.
+/// Time-out for each piece of a file.
 const PIECE: Duration = Duration::from_secs(30);
 
-/// Whether a folder can take files that are fetched.
+/// Whether a folder can receive downloaded files.
 ///
 /// # Errors
-/// There is something in it.
+/// It is not empty.
 pub(crate) fn empty(folder: &Path) -> Result<(), String> {
     if std::fs::read_dir(folder).is_ok_and(|mut entries| entries.next().is_some()) {
         return Err(format!(
@@ -26,7 +26,7 @@ pub(crate) fn empty(folder: &Path) -> Result<(), String> {
     Ok(())
 }
 
-/// Fetches all files of a job into a folder; how many.
+/// Downloads all files of a job into a folder; returns their number.
 pub(crate) async fn everything(remote: &Remote, job: &str, folder: &Path) -> Result<usize, RemoteError> {
     let names = names(remote, job).await?;
     for name in &names {
@@ -56,7 +56,7 @@ pub(crate) async fn names(remote: &Remote, job: &str) -> Result<Vec<String>, Rem
         .collect())
 }
 
-/// Fetches one file; goes on where a connection broke.
+/// Downloads one file; resumes where a connection broke.
 pub(crate) async fn file(remote: &Remote, path: &str, target: &Path) -> Result<(), RemoteError> {
     let told = |error: std::io::Error| RemoteError::Failed(format!("{}: cannot be written: {error}", target.display()));
     if let Some(parent) = target.parent() {
@@ -87,7 +87,7 @@ pub(crate) async fn file(remote: &Remote, path: &str, target: &Path) -> Result<(
             .get("etag")
             .and_then(|tag| Some(tag.to_str().ok()?.to_owned()));
         if have > 0 && (answer.status() != StatusCode::PARTIAL_CONTENT || its_tag != tag) {
-            // Another file than the one that was begun.
+            // A different file than at the start.
             out = File::create(&part).map_err(told)?;
             have = 0;
             if answer.status() == StatusCode::PARTIAL_CONTENT {

@@ -1,8 +1,8 @@
-//! Flights that a command names, as the server knows them.
+//! Flights named by a command, as the server knows them.
 //!
 //! A flight is a log or run folder of this machine, or the id of a log or run of the server. Logs of this machine are uploaded under a key
-//! made from their bytes, so that the server imports a log once. A run folder, and a log with a side file, are brought into the canonical
-//! form here, because an upload is one file.
+//! derived from their bytes, so that the server imports a log once. A run folder, and a log with a side file, are converted to the
+//! canonical form here, because an upload is one file.
 
 use super::http::{Ask, Remote};
 use super::{RemoteError, fetch, task};
@@ -13,9 +13,9 @@ use std::path::{Path, PathBuf};
 use std::time::Duration;
 use xxhash_rust::xxh3::xxh3_128;
 
-/// An upload is slower than this only if the connection is dead, bytes/s.
+/// Below this rate the connection of an upload counts as dead, bytes/s.
 const SLOWEST_UPLOAD: u64 = 100_000;
-/// An upload that takes no time may take this long.
+/// Time allowed for an upload in addition to its transfer.
 const ANSWER: Duration = Duration::from_secs(30);
 
 /// Flights of a submission.
@@ -42,7 +42,7 @@ pub(super) async fn named(remote: &Remote, texts: &[PathBuf], quiet: bool) -> Re
     Ok(json!({ "logs": logs, "runs": runs }))
 }
 
-/// `LOG@PART` as [`FlightLog::read_part`] cuts it.
+/// Cuts `LOG@PART` like [`FlightLog::read_part`].
 fn cut(text: &Path) -> (&Path, Option<&str>) {
     text.to_str()
         .and_then(|text| text.rsplit_once('@'))
@@ -96,7 +96,7 @@ fn as_file(path: &Path, part: Option<&str>) -> Result<(String, Vec<u8>, Option<S
     Ok((upload_name(path, Some("parquet")), bytes, part))
 }
 
-/// The name of a file as the server takes it.
+/// The name of a file in a form that the server accepts.
 pub(super) fn upload_name(path: &Path, ending: Option<&str>) -> String {
     let name = match ending {
         Some(ending) => path.with_extension(ending),
@@ -116,7 +116,7 @@ pub(super) fn upload_name(path: &Path, ending: Option<&str>) -> String {
         .collect()
 }
 
-/// Uploads a log and waits until it is imported; `query`: how it is to be read.
+/// Uploads a log and waits until it is imported; `query`: import settings.
 pub(super) async fn import(
     remote: &Remote,
     name: &str,
@@ -136,7 +136,7 @@ pub(super) async fn import(
     let mut there = job.status() == StatusCode::OK;
     let mut log: Value = job.json().await.map_err(no_json)?;
     if there && matches!(log["status"].as_str(), Some("failed" | "canceled")) {
-        // Perhaps it goes well today.
+        // It may succeed today.
         job = remote.call(&ask.once()).await?;
         there = false;
         log = job.json().await.map_err(no_json)?;

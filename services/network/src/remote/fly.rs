@@ -1,4 +1,4 @@
-//! `rotortwin --server URL fly`: the flight there, progress and files here.
+//! `rotortwin --server URL fly`: flown on the server; progress and files appear here.
 
 use super::events::{Event, Follow};
 use super::http::{Ask, Remote};
@@ -46,7 +46,7 @@ pub(crate) fn run(server: &ServerArgs, args: &Args) -> ExitCode {
         };
         let code = flight.fly(remote, &scenario, seed).await;
         screen.close();
-        // Of a run that has left nothing; otherwise the folder is not empty, and stays.
+        // For a run that has left nothing; otherwise the folder is not empty, and stays.
         if std::fs::read_dir(folder.path()).is_ok_and(|mut entries| entries.next().is_none())
             && let Err(error) = folder.discard()
         {
@@ -56,7 +56,7 @@ pub(crate) fn run(server: &ServerArgs, args: &Args) -> ExitCode {
     })
 }
 
-/// An option that says how this machine flies.
+/// An option that applies to flights on this machine only.
 fn only_here(args: &Args) -> Option<&'static str> {
     let options = [
         (args.listen.is_some(), "--listen"),
@@ -152,7 +152,7 @@ impl Flight<'_> {
         }
     }
 
-    /// The files, and what they say.
+    /// The files, and their summary.
     async fn fetch(&self, remote: &Remote, path: &str) -> Result<ExitCode, RemoteError> {
         let run = remote.json(&Ask::get(path)).await?;
         let files = fetch::everything(remote, path, self.folder.path()).await?;
@@ -169,7 +169,7 @@ impl Flight<'_> {
     }
 }
 
-/// What there is to say of a run without a summary.
+/// Report on a run without a summary.
 fn unfinished(run: &Value, files: usize) -> String {
     let why = run["error"]
         .as_str()

@@ -1,4 +1,4 @@
-//! Requests with patience: what does not reach the server, or is answered with "not now", is tried again with growing pauses.
+//! Requests with retries: if the server is unreachable or answers "not now", they are repeated with increasing pauses.
 
 use super::HERE;
 use reqwest::header::{AUTHORIZATION, CONTENT_TYPE, HeaderValue, RETRY_AFTER};
@@ -10,16 +10,16 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 use tokio::time::Instant;
 
-/// How long a server that was reached before is tried again.
+/// How long a server that was reached before is retried.
 const PATIENCE: Duration = Duration::from_secs(60);
-/// How long one that was never reached is: most likely the address is wrong.
+/// How long one that was never reached is retried: most likely the address is wrong.
 const FIRST_PATIENCE: Duration = Duration::from_secs(3);
-/// No answer to a plain question takes longer.
+/// Time-out for a plain request.
 const ANSWER: Duration = Duration::from_secs(30);
-/// A pause that the server asks for is not kept longer.
+/// Upper bound of the retry delay that the server requests.
 const LONGEST_PAUSE: Duration = Duration::from_secs(30);
 
-/// Why it did not work, one sentence.
+/// Why it failed, one sentence.
 #[derive(Debug)]
 pub(crate) enum RemoteError {
     /// Exit code 2: the request was wrong, and nothing was done.
@@ -28,7 +28,7 @@ pub(crate) enum RemoteError {
     Failed(String),
 }
 
-/// Pauses between tries: 0.1 s, doubling up to 5 s, until so much time has passed.
+/// Pauses between attempts: 0.1 s, doubling up to 5 s, until a total time has passed.
 #[derive(Debug)]
 pub(crate) struct Patience {
     began: Instant,
@@ -43,10 +43,10 @@ impl Patience {
         }
     }
 
-    /// The next pause, `None` if it would end later than `limit` after the beginning; `asked`: what the server wishes.
+    /// The next pause, `None` if it would end later than `limit` after the start; `asked`: the server's retry delay.
     fn next(&mut self, limit: Duration, asked: Option<Duration>) -> Option<Duration> {
         let own = Duration::from_millis(100 << self.tries.min(10)).min(Duration::from_secs(5));
-        // Many clients of one server that was restarted do not come back at once.
+        // Randomized, so that many clients of a restarted server do not come back at once.
         let own = own.mul_f64(rand::random_range(0.5..1.0));
         self.tries += 1;
         let pause = asked.map_or(own, |asked| asked.clamp(own, LONGEST_PAUSE));
@@ -54,14 +54,14 @@ impl Patience {
     }
 }
 
-/// What goes with a question; cheap to copy, as it may go several times.
+/// Body of a request; cheap to clone, as it may be sent several times.
 #[derive(Debug, Clone)]
 enum Body {
     Json(Value),
     Bytes(Arc<Vec<u8>>),
 }
 
-/// A question.
+/// A request.
 #[derive(Debug, Clone)]
 pub(crate) struct Ask {
     method: Method,
@@ -69,7 +69,7 @@ pub(crate) struct Ask {
     body: Option<Body>,
     headers: Vec<(&'static str, String)>,
     limit: Duration,
-    /// A refusal that, on a second try, says that the first one did its work although its answer was lost.
+    /// A refusal that, on a retry, means that the first attempt succeeded although its answer was lost.
     done_before: Option<StatusCode>,
 }
 
@@ -88,7 +88,7 @@ impl Ask {
         ask
     }
 
-    /// Cancels: 409 on a second try means that it has ended meanwhile.
+    /// Cancels: 409 on a retry means that it has ended meanwhile.
     pub(crate) fn cancel(path: impl Into<String>) -> Self {
         let mut ask = Self::post(path);
         ask.done_before = Some(StatusCode::CONFLICT);
@@ -122,7 +122,7 @@ impl Ask {
         self
     }
 
-    /// A key under which only one job can be made, however often this is tried.
+    /// An idempotency key: only one job can be created with it, however often this is retried.
     pub(crate) fn once(self) -> Self {
         let key = format!("{:032x}", rand::random::<u128>());
         self.header("idempotency-key", key)
@@ -154,7 +154,7 @@ impl Remote {
                 "--server {url}: expected an address such as {HERE}"
             )));
         }
-        // Another part of this program may have chosen already.
+        // Another part of this program may have installed one already.
         if rustls::crypto::ring::default_provider().install_default().is_err() {
             tracing::debug!("TLS was set up before");
         }
@@ -168,7 +168,7 @@ impl Remote {
                 .ok_or_else(|| bad("expected a certificate in PEM".to_owned()))?;
             http = http.tls_certs_only(certificates);
         } else if url.starts_with("http://") {
-            // No certificates are needed, and a machine without any can still ask.
+            // No certificates are needed, and a machine without any can still connect.
             http = http.tls_certs_only([]);
         }
         Ok(Self {
@@ -181,12 +181,12 @@ impl Remote {
         })
     }
 
-    /// Where it is.
+    /// Its address.
     pub(crate) fn url(&self) -> &str {
         &self.url
     }
 
-    /// One try, without patience: an answer of any status.
+    /// One attempt, without retries: an answer of any status.
     pub(crate) async fn once(&self, ask: &Ask) -> Result<Response, String> {
         let mut request = self
             .http
@@ -213,7 +213,7 @@ impl Remote {
         }
     }
 
-    /// An answer that is no refusal.
+    /// A successful answer.
     pub(crate) async fn call(&self, ask: &Ask) -> Result<Response, RemoteError> {
         let mut patience = Patience::new();
         loop {
@@ -227,7 +227,7 @@ impl Remote {
         }
     }
 
-    /// The pause after an answer that is no success; what will not get better is an error.
+    /// The pause after an unsuccessful answer; permanent errors are returned.
     pub(crate) async fn pause_or_refusal(
         &self,
         answer: Response,
@@ -245,9 +245,9 @@ impl Remote {
         }
     }
 
-    /// The pause after a connection that could not be made, or broke.
+    /// The pause after a connection that failed or broke.
     pub(crate) fn pause_or_loss(&self, words: &str, patience: &mut Patience) -> Result<Duration, RemoteError> {
-        // A stranger's certificate, or none: asking again does not help.
+        // An untrusted certificate, or none: a retry does not help.
         let hopeless = words.contains("certificate") || words.contains("InvalidContentType");
         let limit = if self.reached.load(Ordering::Relaxed) {
             PATIENCE
@@ -283,7 +283,7 @@ impl Remote {
     }
 }
 
-/// The sentence of a refusal.
+/// The message of a refusal.
 async fn refusal(answer: Response) -> RemoteError {
     let (status, url) = (answer.status(), answer.url().clone());
     let text = answer.text().await.unwrap_or_default();
@@ -320,7 +320,7 @@ fn token(args: &ServerArgs) -> Result<Option<HeaderValue>, RemoteError> {
     Ok(Some(value))
 }
 
-/// An error with what caused it: the outer words alone say little.
+/// An error with its causes: the outer message alone says little.
 pub(crate) fn causes(error: &reqwest::Error) -> String {
     let mut words = Vec::new();
     let mut cause = std::error::Error::source(error);

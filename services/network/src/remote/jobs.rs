@@ -1,4 +1,4 @@
-//! `rotortwin runs list|get|events|cancel|delete|fetch`: what a server has, of any kind of job.
+//! `rotortwin runs list|get|events|cancel|delete|fetch`: a server's jobs of any kind.
 
 use super::events::Follow;
 use super::http::{Ask, Remote};
@@ -124,7 +124,7 @@ impl Jobs<'_> {
     }
 }
 
-/// A name that a server gave must not lead anywhere.
+/// A name from a server must not lead outside.
 fn in_file_name(name: &str) -> String {
     name.chars()
         .map(|letter| {

@@ -1,4 +1,4 @@
-//! `rotortwin --server URL check|train`: work on a scenario that the server's library has.
+//! `rotortwin --server URL check|train`: work on a scenario of the server's library.
 
 use super::http::{Ask, Remote};
 use super::{RemoteError, fetch, task, with_server};
@@ -10,7 +10,7 @@ use serde_json::{Value, json};
 use std::path::Path;
 use std::process::ExitCode;
 
-/// The classifier, in the files of its job.
+/// The classifier among the files of its job.
 const CLASSIFIER: &str = "classifier.json";
 
 /// Checks a scenario with the server's library: its vehicles, blades and classifiers.
@@ -52,7 +52,7 @@ pub(super) fn check(server: &ServerArgs, args: &show::CheckArgs) -> ExitCode {
     })
 }
 
-/// Trains a classifier on flights of a scenario that the server has, and fetches its file.
+/// Trains a classifier on flights of a scenario of the server, and downloads its file.
 pub(super) fn train(server: &ServerArgs, args: &TrainArgs) -> ExitCode {
     rotortwin_process::start_logging();
     let request = match args.request() {
@@ -73,7 +73,7 @@ pub(super) fn train(server: &ServerArgs, args: &TrainArgs) -> ExitCode {
     })
 }
 
-/// The name of a scenario that means the same here and in the server's library.
+/// The name of a scenario that is the same here and in the server's library.
 async fn same_there(remote: &Remote, path: &Path) -> Result<String, RemoteError> {
     let here = Scenario::load_without_classifier(path).map_err(|error| RemoteError::BadInput(error.to_string()))?;
     let name = path
@@ -94,7 +94,7 @@ async fn same_there(remote: &Remote, path: &Path) -> Result<String, RemoteError>
     let mut documents = Documents::from_toml("the server's settings", effective)
         .map_err(|error| RemoteError::Failed(format!("the server's scenario {name} cannot be read: {error}")))?;
     let mut own = here.documents().clone();
-    // A network that is to be trained is not read.
+    // A network to be trained is not read.
     (documents.classifier, own.classifier) = (None, None);
     (documents.scenario.fdi.network, own.scenario.fdi.network) = (None, None);
     if documents.to_toml() != own.to_toml() {

@@ -7,8 +7,8 @@
 //!     │  └▶ flights (logs of this machine, uploaded once)
 //!     └──▶ fetch (files, resumed) ─▶ run folder, table: as if flown here
 //! ```
-//! A scenario is read and checked here and sent with all its documents, so that the server flies what this machine means, whatever its
-//! library holds. A submission carries an idempotency key: trying again cannot make a second run.
+//! A scenario is read and checked here and sent with all its documents, so that the server flies this machine's version, whatever its
+//! library holds. A submission carries an idempotency key: a retry cannot create a second run.
 
 mod blind;
 mod campaign;
@@ -31,10 +31,10 @@ use std::process::ExitCode;
 
 pub(crate) use http::RemoteError;
 
-/// Where `runs` and its like ask if `--server` does not say it.
+/// Default server of `runs` and similar commands, without `--server`.
 const HERE: &str = "http://127.0.0.1:8400";
 
-/// Does a command on the server.
+/// Runs a command on the server.
 pub(crate) fn run(server: &ServerArgs, command: &Command) -> ExitCode {
     match command {
         Command::Fly(args) => fly::run(server, args),
@@ -63,7 +63,7 @@ pub(crate) fn jobs(server: &ServerArgs, kind: &'static str, args: &JobArgs) -> E
     jobs::run(server, kind, args)
 }
 
-/// Does work against a server; its error becomes the exit code.
+/// Runs an operation on a server; its error becomes the exit code.
 fn with_server(server: &ServerArgs, work: impl AsyncFnOnce(&Remote) -> Result<ExitCode, RemoteError>) -> ExitCode {
     let done = tokio::runtime::Builder::new_current_thread()
         .enable_all()

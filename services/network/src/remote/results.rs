@@ -1,4 +1,4 @@
-//! `rotortwin --server URL show` and `replay`: of a run that the server has.
+//! `rotortwin --server URL show` and `replay`: for a run of the server.
 
 use super::http::{Ask, Remote};
 use super::{RemoteError, fetch, with_server};
@@ -10,10 +10,10 @@ use std::path::Path;
 use std::process::ExitCode;
 use std::time::Duration;
 
-/// A flight that is flown again takes no longer.
+/// Longest time to fly a run again.
 const AGAIN: Duration = Duration::from_secs(3600);
 
-/// Prints the result of a run; its id stands where the folder stands otherwise.
+/// Prints the result of a run, given by its id in place of the folder.
 pub(super) fn show(server: &ServerArgs, args: &show::Args) -> ExitCode {
     with_server(server, async |remote| {
         let path = run_path(&args.run)?;
@@ -77,7 +77,7 @@ async fn verify(remote: &Remote, args: &replay::Args) -> Result<ExitCode, Remote
     })
 }
 
-/// The address of a run whose id was given.
+/// The address of a run with this id.
 fn run_path(id: &Path) -> Result<String, RemoteError> {
     let id = id.to_string_lossy();
     if id.is_empty() || !id.bytes().all(|byte| byte.is_ascii_alphanumeric()) {

@@ -1,9 +1,9 @@
-//! Ctrl-C and SIGTERM, as something to wait for.
+//! Ctrl-C and SIGTERM as a future.
 
 use super::RemoteError;
 use tokio::signal::unix::{Signal, SignalKind, signal};
 
-/// Both signals, from when it was made.
+/// Both signals, from its creation on.
 pub(super) struct Stop {
     interrupt: Signal,
     terminate: Signal,

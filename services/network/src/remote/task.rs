@@ -1,4 +1,4 @@
-//! A job that is no flight: submitted, shown, waited for; then its result as text, and its files.
+//! A job other than a flight: submitted, shown, waited for; then its result as text, and its files.
 
 use super::events::{Event, Follow};
 use super::http::{Ask, Remote};
@@ -11,19 +11,19 @@ use std::path::Path;
 use std::process::ExitCode;
 use std::time::Duration;
 
-/// Between two turns of the spinner.
+/// Interval of the spinner.
 const TURN: Duration = Duration::from_millis(120);
 
-/// A job that is done.
+/// A finished job.
 #[derive(Debug)]
 pub(super) struct Done {
     /// `/api/v1/COLLECTION/ID`
     pub(super) path: String,
-    /// All that is known of it.
+    /// All its data.
     pub(super) job: Value,
 }
 
-/// Submits a job; its address. `what`: one word for people, `quiet`: nothing on the terminal.
+/// Submits a job; returns its address. `what`: its name in messages, `quiet`: nothing on the terminal.
 pub(super) async fn submit(
     remote: &Remote,
     collection: &str,
@@ -40,7 +40,7 @@ pub(super) async fn submit(
     Ok(format!("/api/v1/{collection}/{id}"))
 }
 
-/// Submits a job, shows it, and waits until it is done; `what`: one word for people, `quiet`: nothing on the terminal.
+/// Submits a job, shows it, and waits until it is done; `what`: its name in messages, `quiet`: nothing on the terminal.
 pub(super) async fn perform(
     remote: &Remote,
     collection: &str,
@@ -104,13 +104,13 @@ pub(super) async fn follow(
     Ok(())
 }
 
-/// A job that has ended, if it is done.
+/// Returns a job that has ended, if it is done.
 pub(super) async fn ended(remote: &Remote, path: String, what: &str) -> Result<Done, RemoteError> {
     let job = remote.json(&Ask::get(&path)).await?;
     if job["status"] == "done" {
         return Ok(Done { path, job });
     }
-    // What the command said there is a whole sentence already.
+    // The command's message on the server is a complete sentence already.
     Err(RemoteError::Failed(job["error"].as_str().map_or_else(
         || format!("the {what} ended as {}", fetch::text(&job, "status")),
         |error| error.trim_start_matches("rotortwin: ").to_owned(),
@@ -137,7 +137,7 @@ fn show(bar: &ProgressBar, event: &Event) {
 }
 
 impl Done {
-    /// A file of it, as text.
+    /// One of its files, as text.
     pub(super) async fn text(&self, remote: &Remote, name: &str) -> Result<String, RemoteError> {
         let answer = remote
             .call(&Ask::get(format!("{}/artifacts/{}", self.path, fetch::in_url(name))))
@@ -146,7 +146,7 @@ impl Done {
         answer.text().await.map_err(told)
     }
 
-    /// Fetches its files if a folder is named, and prints `NAME.json` or `NAME.txt`, as the command does here; the files' names follow.
+    /// Downloads its files if a folder is named, and prints `NAME.json` or `NAME.txt`, like the local command; then the files' names.
     pub(super) async fn print(
         &self,
         remote: &Remote,

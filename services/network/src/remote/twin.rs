@@ -1,7 +1,7 @@
 //! `rotortwin --server URL compare|diagnose|improve|log import`: the twin's work there, on logs of this machine or of the server.
 //!
-//! A model is sent as a version with its vehicle, so that the server means what this machine means. What a command prints there
-//! (`comparison.txt`, …) is printed here.
+//! A model is sent as a version with its vehicle, so that the server uses this machine's version. The command's output on the
+//! server (`comparison.txt`, …) is printed here.
 
 use super::flights;
 use super::http::Remote;
@@ -16,7 +16,7 @@ use serde_json::{Value, json};
 use std::path::Path;
 use std::process::ExitCode;
 
-/// The version that an improvement ends with, in its files.
+/// The final version of an improvement, among its files.
 const FINAL_MODEL: &str = "model.toml";
 
 fn bad(error: impl std::fmt::Display) -> RemoteError {
@@ -27,7 +27,7 @@ fn body_of(version: &ModelVersion) -> Value {
     json!({ "version": version.to_toml() })
 }
 
-/// Holds a model against flights.
+/// Compares a model with flights.
 pub(super) fn compare(server: &ServerArgs, args: &compare::Args) -> ExitCode {
     let [model] = args.model.as_slice() else {
         return output::bad_input("a server compares one model at a time: expected one --model, or no --server");
@@ -74,7 +74,7 @@ pub(super) fn diagnose(server: &ServerArgs, args: &diagnose::Args) -> ExitCode {
     })
 }
 
-/// Improves a model; the versions that it goes through are kept here, as if they were found here.
+/// Improves a model; its versions are stored here, as if they were found here.
 pub(super) fn improve(server: &ServerArgs, args: &improve::Args) -> ExitCode {
     if !args.yes {
         return output::bad_input("a server asks nobody before its steps: expected --yes");
@@ -116,7 +116,7 @@ pub(super) fn improve(server: &ServerArgs, args: &improve::Args) -> ExitCode {
     })
 }
 
-/// Takes the versions that came after `version` into the store of this machine; their labels.
+/// Stores the versions after `version` on this machine; returns their labels.
 async fn keep(
     remote: &Remote,
     done: &task::Done,
@@ -127,7 +127,7 @@ async fn keep(
     let told = |error: &dyn std::fmt::Display| RemoteError::Failed(format!("the versions cannot be kept: {error}"));
     let files = fetch::names(remote, &done.path).await?;
     let (mut labels, mut parent) = (Vec::new(), version.hash());
-    // Version 0 is what was sent.
+    // Version 0 is the one that was sent.
     for number in 1.. {
         let name = format!("models/{}/v{number}.toml", version.name);
         if !files.contains(&name) {
@@ -147,7 +147,7 @@ async fn keep(
     Ok(labels)
 }
 
-/// Imports logs on the server, and fetches them in canonical form.
+/// Imports logs on the server, and downloads them in canonical form.
 pub(super) fn log(server: &ServerArgs, args: &log::Args) -> ExitCode {
     let log::Command::Import(args) = &args.command else {
         return output::bad_input("log show reads a file of this machine; expected it without --server, or log import");
