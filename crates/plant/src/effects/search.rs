@@ -127,6 +127,8 @@ pub struct Search {
     pub trim: Option<TrimChange>,
     /// What it does grows in proportion to the time since it set in, as what leaves at a constant rate does.
     pub grows: bool,
+    /// Share of its size that no log gives, however long: what the twin replaces by an approximation. A half of a 95 % interval.
+    pub blur: f64,
 }
 
 impl Search {
@@ -140,6 +142,7 @@ impl Search {
             requires: &[],
             trim: None,
             grows: false,
+            blur: 0.0,
         }
     }
 
@@ -152,6 +155,12 @@ impl Search {
     /// The same for what grows in proportion to the time since it set in.
     pub const fn growing(mut self) -> Self {
         self.grows = true;
+        self
+    }
+
+    /// The same where a share of the size stays unknown in every log.
+    pub const fn blurred(mut self, share: f64) -> Self {
+        self.blur = share;
         self
     }
 

@@ -50,6 +50,12 @@ pub(crate) fn values_of(problem: &Problem, active: &Active, posterior: &Posterio
         let deviation = posterior.covariance.at(offset + j, offset + j).max(0.0).sqrt();
         deviations[column.parameter] = corner * deviation * column.size;
     }
+    let sizes = entry.parameters.iter().zip(&values);
+    let sizes = sizes.filter(|(parameter, _)| parameter.kind == ParameterKind::Size);
+    let unknown = entry.declaration.search.blur * sizes.map(|(_, size)| size * size).sum::<f64>().sqrt() / QUANTILE_95;
+    for deviation in &mut deviations {
+        *deviation = deviation.hypot(unknown);
+    }
     (values, deviations)
 }
 

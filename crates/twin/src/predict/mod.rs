@@ -21,6 +21,7 @@ mod whiten;
 
 use std::sync::Arc;
 
+use nalgebra::{Matrix4, Vector4};
 use rotortwin_flight_core::MAX_ROTORS;
 use rotortwin_plant::Vector3;
 use rotortwin_plant::effects::{Catalogue, Constants, EffectClass, EffectInstance, EffectSet, Hooks};
@@ -559,36 +560,19 @@ pub(crate) fn allocation(c: &Constants) -> impl Fn(f64, Vector3) -> Vec<f64> {
             [1.0, -y, x, c.rotor_spin[i] * c.moment_ratio_m[i]]
         })
         .collect();
-    let mut gram = [[0.0; 4]; 4];
+    let mut gram = Matrix4::zeros();
     for column in &columns {
-        for a in 0..4 {
-            for b in 0..4 {
-                gram[a][b] += column[a] * column[b];
-            }
-        }
+        let column = Vector4::from(*column);
+        gram += column * column.transpose();
     }
+    // The geometry was checked to be controllable.
+    let gram = gram.lu();
     move |thrust, torque| {
-        let mut m = gram;
-        let mut w = [thrust, torque[0], torque[1], torque[2]];
-        // Gaussian elimination; the geometry was checked to be controllable.
-        for i in 0..4 {
-            for j in i + 1..4 {
-                let factor = m[j][i] / m[i][i];
-                for k in i..4 {
-                    m[j][k] -= factor * m[i][k];
-                }
-                w[j] -= factor * w[i];
-            }
-        }
-        for i in (0..4).rev() {
-            for j in i + 1..4 {
-                w[i] -= m[i][j] * w[j];
-            }
-            w[i] /= m[i][i];
-        }
+        let wrench = Vector4::new(thrust, torque[0], torque[1], torque[2]);
+        let w = gram.solve(&wrench).unwrap_or_else(Vector4::zeros);
         columns
             .iter()
-            .map(|column| column.iter().zip(&w).map(|(a, b)| a * b).sum::<f64>().max(0.0))
+            .map(|column| column.iter().zip(w.iter()).map(|(a, b)| a * b).sum::<f64>().max(0.0))
             .collect()
     }
 }
