@@ -17,6 +17,7 @@ use std::time::Duration;
 /// None of our leases or pauses ends later than 20 s from now. A later one was written before the database's clock was set back, and must not
 /// be waited for: such a claim counts as abandoned (its worker, if alive, renews it every 250 ms), such a pause as over.
 const DUE: &str = "(j.not_before_ms <= @NOW OR j.not_before_ms > @NOW + 20000)";
+/// An expired claim, or one from before the clock was set back ([`DUE`]).
 ///
 /// A part handed to an external cluster ([`HANDED_OVER`]) keeps running there while its server is down, and that server takes it up again:
 /// for ten minutes no other server does.
