@@ -37,6 +37,11 @@ from = "main:motor[]"
 low = { parameter = ["motor_low"], default = 1000.0 }
 high = { parameter = ["motor_high"], default = 2000.0 }
 
+[[column]] # eRPM of bidirectional DShot, by motor_poles of the header
+to = "rotor_speed"
+from = "main:rpm[]"
+unit = "rpm"
+
 [[column]]
 to = "battery_voltage_v"
 from = "main:voltage_v"
