@@ -1,4 +1,4 @@
-//! `rotortwin campaign`: many flights of a campaign document, crash-safe, with statistics; replay of one of them; or merging of shards
+//! `rotortwin campaign`: many flights of a campaign document, crash-safe, with statistics; one of them flown again; or merging of shards
 //! flown elsewhere.
 
 use crate::named::typed;

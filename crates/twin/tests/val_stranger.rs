@@ -171,7 +171,9 @@ fn val_a_vehicle_without_its_intervals_is_told_so_before_anything_is_called_miss
     model.constant.clear();
     assert!(model.lacks_intervals());
     let found = said(flown(&vehicle, "excitation", 40.0, 72, &[]), &model);
-    assert!(!found.effects.is_empty());
+    // Something makes up for the guesses, believed or not.
+    let is_dropped = |note: &String| note.starts_with("not believed: ");
+    assert!(!found.effects.is_empty() || found.notes.iter().any(is_dropped));
     assert!(
         found.sentence.contains("own.intervals.toml) are not beside it")
             && found.notes.iter().any(|note| note.contains("not beside it")),

@@ -101,7 +101,10 @@ pub(crate) fn findings(problem: &Problem, named: Vec<Named>, posterior: &Posteri
                 picture: None,
             };
             if !can_be(entry, &values, &deviations) {
-                impossible.push(finding.label);
+                // Of what is known by approximation only such a size is the approximation's error, and no sign of something else.
+                if entry.declaration.search.blur == 0.0 {
+                    impossible.push(finding.label);
+                }
                 return None;
             }
             Some(finding)

@@ -119,7 +119,8 @@ pub fn diagnose(logs: &[FlightLog], model: &ModelVersion, options: &Options<'_>)
     let constants = constants::with_exact(&model.vehicle, &model.constant);
     let mut diagnosis = search::search(predictors, &catalogue, &instances, &constants, options, start)?;
     let guesses = model.guesses();
-    if let (true, Some(warning)) = (model.lacks_intervals() && !diagnosis.effects.is_empty(), &guesses) {
+    let makes_up_for_guesses = model.lacks_intervals() && diagnosis.verdict != Verdict::Agrees;
+    if let (true, Some(warning)) = (makes_up_for_guesses, &guesses) {
         diagnosis.sentence = format!("{warning}. Put it there first. {}", diagnosis.sentence);
     }
     diagnosis.notes.extend(guesses);

@@ -23,9 +23,22 @@ pub(super) fn complete(api: &mut OpenApi) {
             state_forms(operation);
         }
     }
-    let schemas = api.components.iter_mut().flat_map(|all| &mut all.schemas);
-    for (_, schema) in schemas.filter(|(name, _)| name.starts_with("JobWithResult_")) {
-        allow_no_result(schema);
+    for (name, schema) in api.components.iter_mut().flat_map(|all| &mut all.schemas) {
+        if name.starts_with("JobWithResult_") {
+            allow_no_result(schema);
+        }
+        if name == "AxisValue" {
+            allow_overlap(schema);
+        }
+    }
+}
+
+/// A whole number is a number, too: of the kinds of such a value more than one can hold.
+fn allow_overlap(schema: &mut RefOr<Schema>) {
+    if let RefOr::T(Schema::OneOf(kinds)) = schema {
+        let kinds = std::mem::take(&mut kinds.items);
+        let any = kinds.into_iter().fold(AnyOfBuilder::new(), AnyOfBuilder::item);
+        *schema = RefOr::T(Schema::AnyOf(any.build()));
     }
 }
 

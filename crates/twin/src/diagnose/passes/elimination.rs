@@ -44,9 +44,11 @@ impl Pass for BackwardElimination {
 }
 
 /// An effect of a size that cannot be, with the channels in which it shows, if it shows most where none of the others do: it says nothing
-/// against those. One that shares its channel with others stays, and is a doubt about all of them.
+/// against those. One that shares its channel with others stays, and is a doubt about all of them. One that is known by approximation only
+/// leaves in any case: its own error is the nearest reason for such a size.
 fn impossible(problem: &Problem) -> Result<Option<(usize, Vec<String>)>, PredictError> {
-    if problem.active.len() < 2 {
+    let is_approximate = |one: &Active| problem.library.candidates[one.candidate].declaration.search.blur > 0.0;
+    if problem.active.len() < 2 && !problem.active.iter().any(is_approximate) {
         return Ok(None);
     }
     let (posterior, _) = posterior_of(problem)?;
@@ -65,7 +67,7 @@ fn impossible(problem: &Problem) -> Result<Option<(usize, Vec<String>)>, Predict
             .iter()
             .filter(|other| other.candidate != one.candidate)
             .all(|other| !shown(other.candidate).contains(most));
-        apart.then_some((one.candidate, channels))
+        (apart || is_approximate(one)).then_some((one.candidate, channels))
     }))
 }
 

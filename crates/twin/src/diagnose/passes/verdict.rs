@@ -59,6 +59,9 @@ fn forget_what_raises(diagnosis: &mut Diagnosis, doubts: &[Doubt]) {
         _ => None,
     });
     let Some(risen) = risen else { return };
+    if diagnosis.effects.is_empty() && diagnosis.sensor_or_timing.is_empty() {
+        return;
+    }
     let with = format!(
         "with it the {} error on unseen blocks rises from {} to {} {}",
         risen.quantity,
