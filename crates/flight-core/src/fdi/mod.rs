@@ -10,7 +10,7 @@
 //! window (25 samples) and are held in between:
 //!
 //! * [`t_test`]: the paper's statistical test. * [`network`]: the paper's classifier, if weights are given.
-//! [`sequential`]: decides over time with a self-calibrated disturbance model; the one to leave switched on.
+//! * [`sequential`]: decides over time with a self-calibrated disturbance model; the one to leave switched on.
 //!
 //! Rejected samples: a measurement with a NaN or infinity (state, voltage, or the duty of a used rotor), or with a value beyond any
 //! real flight (1000 m/s, 1000 rad/s, 1000 rad, 1000 V), never enters any state. The observers coast on their last rate for that

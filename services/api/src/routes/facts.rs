@@ -1,6 +1,6 @@
 //! What was asked for, in short: of each kind of job that is no run. It is written when a job is accepted, and shown in lists.
 
-use super::tasks::{Flights, ModelChoice};
+use super::asked::{Flights, ModelChoice};
 use rotortwin_blind::bench::cases::Preset;
 use rotortwin_jobs::training::Method;
 use serde::{Deserialize, Serialize};

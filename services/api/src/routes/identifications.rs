@@ -1,9 +1,10 @@
 //! A vehicle from flight logs, mass and arm: submitted as a job, and kept in the library once it was looked at.
 
+use super::asked::Flights;
 use super::documents::{self, checked_name};
 use super::facts::{IdentificationFacts, JobFacts};
 use super::jobs::{self, JobView, Shared, Terms};
-use super::tasks::{Draft, Flights, OUT, done};
+use super::tasks::{Draft, OUT, done};
 use crate::access::Caller;
 use crate::jobs::JobKind;
 use crate::json_object::JsonObject;

@@ -2,6 +2,7 @@
 
 mod all_events;
 mod artifacts;
+mod asked;
 mod autopilots;
 mod blind_benches;
 mod blind_cases;

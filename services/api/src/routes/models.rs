@@ -1,9 +1,10 @@
 //! Models that grow: history, additions, undo, branches, differences, exports. What a version is stands in [`rotortwin_twin::model`].
 
+use super::asked::ModelChoice;
 use super::documents::{checked_name, precondition};
 use super::jobs::Shared;
 use super::model_views::{AddedVersion, DifferenceView, ModelHistory, UndoneVersion, VersionView, label};
-use super::tasks::{ModelChoice, done};
+use super::tasks::done;
 use crate::App;
 use crate::access::Caller;
 use crate::jobs::JobKind;

@@ -1,8 +1,9 @@
 //! What to fly next: the manoeuvre that would tell two effects apart.
 
+use super::asked::ModelChoice;
 use super::facts::{JobFacts, NextFlightFacts};
 use super::jobs::{self, JobView, Shared, Terms};
-use super::tasks::{Draft, ModelChoice, OUT};
+use super::tasks::{Draft, OUT};
 use crate::access::Caller;
 use crate::jobs::JobKind;
 use crate::json_object::JsonObject;

@@ -1,8 +1,8 @@
 //! Runs are submitted: from scratch, or as a fork of one that is there.
 
+use super::asked::ModelChoice;
 use super::jobs::{self, Shared, Terms};
 use super::runs::{Facts, Run, flight_of};
-use super::tasks::ModelChoice;
 use crate::App;
 use crate::access::Caller;
 use crate::jobs::{JobKind, NewJob};

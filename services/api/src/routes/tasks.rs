@@ -1,5 +1,6 @@
 //! What submissions share that are no runs: jobs over the library, logs, runs and models.
 
+use super::asked::{Flights, ModelChoice};
 use super::facts::JobFacts;
 use super::jobs::{self, JobView, Terms};
 use crate::App;
@@ -11,11 +12,10 @@ use axum::http::HeaderMap;
 use axum::response::Response;
 use rotortwin_jobs::{Content, Input, StoredJob};
 use rotortwin_twin::model::ModelVersion;
-use serde::{Deserialize, Serialize};
+use serde::Serialize;
 use std::collections::BTreeSet;
 use std::ops::Range;
 use std::path::{Path, PathBuf};
-use utoipa::ToSchema;
 
 /// Where a job finds the library.
 pub(super) const LIBRARY: &str = "library";
@@ -146,18 +146,6 @@ pub(super) async fn laid_out(app: &App, library: &Library) -> Result<Input, Prob
     Ok(Input::folder(LIBRARY, key))
 }
 
-/// Flights to hold a model against.
-#[derive(Debug, Clone, Default, Deserialize, Serialize, ToSchema)]
-#[serde(deny_unknown_fields)]
-pub(crate) struct Flights {
-    /// Ids of imported logs; `ID@35:65` takes only these seconds.
-    #[serde(default)]
-    logs: Vec<String>,
-    /// Ids of runs that are done; `ID@35:65` takes only these seconds.
-    #[serde(default)]
-    runs: Vec<String>,
-}
-
 impl Flights {
     /// As a job names them, and the inputs that this means.
     ///
@@ -221,28 +209,6 @@ pub(super) fn checked_part(part: &str) -> Result<&str, Problem> {
     Err(Problem::unprocessable(format!(
         "'{part}' is no part of a log; expected seconds such as 35:65, or the name of a segment"
     )))
-}
-
-/// Which model.
-#[derive(Debug, Clone, Deserialize, Serialize, ToSchema)]
-#[serde(deny_unknown_fields)]
-pub(crate) struct ModelChoice {
-    /// Name of one of the server's vehicles: its nominal model.
-    #[serde(default)]
-    vehicle: Option<String>,
-    /// Id of an improvement: the model that it ended with.
-    #[serde(default)]
-    improvement: Option<String>,
-    /// A version of a model, as `rotortwin model export` writes it (TOML).
-    #[serde(default)]
-    version: Option<String>,
-    /// Name of a model, under `/api/v1/models`: its version at the head of `main`, or `NAME@v1`, `NAME@BRANCH`.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    model: Option<String>,
-    /// Comparison: what to call the model in the result.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    #[schema(min_length = 1, max_length = 200)]
-    label: Option<String>,
 }
 
 impl ModelChoice {

@@ -1,8 +1,9 @@
 //! A model compared with flights: comparisons, diagnoses, improvements.
 
+use super::asked::{Flights, ModelChoice};
 use super::facts::{JobFacts, TwinFacts};
 use super::jobs::{self, JobView, Shared, Terms};
-use super::tasks::{Draft, FINAL_MODEL, Flights, ModelChoice, OUT};
+use super::tasks::{Draft, FINAL_MODEL, OUT};
 use crate::App;
 use crate::access::Caller;
 use crate::jobs::JobKind;
