@@ -403,7 +403,7 @@ mod tests {
         let artifacts = Artifacts::open(&scratch.path().join("artifacts"), None).expect("it opens");
         let root = scratch.path().join("library");
         std::fs::create_dir_all(root.join("scenarios")).expect("made");
-        for turn in 0..20 {
+        for turn in 0..5 {
             for file in 0..40 {
                 let text = format!("turn = {turn}\n");
                 std::fs::write(root.join(format!("scenarios/{file}.toml")), text).expect("written");
