@@ -553,7 +553,6 @@ impl Learnt {
 pub(crate) struct Corrected {
     learnt: Learnt,
     signals: Signals,
-    config: FdiConfig,
 }
 
 impl Corrected {
@@ -562,7 +561,6 @@ impl Corrected {
         Self {
             learnt,
             signals: Signals::new(config, arm),
-            config: *config,
         }
     }
 
@@ -589,9 +587,9 @@ impl Corrected {
         if !all.copied().all(f32::is_finite) {
             return *input;
         }
-        let rotors = self.config.geometry.rotor_count();
-        let map = &self.config.thrust_map;
-        let thrust = static_thrust(map, rotors, input);
+        let rotors = self.signals.config.geometry.rotor_count();
+        let map = self.signals.config.thrust_map;
+        let thrust = static_thrust(&map, rotors, input);
         let signal = self.signals.of(input, &thrust);
         let wrench: [f32; AXES] = std::array::from_fn(|axis| {
             let sum: f64 = self.learnt.theta[axis]
@@ -601,7 +599,7 @@ impl Corrected {
                 .sum();
             (sum * self.signals.arm[axis]) as f32
         });
-        let more = self.config.geometry.allocate(wrench);
+        let more = self.signals.config.geometry.allocate(wrench);
         let mut corrected = *input;
         for rotor in 0..rotors {
             if thrust[rotor] > 0.0 {

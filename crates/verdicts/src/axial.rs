@@ -16,6 +16,7 @@
 //! parts of the flight know them, and by the body rates.
 
 use rotortwin_flight_core::fdi::FdiConfig;
+use rotortwin_twin::Z95;
 use rotortwin_twin::log::{FlightLog, ImportReport, names};
 use std::collections::BTreeMap;
 
@@ -23,8 +24,6 @@ use std::collections::BTreeMap;
 const FORGETS_S: f64 = 20.0;
 /// Rows farther apart are no neighbours to integrate over, s; the session takes longer gaps for such.
 const LONGEST_STEP_S: f64 = 0.25;
-/// Half the width of a 95 % interval in standard deviations.
-const SIGMAS: f32 = 1.96;
 
 /// What the detectors get of such a log.
 pub(crate) struct Axial {
@@ -75,7 +74,7 @@ impl Axial {
         Some(Self {
             log: level,
             config,
-            drag: SIGMAS * unknown * config.mass,
+            drag: Z95 as f32 * unknown * config.mass,
         })
     }
 }

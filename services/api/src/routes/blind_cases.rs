@@ -20,7 +20,6 @@ use crate::problem::Problem;
 use axum::Json;
 use axum::extract::rejection::{PathRejection, QueryRejection};
 use axum::extract::{Path, Query};
-use axum::http::{HeaderMap, HeaderName, HeaderValue};
 use axum::response::Response;
 use rotortwin_blind::bench::cases::Preset;
 use rotortwin_blind::bench::score::{Outcome, Row};
@@ -257,14 +256,10 @@ pub(crate) async fn log(
     path: Result<Path<(String, usize)>, PathRejection>,
 ) -> Result<Response, Problem> {
     let Path((id, case)) = path?;
+    let bench = done(&app, &caller, JobKind::BlindBench, &id).await?;
     let key = key(&id, case);
     let hash = jobs::request_hash(&key);
-    let headers = HeaderMap::from_iter([(
-        HeaderName::from_static("idempotency-key"),
-        HeaderValue::from_str(&key).map_err(|error| Problem::bad_request(error.to_string()))?,
-    )]);
-    let bench = done(&app, &caller, JobKind::BlindBench, &id).await?;
-    if let Some(answer) = jobs::before(&app, &caller, JobKind::Log, &headers, &hash, JobView::from).await? {
+    if let Some(answer) = jobs::before_under(&app, &caller, JobKind::Log, &key, &hash, JobView::from).await? {
         return Ok(answer);
     }
     let row = row_of(&app, &bench, case).await?;

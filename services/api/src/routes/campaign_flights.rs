@@ -327,13 +327,13 @@ pub(crate) async fn fly(
     path: Result<Path<(String, u64)>, PathRejection>,
 ) -> Result<Response, Problem> {
     let Path((id, flight)) = path?;
+    let job = jobs::find(&app, &caller, JobKind::Campaign, Ok(Path(id.clone()))).await?;
     let key = key(&id, flight);
     let hash = jobs::request_hash(&key);
     let headers = HeaderMap::from_iter([(
         HeaderName::from_static("idempotency-key"),
         HeaderValue::from_str(&key).map_err(|error| Problem::bad_request(error.to_string()))?,
     )]);
-    let job = jobs::find(&app, &caller, JobKind::Campaign, Ok(Path(id))).await?;
     if let Some(answer) = jobs::before(&app, &caller, JobKind::Run, &headers, &hash, Run::from).await? {
         return Ok(answer);
     }

@@ -209,10 +209,25 @@ pub(super) async fn before<V: Serialize>(
     request_hash: &str,
     view: impl FnOnce(Job) -> V,
 ) -> Result<Option<Response>, Problem> {
-    let Some(key) = idempotency_key(headers)? else {
-        return Ok(None);
-    };
-    match app.database.by_key(&caller.tenant, kind, &key).await? {
+    match idempotency_key(headers)? {
+        Some(key) => before_under(app, caller, kind, &key, request_hash, view).await,
+        None => Ok(None),
+    }
+}
+
+/// The same under a key that the server gives.
+///
+/// # Errors
+/// 409, 503.
+pub(super) async fn before_under<V: Serialize>(
+    app: &App,
+    caller: &Caller,
+    kind: JobKind,
+    key: &str,
+    request_hash: &str,
+    view: impl FnOnce(Job) -> V,
+) -> Result<Option<Response>, Problem> {
+    match app.database.by_key(&caller.tenant, kind, key).await? {
         None => Ok(None),
         Some(job) if job.new.request_hash == request_hash => {
             Ok(Some((StatusCode::OK, Json(view(job))).into_response()))
