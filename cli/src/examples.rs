@@ -25,6 +25,10 @@ Examples:
   rotortwin show runs/reference-flight-1
   rotortwin show runs/reference-flight-1 --json";
 
+pub(crate) const JUDGE: &str = "\
+Examples:
+  rotortwin judge runs/hover-1 verdicts.csv --name 'yaw rate'";
+
 pub(crate) const EXPORT: &str = "\
 Examples:
   rotortwin export runs/reference-flight-1 --format ulog --out flight.ulg";

@@ -49,6 +49,7 @@ pub mod foxglove;
 mod ground_station;
 pub mod improve;
 mod job;
+mod judge;
 pub mod log;
 mod log_example;
 mod manual;
@@ -97,6 +98,9 @@ pub enum Command {
     /// Print what a run folder says
     #[command(after_help = examples::SHOW)]
     Show(show::Args),
+    /// Give a run the verdicts of a detector of your own: its row, its lane, its topic
+    #[command(after_help = examples::JUDGE)]
+    Judge(judge::Args),
     /// Write a whole run as one file: ULog, MCAP, Parquet, CSV
     #[command(after_help = examples::EXPORT)]
     Export(export::Args),
@@ -245,6 +249,7 @@ fn run_command(perform: Option<network::Perform>) -> ExitCode {
         Command::Fly(args) => fly::run(&args),
         Command::Replay(args) => replay::run(&args),
         Command::Show(args) => show::run(&args),
+        Command::Judge(args) => judge::run(&args),
         Command::Export(args) => export::run(&args),
         Command::Log(args) => log::run(&args),
         Command::FdiLog(args) => fdi_log::judge_logs(&args),

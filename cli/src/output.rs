@@ -5,7 +5,7 @@ use rotortwin_campaign::result_table::ResultTable;
 use rotortwin_runner::failure::Failure;
 use rotortwin_runner::grid::{Grid, fold};
 use rotortwin_runner::text;
-use rotortwin_store::summary::{Evaluator, Interval, RealTime, Status, Summary, verdict_text};
+use rotortwin_store::summary::{Evaluator, Interval, RealTime, Score, Status, Summary, verdict_text};
 use std::ops::Range;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
@@ -99,7 +99,7 @@ fn verdict_table(summary: &Summary) -> Grid {
         "false alarms",
     ])
     .numbers_from(4);
-    for interval in &summary.intervals {
+    for (place, interval) in summary.intervals.iter().enumerate() {
         for (line, evaluator) in Evaluator::ALL.into_iter().enumerate() {
             let (times, truth) = match line {
                 0 => (
@@ -113,6 +113,23 @@ fn verdict_table(summary: &Summary) -> Grid {
                 times,
                 truth,
                 evaluator.title().to_owned(),
+                verdict,
+                right,
+                first_after,
+                alarms,
+            ]);
+        }
+        for detector in &summary.own_detectors {
+            let Some(score) = detector.scores.get(place) else {
+                continue;
+            };
+            let verdict = verdict_text(score.verdict_at_end);
+            let [right, first_after, alarms] = shares(interval, score);
+            let none = String::new;
+            table.add_row([
+                none(),
+                none(),
+                detector.name.clone(),
                 verdict,
                 right,
                 first_after,
@@ -134,22 +151,13 @@ fn truth_text(interval: &Interval) -> String {
 /// Verdict at the end, fraction of correct windows, delay of the first correct one, false alarms.
 fn score_cells(interval: &Interval, evaluator: Evaluator) -> [String; 4] {
     let score = interval.scores.of(evaluator);
-    let none = || "–".to_owned();
-    if score.not_ready == interval.windows {
-        let verdict = if evaluator == Evaluator::Network {
-            "none loaded".to_owned()
-        } else {
-            verdict_text(score.verdict_at_end)
-        };
-        return [verdict, none(), none(), none()];
-    }
-    let alarms = if interval.expected_verdict == 0 {
-        score.false_alarm_events.to_string()
+    let [right, first_after, alarms] = shares(interval, score);
+    let mut verdict = if evaluator == Evaluator::Network && score.not_ready == interval.windows {
+        "none loaded".to_owned()
     } else {
-        none()
+        verdict_text(score.verdict_at_end)
     };
-    let mut verdict = verdict_text(score.verdict_at_end);
-    if evaluator == Evaluator::Sequential {
+    if evaluator == Evaluator::Sequential && score.not_ready < interval.windows {
         let severity = &interval.severity;
         let losses: Vec<String> = severity
             .losses
@@ -166,15 +174,27 @@ fn score_cells(interval: &Interval, evaluator: Evaluator) -> [String; 4] {
             verdict = format!("{verdict}: among {}", rotors.join(", "));
         }
     }
+    [verdict, right, first_after, alarms]
+}
+
+/// Fraction of correct windows, delay of the first correct one, false alarms.
+fn shares(interval: &Interval, score: &Score) -> [String; 3] {
+    let none = || "–".to_owned();
+    if score.not_ready == interval.windows {
+        return [none(), none(), none()];
+    }
     [
-        verdict,
         score
             .share_right
             .map_or_else(none, |share| format!("{:.1} %", 100.0 * share)),
         score
             .isolated_after_s
             .map_or_else(none, |delay| format!("{delay:.3} s")),
-        alarms,
+        if interval.expected_verdict == 0 {
+            score.false_alarm_events.to_string()
+        } else {
+            none()
+        },
     ]
 }
 

@@ -1,7 +1,7 @@
 //! `rotortwin._native`: what the Python package computes in its own process, without a server.
 //!
 //! * [`scenario`]: what is flown. * [`flight`]: one flight, a step at a time. * [`batch`]: many at once. * [`twin`]: logs against models.
-//! * [`columns`]: telemetry as NumPy arrays.
+//! * [`recorded`]: runs that are complete, and verdicts of one's own on them. * [`columns`]: telemetry as NumPy arrays.
 //!
 //! Python sees it through `clients/python/src/rotortwin/{simulation,twin_local,gym}.py`, which documents units, frames and shapes. Whatever
 //! takes longer than a step runs without Python's lock.
@@ -11,6 +11,7 @@ use pyo3::prelude::*;
 mod batch;
 mod columns;
 mod flight;
+mod recorded;
 mod refusal;
 mod scenario;
 mod twin;
@@ -22,6 +23,8 @@ mod _native {
     use super::batch::{SimulationBatch, fly};
     #[pymodule_export]
     use super::flight::Simulation;
+    #[pymodule_export]
+    use super::recorded::{judge, recorded};
     #[pymodule_export]
     use super::refusal::{FlightError, InputError};
     #[pymodule_export]

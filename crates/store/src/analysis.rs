@@ -10,7 +10,7 @@
 //!   are one event, even across two intervals without a fault.
 
 use crate::spool::{Chunk, SpoolHeader};
-use crate::summary::{BatteryUse, Evaluator, Interval, LossRecord, Severity, Tracking};
+use crate::summary::{BatteryUse, Evaluator, Interval, LossRecord, Score, Severity, Tracking};
 use crate::telemetry::Column;
 use rotortwin_flight_core::fdi::verdict_code::{AMBIGUOUS, HEALTHY, NOT_READY, UNKNOWN};
 
@@ -259,41 +259,15 @@ impl Analysis {
             );
         }
         for (slot, evaluator) in Evaluator::ALL.into_iter().enumerate() {
-            let verdict = at(self.places.verdicts[slot]) as i32;
-            let right = is_right(verdict, suspects, &open.interval);
-            let pair = pair_code(&open.interval.faulty_rotors);
-            let score = open.interval.scores.of_mut(evaluator);
-            // A vehicle that has landed is no longer evaluated: the last verdict in the air stands.
-            if verdict != NOT_READY || open.rows == 0 {
-                score.verdict_at_end = verdict;
-                score.right_at_end = right;
-            }
-            if !window_end {
-                continue;
-            }
-            let label = open.interval.fault_label;
-            match verdict {
-                NOT_READY => score.not_ready += 1,
-                UNKNOWN | AMBIGUOUS => score.unknown += 1,
-                HEALTHY => score.healthy += 1,
-                rotor => {
-                    score.other_rotor += u64::from(rotor != label && rotor != pair);
-                }
-            }
-            if right {
-                score.right += 1;
-                if label != HEALTHY && score.isolated_after_s.is_none() {
-                    score.isolated_after_s = Some(time + self.step_s - open.interval.start_s);
-                }
-            }
-            let names_fault = verdict != HEALTHY && verdict != NOT_READY;
-            if names_fault && label != HEALTHY && score.detected_after_s.is_none() {
-                score.detected_after_s = Some(time + self.step_s - open.interval.start_s);
-            }
-            let alarm = names_fault && label == HEALTHY;
-            score.false_alarm_windows += u64::from(alarm);
-            score.false_alarm_events += u64::from(alarm && !self.alarm[slot]);
-            self.alarm[slot] = alarm;
+            let said = Said {
+                verdict: at(self.places.verdicts[slot]) as i32,
+                suspects,
+                is_first: open.rows == 0,
+                window_end_s: window_end.then_some(time + self.step_s),
+            };
+            let mut score = *open.interval.scores.of(evaluator);
+            count(&mut score, &mut self.alarm[slot], said, &open.interval);
+            *open.interval.scores.of_mut(evaluator) = score;
         }
         open.rows += 1;
         self.rows += 1;
@@ -384,9 +358,7 @@ impl Analysis {
         interval.residual_deviations_nms = table(&|component| moments.deviation(component));
         for evaluator in Evaluator::ALL {
             let windows = interval.windows;
-            let score = interval.scores.of_mut(evaluator);
-            let ready = windows - score.not_ready;
-            score.share_right = (ready > 0).then(|| score.right as f64 / ready as f64);
+            complete(interval.scores.of_mut(evaluator), windows);
         }
         self.done.push(interval);
     }
@@ -409,6 +381,61 @@ impl Analysis {
             intervals: self.done,
         }
     }
+}
+
+/// What a detector says in one step.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Said {
+    /// Code of the verdict.
+    pub(crate) verdict: i32,
+    /// Bit i: rotor i + 1 is or may be concerned.
+    pub(crate) suspects: u64,
+    /// The step is the first of its interval.
+    pub(crate) is_first: bool,
+    /// End of the step if a window ends with it, s.
+    pub(crate) window_end_s: Option<f64>,
+}
+
+/// Counts what a detector says in a step of `interval`, of which only the truth is read.
+///
+/// * `alarm`: the detector's window before was a false alarm
+pub(crate) fn count(score: &mut Score, alarm: &mut bool, said: Said, interval: &Interval) {
+    let verdict = said.verdict;
+    let right = is_right(verdict, said.suspects, interval);
+    // A vehicle that has landed is no longer evaluated: the last verdict in the air stands.
+    if verdict != NOT_READY || said.is_first {
+        score.verdict_at_end = verdict;
+        score.right_at_end = right;
+    }
+    let Some(window_end_s) = said.window_end_s else { return };
+    let label = interval.fault_label;
+    match verdict {
+        NOT_READY => score.not_ready += 1,
+        UNKNOWN | AMBIGUOUS => score.unknown += 1,
+        HEALTHY => score.healthy += 1,
+        rotor => score.other_rotor += u64::from(rotor != label && rotor != pair_code(&interval.faulty_rotors)),
+    }
+    let since_start_s = window_end_s - interval.start_s;
+    if right {
+        score.right += 1;
+        if label != HEALTHY && score.isolated_after_s.is_none() {
+            score.isolated_after_s = Some(since_start_s);
+        }
+    }
+    let names_fault = verdict != HEALTHY && verdict != NOT_READY;
+    if names_fault && label != HEALTHY && score.detected_after_s.is_none() {
+        score.detected_after_s = Some(since_start_s);
+    }
+    let is_alarm = names_fault && label == HEALTHY;
+    score.false_alarm_windows += u64::from(is_alarm);
+    score.false_alarm_events += u64::from(is_alarm && !*alarm);
+    *alarm = is_alarm;
+}
+
+/// The shares of a score once its interval of `windows` windows is over.
+pub(crate) fn complete(score: &mut Score, windows: u64) {
+    let ready = windows - score.not_ready;
+    score.share_right = (ready > 0).then(|| score.right as f64 / ready as f64);
 }
 
 /// An angle in [−π, π).

@@ -89,6 +89,22 @@ pub enum StoreError {
         /// Why.
         source: parquet::errors::ParquetError,
     },
+    /// MCAP could not be read.
+    #[error("{}: this MCAP file cannot be read: {source}", path.display())]
+    McapRead {
+        /// The file.
+        path: PathBuf,
+        /// Why.
+        source: mcap::McapError,
+    },
+    /// The run cannot be judged by a detector of the user's own.
+    #[error("{}: {reason}", path.display())]
+    Judge {
+        /// The run.
+        path: PathBuf,
+        /// Why.
+        reason: String,
+    },
     /// MCAP could not be written.
     #[error("{}: cannot write MCAP: {source}", path.display())]
     Mcap {

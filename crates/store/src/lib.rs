@@ -13,6 +13,8 @@
 //!
 //! [`query`] answers queries on `telemetry.parquet`: channels, an interval, as many rows as a plot needs.
 //!
+//! [`own_detector`] lets a detector of the user's own judge a run that is complete.
+//!
 //! [`RunFolder`] creates the folder, [`SpoolWriter`] appends the rows, [`finalise`] writes the rest. The crate knows no
 //! link, no scenario and no clock: facts about those are passed in as text and numbers.
 
@@ -23,6 +25,7 @@ pub mod export;
 pub mod figures;
 pub mod files;
 mod mcap;
+pub mod own_detector;
 mod parquet;
 mod plots;
 pub mod query;

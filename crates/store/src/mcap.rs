@@ -3,15 +3,19 @@
 //! Topics and messages: [`crate::streams`]. The log time is simulated time, ns since the start of the run, so that equal runs produce equal
 //! files.
 
-use crate::error::{Result, StoreError};
+use crate::error::{Result, StoreError, io};
 use crate::spool::{Chunk, SpoolHeader};
 use crate::streams::{Streams, Topic};
 use crate::summary::Summary;
 use crate::telemetry::Column;
-use mcap::records::{MessageHeader, Metadata};
+use mcap::records::{MessageHeader, Metadata, Record};
+use mcap::sans_io::{LinearReadEvent, LinearReader};
 use mcap::{Compression, McapError, WriteOptions, Writer};
+use prost::Message as _;
+use rotortwin_proto::foxglove;
 use std::collections::BTreeMap;
-use std::io::{Seek, Write};
+use std::fs::File;
+use std::io::{BufReader, Read as _, Seek, Write};
 use std::path::{Path, PathBuf};
 
 /// Writes chunks of telemetry as MCAP.
@@ -40,13 +44,7 @@ impl<W: Write + Seek> McapSink<W> {
             path: path.to_path_buf(),
             source,
         };
-        let mut writer = WriteOptions::new()
-            .library(format!("rotortwin-store {}", env!("CARGO_PKG_VERSION")))
-            .compression(Some(Compression::Zstd))
-            .compression_level(1)
-            .compression_threads(0)
-            .create(writer)
-            .map_err(wrap)?;
+        let mut writer = create(writer).map_err(wrap)?;
         let channels = add_channels(&mut writer).map_err(wrap)?;
         writer.write_metadata(&metadata(summary)).map_err(wrap)?;
         Ok(Self {
@@ -96,6 +94,106 @@ impl<W: Write + Seek> McapSink<W> {
         }
         Ok(self.writer.into_inner())
     }
+}
+
+/// Copies a file with one more topic of texts, or with other texts in that topic.
+///
+/// * `path`: file to copy   * `topic`: `foxglove.KeyValuePair`, `key` in each   * `texts`: simulated time, ns, and `value`, ascending
+pub(crate) fn with_texts<W: Write + Seek>(
+    path: &Path,
+    writer: W,
+    topic: &str,
+    key: &str,
+    texts: &[(u64, String)],
+) -> Result<W> {
+    let source = File::open(path).map_err(io(path, "cannot open the file"))?;
+    let unwritten = |source| StoreError::Mcap {
+        path: path.to_path_buf(),
+        source,
+    };
+    let unread = |source| StoreError::McapRead {
+        path: path.to_path_buf(),
+        source,
+    };
+    let mut source = BufReader::new(source);
+    let mut copy = create(writer).map_err(unwritten)?;
+    let schema = copy
+        .add_schema("foxglove.KeyValuePair", "protobuf", foxglove::FILE_DESCRIPTOR_SET)
+        .map_err(unwritten)?;
+    let own = copy
+        .add_channel(schema, topic, "protobuf", &BTreeMap::new())
+        .map_err(unwritten)?;
+    let (mut schemas, mut channels) = (BTreeMap::new(), BTreeMap::new());
+    let mut texts = texts.iter().peekable();
+    let mut say = |copy: &mut Writer<W>, until_ns: u64| {
+        while let Some((time_ns, value)) = texts.next_if(|(time_ns, _)| *time_ns <= until_ns) {
+            let header = MessageHeader {
+                channel_id: own,
+                sequence: 0,
+                log_time: *time_ns,
+                publish_time: *time_ns,
+            };
+            let pair = foxglove::KeyValuePair {
+                key: key.to_owned(),
+                value: value.clone(),
+            };
+            copy.write_to_known_channel(&header, &pair.encode_to_vec())?;
+        }
+        Ok(())
+    };
+    let mut reader = LinearReader::new();
+    while let Some(event) = reader.next_event() {
+        let (opcode, data) = match event.map_err(unread)? {
+            LinearReadEvent::ReadRequest(bytes) => {
+                let read = source
+                    .read(reader.insert(bytes))
+                    .map_err(io(path, "cannot read the file"))?;
+                reader.notify_read(read);
+                continue;
+            }
+            LinearReadEvent::Record { opcode, data } => (opcode, data),
+        };
+        match mcap::parse_record(opcode, data).map_err(unread)? {
+            Record::Schema { header, data } => {
+                let id = copy
+                    .add_schema(&header.name, &header.encoding, &data)
+                    .map_err(unwritten)?;
+                schemas.insert(header.id, id);
+            }
+            Record::Channel(channel) if channel.topic != topic => {
+                let schema = schemas.get(&channel.schema_id).copied().unwrap_or(0);
+                let id = copy
+                    .add_channel(schema, &channel.topic, &channel.message_encoding, &channel.metadata)
+                    .map_err(unwritten)?;
+                channels.insert(channel.id, id);
+            }
+            Record::Message { mut header, data } => {
+                // Of no known channel: what this topic said before.
+                let Some(&id) = channels.get(&header.channel_id) else {
+                    continue;
+                };
+                say(&mut copy, header.log_time).map_err(unwritten)?;
+                header.channel_id = id;
+                copy.write_to_known_channel(&header, &data).map_err(unwritten)?;
+            }
+            Record::Metadata(metadata) => copy.write_metadata(&metadata).map_err(unwritten)?,
+            // The indices that follow are written anew.
+            Record::DataEnd(_) => break,
+            _ => {}
+        }
+    }
+    say(&mut copy, u64::MAX).map_err(unwritten)?;
+    copy.finish().map_err(unwritten)?;
+    Ok(copy.into_inner())
+}
+
+fn create<W: Write + Seek>(writer: W) -> std::result::Result<Writer<W>, McapError> {
+    WriteOptions::new()
+        .library(format!("rotortwin-store {}", env!("CARGO_PKG_VERSION")))
+        .compression(Some(Compression::Zstd))
+        .compression_level(1)
+        .compression_threads(0)
+        .create(writer)
 }
 
 fn write<W: Write + Seek>(

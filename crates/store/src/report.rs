@@ -4,7 +4,7 @@
 use crate::error::{Result, StoreError};
 use crate::plots::{Plots, Sample, normal_grid, normal_line};
 use crate::query::{Query, TelemetryFile};
-use crate::summary::{Evaluator, Interval, Summary};
+use crate::summary::{Evaluator, OwnDetector, Score, Summary};
 use rotortwin_flight_core::fdi::verdict_code::HEALTHY;
 use rotortwin_page::{Report, rounded};
 use serde::Serialize;
@@ -86,7 +86,9 @@ struct Line {
 pub(crate) fn render(summary: &Summary, plots: Option<&Plots>, telemetry: Option<&Path>) -> Result<String> {
     let inside = Inside {
         summary,
-        telemetry: telemetry.map(samples).transpose()?,
+        telemetry: telemetry
+            .map(|path| samples(path, &summary.own_detectors))
+            .transpose()?,
         normal: plots.and_then(|plots| normal(summary, plots)),
     };
     let page = Report {
@@ -99,12 +101,15 @@ pub(crate) fn render(summary: &Summary, plots: Option<&Plots>, telemetry: Option
     Ok(page.render().expect("text and numbers are JSON"))
 }
 
-fn samples(path: &Path) -> Result<Telemetry> {
+fn samples(path: &Path, own: &[OwnDetector]) -> Result<Telemetry> {
     let failed = |source| StoreError::Report {
         path: path.to_owned(),
         source: Box::new(source),
     };
     let mut query = Query::of(CHANNELS);
+    query
+        .channels
+        .extend(own.iter().map(|detector| detector.column.clone()));
     query.points = POINTS;
     let table = TelemetryFile::open(path)
         .and_then(|file| file.query(&query))
@@ -132,26 +137,31 @@ fn words(summary: &Summary) -> String {
         summary.run_hash
     )];
     lines.extend(summary.failure.as_ref().map(|failure| failure.sentence.clone()));
-    for interval in &summary.intervals {
+    for (place, interval) in summary.intervals.iter().enumerate() {
+        let ours = Evaluator::ALL.map(|evaluator| {
+            if summary.is_absent(evaluator) && evaluator == Evaluator::Network {
+                return "no network loaded".to_owned();
+            }
+            achievement(evaluator.title(), interval.scores.of(evaluator))
+        });
+        let own = summary.own_detectors.iter().filter_map(|detector| {
+            let score = detector.scores.get(place)?;
+            Some(achievement(&detector.name, score))
+        });
+        let all: Vec<String> = ours.into_iter().chain(own).collect();
         lines.push(format!(
             "{} s to {} s, {}: {}",
             interval.start_s,
             interval.end_s,
             interval.description,
-            Evaluator::ALL
-                .map(|evaluator| achievement(summary, interval, evaluator))
-                .join("; ")
+            all.join("; ")
         ));
     }
     lines.join("\n")
 }
 
 /// Performance of a detector in an interval.
-fn achievement(summary: &Summary, interval: &Interval, evaluator: Evaluator) -> String {
-    if summary.is_absent(evaluator) && evaluator == Evaluator::Network {
-        return "no network loaded".to_owned();
-    }
-    let score = interval.scores.of(evaluator);
+fn achievement(name: &str, score: &Score) -> String {
     let share = score.share_right.map_or_else(
         || "no verdict".to_owned(),
         // Never 100 % unless it is.
@@ -164,7 +174,7 @@ fn achievement(summary: &Summary, interval: &Interval, evaluator: Evaluator) -> 
         0 => String::new(),
         count => format!(", {count} false alarms"),
     };
-    format!("{} {share}{delay}{alarms}", evaluator.title())
+    format!("{name} {share}{delay}{alarms}")
 }
 
 fn normal(summary: &Summary, plots: &Plots) -> Option<NormalPlot> {

@@ -218,7 +218,7 @@ fn write_figures(path: &Path, plots: &Plots, summary: &Summary) -> Result<Vec<Pa
         .collect()
 }
 
-fn write_text(folder: &Path, name: &str, text: &str) -> Result<PathBuf> {
+pub(crate) fn write_text(folder: &Path, name: &str, text: &str) -> Result<PathBuf> {
     let part = PartFile::create(folder, name)?;
     let mut writer = part.writer()?;
     writer
@@ -230,14 +230,14 @@ fn write_text(folder: &Path, name: &str, text: &str) -> Result<PathBuf> {
 }
 
 /// A file under a temporary name; removed unless it is kept.
-struct PartFile {
+pub(crate) struct PartFile {
     part: PathBuf,
-    target: PathBuf,
+    pub(crate) target: PathBuf,
     kept: bool,
 }
 
 impl PartFile {
-    fn create(folder: &Path, name: &str) -> Result<Self> {
+    pub(crate) fn create(folder: &Path, name: &str) -> Result<Self> {
         let part = folder.join(format!(".{name}.part"));
         File::create(&part).map_err(io(&part, "cannot create the file"))?;
         Ok(Self {
@@ -247,7 +247,7 @@ impl PartFile {
         })
     }
 
-    fn writer(&self) -> Result<BufWriter<File>> {
+    pub(crate) fn writer(&self) -> Result<BufWriter<File>> {
         let file = File::options()
             .write(true)
             .open(&self.part)
@@ -255,7 +255,7 @@ impl PartFile {
         Ok(BufWriter::with_capacity(1 << 18, file))
     }
 
-    fn keep(mut self, mut writer: BufWriter<File>) -> Result<()> {
+    pub(crate) fn keep(mut self, mut writer: BufWriter<File>) -> Result<()> {
         writer.flush().map_err(io(&self.target, "cannot write the file"))?;
         drop(writer);
         std::fs::rename(&self.part, &self.target).map_err(io(&self.target, "cannot rename the finished file"))?;

@@ -32,7 +32,7 @@ const HEADER_LIMIT: usize = 16 << 20;
 /// One write to the kernel per this many bytes.
 const BUFFER_BYTES: usize = 256 << 10;
 /// Rows of one [`Chunk`]: one row group in Parquet, about 50 MB of numbers for a hexarotor.
-const CHUNK_ROWS: usize = 65_536;
+pub(crate) const CHUNK_ROWS: usize = 65_536;
 
 /// Metadata in a spool.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]

@@ -371,6 +371,25 @@ impl Scores {
     }
 }
 
+/// A detector of the user's own that judged the run after its flight: [`judge`](crate::own_detector::judge).
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct OwnDetector {
+    /// Its name in every table.
+    pub name: String,
+    /// Its column in the telemetry.
+    pub column: String,
+    /// One score for each interval of the run.
+    pub scores: Vec<Score>,
+}
+
+impl OwnDetector {
+    /// True if it never gave a verdict.
+    pub fn is_absent(&self, intervals: &[Interval]) -> bool {
+        let mut both = self.scores.iter().zip(intervals);
+        both.all(|(score, interval)| score.not_ready == interval.windows)
+    }
+}
+
 /// A stretch of the flight in which the condition of every rotor and sensor stays the same, as long as possible.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, ToSchema)]
 #[schema(as = FlightInterval)]
@@ -475,6 +494,9 @@ pub struct Summary {
     /// The fault schedule as it was flown, with what the evaluators said.
     #[serde(default)]
     pub intervals: Vec<Interval>,
+    /// Detectors of the user's own that judged the run after its flight.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub own_detectors: Vec<OwnDetector>,
 }
 
 impl Summary {

@@ -53,6 +53,13 @@ export interface Summary {
   tracking?: { position_rms_m: number | null; position_max_m: number | null; position_rms_ned_m?: (number | null)[]; attitude_rms_rad?: (number | null)[] };
   battery?: { state_of_charge_start: number | null; state_of_charge_end: number | null; voltage_min_v: number | null; charge_ah: number };
   intervals: Interval[];
+  own_detectors?: OwnDetector[];
+}
+/** A detector of the user's own that judged the run after its flight: one score for each interval. */
+export interface OwnDetector {
+  name: string;
+  column: string;
+  scores: Score[];
 }
 
 const HEALTHY = 0;

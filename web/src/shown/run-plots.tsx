@@ -1,6 +1,6 @@
 /** Plots of a run. */
 import { For, Show, createMemo, createSignal } from "solid-js";
-import type { Samples } from "../model/run";
+import type { OwnDetector, Samples } from "../model/run";
 import { Panel } from "../parts/bits";
 import { Chart, type Line } from "../plots/chart";
 import { Lanes } from "../plots/lanes";
@@ -12,8 +12,8 @@ import { seriesColour } from "../theme";
 const MEAN_POINTS = 31;
 const COMPONENTS = ["arm", "lever", "yaw"] as const;
 
-/** `all`: every component of the residuals at once, for printing; motion is then shown elsewhere. */
-export function RunPlots(props: { samples: Samples; view: View; all?: boolean }) {
+/** `all`: every component of the residuals at once, for printing; motion is then shown elsewhere. `own`: detectors of the user's own. */
+export function RunPlots(props: { samples: Samples; view: View; all?: boolean; own?: OwnDetector[] | undefined }) {
   const [component, setComponent] = createSignal<(typeof COMPONENTS)[number]>("arm");
   const values = (name: string): Values => props.samples.data[name] ?? [];
   const scaled = (name: string, by: number): Values => values(name).map((value) => (value === null ? null : value * by));
@@ -30,6 +30,7 @@ export function RunPlots(props: { samples: Samples; view: View; all?: boolean })
       ["sequential", "verdict_sequential"],
       ["T-test", "verdict_t_test"],
       ["network", "verdict_network"],
+      ...(props.own ?? []).map((one) => [one.name, one.column]),
     ].map(([name, channel]) => ({
       name: name ?? "",
       stretches: stretches(props.samples.time, values(channel ?? "")),

@@ -45,7 +45,7 @@ export function RunReportView(props: { report: RunReport }) {
             <p class="small muted screen">Drag over a plot to zoom: all plots over time follow. Double-click or Escape: all.</p>
             <p class="small muted">Shaded: a fault is in force.</p>
             <Tracking summary={it()} samples={found()} view={view} />
-            <RunPlots samples={found()} view={view} all />
+            <RunPlots samples={found()} view={view} all own={it().own_detectors} />
           </>
         )}
       </Show>

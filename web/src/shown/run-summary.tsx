@@ -4,8 +4,13 @@ import { duration, percent, short, verdictText } from "../format";
 import { type Score, type Summary, kindOfScore, otherwise } from "../model/run";
 import { Figures, Panel } from "../parts/bits";
 
+const OURS = ["sequential", "T-test", "network"] as const;
+const KEYS = { sequential: "sequential", "T-test": "t_test", network: "network" } as const;
+
 export function RunSummary(props: { summary: Summary }) {
   const it = () => props.summary;
+  /** Scores of the user's own detectors in an interval. */
+  const own = (interval: number): [string, Score][] => (it().own_detectors ?? []).flatMap((one) => { const score = one.scores[interval]; return score ? [[one.name, score]] : []; });
   const absent = () => it().intervals.every((one) => one.scores.network.share_right === null);
   return (
     <Panel title="Summary" note={it().program_version}>
@@ -50,8 +55,8 @@ export function RunSummary(props: { summary: Summary }) {
             </thead>
             <tbody>
               <For each={it().intervals}>
-                {(interval) => (
-                  <For each={[["sequential", interval.scores.sequential], ["T-test", interval.scores.t_test], ["network", interval.scores.network]] as [string, Score][]}>
+                {(interval, number) => (
+                  <For each={[...OURS.map((one) => [one, interval.scores[KEYS[one]]] as const), ...own(number())]}>
                     {([name, score], place) => (
                       <tr>
                         <td class="num">{place() === 0 ? `${short(interval.start_s)} – ${short(interval.end_s)}` : ""}</td>

@@ -18,6 +18,7 @@ end before `CALIBRATED_S` are not scored: until then a vehicle counts as healthy
 
 from __future__ import annotations
 
+import json
 import os
 import time
 from abc import ABC, abstractmethod
@@ -31,10 +32,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ._here import native
 from .simulation import STEP_S, InputError, Settings, Simulation
 
 if TYPE_CHECKING:
     import pandas
+
+_native = native()
 
 #: Verdict codes other than rotors, which count from 1: as in `telemetry.parquet`.
 HEALTHY, UNKNOWN, NOT_READY, AMBIGUOUS = 0, -1, -2, -3
@@ -196,6 +200,32 @@ def steps(
 def fly(cases: Sequence[Case]) -> list[LabelledFlight]:
     """The flights of a protocol with what is right, to learn from or to look at."""
     return [flown.labelled for flown in _fly_all(cases)]
+
+
+def of_run(run: str | PathLike[str]) -> Flight:
+    """The flight in a run folder, as a detector sees it."""
+    rotor_count, columns = _native.recorded(os.fspath(run), list(MEASURED))
+    return Flight({name: np.frombuffer(values, dtype=np.float64) for name, values in columns.items()}, rotor_count)
+
+
+def judge(run: str | PathLike[str], detectors: Sequence[Detector]) -> dict[str, Any]:
+    """Detectors judge the run in a folder. Returns its new `summary.json`.
+
+    Each then has its row in `rotortwin show` and in `report.html`, its lane under the true faults, its column in `telemetry.parquet` and its topic in
+    `run.mcap`, under its name. A detector that judges a run again replaces what it said before.
+    """
+    if not detectors:
+        raise InputError("expected at least one detector, got none")
+    flight = of_run(run)
+    # A verdict holds from the last step of its window until the next one ends.
+    window = (np.arange(len(flight["time_s"])) + 1) // WINDOW - 1
+    summary = ""
+    for detector in detectors:
+        said = np.append(_checked(detector, flight), NOT_READY)
+        held = said[window]
+        summary = _native.judge(os.fspath(run), detector.name, held.tolist())
+    found: dict[str, Any] = json.loads(summary)
+    return found
 
 
 @dataclass(frozen=True)

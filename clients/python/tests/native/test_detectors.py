@@ -1,5 +1,7 @@
 """Detectors of one's own: what they see, how they are scored."""
 
+import subprocess
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -108,3 +110,27 @@ def test_regress_refusals_are_one_sentence() -> None:
             detectors.score([own], CASES[:1], **more)
     with pytest.raises(InputError, match="at least one case"):
         detectors.score([Says(0)], [])
+
+
+def test_a_run_gets_the_verdicts_of_a_detector_under_its_name(tmp_path: Path) -> None:
+    run = tmp_path / "run"
+    flown = ["rotortwin", "fly", "hover", "--link", "in-process", "--set", "duration_s=12", "--out", str(run)]
+    subprocess.run(flown, check=True, capture_output=True, timeout=120)
+    flight = detectors.of_run(run)
+    assert flight.rotor_count == 6 and flight.window_count == 192
+    assert not any(name.startswith(("true_", "fault")) for name in flight.columns)
+
+    summary = detectors.judge(run, [Says(0), Counts()])
+    says, counts = summary["own_detectors"]
+    assert (says["name"], says["column"]) == ("says", "verdict_own_says")
+    assert says["scores"][0]["share_right"] == 1.0
+    # From the end of window 241 on, which is not reached; the first step said is that of the first window's end.
+    assert counts["scores"][0]["healthy"] == 192
+    shown = subprocess.run(["rotortwin", "show", str(run)], check=True, capture_output=True, text=True, timeout=60).stdout
+    assert "says" in shown and "counts" in shown
+
+    again = detectors.judge(run, [Says(3)])
+    assert [one["name"] for one in again["own_detectors"]] == ["says", "counts"]
+    assert again["own_detectors"][0]["scores"][0]["false_alarm_events"] == 1
+    with pytest.raises(InputError, match="says 7"):
+        detectors.judge(run, [Says(7)])
