@@ -1,0 +1,142 @@
+//! `rotortwin judge`: a detector of the user's own in a run that was flown, under its own name, next to ours.
+
+use rotortwin_tests::columns::too_wide;
+use rotortwin_tests::program::{Call, Ended, program};
+use rotortwin_tests::scratch::Scratch;
+use serde_json::Value;
+use std::process::Command;
+
+const FAULT: &str = "fault=[{time_s=12.0,rotor=3,thrust_loss_percent=10.0}]";
+
+fn call(scratch: &Scratch, words: &[&str], code: i32) -> Ended {
+    Call::new(scratch, words.iter().map(|word| (*word).to_owned()))
+        .run()
+        .expect_code(code)
+}
+
+#[test]
+fn scenario_a_table_of_verdicts_becomes_a_detector_of_the_run() {
+    let scratch = Scratch::new();
+    let fly = [
+        "fly",
+        "hover",
+        "--link",
+        "in-process",
+        "--set",
+        "duration_s=16.0",
+        "--set",
+        FAULT,
+        "--out",
+        "run",
+    ];
+    call(&scratch, &fly, 0);
+    // Healthy from 5 s on; a wrong rotor for half a second, then the right one 0.5 s after the damage.
+    scratch.write("verdicts.csv", "time_s, verdict\n5.0, 0\n8.0, 2\n8.5, 0\n12.5, 3\n");
+    let judge = ["judge", "run", "verdicts.csv", "--name", "slow one"];
+    let said = call(&scratch, &judge, 0).stdout;
+    let row = |text: &str| -> Vec<String> {
+        let lines = text.lines().filter(|line| line.contains("slow one"));
+        lines
+            .map(|line| line.split_whitespace().collect::<Vec<_>>().join(" "))
+            .collect()
+    };
+    // 112 windows end from 5 s to 12 s, 8 of them in the wrong half second; 56 in the last 3.5 s of 64.
+    assert_eq!(
+        row(&said),
+        ["slow one healthy 92.9 % – 1", "slow one rotor 3 87.5 % 0.562 s –"],
+        "{said}"
+    );
+    assert_eq!(row(&call(&scratch, &["show", "run"], 0).stdout), row(&said));
+
+    let summary: Value = serde_json::from_str(&call(&scratch, &["show", "run", "--json"], 0).stdout).unwrap();
+    let own = &summary["own_detectors"][0];
+    assert_eq!(
+        (own["name"].as_str(), own["column"].as_str()),
+        (Some("slow one"), Some("verdict_own_slow_one"))
+    );
+    assert_eq!(own["scores"][0]["not_ready"], 79);
+    let again = call(&scratch, &["replay", "run"], 0).stdout;
+    assert!(again.contains("same"), "{again}");
+
+    call(&scratch, &["export", "run", "--format", "csv", "--out", "run.csv"], 0);
+    let csv = std::fs::read_to_string(scratch.path("run.csv")).unwrap();
+    assert!(
+        csv.lines()
+            .next()
+            .is_some_and(|header| header.ends_with("verdict_own_slow_one"))
+    );
+    for width in [80, 120] {
+        let output = Command::new(program())
+            .args(["show", "run"])
+            .env("COLUMNS", width.to_string())
+            .current_dir(scratch.folder())
+            .output()
+            .expect("the program starts");
+        let text = String::from_utf8(output.stdout).expect("the output is UTF-8");
+        assert!(text.contains("slow one"), "{text}");
+        assert_eq!(too_wide(&text, width), Vec::<&str>::new(), "at {width}");
+    }
+}
+
+#[test]
+fn scenario_verdicts_that_cannot_be_are_refused_with_their_place() {
+    let scratch = Scratch::new();
+    call(
+        &scratch,
+        &[
+            "fly",
+            "hover",
+            "--link",
+            "in-process",
+            "--set",
+            "duration_s=1.0",
+            "--out",
+            "run",
+        ],
+        0,
+    );
+    let before = std::fs::read(scratch.path("run/summary.json")).unwrap();
+    for (table, name, words) in [
+        (
+            "time,verdict\n1,0\n",
+            "mine",
+            "verdicts.csv: there is no column `time_s`",
+        ),
+        (
+            "time_s,verdict\n0.5,three\n",
+            "mine",
+            "verdicts.csv: row 1, `verdict`: expected a whole number, got 'three'",
+        ),
+        (
+            "time_s,verdict\n0.5,0\n0.25,0\n",
+            "mine",
+            "verdicts.csv: time 2 is 0.25 s, after 0.5 s",
+        ),
+        ("time_s,verdict\n", "mine", "verdicts.csv: there is no verdict"),
+        (
+            "time_s,verdict\n0.5,7\n",
+            "mine",
+            "at 0.5 s 'mine' says 7; expected 0, a rotor from 1 to 6",
+        ),
+        (
+            "time_s,verdict\n0.5,0\n",
+            "Neural network",
+            "'Neural network' is a detector of this program",
+        ),
+    ] {
+        scratch.write("verdicts.csv", table);
+        let said = call(&scratch, &["judge", "run", "verdicts.csv", "--name", name], 2)
+            .stderr
+            .join("\n");
+        assert!(said.contains(words), "{said}");
+    }
+    let said = call(&scratch, &["judge", "elsewhere", "verdicts.csv", "--name", "mine"], 2)
+        .stderr
+        .join("\n");
+    assert!(said.contains("elsewhere"), "{said}");
+    assert_eq!(
+        std::fs::read(scratch.path("run/summary.json")).unwrap(),
+        before,
+        "nothing was changed"
+    );
+}
