@@ -177,6 +177,13 @@ fn map(args: &MapArgs) -> ExitCode {
     match &args.out {
         None => print!("{}", drafted.toml),
         Some(out) => {
+            if *out == args.file.with_extension("toml") {
+                return bad_input(format!(
+                    "{}: this name is for facts on the log {} (docs/logs.md); expected another name for its mapping",
+                    out.display(),
+                    args.file.display()
+                ));
+            }
             // Answers that a user has typed are not overwritten.
             let file = std::fs::File::create_new(out);
             let written = file.and_then(|mut file| std::io::Write::write_all(&mut file, drafted.toml.as_bytes()));

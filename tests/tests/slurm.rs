@@ -79,7 +79,8 @@ fn scenario_an_array_survives_the_death_of_a_node() {
 
     Call::new(&scratch, ["campaign".into(), campaign.into_os_string()])
         .with(["--out".into(), scratch.path("one").into_os_string()])
-        .run()
+        .start()
+        .end(PATIENCE)
         .expect_code(0);
     for name in ["campaign.parquet", "campaign.csv", "summary.json", "report.html"] {
         let [one, other] =

@@ -97,6 +97,11 @@ const LARGE: Class = Class {
     energy_wh_per_kg: 70.0,
 };
 
+/// Radius of the largest propellers that `rotors` arms of this length hold side by side with some room, m.
+pub(crate) fn largest_radius_m(rotors: usize, arm_m: f64) -> f64 {
+    0.82 * arm_m * (std::f64::consts::PI / rotors as f64).sin()
+}
+
 impl Class {
     /// The class of a vehicle by mass, kg, and arm, m.
     pub fn of(mass_kg: f64, arm_m: f64) -> Self {
@@ -115,7 +120,7 @@ impl Class {
     pub(crate) fn power_coefficient(&self, rotors: usize, arm_m: f64) -> f64 {
         const AIR_KG_M3: f64 = 1.225;
         let pi = std::f64::consts::PI;
-        let radius = 0.82 * arm_m * (pi / rotors as f64).sin();
+        let radius = largest_radius_m(rotors, arm_m);
         1.0 / (self.efficiency * (2.0 * AIR_KG_M3 * pi * radius * radius).sqrt())
     }
 }

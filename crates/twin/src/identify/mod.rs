@@ -26,6 +26,7 @@ mod grid;
 mod held_out;
 mod observer;
 mod order;
+mod plausible;
 mod slow;
 mod wiring;
 mod write;
@@ -201,6 +202,9 @@ pub fn identify_with(
     request.check()?;
     let class = Class::of(request.mass_kg, request.arm_m);
     let (grids, airframe) = prepare(logs, request, &class)?;
+    if let Some(refusal) = plausible::refusal(request, airframe.places.len()) {
+        return Err(IdentifyError(refusal));
+    }
     estimate_all(logs, &grids, airframe, request, (class, bench))
 }
 
@@ -314,6 +318,9 @@ fn estimate_all(
         bench: bench.as_ref(),
     }
     .values(&mut notes);
+    if let Some(doubt) = plausible::doubt(request, rotors, numbers.cells) {
+        notes.insert(0, doubt);
+    }
     Ok(Identified {
         logs: logs.iter().map(|log| log.name.clone()).collect(),
         class,

@@ -52,17 +52,19 @@ pub(crate) fn accept(source: LogSource, table: Table, side: Option<SideFile>) ->
         }
     }
     let time_s = time.ok_or_else(|| {
-        let known: Vec<&str> = columns.keys().map(String::as_str).take(8).collect();
+        const SHOWN: usize = 8;
+        let known: Vec<&str> = columns.keys().map(String::as_str).collect();
+        let found = match known.len() {
+            0 => "nothing".to_owned(),
+            more if more > SHOWN => format!("{} and {} more", known[..SHOWN].join(", "), more - SHOWN),
+            _ => known.join(", "),
+        };
         LogError::format(
             &path,
             format!(
-                "column {} is missing (found: {})",
+                "column {} is missing (found: {found}); {}",
                 names::TIME,
-                if known.is_empty() {
-                    "nothing".to_owned()
-                } else {
-                    known.join(", ")
-                }
+                super::csv::DRAFT
             ),
         )
     })?;
@@ -100,6 +102,7 @@ pub(crate) fn accept(source: LogSource, table: Table, side: Option<SideFile>) ->
         report,
     };
     leave_out_runaway_estimates(&mut log);
+    leave_out_what_stopped(&mut log);
     leave_out_other_voltages(&mut log);
     leave_out_currents_of_no_flight(&mut log);
     checks::examine(&mut log);
@@ -123,6 +126,24 @@ fn leave_out_runaway_estimates(log: &mut FlightLog) {
     };
     let reason = format!("the estimator ran away: half of the time its speed is above {median:.0} m/s");
     leave_out(log, &[names::VELOCITY, names::POSITION].concat(), &reason);
+}
+
+/// A gyroscope or accelerometer that worked and then stands still for more than half of the log: a model would be blamed for what a frozen
+/// column does not follow.
+fn leave_out_what_stopped(log: &mut FlightLog) {
+    let span_s = log.time_s.last().unwrap_or(&0.0) - log.time_s.first().unwrap_or(&0.0);
+    let stopped: Vec<(&str, f64, f64)> = names::RATES
+        .iter()
+        .chain(&names::ACCEL)
+        .filter_map(|name| {
+            let (start_s, end_s) = checks::stands_still(log, name)?;
+            (end_s - start_s > 0.5 * span_s).then_some((*name, start_s, end_s))
+        })
+        .collect();
+    for (name, start_s, end_s) in stopped {
+        let reason = format!("it stands still from {start_s:.2} s to {end_s:.2} s: the sensor or its logging stopped");
+        leave_out(log, &[name], &reason);
+    }
 }
 
 /// A voltage that no number of LiPo cells has is another supply's, or that of a sensor which is not connected or not scaled: no model of the

@@ -9,6 +9,9 @@ use std::collections::HashSet;
 use std::io::Write;
 use std::path::Path;
 
+/// What helps with a table of another program.
+pub(crate) const DRAFT: &str = "a table of another program: `rotortwin log map FILE` drafts a mapping for it";
+
 /// Cells of one line, at most one more than `most`; quotes are taken off.
 fn cells(line: &str, most: usize) -> Vec<&str> {
     if !line.contains('"') {
@@ -91,7 +94,7 @@ pub(crate) fn read(path: &Path, bytes: &[u8], most_cells: usize) -> Result<Table
             return Err(LogError::format(
                 path,
                 format!(
-                    "row {rows} has {} {more}cells; the header has {} columns",
+                    "row {rows} has {} {more}cells; the header has {} columns ({DRAFT})",
                     cells.len(),
                     columns.len()
                 ),
@@ -124,7 +127,7 @@ fn header_columns(path: &Path, header: &str) -> Result<Vec<RawColumn>, LogError>
             if header.contains(separator) {
                 return Err(LogError::format(
                     path,
-                    format!("the cells of the header are separated by {separator:?}; a comma was expected"),
+                    format!("the cells of the header are separated by {separator:?}; a comma was expected ({DRAFT})"),
                 ));
             }
         }

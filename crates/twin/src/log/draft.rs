@@ -113,7 +113,7 @@ fn words(header: &str) -> Vec<String> {
 
 /// The unit that a header states: behind the name in brackets, or as its end.
 fn unit_in(header: &str) -> Option<&'static str> {
-    const SPELLINGS: [(&str, &str); 40] = [
+    const SPELLINGS: [(&str, &str); 43] = [
         ("deg/s", "deg/s"),
         ("°/s", "deg/s"),
         ("dps", "deg/s"),
@@ -132,6 +132,9 @@ fn unit_in(header: &str) -> Option<&'static str> {
         ("cm/s", "cm/s"),
         ("mm/s", "mm/s"),
         ("km/h", "km/h"),
+        ("kmh", "km/h"),
+        ("kph", "km/h"),
+        ("cv", "cV"),
         ("m/s", "m/s"),
         ("m_s", "m/s"),
         ("mps", "m/s"),
@@ -177,6 +180,12 @@ fn unit_in(header: &str) -> Option<&'static str> {
         .filter(|(spelling, _)| ends(spelling))
         .max_by_key(|(spelling, _)| spelling.len())
         .map(|(_, unit)| *unit)
+        .or_else(|| {
+            // `vbatMV`: two capitals or more behind a small letter.
+            let capitals = header.len() - header.trim_end_matches(|c: char| c.is_ascii_uppercase()).len();
+            let (front, end) = header.split_at(header.len() - capitals);
+            (capitals >= 2 && front.ends_with(|c: char| c.is_ascii_lowercase())).then(|| known(end))?
+        })
 }
 
 /// The draft as it grows.
@@ -257,10 +266,16 @@ pub fn draft(path: &Path, bytes: &[u8]) -> Result<Draft, LogError> {
             head += &format!("clock = {name}\nclock_format = \"{}\"\n", format.name());
         }
         None => {
-            let question =
-                "no column holds a time that rises: how many rows are there in a second? 100 is written here";
+            let question = match rising(&table.columns)[..] {
+                [] => "no column rises from row to row as a time does: how many rows are there in a second? 100 is written here".to_owned(),
+                ref names => format!(
+                    "which column is the time? {} {} from row to row, but the name does not say so. Write it as `clock`, or else the rows in a second: 100 is written here",
+                    names.join(", "),
+                    if names.len() == 1 { "rises" } else { "rise" }
+                ),
+            };
             head += &format!("# QUESTION: {question}\nrate_hz = 100.0\n");
-            writer.questions.insert(0, question.to_owned());
+            writer.questions.insert(0, question);
         }
     }
     let left_out: Vec<String> = table
@@ -284,35 +299,60 @@ pub fn draft(path: &Path, bytes: &[u8]) -> Result<Draft, LogError> {
     })
 }
 
-/// Separator, header and numbers of the first rows.
+/// The lines that are looked at: the beginning, and lines from all over the rest.
+fn lines_of(text: &str) -> Vec<&str> {
+    const REST: usize = ROWS / 4;
+    let mut lines: Vec<&str> = text.lines().take(MOST_PREAMBLE + ROWS).collect();
+    let rest = text.lines().skip(lines.len());
+    let every = (rest.clone().count() / REST).max(1);
+    lines.extend(rest.step_by(every));
+    lines
+}
+
+/// Separator, decimal sign and columns of the layout in which most cells are numbers; none if no layout has two columns.
+fn layout(body: &[&str]) -> Option<(char, char, usize)> {
+    let numbers = |separator: char, decimal: char| {
+        let middle = body.first().map_or(0, |line| cells(line, separator).len());
+        let (mut alike, mut found) = (0, 0);
+        for line in body {
+            let cells = cells(line, separator);
+            if cells.len() == middle {
+                alike += 1;
+                found += cells.iter().filter(|cell| number(cell, decimal).is_some()).count();
+            }
+        }
+        (middle >= 2 && 2 * alike > body.len()).then_some((found, middle))
+    };
+    [
+        (',', '.'),
+        (';', '.'),
+        (';', ','),
+        ('\t', '.'),
+        ('\t', ','),
+        (' ', '.'),
+        (' ', ','),
+    ]
+    .into_iter()
+    .filter_map(|(separator, decimal)| {
+        let (found, width) = numbers(separator, decimal)?;
+        Some((found, (separator, decimal, width)))
+    })
+    // The first of those that are as good.
+    .fold(None, |best: Option<(usize, _)>, one| match best {
+        Some(best) if best.0 >= one.0 => Some(best),
+        _ => Some(one),
+    })
+    .map(|(_, layout)| layout)
+}
+
+/// Separator, header and numbers of the rows that are looked at.
 fn table(text: &str) -> Result<Table, String> {
-    let lines: Vec<&str> = text.lines().take(MOST_PREAMBLE + ROWS).collect();
-    let count = |line: &str, separator: char| cells(line, separator).len();
-    // The separator that gives most cells to most lines alike.
+    let lines = lines_of(text);
     let body = &lines[lines.len() / 2..];
-    let (separator, width) = [',', ';', '\t', ' ']
-        .into_iter()
-        .map(|separator| {
-            let middle = body.first().map_or(0, |line| count(line, separator));
-            let alike = body.iter().filter(|line| count(line, separator) == middle).count();
-            (separator, if 2 * alike > body.len() { middle } else { 0 })
-        })
-        // The first of those that are as good.
-        .fold((',', 0), |best, one| if one.1 > best.1 { one } else { best });
-    if width < 2 {
+    let Some((separator, decimal, width)) = layout(body) else {
         return Err(
             "no separator (comma, semicolon, tab, space) parts the lines into columns; a table was expected".to_owned(),
         );
-    }
-    let decimal = if separator == ',' {
-        '.'
-    } else {
-        let commas = body.iter().take(50).any(|line| {
-            cells(line, separator)
-                .iter()
-                .any(|cell| cell.contains(',') && number(cell, ',').is_some())
-        });
-        if commas { ',' } else { '.' }
     };
     let is_header = |line: &&str| -> bool {
         let cells = cells(line.trim_start_matches('#'), separator);
@@ -385,6 +425,12 @@ fn clock(columns: &mut [Column], raw: &[Vec<&str>], decimal: char) -> Option<(St
             "datetime",
             "seconds",
             "secs",
+            "zeit",
+            "zeitstempel",
+            "uhrzeit",
+            "temps",
+            "tiempo",
+            "tempo",
         ])
     };
     let mut order: Vec<usize> = (0..columns.len()).collect();
@@ -417,7 +463,26 @@ fn clock(columns: &mut [Column], raw: &[Vec<&str>], decimal: char) -> Option<(St
             return Some((columns[index].name.clone(), format));
         }
     }
-    None
+    // Of another name: the first column, if it rises like a clock. One that rises by 1 may count rows.
+    let first = columns.first_mut()?;
+    let times: Vec<f64> = raw[0].iter().filter_map(|cell| number(cell, decimal)).collect();
+    let rises = times.len() == raw[0].len() && times.windows(2).all(|pair| pair[1] > pair[0]);
+    let counts = times.windows(2).all(|pair| pair[1] - pair[0] == 1.0);
+    if !rises || counts {
+        return None;
+    }
+    first.taken = true;
+    Some((first.name.clone(), unit_of_time(first, &times)))
+}
+
+/// Columns that always rise, as no clock was recognised.
+fn rising(columns: &[Column]) -> Vec<&str> {
+    let rises = |column: &&Column| column.values.len() > 1 && column.values.windows(2).all(|pair| pair[1] > pair[0]);
+    columns
+        .iter()
+        .filter(rises)
+        .map(|column| column.name.as_str())
+        .collect()
 }
 
 /// Seconds, or parts of them, by the name, else by the usual step.
@@ -509,12 +574,10 @@ fn map_columns(columns: &mut [Column], out: &mut Writer) {
     // Quaternion before single axes, which its letters resemble.
     quaternion(columns, out);
     let mut body = None;
-    if let Some(found) = triple(
-        columns,
-        &AXES[..1],
-        &["acc", "accel", "acceleration", "accelerometer", "force", "a"],
-        &WANTED,
-    ) {
+    let accel = ["acc", "accel", "acceleration", "accelerometer", "force", "a"];
+    if let Some(found) =
+        triple(columns, &AXES[..1], &accel, &WANTED).or_else(|| triple(columns, &[["ax", "ay", "az"]], &[], &WANTED))
+    {
         let size = {
             let mut sizes: Vec<f64> = (0..columns[found[0]].values.len())
                 .map(|row| found.map(|i| columns[i].values[row].powi(2)).iter().sum::<f64>().sqrt())
@@ -629,6 +692,8 @@ fn attitude(columns: &mut [Column], out: &mut Writer) {
     let axes = [
         ["roll", "pitch", "yaw"],
         ["roll", "pitch", "heading"],
+        ["bank", "pitch", "yaw"],
+        ["bank", "pitch", "heading"],
         ["phi", "theta", "psi"],
     ];
     let Some(found) = triple(columns, &axes, &[], &not) else {
@@ -678,6 +743,7 @@ fn world(columns: &mut [Column], out: &mut Writer) {
         let mut not = WANTED.to_vec();
         not.extend(["gyro", "acc", "accel", "rate", "angular", "rc"]);
         let found = triple(columns, &down, &stems, &not)
+            .or_else(|| triple(columns, &[["vn", "ve", "vd"]], &[], &not).filter(|_| to == "velocity"))
             .map(|found| (found, "ned"))
             .or_else(|| triple(columns, &[glued], &[], &not).map(|found| (found, "")))
             .or_else(|| triple(columns, &AXES[..1], &stems, &not).map(|found| (found, "")))
@@ -780,7 +846,7 @@ fn rotors(columns: &mut [Column], out: &mut Writer) {
             _ => (0.0, 65_535.0),
         };
         out.ask(format!(
-            "{}: which number is no throttle and which is full? They reach from {low} to {high}, so {from} and {until} are written here",
+            "{}: which number is no throttle and which is full? They reach from {low} to {high} in the rows looked at, so {from} and {until} are written here",
             names.join(", ")
         ));
         out.row(
@@ -808,17 +874,26 @@ fn battery(columns: &mut [Column], out: &mut Writer) {
             0.01..400.0,
         ),
     ] {
-        let Some(found) = columns
-            .iter()
-            .position(|c| !c.taken && c.has(words) && !c.has(&["cell", "tot", "ref"]))
-        else {
+        let of = |unit: &str| units.iter().find(|(name, _)| *name == unit);
+        // Its unit, if the header states one, is one of these, and its numbers are those of a battery in some unit.
+        let fits = |c: &Column| match c.unit {
+            Some(unit) => of(unit).is_some_and(|(_, factor)| plausible.contains(&(c.median() * factor))),
+            None => units
+                .iter()
+                .any(|(_, factor)| plausible.contains(&(c.median() * factor))),
+        };
+        let free = |c: &Column| !c.taken && !c.has(&["cell", "tot", "ref"]) && fits(c);
+        let of_battery = ["bat", "batt", "battery", "pack", "akku", "supply", "lipo"];
+        let Some(found) = columns.iter().position(|c| free(c) && c.has(words)).or_else(|| {
+            columns
+                .iter()
+                .position(|c| free(c) && c.unit.is_some() && c.has(&of_battery))
+        }) else {
             continue;
         };
         columns[found].taken = true;
         let median = columns[found].median();
-        let stated = columns[found]
-            .unit
-            .filter(|unit| units.iter().any(|(name, _)| name == unit));
+        let stated = columns[found].unit.filter(|unit| of(unit).is_some());
         let likely = units
             .iter()
             .find(|(_, factor)| plausible.contains(&(median * factor)))
@@ -909,6 +984,74 @@ mod tests {
         assert!((log.column("battery_voltage_v").unwrap()[0] - 16.1).abs() < 1e-9);
     }
 
+    /// As spreadsheets of half of Europe write it: no cell is a number with a point, and a comma parts more cells than the separator.
+    #[test]
+    fn regress_semicolons_and_decimal_commas_everywhere() {
+        let mut text = "Zeit [ms];P (deg/s);Q (deg/s);R (deg/s);M1 (us);M2 (us);M3 (us);M4 (us);V_N [km/h];V_E [km/h];V_D [km/h];Pack [mV]\n".to_owned();
+        for k in 0..400 {
+            let t = 2.5 * f64::from(k);
+            let motors = [1500.25, 1510.5, 1490.25, 1505.75].map(|m| format!("{:.2}", m + f64::from(k % 7)));
+            let row = format!(
+                "{t:.4};{:.4};0.2500;-0.7500;{};-1.0940;0.5000;0.1250;15800.5",
+                0.01 * f64::from(k),
+                motors.join(";")
+            );
+            text += &(row.replace('.', ",") + "\n");
+        }
+        let found = draft(Path::new("akku.csv"), text.as_bytes()).unwrap();
+        for part in [
+            "separator = \";\"\ndecimal = \",\"",
+            "clock = \"Zeit [ms]\"\nclock_format = \"ms\"",
+            "to = \"velocity\"\nfrom = \"csv:V_N [km/h],V_E [km/h],V_D [km/h]\"\nunit = \"km/h\"",
+            "to = \"battery_voltage_v\"\nfrom = \"csv:Pack [mV]\"\nunit = \"mV\"",
+        ] {
+            assert!(found.toml.contains(part), "{part}\n{}", found.toml);
+        }
+        assert_eq!(found.left_out, Vec::<String>::new());
+    }
+
+    #[test]
+    fn regress_a_unit_in_capitals_counts_and_a_velocity_is_no_voltage() {
+        let rows: Vec<String> = (0..50)
+            .map(|k| format!("{},0.1,{},3520,0.2", 0.01 * f64::from(k), f64::from(k) - 25.3))
+            .collect();
+        let text = format!("t,V_N [km/h],V_E [km/h],pm.vbatMV,u\n{}\n", rows.join("\n"));
+        let found = draft(Path::new("x.csv"), text.as_bytes()).unwrap();
+        let part = "to = \"battery_voltage_v\"\nfrom = \"csv:pm.vbatMV\"\nunit = \"mV\"";
+        assert!(found.toml.contains(part), "{}", found.toml);
+        assert!(
+            !found.questions.iter().any(|question| question.contains("vbatMV")),
+            "{:?}",
+            found.questions
+        );
+    }
+
+    #[test]
+    fn regress_a_first_column_that_rises_like_a_clock_is_one() {
+        let table = |name: &str, step: f64| {
+            let rows: Vec<String> = (0..50)
+                .map(|k| format!("{},0.1,{}", step * f64::from(k), k % 3))
+                .collect();
+            draft(
+                Path::new("x.csv"),
+                format!("{name},p,m\n{}\n", rows.join("\n")).as_bytes(),
+            )
+            .unwrap()
+        };
+        assert!(
+            table("Spalte", 2.5)
+                .toml
+                .contains("clock = \"Spalte\"\nclock_format = \"ms\"")
+        );
+        let counted = table("row", 1.0);
+        assert!(counted.toml.contains("rate_hz = 100.0"), "{}", counted.toml);
+        assert!(
+            counted.questions[0].contains("which column is the time? row rises"),
+            "{:?}",
+            counted.questions
+        );
+    }
+
     #[test]
     fn val_names_part_into_words_and_units() {
         assert_eq!(words("GyroX_raw [dps]"), ["gyro", "x", "raw"]);
@@ -917,6 +1060,8 @@ mod tests {
         assert_eq!(unit_in("Acc (m/s^2)"), Some("m/s2"));
         assert_eq!(unit_in("roll_rate_deg_s"), Some("deg/s"));
         assert_eq!(unit_in("a"), None);
+        assert_eq!(unit_in("pm.vbatMV"), Some("mV"));
+        assert_eq!(unit_in("accelZ"), None);
     }
 
     #[test]

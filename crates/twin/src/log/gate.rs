@@ -46,10 +46,20 @@ impl FlightLog {
             return None;
         }
         let list: Vec<String> = found.iter().map(ToString::to_string).collect();
-        Some(format!(
-            "{}: the log is at fault, not the physics: {}; mend it (a mapping of 'rotortwin log import' turns axes and units) and try again",
-            self.name,
-            list.join("; and ")
-        ))
+        // What no mapping can mend.
+        let other_vehicle = found.iter().any(|finding| finding.kind == FindingKind::RotorCount);
+        let no_flight = found.iter().any(|finding| finding.kind == FindingKind::NoFlight);
+        let (blame, advice) = match (other_vehicle, no_flight) {
+            (_, true) => ("nothing can be compared", "expected a log of a flight"),
+            (true, false) => (
+                "the model is of another vehicle",
+                "expected a model of this one (`rotortwin vehicle from-log` makes it from the log)",
+            ),
+            (false, false) => (
+                "the log is at fault, not the physics",
+                "mend it (a mapping of 'rotortwin log import' turns axes and units) and try again",
+            ),
+        };
+        Some(format!("{}: {blame}: {}; {advice}", self.name, list.join("; and ")))
     }
 }

@@ -124,6 +124,17 @@ fn distinct(present: &[(f64, f64)]) -> usize {
     seen.len()
 }
 
+/// When a column that had changed before stood still for the longest time, s; none if that is not long enough to be a fault.
+pub(crate) fn stands_still(log: &FlightLog, name: &str) -> Option<(f64, f64)> {
+    let values = log.column(name)?.iter().copied();
+    let rows = log.time_s.iter().copied().zip(values);
+    let present: Vec<(f64, f64)> = rows.filter(|(_, value)| !value.is_nan()).collect();
+    if present.len() < 2 {
+        return None;
+    }
+    longest_run(&present).filter(|(start_s, _)| *start_s > present[0].0)
+}
+
 /// The longest time without change, if it is long enough to be a fault.
 fn longest_run(present: &[(f64, f64)]) -> Option<(f64, f64)> {
     let mut runs = Vec::new();

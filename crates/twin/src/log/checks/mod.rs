@@ -6,6 +6,7 @@ mod ground;
 mod kinematics;
 mod vehicle;
 
+pub(crate) use coverage::stands_still;
 pub(crate) use ground::{idle_current, moves_under_power};
 
 use super::findings::{Finding, FindingKind};

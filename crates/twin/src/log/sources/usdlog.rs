@@ -77,7 +77,7 @@ pub(super) fn parse(bytes: &[u8], accept_damaged: bool, mut room: Room) -> Resul
         let records = cursor.bytes.len().saturating_sub(CRC_BYTES);
         cursor.bytes = &cursor.bytes[..records];
     } else if !accept_damaged {
-        return Err("the CRC-32 at the end does not fit the content: the file is damaged or cut (--damaged takes what can be read)".to_owned());
+        return Err("the CRC-32 at the end does not fit the content: the file is damaged or cut (`rotortwin log import --damaged` takes what can be read)".to_owned());
     }
     while !cursor.bytes.is_empty() {
         let before = cursor.bytes.len();
