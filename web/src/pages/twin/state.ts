@@ -10,8 +10,9 @@ import { ApiError, sentenceOf } from "../../api/problem";
 import { type Comparison, type Diagnosis, type History, type ImportResult, findingBlocks, keyOf, lineTo } from "../../model/twin";
 import { route, setQuery } from "../../router";
 
-/** Default vehicle: that of the examples. */
+/** Default vehicle, that of the examples, and its rotors. */
 const FIRST_VEHICLE = "f550";
+const FIRST_ROTORS = 6;
 const MAIN = "main";
 
 export function createTwin() {
@@ -45,6 +46,17 @@ export function createTwin() {
   const history = createLoad(model, (name, signal) => ask<History>("GET", `/api/v1/models/${encodeURIComponent(name)}/history`, undefined, { signal }));
   const flightsReady = createMemo(() => (logs().length > 0 ? log.result() !== undefined : runs().length > 0));
   const vehicleName = () => vehicle() ?? FIRST_VEHICLE;
+  const channels = createLoad(
+    () => (vehicle() === undefined && model() === undefined && log.result() !== undefined ? logs()[0] : undefined),
+    (id, signal) => ask<{ channels: { name: string }[] }>("GET", `/api/v1/logs/${id}/channels`, undefined, { signal }),
+  );
+  const rotorsOfLog = createMemo(() => channels.data()?.channels.filter((one) => /^duty_\d+$/.test(one.name)).length);
+  /** Rotors of a log that no vehicle was chosen for, if the default one has another number. */
+  const unfit = createMemo(() => {
+    const count = rotorsOfLog();
+    return vehicle() === undefined && model() === undefined && logs().length > 0 && count !== undefined && count > 0 && count !== FIRST_ROTORS ? count : undefined;
+  });
+  const vehicleKnown = createMemo(() => vehicle() !== undefined || logs().length === 0 || channels.error() !== undefined || (rotorsOfLog() !== undefined && unfit() === undefined));
   const head = () => history.data()?.branches.find((one) => one.name === branch());
   const shownVersion = () => (version() === undefined ? head()?.version : Number(version()));
   const line = createMemo(() => {
@@ -55,8 +67,8 @@ export function createTwin() {
 
   // A separate model for each flight: additions do not affect others. Requesting an existing name is not an error.
   createEffect(
-    on([flightsReady, vehicle, model, () => logs()[0] ?? runs()[0]], ([ready, , named, flight]) => {
-      if (!ready || named !== undefined || flight === undefined) return;
+    on([flightsReady, vehicleKnown, vehicle, model, () => logs()[0] ?? runs()[0]], ([ready, known, , named, flight]) => {
+      if (!ready || !known || named !== undefined || flight === undefined) return;
       const base = vehicleName();
       // A vehicle identified twice under one name is two vehicles.
       const name = [base, flight.slice(0, 32).slice(-8), made()?.slice(-4)].filter(Boolean).join("-");
@@ -138,7 +150,7 @@ export function createTwin() {
 
   return {
     logs, runs, held, identification, made, nextFlight, flown, vehicle: vehicleName, model, version, log, comparison, diagnosis, history, line, branch, head, problem, add, undo, again, beginBranch,
-    flightsReady,
+    flightsReady, unfit,
     /** Whether there are a flight and a model to compare. */
     ready,
     /** Starts with other flights. */

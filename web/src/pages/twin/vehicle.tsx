@@ -23,7 +23,8 @@ export function Vehicle(props: { twin: Twin }) {
   });
   const geometry = createLoad(() => props.twin.vehicle(), (name, signal) => ask<FullGeometry>("GET", `/api/v1/vehicles/${encodeURIComponent(name)}/geometry`, undefined, { signal }));
   const models = () => (names.data()?.models ?? []).filter((name) => !names.data()?.vehicles.includes(name));
-  const [open, setOpen] = createSignal(props.twin.identification() !== undefined);
+  const [opened, setOpen] = createSignal<boolean>();
+  const open = () => opened() ?? (props.twin.identification() !== undefined || props.twin.unfit() !== undefined);
   const pick = (value: string) => {
     if (value.startsWith("model:")) props.twin.chooseModel(value.slice(6));
     else props.twin.chooseVehicle(value);
@@ -33,9 +34,16 @@ export function Vehicle(props: { twin: Twin }) {
       number={3}
       title="Which vehicle"
       later="one of the library, or a new one from your log, its mass and its size"
-      state={!props.twin.flightsReady() ? "waiting" : props.twin.history.error() ? "problem" : "done"}
+      state={!props.twin.flightsReady() ? "waiting" : props.twin.history.error() || props.twin.unfit() !== undefined ? "problem" : "done"}
       note={props.twin.model() ? `model ${props.twin.model()}, ${props.twin.line().at(-1)?.label ?? "…"}` : undefined}
     >
+      <Show when={props.twin.unfit()}>
+        {(count) => (
+          <div class="say warn sentence" role="status">
+            The log is of a vehicle with {count()} rotors. Choose one of the library, or make it from this log: its mass and its size are enough.
+          </div>
+        )}
+      </Show>
       <Problem sentence={props.twin.history.error()} retry={props.twin.history.reload} />
       <Problem sentence={names.error()} retry={names.reload} />
       <div class="side">
@@ -43,9 +51,10 @@ export function Vehicle(props: { twin: Twin }) {
           <label class="field">
             Vehicle, for a model of its own; or a model that is there
             <select onChange={(event) => pick(event.currentTarget.value)}>
+              <Show when={props.twin.unfit() !== undefined}><option value="" disabled selected>choose …</option></Show>
               <optgroup label="Vehicles: a new model begins at version 0">
                 <For each={names.data()?.vehicles ?? [props.twin.vehicle()]}>
-                  {(name) => <option value={name} selected={name === props.twin.vehicle()}>{name}</option>}
+                  {(name) => <option value={name} selected={props.twin.unfit() === undefined && name === props.twin.vehicle()}>{name}</option>}
                 </For>
               </optgroup>
               <Show when={models().length > 0}>
@@ -55,7 +64,7 @@ export function Vehicle(props: { twin: Twin }) {
               </Show>
             </select>
           </label>
-          <Show when={geometry.data()}>
+          <Show when={props.twin.unfit() === undefined && geometry.data()}>
             {(found) => (
               <Figures
                 items={[
@@ -69,10 +78,12 @@ export function Vehicle(props: { twin: Twin }) {
               />
             )}
           </Show>
-          <p class="small muted">
-            The values are those of the vehicle's document (<a href={`/library?kind=vehicles&name=${encodeURIComponent(props.twin.vehicle())}`}>read it</a>).
-            The log decides what they miss.
-          </p>
+          <Show when={props.twin.unfit() === undefined}>
+            <p class="small muted">
+              The values are those of the vehicle's document (<a href={`/library?kind=vehicles&name=${encodeURIComponent(props.twin.vehicle())}`}>read it</a>).
+              The log decides what they miss.
+            </p>
+          </Show>
           <div class="row">
             <button type="button" aria-expanded={open()} aria-controls="from-log" onClick={() => setOpen(!open())}>A new one from this {props.twin.logs().length > 0 ? "log" : "run"}</button>
             <span class="small muted">No fitting vehicle? Mass and size are enough.</span>
@@ -80,7 +91,7 @@ export function Vehicle(props: { twin: Twin }) {
         </div>
         <div>
           <Problem sentence={geometry.error() && `No picture of the vehicle: ${geometry.error()}`} />
-          <Show when={geometry.data()}>{(found) => <VehiclePicture geometry={found()} />}</Show>
+          <Show when={props.twin.unfit() === undefined && geometry.data()}>{(found) => <VehiclePicture geometry={found()} />}</Show>
         </div>
       </div>
       <div id="from-log">
