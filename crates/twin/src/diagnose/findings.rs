@@ -11,7 +11,7 @@ use crate::estimation::linearisation::Linear;
 use crate::estimation::normal::Posterior;
 use crate::estimation::parameters::{QUANTILE_95, parameters, parameters_of};
 use crate::estimation::problem::{Problem, position_of};
-use crate::predict::channels::{F, KV};
+use crate::predict::channels::{F, KV, group};
 use crate::predict::{CHANNELS, NAMES};
 
 /// Least explained share of an answer.
@@ -72,7 +72,7 @@ pub(crate) fn findings(problem: &Problem, named: Vec<Named>, posterior: &Posteri
             let too_small = below(entry, &values, one.minimum);
             let (mut compatible, mut lost) = (Vec::new(), Vec::new());
             for rival in &one.rivals {
-                let rival = fared(&problem.library, entry, rival, too_small);
+                let rival = fared(problem, entry, rival, too_small);
                 match rival.outcome {
                     Outcome::AsGood => compatible.push(rival),
                     _ => lost.push(rival),
@@ -127,8 +127,12 @@ fn constant_of(entry: &Candidate, values: &[f64], deviations: &[f64], onset_s: O
 }
 
 /// How a rival fared against what was named; a look-alike of something that came out `too_small` did not lose.
-fn fared(library: &Library, named: &Candidate, rival: &RivalFit, too_small: bool) -> Rival {
-    let other = &library.candidates[rival.candidate];
+fn fared(problem: &Problem, named: &Candidate, rival: &RivalFit, too_small: bool) -> Rival {
+    let other = &problem.library.candidates[rival.candidate];
+    // Of channels that no log has, nothing is left or explained.
+    let measured = |wanted: &ChannelGroup| {
+        (0..CHANNELS).any(|c| group(c) == *wanted && problem.logs.iter().any(|log| log.predictor.has(c)))
+    };
     let declared = named.declaration;
     let outcome = if rival.gap < COMPATIBLE_GAP && rival.implausible.is_none() {
         Outcome::AsGood
@@ -141,7 +145,7 @@ fn fared(library: &Library, named: &Candidate, rival: &RivalFit, too_small: bool
         let left: Vec<ChannelGroup> = declared
             .channels
             .iter()
-            .filter(|group| !other.declaration.channels.contains(group))
+            .filter(|wanted| !other.declaration.channels.contains(wanted) && measured(wanted))
             .copied()
             .collect();
         if left.is_empty() {
