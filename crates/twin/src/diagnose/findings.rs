@@ -5,7 +5,7 @@ use rotortwin_plant::effects::{ChannelGroup, EffectClass, ParameterKind};
 use super::named::{Named, RivalFit, UNTOLD_GAP};
 use super::result::{ConstantWanted, Diagnosis, Finding, HeldOutError, Outcome, Rival, Verdict};
 use super::strategies::covariance;
-use crate::estimation::candidates::{Candidate, Library};
+use crate::estimation::candidates::Candidate;
 use crate::estimation::columns::Active;
 use crate::estimation::linearisation::Linear;
 use crate::estimation::normal::Posterior;
