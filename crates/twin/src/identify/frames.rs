@@ -374,4 +374,66 @@ mod tests {
             }
         }
     }
+
+    /// A log is read by this table, a flight goes by `config/autopilots`.
+    #[test]
+    fn val_logs_and_flights_of_a_frame_have_the_same_outputs() {
+        use rotortwin_scenario::autopilot_frame::{AutopilotFrame, AutopilotKind};
+        let mut compared = 0;
+        for flown in AutopilotFrame::built_in() {
+            // What Betaflight logs has no parameter of a frame; ArduPilot's frame of that name is Betaflight's quadrotor.
+            if flown.autopilot == AutopilotKind::Betaflight {
+                continue;
+            }
+            let read = FRAMES.iter().find(|frame| frame.name == flown.frame);
+            let read = read.unwrap_or_else(|| panic!("{}: no table has the frame {}", flown.name, flown.frame));
+            let places = read.places();
+            assert_eq!(places.len(), flown.motor.len(), "{}", flown.name);
+            for motor in &flown.motor {
+                let place = places[motor.channel as usize - 1];
+                let expected = Place::at(motor.azimuth_deg, motor.spin);
+                let away = (0..2)
+                    .map(|axis| (place.position[axis] - expected.position[axis]).abs())
+                    .fold(0.0, f64::max);
+                assert!(
+                    away < 0.02 && place.spin == expected.spin,
+                    "{}, channel {}: {place:?}, {expected:?}",
+                    flown.name,
+                    motor.channel
+                );
+            }
+            compared += 1;
+        }
+        assert_eq!(compared, 10);
+    }
+
+    /// The mappings for logs of PX4 give the rotors of the vehicle that its frame file gives in flight.
+    #[test]
+    fn val_mappings_of_px4_logs_have_the_order_of_its_frames() {
+        use rotortwin_scenario::autopilot_frame::AutopilotFrame;
+        let folder = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../../config");
+        for (frame, vehicle) in [("hexa-x", "f550"), ("quad-x", "quad-x"), ("octo-x", "octo-x")] {
+            let name = format!("px4-{frame}");
+            let mapping =
+                std::fs::read_to_string(folder.join(format!("autopilot-settings/{name}.log-mapping.toml"))).unwrap();
+            let mapping: toml::Value = toml::from_str(&mapping).unwrap();
+            let order = mapping["column"][0]["order"].as_array().unwrap().iter();
+            let order: Vec<usize> = order
+                .map(|output| usize::try_from(output.as_integer().unwrap()).unwrap())
+                .collect();
+            let flown = AutopilotFrame::built_in()
+                .into_iter()
+                .find(|flown| flown.name == name)
+                .unwrap();
+            let store = tempfile::tempdir().unwrap();
+            let vehicle = crate::model::ModelStore::new(store.path())
+                .find(vehicle)
+                .unwrap()
+                .version
+                .vehicle;
+            for (output, rotor) in flown.rotors(&vehicle).unwrap().into_iter().enumerate() {
+                assert_eq!(order[rotor], output + 1, "{name}: our rotor {}", rotor + 1);
+            }
+        }
+    }
 }
