@@ -123,8 +123,9 @@ fn effects(
     extra_linear_drag: f64,
     seed: u64,
 ) -> Result<Option<Box<EffectFlight>>, Refusal> {
-    // Rotors that have an inertia act through the same hooks.
-    if config.effects.is_empty() && config.vehicle.rotors.reaction_s == 0.0 {
+    // What the document says of the rotors' inertia and drag acts through the same hooks.
+    let rotors = &config.vehicle.rotors;
+    if config.effects.is_empty() && rotors.reaction_s == 0.0 && rotors.drag_kg_s == 0.0 {
         return Ok(None);
     }
     let mut constants = Constants::nominal(&config.vehicle);

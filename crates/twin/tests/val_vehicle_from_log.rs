@@ -89,6 +89,48 @@ fn with_reaction(
     foreign_log(&format!("{flight} {seed}"), &plan, &order)
 }
 
+/// A waypoint flight of the F550 with a hidden effect of this size.
+fn f550_with(effect: &str, parameter: &str, size: f64, seed: u64) -> (FlightLog, Request) {
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../config/vehicles/f550.toml");
+    let vehicle = Vehicle::load(&path).unwrap();
+    let script = Script::built_in("waypoint", seed).unwrap();
+    let mut plan = FlightPlan::new(vehicle.clone(), script, 90.0, seed);
+    let mut hidden = Hidden::typical(kind(effect).unwrap(), None);
+    hidden.parameters = [(parameter.to_owned(), size)].into();
+    plan.effects.push(hidden);
+    let order: Vec<usize> = (0..6).collect();
+    let log = foreign_log(&format!("{effect} {seed}"), &plan, &order).unwrap();
+    (log, request(&vehicle, 0.275))
+}
+
+/// Drag of rotors acts across their axis, that of a body along all axes: climbs tell them apart.
+#[test]
+fn val_drag_across_the_axis_is_that_of_the_rotors() {
+    for seed in [7, 8, 9] {
+        let (log, request) = f550_with("rotor-drag", "drag_n_s_m", 0.25, seed);
+        let found = identify(&[log], &request).unwrap();
+        let (body, rotors) = (
+            found.value("body.linear_drag_kg_s").unwrap(),
+            found
+                .value("rotors.drag_kg_s")
+                .unwrap_or_else(|| panic!("seed {seed}: all axes alike")),
+        );
+        assert!((rotors.value - 0.25).abs() < 0.03, "seed {seed}: {rotors:?}");
+        assert!(body.value < 0.03 && body.high < 0.1, "seed {seed}: {body:?}");
+    }
+}
+
+#[test]
+fn val_drag_along_all_axes_is_that_of_the_body() {
+    for seed in [7, 8, 9] {
+        let (log, request) = f550_with("linear-friction", "drag_kg_s", 0.25, seed);
+        let found = identify(&[log], &request).unwrap();
+        assert!(found.value("rotors.drag_kg_s").is_none(), "seed {seed}");
+        let body = found.value("body.linear_drag_kg_s").unwrap();
+        assert!((body.value - 0.25).abs() < 0.025, "seed {seed}: {body:?}");
+    }
+}
+
 /// The same, where the pilot may lose a vehicle that is too lazy for the flight.
 fn tried(
     vehicle: &Vehicle,

@@ -33,6 +33,8 @@ pub struct Constants {
     pub hover_rotor_speed_rad_s: f64,
     /// λ: yaw torque of a rotor over its drag torque, per rate of the logarithm of its thrust, s.
     pub rotor_reaction_s: f64,
+    /// k_d of the document, kg/s: drag of all rotors across their axis at hover speed.
+    pub rotor_drag_kg_s: f64,
     /// R, m.
     pub rotor_radius_m: f64,
     /// v_h = √(f_h/2ρπR²): induced velocity in hover, m/s.
@@ -152,6 +154,7 @@ impl Constants {
             hover_thrust_n: hover_thrust,
             hover_rotor_speed_rad_s: hover_rotor_speed_rad_s(hover_thrust),
             rotor_reaction_s: vehicle.rotors.reaction_s,
+            rotor_drag_kg_s: vehicle.rotors.drag_kg_s,
             rotor_radius_m: radius,
             hover_induced_velocity_m_s: (hover_thrust / (2.0 * AIR_DENSITY * std::f64::consts::PI * radius * radius))
                 .sqrt(),

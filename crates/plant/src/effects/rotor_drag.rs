@@ -15,7 +15,7 @@ pub(super) static DECLARATION: EffectDeclaration = EffectDeclaration {
         "drag_n_s_m",
         "k_d",
         "N·s/m",
-        "drag of all rotors together at hover speed per air speed",
+        "drag of all rotors together at hover speed per air speed, beyond `rotors.drag_kg_s` of the vehicle",
         (0.0, 0.5),
         0.25,
         0.25,
@@ -30,6 +30,11 @@ pub(super) static DECLARATION: EffectDeclaration = EffectDeclaration {
     source: "Faessler, Franchi, Scaramuzza 2018, eq. 2; RotorPy k_d",
     build: Build::BuiltIn(|setup| Box::new(RotorDrag { drag: setup.values[0] })),
 };
+
+/// `rotors.drag_kg_s` of the vehicle at work, kg/s.
+pub(super) fn of_the_document(drag: f64) -> Box<dyn ActiveEffect> {
+    Box::new(RotorDrag { drag })
+}
 
 #[derive(Debug, Clone)]
 struct RotorDrag {

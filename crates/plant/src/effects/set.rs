@@ -5,8 +5,8 @@ use super::declaration::Place;
 use super::hooks::{ActiveEffect, Hooks, Moment};
 use super::instance::{Catalogue, EffectInstance};
 use super::readings::Readings;
-use super::rotor_inertia;
 use super::wrench::Wrench;
+use super::{rotor_drag, rotor_inertia};
 use crate::error::Refusal;
 use crate::nearest_step;
 use crate::vector::Vector3;
@@ -87,6 +87,9 @@ impl EffectSet {
         if nominal.rotor_reaction_s != 0.0 {
             // Of the vehicle's own rotors, by its document.
             members.push(Member::lasting(rotor_inertia::of_the_document()));
+        }
+        if nominal.rotor_drag_kg_s != 0.0 {
+            members.push(Member::lasting(rotor_drag::of_the_document(nominal.rotor_drag_kg_s)));
         }
         let mut set = Self {
             nominal: *nominal,

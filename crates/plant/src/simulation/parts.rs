@@ -395,9 +395,10 @@ mod tests {
     }
 
     #[test]
-    fn val_rotors_with_inertia_fly_with_an_autopilot() {
+    fn val_rotors_with_inertia_and_drag_fly_with_an_autopilot() {
         let mut config = config();
         config.vehicle.rotors.reaction_s = 0.1;
+        config.vehicle.rotors.drag_kg_s = 0.1;
         Simulation::new(&config, 1).unwrap().begin_prelude().unwrap();
     }
 }

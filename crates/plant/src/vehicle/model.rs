@@ -66,6 +66,10 @@ pub struct Rotors {
     /// inertia of 2 c λ f_h/Ω_h. 0 where it is not known.
     #[serde(default, skip_serializing_if = "is_zero")]
     pub reaction_s: f64,
+    /// k_d, kg/s: drag of all rotors together across their axis, F_xy = −k_d (Σ Ω_i/(n Ω_h)) v_a,xy, beside the drag of the body, which acts
+    /// along all axes. 0 where the two are not told apart.
+    #[serde(default, skip_serializing_if = "is_zero")]
+    pub drag_kg_s: f64,
     /// Where the rotors are.
     pub layout: Layout,
 }
@@ -300,6 +304,7 @@ impl VehicleModel {
         in_range("thrust_lag_s", rotors.thrust_lag_s, 0.005, 1.0, "s")?;
         in_range("full_thrust_n", rotors.full_thrust_n, 0.01, 2000.0, "N")?;
         in_range("reaction_s", rotors.reaction_s, 0.0, 1.0, "s")?;
+        in_range("drag_kg_s", rotors.drag_kg_s, 0.0, 10.0, "kg/s")?;
         rotors.layout.check().map_err(|r| r.under("layout"))?;
         if !blades.blade.contains_key(&rotors.nominal_blade) {
             let names = blades.names().collect::<Vec<_>>().join(", ");

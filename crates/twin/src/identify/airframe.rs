@@ -369,7 +369,7 @@ impl Findings<'_> {
         ];
         let inertia = self.inertia(&mut values, notes);
         let (moment_ratio, yaw_inertia, reaction_s) = self.yaw(inertia, &mut values, notes);
-        let drag = self.drag(&mut values, notes);
+        let (drag, rotor_drag) = self.drag(&mut values, notes);
         self.thrust(&mut values, notes);
         let battery = self.battery(&mut values);
         self.assumed(&mut values, battery.1, battery.4);
@@ -400,6 +400,7 @@ impl Findings<'_> {
             moment_ratio,
             reaction_s,
             drag: drag * self.request.mass_kg,
+            rotor_drag: rotor_drag * self.request.mass_kg,
             voltage: battery.1,
             voltage_slope: self.voltage_slope.0,
             cells: battery.0,
@@ -675,10 +676,40 @@ impl Findings<'_> {
         value_s
     }
 
-    fn drag(&self, values: &mut Vec<Estimate>, notes: &mut Vec<String>) -> f64 {
+    /// k/m of the body, along all axes, and k_d/m of the rotors, across theirs, 1/s.
+    fn drag(&self, values: &mut Vec<Estimate>, notes: &mut Vec<String>) -> (f64, f64) {
         let mass = self.request.mass_kg;
-        match slow::drag(self.grids) {
+        let one = match slow::drag(self.grids) {
             Drag::Measured(k, deviation) => {
+                if let Some((up, up_deviation)) = slow::drag_in_climbs(self.grids, &self.fitted.curve)
+                    && up < 0.5 * k
+                    && k - up > 3.0 * deviation.hypot(up_deviation)
+                {
+                    let body = up.max(0.0);
+                    let estimate = |key, name, value: f64, deviation: f64| {
+                        let normal = Estimate::normal(key, name, "kg/s", value * mass, deviation * mass, Source::Log);
+                        Estimate {
+                            low: normal.low.max(0.0),
+                            ..normal
+                        }
+                    };
+                    values.push(
+                        estimate("body.linear_drag_kg_s", "drag, k", body, up_deviation)
+                            .how(format!("lift over the speed of climb, below 1 Hz; k/m = {up:.3} 1/s")),
+                    );
+                    values.push(
+                        estimate(
+                            "rotors.drag_kg_s",
+                            "drag of the rotors, k_d",
+                            k - body,
+                            deviation.hypot(up_deviation),
+                        )
+                        .how(format!(
+                            "force along the body over speed, below 1 Hz, of {k:.3} 1/s, less that"
+                        )),
+                    );
+                    return (body, k - body);
+                }
                 values.push(
                     Estimate::normal(
                         "body.linear_drag_kg_s",
@@ -733,7 +764,8 @@ impl Findings<'_> {
                 );
                 k
             }
-        }
+        };
+        (one, 0.0)
     }
 
     fn thrust(&self, values: &mut Vec<Estimate>, notes: &mut Vec<String>) {

@@ -104,7 +104,10 @@ pub(crate) struct Numbers {
     pub(crate) inertia: [f64; 3],
     pub(crate) moment_ratio: f64,
     pub(crate) reaction_s: f64,
+    /// Of the body, along all axes, kg/s.
     pub(crate) drag: f64,
+    /// Of the rotors, across their axis, kg/s.
+    pub(crate) rotor_drag: f64,
     pub(crate) voltage: f64,
     pub(crate) voltage_slope: f64,
     pub(crate) cells: u32,

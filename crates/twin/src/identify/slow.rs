@@ -115,6 +115,66 @@ pub(crate) fn drag(grids: &[Grid]) -> Drag {
     }
 }
 
+/// k/m along the rotors' axis, 1/s, and its deviation: what the lift lacks of the thrust curve's as the vehicle climbs, below 1 Hz. None where
+/// it hardly climbs. The inflow of a climb, which takes thrust in the same way, is in it.
+pub(crate) fn drag_in_climbs(grids: &[Grid], curve: &Curve) -> Option<(f64, f64)> {
+    const SLOWEST_M_S: f64 = 0.3;
+    let low = Band {
+        low_hz: 0.0,
+        high_hz: 1.0,
+    };
+    // By piece: each has its own offset, for the level of the thrust moves slowly.
+    let mut sums: Vec<(f64, f64)> = Vec::new();
+    let (mut speeds, mut count) = (0.0, 0.0);
+    for grid in grids {
+        let (Some(lift), Some(velocity), Some(attitude)) = (grid.lift(), &grid.velocity, &grid.attitude) else {
+            return None;
+        };
+        for piece in grid.pieces(6.0) {
+            let up: Vec<f64> = piece
+                .clone()
+                .map(|k| {
+                    let ((sr, cr), (sp, cp)) = (attitude[0][k].sin_cos(), attitude[1][k].sin_cos());
+                    let (sy, cy) = attitude[2][k].sin_cos();
+                    let [north, east, down] = [velocity[0][k], velocity[1][k], velocity[2][k]];
+                    -((cr * sp * cy + sr * sy) * north + (cr * sp * sy - sr * cy) * east + cr * cp * down)
+                })
+                .collect();
+            let missing: Vec<f64> = piece
+                .clone()
+                .map(|k| {
+                    let voltage = grid
+                        .voltage
+                        .as_ref()
+                        .map_or(1.0, |volts| curve.voltage_factor(volts[k]));
+                    let sum: f64 = grid.duty.iter().map(|duty| curve.shape(duty[k])).sum();
+                    lift[k] - curve.hover * voltage * sum
+                })
+                .collect();
+            if up.iter().chain(&missing).any(|x| !x.is_finite()) {
+                continue;
+            }
+            let (up, missing) = (low.pass(&up, grid.step_s), low.pass(&missing, grid.step_s));
+            let mean = |values: &[f64]| values.iter().sum::<f64>() / values.len() as f64;
+            let (mean_up, mean_missing) = (mean(&up), mean(&missing));
+            let (xx, xy) = up.iter().zip(&missing).fold((0.0, 0.0), |(xx, xy), (u, m)| {
+                (xx + (u - mean_up).powi(2), xy + (u - mean_up) * (m - mean_missing))
+            });
+            speeds += xx;
+            count += up.len() as f64;
+            sums.push((xx, xy));
+        }
+    }
+    if sums.len() < FEWEST_PARTS || (speeds / count).sqrt() < SLOWEST_M_S {
+        return None;
+    }
+    let (xx, xy) = sums.iter().fold((0.0, 0.0), |s, p| (s.0 + p.0, s.1 + p.1));
+    let k = -xy / xx;
+    let n = sums.len() as f64;
+    let meat: f64 = sums.iter().map(|(pxx, pxy)| (pxy + k * pxx).powi(2)).sum();
+    Some((k, (meat * n / (n - 1.0)).sqrt() / xx))
+}
+
 /// Weighted mean of values with deviations, and its deviation: no less than they lie apart.
 fn joined(values: &[(f64, f64)]) -> Option<(f64, f64)> {
     if values.is_empty() {

@@ -143,6 +143,13 @@ fn vehicle(found: &Identified, name: &str) -> String {
         short(numbers.reaction_s.clamp(0.0, 1.0)),
         note("rotors.reaction_s")
     ));
+    if numbers.rotor_drag > 0.0 {
+        line(format!(
+            "drag_kg_s = {}{}",
+            short(numbers.rotor_drag),
+            note("rotors.drag_kg_s")
+        ));
+    }
     let blade = blade(found);
     line(format!(
         "full_thrust_n = {} # the blade at full duty and {:.2} V: beyond the flown duties it extrapolates",

@@ -182,6 +182,7 @@ fn written(vehicle: &VehicleModel, key: &str) -> Option<f64> {
         "body.linear_drag_kg_s" => Some(body.linear_drag_kg_s),
         "rotors.thrust_lag_s" => Some(vehicle.rotors.thrust_lag_s),
         "rotors.reaction_s" => Some(vehicle.rotors.reaction_s),
+        "rotors.drag_kg_s" => Some(vehicle.rotors.drag_kg_s),
         "rotors.moment_ratio_m" => vehicle.rotors.layout.placements().first().map(|p| p.moment_ratio),
         "battery.capacity_ah" => Some(battery.capacity_ah),
         "battery.internal_resistance_ohm" => Some(battery.internal_resistance_ohm),
