@@ -129,7 +129,7 @@ fn failed(error: impl std::fmt::Display) -> Trouble {
 }
 
 fn list() -> Result<ExitCode, Trouble> {
-    println!("Boards that there is a program for:");
+    println!("Supported boards:");
     println!("  pixhawk6c    Pixhawk 6C, STM32H743 at 480 MHz; firmware/pixhawk6c, docs/pil.md");
     println!("  mps2-an500   emulated Cortex-M7 (qemu-system-arm); --controller qemu or qemu-uart");
     println!("  virtual      in this program; --controller pty or virtual");

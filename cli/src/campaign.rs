@@ -272,9 +272,7 @@ fn described(campaign: &Campaign) -> String {
 /// Merges shards of other folders, and creates the results.
 fn merge(args: &MergeArgs, store: Option<&dyn Store>) -> ExitCode {
     if let Some(address) = args.out.as_deref().and_then(address) {
-        return output::bad_input(format!(
-            "--out {address}: what is put together is a folder; expected --out DIR"
-        ));
+        return output::bad_input(format!("--out {address}: merging writes a folder; expected --out DIR"));
     }
     let campaign = match Campaign::load(&args.campaign) {
         Ok(campaign) => campaign,
@@ -390,7 +388,7 @@ fn flown(args: &FlightArgs, prepared: &runner::Prepared<'_>, keep: &Keep<'_>) ->
         {
             bar.set_position(*flights);
             bar.set_message(if stop.load(Ordering::Relaxed) {
-                "stopping when begun parts are whole; Ctrl-C again loses them".to_owned()
+                "stopping once the parts in progress are complete; Ctrl-C again discards them".to_owned()
             } else {
                 format!("{failed} failed, {false_alarms} false alarms")
             });
@@ -471,7 +469,7 @@ fn print_text(campaign: &Campaign, folder: &CampaignFolder, totals: &Totals, flo
             RunEnd::Complete => "Not all",
         };
         println!(
-            "{why}: {} of {} flights are there. To go on:",
+            "{why}: {} of {} flights are complete. To resume:",
             totals.flights,
             campaign.flights()
         );

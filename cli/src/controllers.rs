@@ -208,7 +208,7 @@ fn fly_all(args: &Args, path: &Path) -> Result<Vec<PathBuf>, ExitCode> {
     }
     if level && !args.json {
         eprintln!(
-            "In the air from the start, trimmed at the first point, where autopilots are handed over: all that are none"
+            "Controllers other than autopilots start in the air, trimmed at the first point, where autopilots are handed over"
         );
     }
     Ok(folders)

@@ -84,7 +84,7 @@ pub(crate) fn run(args: &Args) -> ExitCode {
                 ExitCode::SUCCESS
             }
             None => output::bad_input(format!(
-                "there is no effect `{id}`; nearest: {}; 'rotortwin effects' lists all",
+                "unknown effect `{id}`; nearest: {}; 'rotortwin effects' lists all",
                 catalogue.nearest(id)
             )),
         },
@@ -157,7 +157,7 @@ fn picture_text(picture: &EffectPicture) -> String {
         out += "Random: what one flight with it leaves\n";
     }
     if picture.channels.is_empty() {
-        out += "No manoeuvre of the simulator shows anything of it.\n";
+        out += "No manoeuvre of the simulator excites it visibly.\n";
     }
     for channel in &picture.channels {
         out += &format!(

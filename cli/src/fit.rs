@@ -126,7 +126,7 @@ impl Input {
         }
         match target {
             Some(path) if !path.is_file() => Err(FitError(format!(
-                "--write {}: there is no such file; expected the document that gets the value",
+                "--write {}: file not found; expected the document that receives the value",
                 path.display()
             ))),
             Some(path) => writable_file(path).map_err(FitError),

@@ -124,7 +124,7 @@ fn add_flights(fleet: &Fleet, args: &AddArgs) -> Result<(), String> {
         }
         let known = |place: usize| {
             line(&fitted(&format!(
-                "{}: is flight {} of {} already, not counted again",
+                "{}: already counted as flight {} of {}",
                 path.display(),
                 place + 1,
                 args.vehicle
@@ -140,7 +140,7 @@ fn add_flights(fleet: &Fleet, args: &AddArgs) -> Result<(), String> {
         let date = flown.as_ref().map(|(date, _)| date.clone());
         let when = match &flown {
             Some((date, from)) => format!("flown {date} ({from})"),
-            None => "when it was flown is not known: the log holds no date, and --date states none".to_owned(),
+            None => "the date of the flight is unknown: the log holds none; --date gives one".to_owned(),
         };
         let (vehicle, flight) = measure(&args.vehicle, (model, &version), &log, &detectors, date)?;
         let seconds = flight.air_s;
@@ -282,12 +282,12 @@ fn text_of(one: &FleetView) -> String {
     };
     if let Some(share) = &one.common_per_flight {
         text += &format!(
-            "All rotors   are asked for {} more from flight to flight: battery, air, mass, or all propellers together\n",
+            "All rotors   need {} more thrust command from flight to flight: battery, air, mass, or all propellers together\n",
             percent(share)
         );
     }
     text += &format!("\n{}\n\n{}\n", rotor_table(one), flight_table(one));
-    text += "\nBias: thrust asked of a rotor over the model's, beside what all rotors have in common. Loss: over the flights since its propeller was replaced; ";
+    text += "\nBias: thrust asked of a rotor over the model's, apart from what all rotors have in common. Loss: over the flights since its propeller was replaced; ";
     text += &format!(
         "named from {} flights on ({} for a trend), where it is {:.0} % or more and beyond the spread between flights. Brackets: 95 %.\n",
         LEAST_BEFORE + 1,
@@ -296,7 +296,7 @@ fn text_of(one: &FleetView) -> String {
     );
     let reasons: Vec<String> = one.rotors.iter().filter_map(reason_of).collect();
     if reasons.is_empty() {
-        text += "\nNo rotor stands out.\n";
+        text += "\nNo rotor deviates significantly.\n";
     } else {
         text += &format!("\n{}\n", reasons.join("\n"));
     }

@@ -351,7 +351,7 @@ pub fn end_with_standard_input() {
         let ended = std::io::copy(&mut std::io::stdin().lock(), &mut std::io::sink());
         tracing::debug!(?ended, "the standard input has ended");
         if let Err(error) = signal_hook::low_level::raise(signal_hook::consts::SIGTERM) {
-            tracing::error!(%error, "the run cannot be told to end");
+            tracing::error!(%error, "the request to stop cannot be sent to the run");
         }
     });
 }
@@ -440,7 +440,7 @@ fn address(args: &Args) -> Result<Option<LinkAddress>, String> {
     let endpoint_given = args.listen.is_some() || args.connect.is_some() || args.zenoh_config.is_some();
     if args.link != LinkKind::Zenoh && endpoint_given {
         return Err(format!(
-            "--listen, --connect and --zenoh-config belong to --link zenoh, the link is {}",
+            "--listen, --connect and --zenoh-config apply to --link zenoh only, the link is {}",
             link_name(args.link)
         ));
     }
@@ -449,7 +449,7 @@ fn address(args: &Args) -> Result<Option<LinkAddress>, String> {
     }
     if args.link != LinkKind::Iceoryx2 && args.domain.is_some() {
         return Err(format!(
-            "--domain belongs to --link iceoryx2, the link is {}",
+            "--domain applies to --link iceoryx2 only, the link is {}",
             link_name(args.link)
         ));
     }
@@ -510,7 +510,7 @@ fn open(args: &Args, foreign: &Foreign, scenario: &Scenario, seed: u64) -> Resul
         Foreign::Board(address) => {
             if args.pilot.is_some() {
                 return Err(Failure::input(format!(
-                    "--pilot belongs to autopilots, the controller is the board {address}"
+                    "--pilot applies to autopilots only, the controller is the board {address}"
                 )));
             }
             return Ok(Peers::Board(Board {
@@ -524,7 +524,7 @@ fn open(args: &Args, foreign: &Foreign, scenario: &Scenario, seed: u64) -> Resul
     };
     if args.compare || args.fdi != FdiPlace::Board || args.pace != PaceArg::Fast {
         return Err(Failure::input(format!(
-            "--compare, --fdi and --pace belong to boards, the controller is {autopilot}"
+            "--compare, --fdi and --pace apply to boards only, the controller is {autopilot}"
         )));
     }
     let waits = Waits {

@@ -67,9 +67,7 @@ impl Args {
 /// Runs the command.
 pub fn run(args: &Args) -> ExitCode {
     if !args.yes && !std::io::stdin().is_terminal() {
-        return output::bad_input(
-            "this command asks before each step and there is nobody at the terminal: expected --yes",
-        );
+        return output::bad_input("this command asks before each step and its input is not a terminal: expected --yes");
     }
     let progress = Progress::new(args.json, args.events);
     let mut terminal = Terminal {

@@ -301,7 +301,7 @@ fn refuse(error: &clap::Error) -> ExitCode {
         return ExitCode::SUCCESS;
     }
     if error.kind() == ErrorKind::DisplayHelpOnMissingArgumentOrSubcommand {
-        return output::bad_input(format!("a command is missing; see below\n\n{text}"));
+        return output::bad_input(format!("expected a command; see below\n\n{text}"));
     }
     let lines = text
         .lines()
@@ -323,7 +323,7 @@ fn refuse(error: &clap::Error) -> ExitCode {
     let command = command_of(error);
     let misplaced = command == "rotortwin" && error.kind() == ErrorKind::UnknownArgument;
     let tip = if misplaced {
-        "; options of a command stand after it"
+        "; put the options of a command after its name"
     } else {
         ""
     };

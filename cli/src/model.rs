@@ -148,7 +148,7 @@ fn list(store: &ModelStore) -> Result<(), StoreError> {
         println!(
             "{}",
             fitted(&format!(
-                "no models in {}; begin one with 'rotortwin model import config/vehicles/f550.toml'",
+                "no models in {}; create one with 'rotortwin model import config/vehicles/f550.toml'",
                 store.root().display()
             ))
         );
@@ -376,7 +376,7 @@ fn undo(store: &ModelStore, text: &str) -> Result<(), StoreError> {
     println!(
         "{}",
         fitted(&format!(
-            "{model}@{branch} stands at v{reached}; v{left} is kept: 'rotortwin model branch {model}@v{left} NAME' brings it back"
+            "{model}@{branch} is now at v{reached}; v{left} is kept: 'rotortwin model branch {model}@v{left} NAME' makes a branch of it"
         ))
     );
     Ok(())
@@ -386,12 +386,12 @@ fn branch(store: &ModelStore, text: &str, name: &str) -> Result<(), StoreError> 
     let found = store.find(text)?;
     let Some(place) = found.place else {
         return Err(StoreError::Refused(format!(
-            "{text}: expected a version of a model in {}, this is a file",
+            "{text}: expected a version of a model in {}, got a file",
             store.root().display()
         )));
     };
     store.branch(&place.model, name, place.number)?;
-    println!("{}@{name} stands at v{}", place.model, place.number);
+    println!("{}@{name} is at v{}", place.model, place.number);
     Ok(())
 }
 

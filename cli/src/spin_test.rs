@@ -76,7 +76,7 @@ fn test(autopilot: &mut impl Autopilot, args: &Args, scenario: &Scenario) -> Res
     let kind = autopilot::autopilot_kind(args.autopilot.protocol);
     let (frame, rotor_of_channel) = AutopilotFrame::of_vehicle(kind, scenario.vehicle())?;
     eprintln!(
-        "On the stand: {} with the outputs of {}; waiting for {}",
+        "On the test stand: {} with the outputs of {}; waiting for {}",
         scenario.vehicle().name,
         frame.name,
         args.autopilot
@@ -109,9 +109,9 @@ fn text(report: &SpinReport) -> String {
         "answers against a swing compared with the vehicle, cosines: roll {roll:.2}, pitch {pitch:.2}, yaw {yaw:.2}\n"
     ));
     text.push_str(if report.is_right() {
-        "All motors are right\n"
+        "All motors are correct\n"
     } else {
-        "Motors are wrong\n"
+        "Some motors are wrong\n"
     });
     text
 }
@@ -128,7 +128,7 @@ fn verdict(motor: &MotorVerdict, place: Option<&MotorVerdict>) -> String {
         ));
     }
     if motor.reversed {
-        words.push("reversed: it is taken to turn the other way".to_owned());
+        words.push("reversed: the autopilot assumes the opposite spin".to_owned());
     }
     if words.is_empty() {
         "ok".to_owned()

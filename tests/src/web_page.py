@@ -243,7 +243,7 @@ def vehicle(browser: Browser) -> None:
     step.get_by_label("Frame size, mm", exact=True).fill("550")
     step.get_by_label("Name").fill("mine from here")
     button.click()
-    step.get_by_text("is no name for a document").wait_for()
+    step.get_by_text("is not a valid document name").wait_for()
     step.get_by_label("Name").fill("")
     # A thrust bench: a non-table is rejected at once, an unknown unit by the server, a missing one is reported.
     bench = step.get_by_role("group", name="Thrust bench")
@@ -1213,7 +1213,7 @@ def branches(browser: Browser) -> None:
     until(page, "document.querySelector('#step-6').innerText.includes('@v1')")
     page.locator("#step-5").get_by_text("The model agrees with the flight.").wait_for()
     step.get_by_role("button", name=re.compile("^[^ ]+@v0$")).click()
-    step.get_by_text("the model stands at v1").wait_for()
+    step.get_by_text("the model is at v1").wait_for()
     step.get_by_role("button", name="Branch from v0").click()
     step.get_by_label("Name of the branch").fill("v7")
     step.get_by_role("button", name="Begin it").click()

@@ -108,7 +108,7 @@ impl Hidden {
             let known: Vec<&str> = catalogue::KINDS.iter().map(|kind| kind.id).collect();
             BlindError::input(
                 place(),
-                format!("there is no effect `{id}`; expected one of {}", known.join(", ")),
+                format!("unknown effect `{id}`; expected one of {}", known.join(", ")),
             )
         })?;
         let mut effect = Self::typical(kind, None);

@@ -139,7 +139,7 @@ impl JobFile {
         let StoredJob { job, inputs } = StoredJob::parse(text)?;
         if let Some(input) = inputs.first() {
             return Err(NotUnderstood(format!(
-                "it wants {} laid out first, which a worker does from its server's files; expected a job without `inputs`, whose files are there",
+                "it requires {} as input, which a worker copies from its server's files; expected a job without `inputs`, whose files exist",
                 input.path
             )));
         }
@@ -182,7 +182,7 @@ mod tests {
         };
         let text = file().to_json().unwrap();
         for (text, words) in [
-            (row.to_json().unwrap(), "it wants run laid out first"),
+            (row.to_json().unwrap(), "it requires run as input"),
             (text.replace("until_input_ends", "until"), "unknown field `until`"),
             (text.replace("\"version\": 2", "\"version\": 3"), "a later version"),
         ] {

@@ -376,7 +376,7 @@ impl<E: Endpoint> EndpointLink<E> {
                     return Err(nonsense(
                         Role::Fdi,
                         step,
-                        format!("the report of step {} never came", self.reported),
+                        format!("the report of step {} never arrived", self.reported),
                     ));
                 }
                 if step >= self.sent {
@@ -435,7 +435,7 @@ impl<E: Endpoint> EndpointLink<E> {
         peer.meet(program, join.pid, join.process_space);
         if join.protocol_version != PROTOCOL_VERSION {
             let reason = format!(
-                "it ({}) speaks version {} of the protocol, the plant speaks version {PROTOCOL_VERSION}",
+                "it ({}) uses version {} of the protocol, the plant uses version {PROTOCOL_VERSION}",
                 peer.program, join.protocol_version
             );
             return Err(LinkError::Refused { role, reason });
@@ -514,7 +514,7 @@ impl<E: Endpoint> EndpointLink<E> {
         LinkError::Transport {
             transport: self.endpoint.transport(),
             action: format!("delivering {what} of step {step}"),
-            reason: "a peer is there but takes nothing more".to_owned(),
+            reason: "a peer is connected but no longer receives".to_owned(),
         }
     }
 }
@@ -526,7 +526,7 @@ impl<E: Endpoint> PlantLink for EndpointLink<E> {
                 Role::Plant,
                 0,
                 format!(
-                    "run {:016x} was asked of a link of run {:016x}",
+                    "run {:016x} was requested from a link of run {:016x}",
                     setup.run_id,
                     self.endpoint.run_id()
                 ),
@@ -687,7 +687,7 @@ impl<E: Endpoint> PlantLink for EndpointLink<E> {
         };
         let finish = Packet::Finish(finish);
         if let Err(error) = self.endpoint.send(&finish) {
-            tracing::warn!("telling the peers that the run is over: {error}");
+            tracing::warn!("notifying the peers of the end of the run: {error}");
         }
         for role in [Role::Controller, Role::Fdi] {
             if let Err(error) = self.endpoint.wake(role) {
@@ -810,7 +810,7 @@ impl<'a, E: Endpoint> Peer<'a, E> {
             accept(setup.parameters.as_ref())
         } else {
             Err(format!(
-                "the plant speaks version {} of the protocol, the {} ({}) speaks version {PROTOCOL_VERSION}",
+                "the plant uses version {} of the protocol, the {} ({}) uses version {PROTOCOL_VERSION}",
                 setup.protocol_version,
                 role_name(role),
                 self.options.program
@@ -888,7 +888,11 @@ impl<'a, E: Endpoint> Peer<'a, E> {
             return Ok(false);
         }
         if step > expected {
-            return Err(nonsense(sender, step, format!("{what} of step {expected} never came")));
+            return Err(nonsense(
+                sender,
+                step,
+                format!("{what} of step {expected} never arrived"),
+            ));
         }
         Ok(true)
     }

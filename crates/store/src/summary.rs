@@ -139,7 +139,7 @@ pub struct LateSteps {
     /// `plant` (with all that flies in its process), `controller`, or `fdi`: its reports, which no deadline waits for, came later than a
     /// period after their step.
     pub who: String,
-    /// `scheduler`: woken, it waited for a processor that others had; `computing`; `unknown`: neither, or that kernel cannot be asked.
+    /// `scheduler`: woken, it waited for a processor used by other processes; `computing`; `unknown`: neither, or that kernel cannot be asked.
     pub why: String,
     /// How many.
     pub steps: u64,
@@ -307,13 +307,8 @@ impl Severity {
         };
         if self.losses.is_empty() {
             let open = self.suspect_rotors.as_slice();
-            return (!open.is_empty()).then(|| {
-                format!(
-                    "{} sets of rotors {} come into question",
-                    self.hypothesis_count,
-                    list(open)
-                )
-            });
+            return (!open.is_empty())
+                .then(|| format!("{} sets of rotors {} are possible", self.hypothesis_count, list(open)));
         }
         let several = self.losses.len() > 1;
         let texts: Vec<String> = self

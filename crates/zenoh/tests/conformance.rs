@@ -1652,7 +1652,7 @@ mod iceoryx2_only {
         let run = run_id();
         let _first = place.end(Role::Controller, run).expect("the place exists");
         let error = expect_err(place.end(Role::Controller, run));
-        assert!(error.to_string().contains("does another one run already?"), "{error}");
+        assert!(error.to_string().contains("is another one already running?"), "{error}");
     }
 
     /// Killed repeatedly at random times: the next run always starts, and nothing accumulates.
@@ -1707,7 +1707,7 @@ mod zenoh_only {
         let error = expect_err(ZenohEndpoint::new(Role::Controller, 1, options));
         assert_eq!(
             error.to_string(),
-            format!("zenoh: connecting to {endpoint} for 300 ms failed: nobody answers there")
+            format!("zenoh: connecting to {endpoint} for 300 ms failed: no response there")
         );
         assert!(begin.elapsed() < Duration::from_secs(3), "after {:?}", begin.elapsed());
     }

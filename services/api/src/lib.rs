@@ -308,14 +308,14 @@ impl Worker {
         self.shop.ending.send_replace(true);
         let all = async { while tasks.join_next().await.is_some() {} };
         if tokio::time::timeout(END_GRACE, all).await.is_err() {
-            tracing::warn!("some jobs did not end in time; they will be begun again");
+            tracing::warn!("some jobs did not end in time; they will be started again");
         }
         // Do not wait for one that does not respond.
         if tokio::time::timeout(CLOSE_GRACE, self.shop.database.close())
             .await
             .is_err()
         {
-            tracing::warn!("the database did not let go in time");
+            tracing::warn!("the database connections were not closed in time");
         }
         self.shop.traces.end().await;
     }
@@ -362,7 +362,7 @@ impl Server {
         let has_tokens = worker.shop.database.has_tokens().await;
         if open && !has_tokens.map_err(|error| format!("the tokens cannot be read: {error}"))? {
             return Err(format!(
-                "--listen {}: other hosts could submit work without a token; make one with `rotortwin token create NAME`, or expected a \
+                "--listen {}: other hosts could submit work without a token; make one with `rotortwin token create NAME`, or use a \
                  loopback address such as 127.0.0.1:8400",
                 config.listen
             ));

@@ -270,7 +270,7 @@ impl SpanExporter for Outspoken {
         let failed_before = self.fails.swap(exported.is_err(), Ordering::Relaxed);
         match (&exported, failed_before) {
             (Err(error), false) => {
-                tracing::warn!(endpoint = self.endpoint, spans = count, %error, "spans are lost until the collector takes them");
+                tracing::warn!(endpoint = self.endpoint, spans = count, %error, "spans are lost until the collector accepts them");
             }
             (Ok(()), true) => tracing::warn!(endpoint = self.endpoint, "the collector takes spans again"),
             _ => {}

@@ -148,7 +148,7 @@ impl<L: Line> BoardLink<L> {
         let payload = self
             .request(kind::STATUS, &[], kind::REPORT, self.options.step)
             .map_err(|trouble| self.error(trouble))?;
-        let report = Report::read(&payload).ok_or_else(|| self.nonsense("its report is not of the protocol"))?;
+        let report = Report::read(&payload).ok_or_else(|| self.nonsense("its report does not follow the protocol"))?;
         Ok((self.report.board.clone(), report))
     }
 
@@ -214,7 +214,7 @@ impl<L: Line> BoardLink<L> {
                     }
                     if header.version != PROTOCOL_VERSION {
                         return Err(Trouble::Refused(format!(
-                            "the board speaks version {} of the link's protocol, this program speaks version {PROTOCOL_VERSION}",
+                            "the board uses version {} of the link protocol, this program uses version {PROTOCOL_VERSION}",
                             header.version
                         )));
                     }
@@ -226,7 +226,7 @@ impl<L: Line> BoardLink<L> {
                         return Err(Trouble::Refused(String::from_utf8_lossy(sentence).into_owned()));
                     }
                     return Err(Trouble::Refused(format!(
-                        "it answered with a message of kind {:#04x}, expected {expected:#04x}",
+                        "it replied with a message of kind {:#04x}, expected {expected:#04x}",
                         header.kind
                     )));
                 }
@@ -394,7 +394,7 @@ impl<L: Line> PlantLink for BoardLink<L> {
         self.report.longest[1] = self.report.longest[1].max(answer.len());
         let reply = Reply::read(&answer)
             .filter(|reply| u64::from(reply.step) == step && usize::from(reply.rotor_count) == self.rotor_count)
-            .ok_or_else(|| self.nonsense("its reply is not of the protocol"))?;
+            .ok_or_else(|| self.nonsense("its reply does not follow the protocol"))?;
         let command = CommandFrame {
             stamp: sensors.stamp,
             duty: reply.duty,

@@ -164,7 +164,7 @@ impl AnyEndpoint {
         if let LinkAddress::Iceoryx2 { domain } = address
             && let Err(error) = iox2_options(domain).tidy()
         {
-            tracing::warn!(%error, "what killed processes left in shared memory stays until the next run");
+            tracing::warn!(%error, "shared memory of killed processes remains until the next run");
         }
     }
 }

@@ -144,7 +144,7 @@ fn checked_scenario(args: &Args) -> Result<(Scenario, u64), String> {
 
 fn fly(args: &Args, scenario: &Scenario, seed: u64, folder: &RunFolder) -> Result<Summary, String> {
     let supervisor =
-        Supervisor::watch(args.supervised).map_err(|error| format!("requests to stop cannot be taken: {error}"))?;
+        Supervisor::watch(args.supervised).map_err(|error| format!("requests to stop cannot be received: {error}"))?;
     let config = SessionConfig {
         scenario_path: args.scenario.clone(),
         seed,
@@ -192,6 +192,6 @@ fn print_event(event: RunEvent) {
     };
     let mut out = std::io::stdout().lock();
     if let Err(error) = writeln!(out, "{line}").and_then(|()| out.flush()) {
-        tracing::debug!(%error, "nobody reads the events");
+        tracing::debug!(%error, "no process reads the events");
     }
 }

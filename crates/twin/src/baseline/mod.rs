@@ -236,7 +236,7 @@ fn candidates(rotors: usize, size: &VehicleSize) -> Vec<Candidate> {
 pub fn trim(logs: &[FlightLog], healthy: &[FlightLog], model: &ModelVersion) -> Result<Trim, PredictError> {
     if healthy.len() < LEAST_BASELINE {
         return Err(PredictError(format!(
-            "expected at least {LEAST_BASELINE} healthy flights as a baseline, because their spread is what tells a change, got {}",
+            "expected at least {LEAST_BASELINE} healthy flights as a baseline, because their spread is needed to detect a change, got {}",
             healthy.len()
         )));
     }
@@ -558,7 +558,7 @@ fn sentence(trim: &Trim) -> String {
             100.0 * one.posterior
         ),
         several => format!(
-            "Against {count} healthy flights something changed, and these flights cannot tell {}.",
+            "Against {count} healthy flights something changed, and these flights cannot distinguish {}.",
             several.iter().map(told).collect::<Vec<_>>().join(" from ")
         ),
     }

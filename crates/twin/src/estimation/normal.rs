@@ -216,8 +216,8 @@ pub(crate) fn square_sum_change(test: &Normal, mean: &[f64]) -> f64 {
 /// What nothing but a model far off, or a log that holds no measurements, leads to.
 pub(crate) fn not_finite() -> PredictError {
     PredictError(
-        "the model is too far from this log to be fitted, numbers leave all bounds: calibrate it first (`rotortwin vehicle from-log LOG… --mass KG \
-         --arm M`), or look whether the log's units are right (`rotortwin log show`)"
+        "the model is too far from this log to be fitted (the fit diverges): calibrate it first (`rotortwin vehicle from-log LOG… --mass KG \
+         --arm M`), or check the log's units (`rotortwin log show`)"
             .into(),
     )
 }

@@ -257,8 +257,7 @@ pub fn draft(path: &Path, bytes: &[u8]) -> Result<Draft, LogError> {
             head += &format!("clock = {name}\nclock_format = \"{}\"\n", format.name());
         }
         None => {
-            let question =
-                "no column holds a time that rises: how many rows are there in a second? 100 is written here";
+            let question = "no column holds a time that rises: how many rows are there per second? 100 is written here";
             head += &format!("# QUESTION: {question}\nrate_hz = 100.0\n");
             writer.questions.insert(0, question.to_owned());
         }
@@ -271,7 +270,7 @@ pub fn draft(path: &Path, bytes: &[u8]) -> Result<Draft, LogError> {
         .collect();
     let mut toml = head + &writer.rows;
     if !left_out.is_empty() {
-        toml += "\n# No row takes these columns:\n";
+        toml += "\n# No row uses these columns:\n";
         for name in &left_out {
             toml += &format!("#   {name}\n");
         }
@@ -780,7 +779,7 @@ fn rotors(columns: &mut [Column], out: &mut Writer) {
             _ => (0.0, 65_535.0),
         };
         out.ask(format!(
-            "{}: which number is no throttle and which is full? They reach from {low} to {high}, so {from} and {until} are written here",
+            "{}: which number is zero throttle and which is full? They range from {low} to {high}, so {from} and {until} are written here",
             names.join(", ")
         ));
         out.row(

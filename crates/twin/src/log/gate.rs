@@ -47,7 +47,7 @@ impl FlightLog {
         }
         let list: Vec<String> = found.iter().map(ToString::to_string).collect();
         Some(format!(
-            "{}: the log is at fault, not the physics: {}; mend it (a mapping of 'rotortwin log import' turns axes and units) and try again",
+            "{}: the log is at fault, not the physics: {}; fix it (a mapping for 'rotortwin log import' converts axes and units) and try again",
             self.name,
             list.join("; and ")
         ))

@@ -63,7 +63,7 @@ fn decode(path: &Path, bytes: Vec<u8>, most_cells: usize) -> Result<(Table, Opti
     if grouped != Some(promised) {
         return Err(LogError::format(
             path,
-            "the file is damaged: its row groups do not have the rows that it says",
+            "the file is damaged: its row groups do not have the declared number of rows",
         ));
     }
     if promised > most_cells / schema.num_columns() {
@@ -79,14 +79,10 @@ fn decode(path: &Path, bytes: Vec<u8>, most_cells: usize) -> Result<(Table, Opti
     for (index, column) in schema.columns().iter().enumerate() {
         let name = column.path().string();
         if column.max_rep_level() > 0 {
-            return Err(LogError::column(
-                path,
-                &name,
-                "lists are not expected; one number a row is",
-            ));
+            return Err(LogError::column(path, &name, "expected one number per row, got a list"));
         }
         if columns.iter().any(|other: &RawColumn| other.name == name) {
-            return Err(LogError::column(path, &name, "this name stands twice in the schema"));
+            return Err(LogError::column(path, &name, "duplicate column name in the schema"));
         }
         let mut raw = RawColumn::new(&name);
         for group in 0..reader.num_row_groups() {
@@ -105,7 +101,7 @@ fn decode(path: &Path, bytes: Vec<u8>, most_cells: usize) -> Result<(Table, Opti
                 return Err(LogError::column(
                     path,
                     &name,
-                    "the file is damaged: it has fewer rows than it says",
+                    "the file is damaged: it has fewer rows than it declares",
                 ));
             }
         }

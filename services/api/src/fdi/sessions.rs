@@ -59,8 +59,8 @@ fn topics(address: &LinkAddress) -> Result<TopicSession, String> {
         LinkAddress::ZenohConnect { endpoint, config: None } => ZenohOptions::connect(endpoint.clone()),
         LinkAddress::ZenohListen { .. } | LinkAddress::ZenohConnect { .. } => {
             return Err(
-                "--fdi-link: topics of FDI sessions have no access control yet; expected an endpoint without config=FILE, in a network \
-                 that you trust"
+                "--fdi-link: topics of FDI sessions have no access control yet; expected an endpoint without config=FILE, on a \
+                 trusted network"
                     .to_owned(),
             );
         }
@@ -241,14 +241,14 @@ impl FdiSessions {
         let own = open.values().filter(|entry| entry.tenant == caller.tenant).count();
         if caller.is_one_of_several && own >= self.limits.tenant_sessions {
             return Err(Problem::too_many(format!(
-                "'{}' has {own} FDI sessions open, its share (`--tenant-fdi-sessions`); expected one to be deleted, or to end after {idle_s} s \
+                "'{}' has {own} FDI sessions open, the limit per tenant (`--tenant-fdi-sessions`); delete one, or wait until one ends after {idle_s} s \
                  of silence",
                 caller.tenant
             )));
         }
         if open.len() >= self.limits.sessions {
             return Err(Problem::unavailable(format!(
-                "{} FDI sessions are open, no more are allowed; expected one to be deleted, or to end after {idle_s} s of silence",
+                "{} FDI sessions are open, the limit of this server; delete one, or wait until one ends after {idle_s} s of silence",
                 open.len()
             )));
         }
@@ -276,7 +276,7 @@ impl FdiSessions {
         let his = |entry: &&Arc<Entry>| caller.sees_all || entry.tenant == caller.tenant;
         open.get(id).filter(his).cloned().ok_or_else(|| {
             Problem::not_found(format!(
-                "there is no FDI session '{id}'; sessions end after {} s of silence and with the server",
+                "FDI session '{id}' not found; sessions end after {} s of silence and when the server stops",
                 self.limits.idle.as_secs_f64()
             ))
         })

@@ -288,9 +288,7 @@ impl std::str::FromStr for EventPlace {
                     position: number(position)?,
                 })
             })
-            .ok_or_else(|| {
-                format!("'{text}' is no place in the stream of events; expected the id of one, such as 0.17")
-            })
+            .ok_or_else(|| format!("'{text}' is not the id of an event; expected one such as 0.17"))
     }
 }
 

@@ -356,7 +356,7 @@ fn paths_inside(kind: DocumentKind, document: &toml::Table) -> Result<(), Proble
         DocumentKind::Scenario => PATHS.iter().try_for_each(|key| inside(document.get(*key))),
         DocumentKind::Vehicle => inside(document.get("rotors").and_then(|rotors| rotors.get("blades"))),
         DocumentKind::Model if document.contains_key("vehicle_file") => Err(Problem::unprocessable(
-            "key `vehicle_file`: expected a version that stands alone, with `[vehicle]` and `[blades]`, as `rotortwin model export` writes it",
+            "key `vehicle_file`: expected a self-contained version, with `[vehicle]` and `[blades]`, as `rotortwin model export` writes it",
         )),
         DocumentKind::Model | DocumentKind::Blades | DocumentKind::Effect => Ok(()),
     }

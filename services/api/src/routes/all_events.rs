@@ -58,10 +58,10 @@ pub(crate) struct AnyEvent {
 /// It begins with `open`, whose id is the place of now: what is listed after that has missed nothing. With `Last-Event-ID` it goes on after
 /// that event, without gaps and without repetition, also over restarts of the server. Parts of campaigns and benches are not told; their wholes are.
 #[utoipa::path(get, path = "/api/v1/events", tag = "server", operation_id = "all_events",
-    params(StreamQuery, ("Last-Event-ID" = Option<String>, Header, pattern = "^[0-9]{1,18}[.][0-9]{1,18}$", description = "id of the last event that was seen")),
+    params(StreamQuery, ("Last-Event-ID" = Option<String>, Header, pattern = "^[0-9]{1,18}[.][0-9]{1,18}$", description = "id of the last event received")),
     responses(
-        (status = 200, description = "a stream", body = AnyEvent, content_type = "text/event-stream"),
-        (status = 400, description = "no id of an event, or no such parameter", body = Problem, content_type = "application/problem+json")
+        (status = 200, description = "stream of events", body = AnyEvent, content_type = "text/event-stream"),
+        (status = 400, description = "invalid event id, or unknown parameter", body = Problem, content_type = "application/problem+json")
     ))]
 pub(crate) async fn events(
     app: Shared,
@@ -133,7 +133,7 @@ impl Watcher {
                     continue;
                 }
                 Err(error) => {
-                    tracing::error!(%error, "events cannot be read; a watcher is let go, and may come again");
+                    tracing::error!(%error, "events cannot be read; the stream is closed, the client may reconnect");
                     return None;
                 }
             }

@@ -43,10 +43,10 @@ pub(crate) struct ComparedControllers {
 /// `rotortwin controllers`.
 #[utoipa::path(get, path = "/api/v1/controllers", tag = "runs", operation_id = "compare_controllers", params(ComparedRuns), responses(
     (status = 200, description = "the table", body = ComparedControllers),
-    (status = 400, description = "a parameter that is none", body = Problem, content_type = "application/problem+json"),
-    (status = 404, description = "no such run, or its files are gone", body = Problem, content_type = "application/problem+json"),
-    (status = 409, description = "one has not ended", body = Problem, content_type = "application/problem+json"),
-    (status = 422, description = "too many runs; a bound that is none", body = Problem, content_type = "application/problem+json")
+    (status = 400, description = "invalid parameter", body = Problem, content_type = "application/problem+json"),
+    (status = 404, description = "run not found, or its files were deleted", body = Problem, content_type = "application/problem+json"),
+    (status = 409, description = "one of the runs has not ended", body = Problem, content_type = "application/problem+json"),
+    (status = 422, description = "too many runs, or invalid bound", body = Problem, content_type = "application/problem+json")
 ))]
 pub(crate) async fn compare(
     app: Shared,

@@ -274,13 +274,13 @@ pub(super) async fn admit(app: &App, mut new: NewJob) -> Result<(Job, bool), Pro
             upload => format!(", and the file that was sent has {upload}"),
         };
         return Err(Problem::disk_full(format!(
-            "'{}' has {bytes} bytes of files{more}; expected at most {most}: delete jobs that are done with",
+            "'{}' has {bytes} bytes of files{more}; expected at most {most}: delete jobs that are no longer needed",
             new.tenant
         )));
     }
     if open + 1 + new.parts.len() as i64 > i64::from(app.config.most_open) {
         return Err(Problem::too_many(format!(
-            "'{}' has {open} jobs that wait or run; expected at most {} with this one's {}",
+            "'{}' has {open} jobs queued or running; expected at most {} including the {} of this one",
             new.tenant,
             app.config.most_open,
             1 + new.parts.len()
@@ -292,7 +292,7 @@ pub(super) async fn admit(app: &App, mut new: NewJob) -> Result<(Job, bool), Pro
         Submitted::Before(job) => Ok((*job, false)),
         Submitted::Other => Err(another_body()),
         Submitted::InputGone(id) => Err(Problem::not_found(format!(
-            "the job {id}, whose files this one reads, was deleted meanwhile"
+            "the job {id}, whose files this one reads, was deleted in the meantime"
         ))),
     }
 }
@@ -382,13 +382,13 @@ pub(super) async fn delete(app: &App, job: &Job) -> Result<StatusCode, Problem> 
         Deleted::Gone(ids) => ids,
         Deleted::NotEnded => {
             return Err(Problem::conflict(format!(
-                "the {kind} is {}; cancel it before it is deleted",
+                "the {kind} is {}; cancel it before deleting it",
                 job.status.as_str()
             )));
         }
         Deleted::Needed(by) => {
             return Err(Problem::in_use(format!(
-                "the {} {} is {} and reads the files of this {kind}; expected it to end or to be canceled first",
+                "the {} {} is {} and reads the files of this {kind}; wait until it ends, or cancel it first",
                 by.new.kind.as_str(),
                 by.id,
                 by.status.as_str()

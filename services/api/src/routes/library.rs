@@ -89,12 +89,12 @@ impl Validation {
 
 /// Checks a scenario without flying it: all that is wrong with it, or every setting in effect.
 #[utoipa::path(post, path = "/api/v1/scenarios/validate", tag = "library", operation_id = "validate_scenario", request_body = ToValidate, responses(
-    (status = 200, description = "what was found", body = Validation),
-    (status = 400, description = "unreadable", body = Problem, content_type = "application/problem+json"),
-    (status = 404, description = "no such scenario", body = Problem, content_type = "application/problem+json"),
-    (status = 413, description = "too large", body = Problem, content_type = "application/problem+json"),
-    (status = 415, description = "not JSON", body = Problem, content_type = "application/problem+json"),
-    (status = 422, description = "unreadable", body = Problem, content_type = "application/problem+json")
+    (status = 200, description = "the findings", body = Validation),
+    (status = 400, description = "malformed request", body = Problem, content_type = "application/problem+json"),
+    (status = 404, description = "scenario not found", body = Problem, content_type = "application/problem+json"),
+    (status = 413, description = "request body too large", body = Problem, content_type = "application/problem+json"),
+    (status = 415, description = "the body is not JSON", body = Problem, content_type = "application/problem+json"),
+    (status = 422, description = "malformed request", body = Problem, content_type = "application/problem+json")
 ))]
 pub(crate) async fn validate_scenario(
     app: Shared,
@@ -143,11 +143,11 @@ macro_rules! validation {
     ($function:ident, $kind:expr, $word:literal, $path:literal) => {
         #[doc = concat!("Checks a ", $word, ": all that is wrong with it.")]
         #[utoipa::path(post, path = $path, summary = concat!("Checks a ", $word, ": all that is wrong with it."), tag = "library", operation_id = stringify!($function), request_body = TextToValidate, responses(
-            (status = 200, description = "what was found", body = Validation),
-            (status = 400, description = "unreadable", body = Problem, content_type = "application/problem+json"),
-            (status = 413, description = "too large", body = Problem, content_type = "application/problem+json"),
-            (status = 415, description = "not JSON", body = Problem, content_type = "application/problem+json"),
-            (status = 422, description = "unreadable", body = Problem, content_type = "application/problem+json")
+            (status = 200, description = "the findings", body = Validation),
+            (status = 400, description = "malformed request", body = Problem, content_type = "application/problem+json"),
+            (status = 413, description = "request body too large", body = Problem, content_type = "application/problem+json"),
+            (status = 415, description = "the body is not JSON", body = Problem, content_type = "application/problem+json"),
+            (status = 422, description = "malformed request", body = Problem, content_type = "application/problem+json")
         ))]
         pub(crate) async fn $function(
             app: Shared,
@@ -200,7 +200,7 @@ pub(crate) struct EffectCatalogue {
 /// The catalogue of effects: the built-in ones and the documents of the library, as the diagnosis knows them.
 #[utoipa::path(get, path = "/api/v1/catalogue", tag = "library", operation_id = "catalogue", responses(
     (status = 200, description = "declarations", body = EffectCatalogue),
-    (status = 422, description = "a document of the library is no effect", body = Problem, content_type = "application/problem+json")
+    (status = 422, description = "a document in the library is not a valid effect", body = Problem, content_type = "application/problem+json")
 ))]
 pub(crate) async fn catalogue(app: Shared, caller: Caller) -> Result<Json<EffectCatalogue>, Problem> {
     let catalogue = app.library(&caller).await?.catalogue()?;
@@ -228,7 +228,7 @@ pub(crate) struct LibraryCampaigns {
 
 /// Campaigns of the library that can be submitted by name.
 #[utoipa::path(get, path = "/api/v1/library/campaigns", tag = "library", operation_id = "list_library_campaigns", responses(
-    (status = 200, description = "names and what they try", body = LibraryCampaigns)
+    (status = 200, description = "names, and what each campaign tests", body = LibraryCampaigns)
 ))]
 pub(crate) async fn campaigns(app: Shared, caller: Caller) -> Result<Json<LibraryCampaigns>, Problem> {
     let library = app.library(&caller).await?;

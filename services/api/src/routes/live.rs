@@ -204,10 +204,10 @@ impl Selection {
 
 /// Live telemetry by WebSocket: `start`, then `sample` while the run flies, then `end`. A client that is too slow gets `lost`.
 #[utoipa::path(get, path = "/api/v1/runs/{id}/live", tag = "telemetry", operation_id = "run_live", params(("id" = String, Path), Subscription), responses(
-    (status = 101, description = "a WebSocket on which JSON text messages come", body = LiveMessage),
+    (status = 101, description = "a WebSocket that delivers JSON text messages", body = LiveMessage),
     (status = 400, description = "not a WebSocket request, or an invalid parameter", body = Problem, content_type = "application/problem+json"),
-    (status = 404, description = "no such run", body = Problem, content_type = "application/problem+json"),
-    (status = 422, description = "no such channel, no such rate", body = Problem, content_type = "application/problem+json"),
+    (status = 404, description = "run not found", body = Problem, content_type = "application/problem+json"),
+    (status = 422, description = "unknown channel or rate", body = Problem, content_type = "application/problem+json"),
     (status = 426, description = "not a WebSocket request", body = Problem, content_type = "application/problem+json")
 ))]
 pub(crate) async fn live(
@@ -223,7 +223,7 @@ pub(crate) async fn live(
     selection.change(&wish).map_err(Problem::unprocessable)?;
     let upgrade = upgrade?;
     if wish.from_s.is_some_and(f64::is_nan) {
-        return Err(Problem::unprocessable("`from_s` is no number; expected seconds"));
+        return Err(Problem::unprocessable("`from_s` is not a number; expected seconds"));
     }
     // Before it is looked whether the run has ended: an end in between is seen.
     let (past, samples) = app.database.hub.live.watch(&run.id);
@@ -249,7 +249,11 @@ fn rotors(run: &Job) -> Result<usize, Problem> {
     Documents::from_toml("the recorded scenario", &super::runs::flight_of(run)?.documents)
         .and_then(|documents| Scenario::from_documents(&documents))
         .map(|scenario| scenario.vehicle().rotor_count())
-        .map_err(|error| Problem::unprocessable(format!("this version cannot fly what another one accepted: {error}")))
+        .map_err(|error| {
+            Problem::unprocessable(format!(
+                "this version cannot fly a run that another version accepted: {error}"
+            ))
+        })
 }
 
 struct Watcher {
@@ -376,7 +380,7 @@ impl Watcher {
             // Deleted.
             Ok(None) => true,
             Err(error) => {
-                tracing::error!(%error, "a run cannot be looked up for a watcher");
+                tracing::error!(%error, "a run cannot be looked up for a client of its live samples");
                 false
             }
         }

@@ -190,7 +190,7 @@ impl ModelHistory {
             .ok_or_else(|| Problem::internal(&format!("the model {name} has no version")))?;
         let branches = history.branches.iter().map(|(branch, number)| {
             let version = history.versions.get(number);
-            let version = version.ok_or_else(|| Problem::internal(&format!("{name}@{branch} stands nowhere")))?;
+            let version = version.ok_or_else(|| Problem::internal(&format!("{name}@{branch} has no version")))?;
             Ok(BranchView {
                 name: branch.clone(),
                 version: *number,

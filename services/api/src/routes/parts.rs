@@ -70,8 +70,8 @@ async fn file(
     let delivery = Delivery::begin(&app.shop, &job, &path)?;
     let upload = Upload {
         most: handed::LARGEST_DELIVERY,
-        too_large: "the file is larger than what a part may leave",
-        broken: "the file did not come whole",
+        too_large: "the file is larger than a part may deliver",
+        broken: "the file arrived incomplete",
         full: "the file cannot be kept: the disk is full",
     };
     let written = upload

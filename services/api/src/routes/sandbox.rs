@@ -35,11 +35,11 @@ pub(crate) struct Asked {
 
 /// What an effect does to the channels of a simulated flight, over time and over the conditions that excite it.
 #[utoipa::path(get, path = "/api/v1/catalogue/{effect}/picture", tag = "library", operation_id = "effect_picture", params(("effect" = String, Path), Asked), responses(
-    (status = 200, description = "the channels that it moves most", body = EffectPicture),
-    (status = 400, description = "a parameter that is none", body = Problem, content_type = "application/problem+json"),
-    (status = 404, description = "no such effect or vehicle", body = Problem, content_type = "application/problem+json"),
-    (status = 422, description = "no such parameter, rotor or manoeuvre; the vehicle cannot fly it", body = Problem, content_type = "application/problem+json"),
-    (status = 503, description = "too many questions at once", body = Problem, content_type = "application/problem+json")
+    (status = 200, description = "the channels that the effect changes most", body = EffectPicture),
+    (status = 400, description = "invalid parameter", body = Problem, content_type = "application/problem+json"),
+    (status = 404, description = "effect or vehicle not found", body = Problem, content_type = "application/problem+json"),
+    (status = 422, description = "unknown parameter, rotor or manoeuvre, or the vehicle cannot fly it", body = Problem, content_type = "application/problem+json"),
+    (status = 503, description = "too many checks at the same time", body = Problem, content_type = "application/problem+json")
 ))]
 pub(crate) async fn picture(
     app: Shared,
@@ -51,7 +51,7 @@ pub(crate) async fn picture(
     let library = app.library(&caller).await?;
     if library.catalogue()?.find(&effect).is_none() {
         return Err(Problem::not_found(format!(
-            "there is no effect '{effect}' in the catalogue"
+            "effect '{effect}' not found in the catalogue"
         )));
     }
     // Only to be refused by name.

@@ -115,14 +115,14 @@ pub(super) fn limit_reached(shop: &Workshop, status: Option<ExitStatus>, complai
 pub(super) fn limit_of(status: ExitStatus, said: &str, memory: u64) -> Option<String> {
     let signal = status.signal()?;
     if signal == Signal::XCPU.as_raw() {
-        return Some("it took more processor time than a job may".to_owned());
+        return Some("the job exceeded its limit of processor time".to_owned());
     }
     if signal == Signal::XFSZ.as_raw() {
-        return Some(format!("it wrote a file of more than {} GiB", LARGEST_FILE >> 30));
+        return Some(format!("the job wrote a file of more than {} GiB", LARGEST_FILE >> 30));
     }
     (signal == Signal::ABORT.as_raw() && said.contains(NO_MEMORY)).then(|| {
         format!(
-            "it needs more than the {} MB of memory that a job may take (`--job-memory`)",
+            "the job needs more than the {} MB of memory allowed (`--job-memory`)",
             memory / 1_000_000
         )
     })
@@ -232,7 +232,7 @@ pub(super) async fn watch(
                 Ok(Some(true)) if end.reason == Reason::Itself => end.reason = Reason::Canceled,
                 Ok(Some(_)) => {}
                 Ok(None) => end.reason = Reason::Lost,
-                Err(error) => tracing::error!(job = job.id, %error, "a sign of life cannot be written"),
+                Err(error) => tracing::error!(job = job.id, %error, "a lease cannot be renewed"),
             },
             _ = ending.changed() => {}
         }
@@ -257,7 +257,7 @@ pub(super) async fn watch(
     shop.database.hub.live.end(&job.id);
     match child.wait().await {
         Ok(status) => end.status = Some(status),
-        Err(error) => tracing::error!(job = job.id, %error, "a process cannot be waited for"),
+        Err(error) => tracing::error!(job = job.id, %error, "waiting for a process failed"),
     }
     end
 }

@@ -33,7 +33,7 @@ pub(super) async fn fly(shop: &Workshop, job: &Job, token: &str, spec: &Flight, 
     }
     let too_long = || {
         format!(
-            "it took longer than {} s of wall time and was stopped",
+            "the limit of {} s of wall time was exceeded",
             job.new.wall_limit_ms / 1000
         )
     };
@@ -113,7 +113,7 @@ fn command(shop: &Workshop, spec: &Flight, folder: &Path) -> std::io::Result<Com
         Controller::Autopilot(name) => {
             let listed = shop.autopilots.iter().find(|autopilot| autopilot.name == *name);
             let listed =
-                listed.ok_or_else(|| std::io::Error::other(format!("no autopilot '{name}' is listed here")))?;
+                listed.ok_or_else(|| std::io::Error::other(format!("no autopilot '{name}' is configured here")))?;
             Some(AutopilotHere {
                 address: listed.address.clone(),
                 pilot: listed.pilot.clone(),
@@ -195,7 +195,7 @@ impl Desk<'_> {
             other => other,
         };
         if let Err(error) = written {
-            tracing::error!(job = self.job.id, %error, "the run's tickets cannot be written; nobody will join");
+            tracing::error!(job = self.job.id, %error, "the run's tickets cannot be written; no peer can join");
         }
     }
 }

@@ -60,7 +60,7 @@ pub(crate) fn path(job: &Job) -> String {
 }
 
 fn over() -> Problem {
-    Problem::gone("this attempt of the part is over: it has ended, was canceled, or somebody else has the part")
+    Problem::gone("this attempt of the part is over: it ended, was canceled, or another worker has the part")
 }
 
 /// The attempt that a ticket belongs to, with its claim.
@@ -155,7 +155,7 @@ async fn listed(shop: &Workshop, input: &Input) -> Result<Vec<PartInput>, Proble
 }
 
 fn gone(path: &str) -> Problem {
-    Problem::not_found(format!("{path} is none of the inputs of this part, or is gone"))
+    Problem::not_found(format!("{path} is not an input of this part, or was deleted"))
 }
 
 /// A file that the order lists without its text.
@@ -194,7 +194,7 @@ impl Delivery {
                 .all(|part| matches!(part, Component::Normal(name) if !name.to_string_lossy().starts_with('.')));
         if !plain {
             return Err(Problem::unprocessable(format!(
-                "'{path}' is no file of a part; expected a relative path without dots at the beginning of a name"
+                "'{path}' is not a valid file of a part; expected a relative path without dots at the beginning of a name"
             )));
         }
         let place = shop.artifacts.place(&files_key(job)).join(path);
@@ -229,9 +229,9 @@ pub(crate) const LARGEST_DELIVERY: u64 = LARGEST_FILE;
 pub(crate) async fn events(shop: &Workshop, job: &Job, claim: &str, lines: &[String]) -> Result<(), Problem> {
     for line in lines {
         let event: serde_json::Value = serde_json::from_str(line)
-            .map_err(|error| Problem::unprocessable(format!("a line is no JSON: {error}")))?;
+            .map_err(|error| Problem::unprocessable(format!("a line is not JSON: {error}")))?;
         let kind = event["event"].as_str().filter(|kind| !OF_QUEUE.contains(kind));
-        let kind = kind.ok_or_else(|| Problem::unprocessable("a line is no event of a part"))?;
+        let kind = kind.ok_or_else(|| Problem::unprocessable("a line is not an event of a part"))?;
         if !shop.database.event(&job.id, claim, kind, line).await? {
             // The claim has moved to another server; these are progress events, which may be lost.
             return Ok(());
@@ -280,7 +280,7 @@ pub(crate) async fn end(
         // Another server has just taken over the attempt: its claim is equally valid.
         tokio::time::sleep(Duration::from_millis(50)).await;
     }
-    Err(Problem::unavailable("the part changes hands; expected a later try"))
+    Err(Problem::unavailable("the part is being handed over; retry later"))
 }
 
 /// The files of a part, if all have been delivered.
@@ -310,7 +310,7 @@ async fn delivered(shop: &Workshop, job: &Job, result: &str, files: &[PartFile])
     for path in there.into_keys() {
         // Remains of an interrupted upload.
         if let Err(error) = std::fs::remove_file(shop.artifacts.place(&key).join(&path)) {
-            tracing::warn!(job = job.id, path, %error, "a file that no part has left cannot be removed");
+            tracing::warn!(job = job.id, path, %error, "a file of no known part cannot be removed");
         }
     }
     let bytes = shop

@@ -131,7 +131,7 @@ pub(crate) async fn work(shop: Arc<Workshop>) {
         let claimed = if shop.artifacts.has_room() {
             shop.database.claim(&shop.name, LEASE, shop.share, shop.takes()).await
         } else {
-            tracing::warn!("the disk with the files of jobs is full: none is begun");
+            tracing::warn!("the disk with the files of jobs is full: no job is started");
             Ok(None)
         };
         match claimed {
@@ -202,7 +202,7 @@ pub(crate) async fn offer_autopilots(shop: &Workshop) -> Result<(), sqlx::Error>
         if !shop.database.offer_autopilot(&shop.name, autopilot, LEASE).await? {
             tracing::warn!(
                 autopilot = autopilot.name,
-                "another worker lists an autopilot of this name and flies with it; this one's is not used"
+                "another worker offers an autopilot with this name and uses it; this worker's autopilot is ignored"
             );
         }
     }
@@ -223,7 +223,7 @@ pub(crate) async fn keep_offering(shop: Arc<Workshop>) {
         }
     }
     if let Err(error) = shop.database.withdraw_autopilots(Some(&shop.name)).await {
-        tracing::warn!(%error, "autopilots are offered until their time is over");
+        tracing::warn!(%error, "autopilots stay offered until their lease expires");
     }
 }
 
@@ -232,7 +232,7 @@ pub(crate) async fn look_after_claims(shop: Arc<Workshop>) {
     let mut ending = shop.ending.subscribe();
     while !*ending.borrow() {
         if let Err(error) = requeue(&shop.database, Left::Abandoned).await {
-            tracing::error!(%error, "abandoned jobs cannot be looked for");
+            tracing::error!(%error, "the search for abandoned jobs failed");
         }
         tokio::select! {
             _ = ending.changed() => {}
@@ -247,7 +247,7 @@ pub(crate) async fn look_after_claims(shop: Arc<Workshop>) {
 /// The database.
 pub(crate) async fn requeue(database: &Database, left: Left) -> Result<(), sqlx::Error> {
     for id in database.requeue_abandoned(left, ATTEMPTS_OF_DEAD_WORKERS).await? {
-        tracing::warn!(job = id, "its worker is gone: queued again");
+        tracing::warn!(job = id, "its worker died: queued again");
     }
     Ok(())
 }
@@ -350,7 +350,7 @@ async fn write_down(shop: &Workshop, job: &Job, token: &str, ended: Ended) {
                 tracing::warn!(job = job.id, "another worker has this job: its result counts");
                 let key = attempt_key(job);
                 if let Err(error) = shop.artifacts.delete(&key).await {
-                    tracing::warn!(key, %error, "files of an attempt that does not count cannot be deleted");
+                    tracing::warn!(key, %error, "files of a discarded attempt cannot be deleted");
                 }
                 return;
             }
@@ -360,7 +360,7 @@ async fn write_down(shop: &Workshop, job: &Job, token: &str, ended: Ended) {
             }
             // The claim expires and the job is started again: nothing is lost.
             Err(error) => {
-                tracing::error!(job = job.id, %error, "the end of a job cannot be written; it will be begun again");
+                tracing::error!(job = job.id, %error, "the end of a job cannot be written; it will be started again");
                 return;
             }
         }
@@ -396,7 +396,7 @@ async fn forget_parts(shop: &Workshop, job: &str) {
         Ok::<(), std::io::Error>(())
     };
     if let Err(error) = forgotten.await {
-        tracing::warn!(job, %error, "files of its parts, which nobody needs, cannot be deleted");
+        tracing::warn!(job, %error, "files of its parts, no longer needed, cannot be deleted");
     }
 }
 

@@ -42,7 +42,7 @@ pub(super) async fn serve(shop: &Workshop, seat: &Seat) {
     let mut child = match child {
         Ok(child) => child,
         Err(error) => {
-            tracing::error!(run = seat.job, role = seat.role, %error, "a seat was taken, and its process cannot be started");
+            tracing::error!(run = seat.job, role = seat.role, %error, "a seat was claimed, but its process cannot be started");
             return;
         }
     };
@@ -64,7 +64,7 @@ pub(super) async fn serve(shop: &Workshop, seat: &Seat) {
             tracing::warn!(run = seat.job, role = seat.role, %status, why = last_words(&complaints), "seat left early");
         }
         Err(error) => {
-            tracing::error!(run = seat.job, role = seat.role, %error, "a seat's process cannot be waited for")
+            tracing::error!(run = seat.job, role = seat.role, %error, "waiting for the process of a seat failed")
         }
     }
     if let Err(error) = std::fs::remove_file(&complaints) {

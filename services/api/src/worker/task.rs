@@ -16,7 +16,7 @@ const BAD_INPUT: i32 = 2;
 pub(super) async fn perform(shop: &Workshop, job: &Job, token: &str, stored: StoredJob, folder: &Path) -> Ended {
     let complaints = folder.join(COMPLAINTS);
     if let Err(error) = lay_out(shop, job, &stored.inputs, folder).await {
-        return Ended::Failed(format!("what the job needs cannot be laid out: {error}"));
+        return Ended::Failed(format!("the inputs of the job cannot be written: {error}"));
     }
     let threads = NonZeroUsize::new(shop.threads).unwrap_or(NonZeroUsize::MIN);
     let StoredJob { job: spec, inputs } = stored;
@@ -49,7 +49,7 @@ pub(super) async fn perform(shop: &Workshop, job: &Job, token: &str, stored: Sto
         (Reason::TooLong, _) => (
             Status::Failed,
             Some(format!(
-                "it took longer than {} s of wall time and was stopped",
+                "the limit of {} s of wall time was exceeded",
                 job.new.wall_limit_ms / 1000
             )),
         ),

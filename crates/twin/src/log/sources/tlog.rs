@@ -408,7 +408,7 @@ pub(super) fn parse(bytes: &[u8], mut room: Room) -> Result<SourceLog, String> {
         ));
     }
     log.notes.push(
-        "a telemetry link: messages come late and some not at all; the log on the vehicle's memory card tells far more"
+        "a telemetry link: messages arrive late or not at all; the log on the vehicle's memory card holds far more"
             .to_owned(),
     );
     let (streams, unix_s) = streams(&samples);

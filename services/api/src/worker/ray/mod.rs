@@ -178,7 +178,7 @@ impl Ray {
     pub(crate) fn listens(&self, url: &str, everywhere: bool) -> Result<(), String> {
         if self.config.callback.is_none() && everywhere {
             return Err(format!(
-                "--executor ray={}: {url} is no address at which Ray's nodes find this server; expected --ray-callback URL, such as \
+                "--executor ray={}: Ray's nodes cannot reach this server at {url}; expected --ray-callback URL, such as \
                  https://bench.example:8443",
                 self.config.url
             ));
@@ -247,10 +247,7 @@ impl Ray {
             }
         };
         if tokio::time::timeout(STOP, asked).await.is_err() {
-            tracing::warn!(
-                submission,
-                "Ray was not told to stop a submission; its node ends it itself"
-            );
+            tracing::warn!(submission, "a submission could not be stopped in Ray; its node ends it");
         }
     }
 }
@@ -327,7 +324,7 @@ pub(crate) async fn hand_on(shop: &Workshop, ray: &Ray, done: &Ticket) -> Option
     };
     handed.await.unwrap_or_else(|error| {
         // A claimed part is queued again when its claim expires.
-        tracing::error!(%error, "no further part can be handed to a process in Ray");
+        tracing::error!(%error, "no further part can be handed to Ray");
         None
     })
 }
@@ -353,7 +350,7 @@ async fn attempt(shop: &Workshop, ray: &Ray, job: &Job, token: &str) -> Ended {
     let ticket = match &job.ticket {
         Some(text) => match Ticket::parse(text) {
             Some(ticket) if ticket.executor == ray.config.url => ticket,
-            _ => return Ended::Released("it was handed to another cluster than this server has now".to_owned()),
+            _ => return Ended::Released("it was handed to a cluster that this server no longer uses".to_owned()),
         },
         None => {
             forget_attempts_before(shop, job).await;
@@ -427,7 +424,7 @@ async fn hold(shop: &Workshop, job: &Job, token: &str) -> Reason {
             Ok(Some(true)) => return Reason::Canceled,
             Ok(Some(false)) => lived = if writes { Some(Instant::now()) } else { lived },
             Ok(None) => return Reason::Gone,
-            Err(error) => tracing::error!(job = job.id, %error, "a sign of life cannot be written"),
+            Err(error) => tracing::error!(job = job.id, %error, "a lease cannot be renewed"),
         }
         tokio::select! {
             _ = ending.changed() => {}
@@ -448,7 +445,7 @@ async fn follow(ray: &Ray, job: &Job, ticket: &Ticket) -> Ended {
         let asked = match ray.client.job(submission).await {
             Ok(None) if seen || !own => {
                 return Ended::Released(format!(
-                    "{name} knows nothing of submission {submission} any more; was it started afresh?"
+                    "{name} no longer knows submission {submission}; was the cluster restarted?"
                 ));
             }
             Ok(None) => ray.submit(job, ticket).await.map(|()| None),
@@ -458,10 +455,7 @@ async fn follow(ray: &Ray, job: &Job, ticket: &Ticket) -> Ended {
         };
         match asked {
             Err(RayError::Refused(why)) => {
-                return Ended::Outcome(failed(
-                    job,
-                    format!("{name} does not take submission {submission}: {why}"),
-                ));
+                return Ended::Outcome(failed(job, format!("{name} rejected submission {submission}: {why}")));
             }
             Err(RayError::Away(why)) => {
                 let since = *away.get_or_insert_with(Instant::now);
@@ -480,7 +474,7 @@ async fn follow(ray: &Ray, job: &Job, ticket: &Ticket) -> Ended {
                         if running.get_or_insert_with(Instant::now).elapsed() > limit {
                             ray.stop(submission).await;
                             let why = format!(
-                                "{name}: it took longer than {} s of wall time and was stopped",
+                                "{name}: the limit of {} s of wall time was exceeded",
                                 job.new.wall_limit_ms / 1000
                             );
                             return Ended::Outcome(failed(job, why));
@@ -488,12 +482,12 @@ async fn follow(ray: &Ray, job: &Job, ticket: &Ticket) -> Ended {
                     }
                     RayStatus::Succeeded => {
                         if over.get_or_insert_with(Instant::now).elapsed() > DELIVERED {
-                            let why = format!("{name}: submission {submission} ended and has not delivered this part");
+                            let why = format!("{name}: submission {submission} ended without delivering this part");
                             return if own { Ended::Failed(why) } else { Ended::Released(why) };
                         }
                     }
                     RayStatus::Stopped => {
-                        let why = format!("{name}: somebody stopped submission {submission} there");
+                        let why = format!("{name}: submission {submission} was stopped in Ray");
                         return if own { Ended::Failed(why) } else { Ended::Released(why) };
                     }
                     RayStatus::Failed => return why_failed(ray, submission, &there),
@@ -519,7 +513,7 @@ fn why_failed(ray: &Ray, submission: &str, job: &RayJob) -> Ended {
             short(last.unwrap_or(first))
         )),
         (Some("JOB_SUPERVISOR_ACTOR_START_TIMEOUT" | "JOB_SUPERVISOR_ACTOR_UNSCHEDULABLE"), _) => Ended::Released(
-            format!("{name} found no place for submission {submission}: {}", short(first)),
+            format!("{name} could not schedule submission {submission}: {}", short(first)),
         ),
         (_, Some(126 | 127)) => Ended::Failed(format!(
             "{name}: the node {node} has no program '{}' that can be started; expected rotortwin on every node, or --ray-program PATH",
@@ -558,7 +552,7 @@ async fn conclude(shop: &Workshop, job: &Job, token: &str, ended: Ended) {
     };
     match written {
         Ok(true) => {}
-        Ok(false) => tracing::debug!(job = job.id, "it was delivered, or somebody else has it"),
+        Ok(false) => tracing::debug!(job = job.id, "it was delivered, or another worker has it"),
         // Its claim expires, and it is taken over.
         Err(error) => tracing::error!(job = job.id, %error, "the end of a part cannot be written"),
     }

@@ -190,12 +190,12 @@ impl Reader<'_> {
             "zstd" => {
                 let packed = records.len() as u64;
                 if unpacked > MOST_CHUNK_BYTES.min(SOME_BYTES + MOST_RATIO * packed) {
-                    return Ok(Err(format!("{packed} bytes that want to become {unpacked}")));
+                    return Ok(Err(format!("{packed} bytes that would unpack to {unpacked}")));
                 }
                 self.unpacked_bytes += unpacked;
                 if self.unpacked_bytes > self.most_unpacked_bytes {
                     return Err(format!(
-                        "its chunks want to become more than {} bytes",
+                        "its chunks would unpack to more than {} bytes",
                         self.most_unpacked_bytes
                     ));
                 }
