@@ -46,7 +46,7 @@ pub struct Args {
     scenario: PathBuf,
     #[command(flatten)]
     trial: Trial,
-    /// Half of the answers have to be there within this time, ms of wall clock; 0: any time [default: 2.5; emulated and virtual boards: 0]
+    /// The median response time must not exceed this, ms of wall clock; 0: no limit [default: 2.5; emulated and virtual boards: 0]
     #[arg(long, value_name = "MS", value_parser = milliseconds)]
     answer_within: Option<f64>,
     /// Print the report as JSON, nothing else

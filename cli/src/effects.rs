@@ -54,7 +54,7 @@ struct PlotArgs {
     /// Value of a parameter, such as drag_n_s_m=0.3; without it the typical one
     #[arg(long, value_name = "NAME=VALUE")]
     set: Vec<String>,
-    /// Manoeuvre to fly; without it all are flown, and the one that shows the effect best is taken
+    /// Manoeuvre to fly; without it all are flown and the one that shows the effect best is used
     #[arg(long, value_name = "NAME")]
     flight: Option<String>,
 }

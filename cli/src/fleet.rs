@@ -17,7 +17,7 @@ use std::process::ExitCode;
 /// Arguments of `rotortwin fleet`.
 #[derive(Debug, clap::Args)]
 pub struct Args {
-    /// Folder with a file of each vehicle
+    /// Folder with a file for each vehicle
     #[arg(long, value_name = "DIR", default_value = "fleet", global = true)]
     fleet: PathBuf,
     #[command(subcommand)]
@@ -27,13 +27,13 @@ pub struct Args {
 /// What is asked for.
 #[derive(Debug, clap::Subcommand)]
 enum Action {
-    /// Judge flight logs of a vehicle and write them down in its file; a log that is there already counts once
+    /// Judge flight logs of a vehicle and add them to its file; a log that is already in it counts once
     Add(Box<AddArgs>),
-    /// Each rotor over the flights: bias, loss, what to look at; without a name all vehicles
+    /// Each rotor over the flights: bias, loss, what to inspect; without a name all vehicles
     Show(ShowArgs),
-    /// Acknowledge that rotors have been inspected: what was known by then needs no inspection any more
+    /// Acknowledge that rotors have been inspected: earlier findings need no further inspection
     Acknowledge(MaintainArgs),
-    /// Propellers were replaced: the history of these rotors begins here; nothing is deleted
+    /// Record that propellers were replaced: the history of these rotors restarts; nothing is deleted
     Reset(MaintainArgs),
 }
 
@@ -47,8 +47,8 @@ struct AddArgs {
     logs: Vec<PathBuf>,
     #[command(flatten)]
     detectors: DetectorArgs,
-    /// When the flight was, UTC, such as 2026-01-31 or 2026-01-31T14:05:00Z; of one log. It goes before the date that the log holds; without
-    /// either the order is that of entry
+    /// When the flight was, UTC, such as 2026-01-31 or 2026-01-31T14:05:00Z; of one log. It overrides the date in the log; without either,
+    /// flights are in the order of entry
     #[arg(long, value_name = "DATE", value_parser = journal::date)]
     date: Option<String>,
 }

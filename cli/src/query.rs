@@ -47,22 +47,22 @@ const LINES_AHEAD: usize = 1024;
 pub struct Args {
     /// One SELECT in DuckDB's SQL; each kind of Parquet file is a table: telemetry, campaign, shards, rows, …
     pub sql: String,
-    /// Folders with results, or s3://BUCKET/PREFIX with the credentials in AWS_…; what is below them counts [default: runs]
+    /// Folders with results, or s3://BUCKET/PREFIX with the credentials in AWS_…; subfolders included [default: runs]
     #[arg(value_name = "FOLDER")]
     folders: Vec<String>,
-    /// A folder whose rows have this name in the column `folder`; may be given several times
+    /// A folder, and the name of its rows in the column `folder`; may be given several times
     #[arg(long = "named", value_name = "NAME=FOLDER", value_parser = named)]
     named: Vec<(String, String)>,
-    /// Print one JSON object: columns, rows, whether there are more
+    /// Print one JSON object: columns, rows, and whether there are more
     #[arg(long, conflicts_with = "csv")]
     json: bool,
     /// Print CSV
     #[arg(long)]
     csv: bool,
-    /// At most so many rows [default: 100 of a table; all with --json or --csv]
+    /// Maximum number of rows [default: 100 in a table; all with --json or --csv]
     #[arg(long, value_name = "N")]
     rows: Option<u64>,
-    /// Memory of the query, MB; what does not fit goes to a temporary folder
+    /// Memory limit of the query, MB; the rest goes to a temporary folder
     #[arg(long, value_name = "MB", default_value_t = 512, value_parser = clap::value_parser!(u64).range(16..=1_000_000))]
     memory: u64,
     /// Longest time of the query, s
@@ -77,7 +77,7 @@ pub struct Args {
     /// Largest result, bytes
     #[arg(long, value_name = "BYTES", hide = true)]
     most_bytes: Option<u64>,
-    /// Most that is put into the temporary folder, MB
+    /// Size limit of the temporary folder, MB
     #[arg(long, value_name = "MB", hide = true, default_value_t = 64_000)]
     most_spilled: u64,
 }

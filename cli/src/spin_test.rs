@@ -17,10 +17,10 @@ use std::process::ExitCode;
 pub struct Args {
     /// The autopilot's simulator build, which is waited for: ardupilot[:ADDR], px4[:ADDR], betaflight[:ADDR][@SPEED]
     autopilot: AutopilotAddress,
-    /// Scenario whose vehicle is put on the stand: a file, or a name that 'rotortwin list scenarios' shows; it begins on the ground
+    /// Scenario whose vehicle is put on the test stand: a file, or a name that 'rotortwin list scenarios' shows; it begins on the ground
     #[arg(long, value_parser = crate::named::scenario(), default_value = "autopilot-hover")]
     scenario: PathBuf,
-    /// Where the autopilot takes commands over MAVLink, as with 'rotortwin fly'; none: another program has it climb to the first point
+    /// Where the autopilot accepts MAVLink commands, as with 'rotortwin fly'; none: another program makes it climb to the first point
     #[arg(long, value_name = "ADDR|none")]
     pilot: Option<PilotChoice>,
     #[command(flatten)]

@@ -18,13 +18,13 @@ pub struct Args {
     /// Flight logs of one vehicle, of any source; LOG@35:65 takes only these seconds
     #[arg(required = true, value_name = "LOG")]
     logs: Vec<PathBuf>,
-    /// Model that gives rotor speeds from duty and voltage; needed where the log holds no rotor speeds of the ESCs
+    /// Model that gives rotor speeds from duty and voltage; needed if the log holds no rotor speeds from the ESCs
     #[arg(long, value_name = "MODEL")]
     model: Option<String>,
     /// Folder of the models
     #[arg(long, value_name = "DIR", default_value = "models")]
     models: PathBuf,
-    /// Healthy flights of the same vehicle, three at least: which rotor shakes more than in them
+    /// At least three healthy flights of the same vehicle, to find rotors that vibrate more than in these
     #[arg(long, num_args = 1.., value_name = "LOG")]
     baseline: Vec<PathBuf>,
     /// Print the result as JSON, nothing else

@@ -31,7 +31,7 @@ pub enum Example {
     HiddenEffect,
     /// One rotor that loses some of its thrust in mid-flight
     DamagedBlade,
-    /// A vehicle as its model says
+    /// A vehicle that agrees with its model
     Healthy,
 }
 

@@ -152,7 +152,7 @@ impl History {
     }
 }
 
-/// Folder with a file of each vehicle.
+/// Folder with a file for each vehicle.
 #[derive(Debug, Clone)]
 pub struct Fleet {
     folder: PathBuf,

@@ -23,7 +23,7 @@ const MOST_RUNS: usize = 100;
 pub(crate) struct ComparedRuns {
     /// Ids with commas between them, at most 100.
     runs: String,
-    /// A vehicle has recovered from a fault when it stays so close to its reference, m; 0.5 without it.
+    /// A vehicle has recovered from a fault when it stays this close to its reference, m; 0.5 without it.
     #[param(exclusive_minimum = 0)]
     within_m: Option<f64>,
 }

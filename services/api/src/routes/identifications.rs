@@ -44,7 +44,7 @@ pub(crate) struct IdentificationSubmission {
     /// With battery, kg.
     #[schema(exclusive_minimum = 0)]
     mass_kg: f64,
-    /// From the centre of the vehicle to the furthest rotor, m.
+    /// Distance from the centre of the vehicle to the furthest rotor, m.
     #[schema(exclusive_minimum = 0)]
     arm_m: f64,
     /// Frame, where the log does not say it, such as `quad-x` (numbers as in ArduPilot).

@@ -38,7 +38,7 @@ pub(crate) enum ExamplePreset {
     HiddenEffect,
     /// One rotor that loses some of its thrust in mid-flight.
     DamagedBlade,
-    /// A vehicle as its model says.
+    /// A vehicle that agrees with its model.
     Healthy,
 }
 

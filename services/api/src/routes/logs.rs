@@ -49,12 +49,12 @@ const ENDINGS: [&str; 11] = [
 pub(crate) struct Import {
     /// The file's name: its ending says what it is (`csv`, `parquet`, PX4 `ulg`, ArduPilot `bin` or `log`; none: Crazyflie micro-SD log).
     name: String,
-    /// Bring every column to this constant rate, Hz.
+    /// Resample every column to this constant rate, Hz.
     rate_hz: Option<f64>,
-    /// Take the estimated delays out of attitude, velocity and position.
+    /// Remove the estimated delays from attitude, velocity and position.
     #[serde(default)]
     align: bool,
-    /// Take what can be read of a file whose checksum is wrong.
+    /// Import the readable part of a file whose checksum is wrong.
     #[serde(default)]
     damaged: bool,
     /// Name of one of the server's vehicles to hold the log against: number and order of the rotors.
@@ -152,12 +152,12 @@ fn facts(import: &Import, size: u64, hash: &str, key: &str) -> UploadFacts {
 #[derive(Debug, Default, Deserialize, Serialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub(crate) struct ImportAgain {
-    /// Bring every column to this constant rate, Hz.
+    /// Resample every column to this constant rate, Hz.
     rate_hz: Option<f64>,
-    /// Take the estimated delays out of attitude, velocity and position.
+    /// Remove the estimated delays from attitude, velocity and position.
     #[serde(default)]
     align: bool,
-    /// Take what can be read of a file whose checksum is wrong.
+    /// Import the readable part of a file whose checksum is wrong.
     #[serde(default)]
     damaged: bool,
     /// Name of one of the library's vehicles to hold the log against: number and order of the rotors.

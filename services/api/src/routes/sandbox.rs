@@ -28,7 +28,7 @@ pub(crate) struct Asked {
     /// Values as `name:value` with commas between them; typical ones without them.
     #[param(example = "drag_n_s_m:0.3")]
     parameters: Option<String>,
-    /// Manoeuvre to fly; without it all are flown, and the one that shows the effect best is taken.
+    /// Manoeuvre to fly; without it all are flown and the one that shows the effect best is used.
     #[param(example = "speed-runs")]
     flight: Option<String>,
 }
