@@ -500,7 +500,7 @@ impl FdiSession {
         self.rejected_before
     }
 
-    /// Lost steps that the engine coasted over.
+    /// Lost steps over which the engine extrapolated.
     pub fn bridged_steps(&self) -> u64 {
         self.bridged_steps
     }

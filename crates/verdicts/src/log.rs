@@ -125,17 +125,17 @@ pub struct LogReport {
     pub judged_rate_hz: f64,
     /// The log has another rate and was resampled.
     pub resampled: bool,
-    /// Steps that the detectors took in.
+    /// Steps processed by the detectors.
     pub steps: u64,
     /// Steps at which a channel had no value.
     pub lost_steps: u64,
-    /// Steps with values that no flight can have.
+    /// Steps with impossible values.
     pub rejected_steps: u64,
     /// Time that the sequential detector had a verdict for, s; false alarms count against it.
     pub decided_s: f64,
     /// What was judged, in the order of time; what is damaged by the begin of one counts as healthy in it.
     pub stretches: Vec<StretchView>,
-    /// The rest, in the order of time: why it was not judged.
+    /// The rest, in order of time, with the reasons why it was not judged.
     pub not_judged: Vec<NotJudgedView>,
     /// Times that the list leaves out.
     pub not_judged_left_out: u64,
@@ -154,7 +154,7 @@ pub struct LogReport {
     pub lacks: Vec<Lack>,
     /// What looks wrong about the log.
     pub suspicions: Vec<Suspicion>,
-    /// What else a reader must know.
+    /// Further notes for the reader.
     pub notes: Vec<String>,
     /// The flight as a page draws it; only where asked for (`fdi-log --flight`).
     #[serde(skip_serializing_if = "Option::is_none")]

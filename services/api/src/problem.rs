@@ -21,7 +21,7 @@ pub struct Problem {
     pub status: u16,
     /// One sentence: what, where, what was expected.
     pub detail: String,
-    /// All that is wrong with a document, the one of `detail` first.
+    /// All errors of a document, that of `detail` first.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub complaints: Vec<String>,
 }

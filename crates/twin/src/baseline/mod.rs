@@ -77,7 +77,7 @@ pub struct Trim {
     pub unchanged: f64,
     /// Thrust asked of each rotor over that of the healthy flights, less 1.
     pub thrust_change: Vec<f64>,
-    /// Spread of healthy flights, relative: common to all rotors, and of a rotor beside that.
+    /// Relative spread of healthy flights: common to all rotors, and per rotor in addition.
     pub spread: [f64; 2],
     /// Healthy flights.
     pub baseline: Vec<String>,

@@ -84,9 +84,9 @@ pub struct Line {
     pub amplitude: Option<f64>,
     /// 95 % interval of it.
     pub interval_95: Option<[f64; 2]>,
-    /// True if the line stands out of the noise.
+    /// True if the line exceeds the noise.
     pub seen: bool,
-    /// Half seconds in which the rotor is told apart from the others.
+    /// Half-second blocks in which the rotor can be separated from the others.
     pub blocks: usize,
 }
 
@@ -98,7 +98,7 @@ pub struct Strongest {
     pub rotor: usize,
     /// Its power as the best of the other rotors explains it, over that: near 1 where all rotors turn alike, as in a hover.
     pub rival: f64,
-    /// True if the rotor is told apart from the others.
+    /// True if the rotor can be separated from the others.
     pub told_apart: bool,
 }
 
@@ -150,11 +150,11 @@ pub struct Growth {
 pub struct Change {
     /// In words.
     pub sentence: String,
-    /// Rotors that shake more with a probability of 95 %, strongest first. Of speeds from duty and voltage one at most, with the growth of all lines together.
+    /// Rotors that vibrate more with a probability of 95 %, strongest first. With speeds from duty and voltage at most one, with the growth of all lines together.
     pub named: Vec<Growth>,
     /// Growth of all lines together: factor, 95 % interval, posterior.
     pub together: Growth,
-    /// Every rotor that is told apart in all flights; empty where speeds are from duty and voltage.
+    /// Every rotor that can be separated in all flights; empty if speeds are from duty and voltage.
     pub rotors: Vec<Growth>,
     /// Each of the logs.
     pub flights: Vec<Vibration>,

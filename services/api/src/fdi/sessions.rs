@@ -91,7 +91,7 @@ pub(crate) struct Entry {
 /// A session and its state.
 #[derive(Debug, Serialize, ToSchema)]
 pub(crate) struct SessionView {
-    /// To be used in addresses; it cannot be guessed.
+    /// Used in URLs; cannot be guessed.
     id: String,
     /// The detectors in effect.
     detectors: DetectorsView,
@@ -105,9 +105,9 @@ pub(crate) struct SessionView {
     calibration: CalibrationState,
     /// Step from which on verdicts come, unless a gap is too long.
     verdicts_from_step: u64,
-    /// Samples with values that no flight can have; the engine left them out.
+    /// Samples with impossible values, ignored by the engine.
     rejected_samples: u64,
-    /// Lost steps that the engine coasted over.
+    /// Lost steps over which the engine extrapolated.
     bridged_steps: u64,
     /// Calibrations begun again: after longer gaps, on the ground or upset, after motions that the model does not explain.
     restarts: u64,
@@ -119,7 +119,7 @@ pub(crate) struct SessionView {
     last: Option<WindowView>,
     /// Verdicts of the sequential detector, each time that it changed; the latest 1000.
     changes: Vec<ChangeView>,
-    /// The session ends when it has been idle for so long, s.
+    /// Idle time after which the session ends, s.
     idle_limit_s: f64,
 }
 

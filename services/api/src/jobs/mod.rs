@@ -92,7 +92,7 @@ pub(crate) enum JobKind {
     Improvement,
     /// A vehicle that is identified from logs.
     Identification,
-    /// The manoeuvre that would tell two effects apart.
+    /// The manoeuvre that would distinguish two effects.
     NextFlight,
     /// A classifier that is trained.
     Classifier,

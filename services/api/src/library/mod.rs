@@ -45,7 +45,7 @@ impl DocumentKind {
     }
 }
 
-/// What is wrong with a document.
+/// An error in a document.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, ToSchema)]
 pub(crate) struct Complaint {
     /// Dotted path of the key; none: the document as a whole.

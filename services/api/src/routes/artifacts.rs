@@ -32,7 +32,7 @@ pub(crate) struct Artifacts {
     items: Vec<Artifact>,
 }
 
-/// What files a run has left.
+/// Lists the files of a run.
 #[utoipa::path(get, path = "/api/v1/runs/{id}/artifacts", tag = "runs", operation_id = "list_run_files", params(("id" = String, Path)), responses(
     (status = 200, description = "its files; none until the job has ended", body = Artifacts),
     (status = 400, description = "invalid id", body = Problem, content_type = "application/problem+json"),

@@ -20,13 +20,13 @@ pub(crate) struct ListedAutopilot {
     name: String,
     /// `ardupilot`, `px4`, `betaflight`.
     kind: String,
-    /// It waits for the plant in each of its steps. Two flights of one seed with one that does not differ.
+    /// True if it waits for the plant in each of its steps. Without this, two flights with the same seed differ.
     lockstep: bool,
-    /// `free`; `busy`: a run has it; `away`: the process that lists it is not there.
+    /// `free`; `busy`: a run has it; `away`: the process that offers it is not running.
     state: AutopilotState,
-    /// The run that has it, if the caller may see that one.
+    /// The run that uses it, if the caller may see that run.
     run: Option<String>,
-    /// The process that lists it, or did.
+    /// Process that offers it, or did.
     worker: String,
     /// What it called itself in its last flight.
     version: Option<String>,
@@ -34,7 +34,7 @@ pub(crate) struct ListedAutopilot {
     flown_ms: Option<i64>,
 }
 
-/// Whether it can be flown with now.
+/// Whether it is available now.
 #[derive(Debug, Clone, Copy, Serialize, ToSchema)]
 #[serde(rename_all = "lowercase")]
 pub(crate) enum AutopilotState {
@@ -79,7 +79,7 @@ fn seen_run(listed: &Listed, caller: &Caller) -> Option<String> {
     sees.then(|| run.clone())
 }
 
-/// The autopilots that operators have listed (`rotortwin serve --autopilot NAME=ADDRESS`), by name.
+/// The autopilots that operators have configured (`rotortwin serve --autopilot NAME=ADDRESS`), by name.
 #[utoipa::path(get, path = "/api/v1/autopilots", tag = "autopilots", operation_id = "list_autopilots", responses(
     (status = 200, description = "the complete list", body = Autopilots)
 ))]

@@ -73,18 +73,18 @@ pub(crate) struct BlindBenchSubmission {
     /// Of the draws.
     #[serde(default = "usual_seed")]
     seed: u64,
-    /// They are taken in turn; none: `f550`.
+    /// Used in turn; none: `f550`.
     #[serde(default)]
     vehicles: Vec<BenchVehicle>,
     /// Length of a flight, s.
     #[serde(default = "usual_duration_s")]
     #[schema(minimum = 1, maximum = 3600)]
     duration_s: f64,
-    /// From −100 to 100; larger goes first.
+    /// From −100 to 100; larger values run first.
     #[serde(default)]
     #[schema(minimum = -100, maximum = 100)]
     priority: i64,
-    /// An attempt at a part fails when it takes longer, s of wall time; by default 6 h.
+    /// Time limit of an attempt at a part, s of wall time; default 6 h.
     #[serde(default)]
     #[schema(minimum = 1, maximum = 86_400)]
     max_wall_s: Option<u64>,

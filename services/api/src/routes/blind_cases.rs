@@ -49,14 +49,14 @@ pub(crate) struct CasesQuery {
     /// Only cases of this column of the confusion matrix, such as `nothing`.
     #[param(max_length = 1000)]
     named: Option<String>,
-    /// Only cases that ended so.
+    /// Only cases with this outcome.
     outcome: Option<Outcome>,
     /// Only cases of this preset.
     preset: Option<Preset>,
-    /// `next` of the page before.
+    /// `next` of the previous page.
     #[param(minimum = 0)]
     cursor: Option<usize>,
-    /// Items a page, 1 to 1000.
+    /// Items per page, 1 to 1000.
     #[param(minimum = 1, maximum = 1000, default = 50)]
     limit: Option<i64>,
 }
@@ -234,9 +234,9 @@ pub(crate) async fn get(
     }))
 }
 
-/// Flies a case of a bench again, as a log: the one that the diagnosis was given. `parent` of the log is the bench.
+/// Flies a case of a bench again, as a log: the one that the diagnosis received. `parent` of the log is the bench.
 ///
-/// Asked for again, it gives the log that is there.
+/// A repeated request returns the existing log.
 #[utoipa::path(post, path = "/api/v1/blind-benches/{id}/cases/{case}/log", tag = "blind_benches", operation_id = "log_blind_bench_case",
     params(("id" = String, Path), ("case" = usize, Path, description = "number of the case, from 0")), responses(
     (status = 202, description = "accepted and stored; the job will end as done, failed or canceled", body = JobView,

@@ -77,12 +77,12 @@ pub(crate) struct FlightsQuery {
     /// fault, −3 ambiguous.
     #[param(pattern = "^ *-?[0-9]{1,9} *(, *-?[0-9]{1,9} *){0,99}$")]
     verdict: Option<String>,
-    /// Only flights that ended so.
+    /// Only flights with this outcome.
     status: Option<FlightStatus>,
-    /// `next` of the page before.
+    /// `next` of the previous page.
     #[param(minimum = 0)]
     cursor: Option<u64>,
-    /// Items a page, 1 to 1000.
+    /// Items per page, 1 to 1000.
     #[param(minimum = 1, maximum = 1000, default = 50)]
     limit: Option<i64>,
 }
@@ -307,7 +307,7 @@ fn key(campaign: &str, flight: u64) -> String {
 
 /// Submits a flight of a campaign as a run, with its seed and scenario: the run hash is that of the flight. `parent` of the run is the campaign.
 ///
-/// Asked for again, it gives the run that is there.
+/// A repeated request returns the existing run.
 #[utoipa::path(post, path = "/api/v1/campaigns/{id}/flights/{flight}/run", tag = "campaigns", operation_id = "fly_campaign_flight",
     params(("id" = String, Path), ("flight" = u64, Path, description = "number of the flight, from 0")), responses(
     (status = 202, description = "accepted and stored; the job will end as done, failed or canceled", body = Run,

@@ -47,11 +47,11 @@ pub(crate) struct CampaignSubmission {
     /// Id of a classifier that was trained here: the network of the FDI engine in every flight, instead of the scenario's.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     classifier: Option<String>,
-    /// From −100 to 100; larger goes first.
+    /// From −100 to 100; larger values run first.
     #[serde(default)]
     #[schema(minimum = -100, maximum = 100)]
     priority: i64,
-    /// An attempt at a part fails when it takes longer, s of wall time; by default 6 h.
+    /// Time limit of an attempt at a part, s of wall time; default 6 h.
     #[serde(default)]
     #[schema(minimum = 1, maximum = 86_400)]
     max_wall_s: Option<u64>,

@@ -50,7 +50,7 @@ pub(crate) struct Training {
     /// First seed; the others follow.
     #[serde(default = "one")]
     first_seed: u64,
-    /// From −100 to 100; larger goes first.
+    /// From −100 to 100; larger values run first.
     #[serde(default)]
     #[schema(minimum = -100, maximum = 100)]
     priority: i64,
@@ -147,7 +147,7 @@ pub(crate) struct Evaluation {
     /// Of all draws.
     #[serde(default = "fresh")]
     seed: u64,
-    /// From −100 to 100; larger goes first.
+    /// From −100 to 100; larger values run first.
     #[serde(default)]
     #[schema(minimum = -100, maximum = 100)]
     priority: i64,

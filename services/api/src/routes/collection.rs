@@ -61,7 +61,7 @@ macro_rules! collection {
                 Ok(Json(jobs::find(&app, &caller, KIND, id).await?.into()))
             }
 
-            /// Stops it: a queued one at once with its parts, a running one within about a second.
+            /// Cancels it: a queued job at once with its parts, a running one within about a second.
             #[utoipa::path(post, path = $cancel, tag = stringify!($module), operation_id = concat!("cancel_", stringify!($module)), params(("id" = String, Path)), responses(
                 (status = 202, description = "the job is being stopped", body = JobView),
                 (status = 400, description = "invalid id", body = Problem, content_type = "application/problem+json"),
@@ -112,7 +112,7 @@ macro_rules! collection {
                 events::of(&app, &job, &headers)
             }
 
-            /// What files it has left.
+            /// Lists its files.
             #[utoipa::path(get, path = $files, tag = stringify!($module), operation_id = concat!("files_of_", stringify!($module)), params(("id" = String, Path)), responses(
                 (status = 200, description = "its files; none until the job has ended", body = artifacts::Artifacts),
                 (status = 400, description = "invalid id", body = Problem, content_type = "application/problem+json"),
@@ -127,7 +127,7 @@ macro_rules! collection {
                 artifacts::of(&app, &job).await
             }
 
-            /// A file; with ETag, conditional and range requests.
+            /// Downloads a file; with ETag, conditional and range requests.
             #[utoipa::path(get, path = $file, tag = stringify!($module), operation_id = concat!("file_of_", stringify!($module)),
                 params(("id" = String, Path), ("path" = String, Path, description = "path of the file, such as report.html")), responses(
                 (status = 200, description = "the file", body = serde_json::Value, content_type = "*/*"),

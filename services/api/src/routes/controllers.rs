@@ -21,7 +21,7 @@ const MOST_RUNS: usize = 100;
 #[into_params(parameter_in = Query)]
 #[serde(deny_unknown_fields)]
 pub(crate) struct ComparedRuns {
-    /// Ids with commas between them, at most 100.
+    /// Comma-separated ids, at most 100.
     runs: String,
     /// A vehicle has recovered from a fault when it stays this close to its reference, m; 0.5 without it.
     #[param(exclusive_minimum = 0)]
@@ -39,7 +39,7 @@ pub(crate) struct ComparedControllers {
     differences: Vec<String>,
 }
 
-/// Compares controllers on runs that have ended: tracking, energy, what the fault did, what was seen of it. The same numbers as
+/// Compares controllers on runs that have ended: tracking, energy, response to the fault, and its detection. The same numbers as
 /// `rotortwin controllers`.
 #[utoipa::path(get, path = "/api/v1/controllers", tag = "runs", operation_id = "compare_controllers", params(ComparedRuns), responses(
     (status = 200, description = "the table", body = ComparedControllers),

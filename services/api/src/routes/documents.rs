@@ -17,13 +17,13 @@ const LONGEST_NAME: usize = 64;
 /// Names, in order.
 #[derive(Debug, Serialize, ToSchema)]
 pub(crate) struct Names {
-    /// All that can be named.
+    /// All names.
     items: Vec<String>,
-    /// Those of them that the caller has left there.
+    /// Those that belong to the caller.
     own: Vec<String>,
 }
 
-/// A document that was left in the library.
+/// A document stored in the library.
 #[derive(Debug, Serialize, ToSchema)]
 pub(crate) struct StoredDocument {
     name: String,
@@ -197,16 +197,16 @@ macro_rules! documents {
                 OpenApiRouter::new().routes(routes!(list)).routes(routes!(get, put, delete))
             }
 
-            #[doc = concat!("Names of every ", $word, ".")]
-            #[utoipa::path(get, path = $all, summary = concat!("Names of every ", $word, "."), tag = "library", operation_id = concat!("list_", stringify!($module)), responses(
+            #[doc = concat!("Names of all ", stringify!($module), ".")]
+            #[utoipa::path(get, path = $all, summary = concat!("Names of all ", stringify!($module), "."), tag = "library", operation_id = concat!("list_", stringify!($module)), responses(
                 (status = 200, description = "the names", body = Names)
             ))]
             pub(crate) async fn list(app: Shared, caller: Caller) -> Result<Json<Names>, Problem> {
                 documents::list(&app, &caller, KIND).await.map(Json)
             }
 
-            #[doc = concat!("The text of a ", $word, ".")]
-            #[utoipa::path(get, path = $one, summary = concat!("The text of a ", $word, "."), tag = "library", operation_id = concat!("get_", stringify!($module)), params(("name" = String, Path)), responses(
+            #[doc = concat!("The text of ", $word, ".")]
+            #[utoipa::path(get, path = $one, summary = concat!("The text of ", $word, "."), tag = "library", operation_id = concat!("get_", stringify!($module)), params(("name" = String, Path)), responses(
                 (status = 200, description = "TOML", body = String, content_type = "application/toml", headers(("ETag" = String, description = "changes whenever the text does"))),
                 (status = 400, description = "invalid name", body = Problem, content_type = "application/problem+json"),
                 (status = 404, description = "not found", body = Problem, content_type = "application/problem+json")
@@ -220,11 +220,11 @@ macro_rules! documents {
                 documents::get(&app, &caller, KIND, &name).await
             }
 
-            #[doc = concat!("Stores a ", $word, " in the library, for your tenant.")]
+            #[doc = concat!("Stores ", $word, " in the library, for your tenant.")]
             ///
-            /// It is checked as if it were there already. Your own hides the server's of the same name. `If-None-Match: *` only creates,
-            /// `If-Match: ETAG` only replaces what one has seen.
-            #[utoipa::path(put, path = $one, summary = concat!("Stores a ", $word, " in the library, for your tenant."), tag = "library", operation_id = concat!("put_", stringify!($module)),
+            /// It is checked before it is stored. A document of your own hides the server's with the same name. `If-None-Match: *` only
+            /// creates, `If-Match: ETAG` only replaces that version.
+            #[utoipa::path(put, path = $one, summary = concat!("Stores ", $word, " in the library, for your tenant."), tag = "library", operation_id = concat!("put_", stringify!($module)),
                 params(
                     ("name" = String, Path, max_length = 64, pattern = "^[a-z0-9][a-z0-9._-]*$"), ("If-Match" = Option<String>, Header), ("If-None-Match" = Option<String>, Header)),
                 request_body(content = String, content_type = "application/toml"), responses(
@@ -249,8 +249,8 @@ macro_rules! documents {
                 documents::put(&app, &caller, KIND, &name, &headers, &text?).await
             }
 
-            #[doc = concat!("Removes a ", $word, " of your own from the library.")]
-            #[utoipa::path(delete, path = $one, summary = concat!("Removes a ", $word, " of your own from the library."), tag = "library", operation_id = concat!("delete_", stringify!($module)), params(("name" = String, Path)), responses(
+            #[doc = concat!("Removes ", $word, " of your own from the library.")]
+            #[utoipa::path(delete, path = $one, summary = concat!("Removes ", $word, " of your own from the library."), tag = "library", operation_id = concat!("delete_", stringify!($module)), params(("name" = String, Path)), responses(
                 (status = 204, description = "deleted"),
                 (status = 400, description = "invalid name", body = Problem, content_type = "application/problem+json"),
                 (status = 404, description = "you have no document with this name", body = Problem, content_type = "application/problem+json"),

@@ -35,7 +35,7 @@ pub(crate) struct StreamEvent {
 
 /// All events of a run, from the first or after `Last-Event-ID`, without gaps; ends after `ended`.
 ///
-/// Kinds: `queued`, `started`, `waiting`, `join` (parts from elsewhere are waited for), `progress`, `change` (truth or verdict), `recording`, `finished`, `requeued`, `ended`.
+/// Kinds: `queued`, `started`, `waiting`, `join` (waiting for external peers), `progress`, `change` (truth or verdict), `recording`, `finished`, `requeued`, `ended`.
 #[utoipa::path(get, path = "/api/v1/runs/{id}/events", tag = "runs", operation_id = "run_events",
     params(("id" = String, Path), ("Last-Event-ID" = Option<u64>, Header, description = "number of the last event received")),
     responses(

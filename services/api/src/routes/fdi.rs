@@ -169,7 +169,7 @@ pub(crate) struct FeedView {
     report_topic: Option<String>,
     /// Fields of a sample.
     fields: Vec<FieldView>,
-    /// Samples of a chunk, at most.
+    /// Maximum number of samples in a chunk.
     longest_chunk: usize,
     /// Chunks that may be sent again; they get the same answer.
     remembered_chunks: usize,
@@ -280,7 +280,7 @@ pub(crate) struct OpenSessions {
     items: Vec<SessionView>,
 }
 
-/// Your open sessions. Reading them keeps none alive.
+/// Your open sessions. Listing them does not keep them alive.
 #[utoipa::path(get, path = "/api/v1/fdi/sessions", tag = "fdi", operation_id = "list_fdi_sessions", responses(
     (status = 200, description = "the sessions", body = OpenSessions)
 ))]
@@ -332,7 +332,7 @@ pub(crate) async fn close(
 pub(crate) struct Place {
     /// Step of the chunk's first sample; each chunk continues where the one before ended.
     first_step: u64,
-    /// The steps between the last chunk and this one are lost for good. Without it a gap is refused.
+    /// The steps between the last chunk and this one are permanently lost. Without it a gap is rejected.
     #[serde(default)]
     #[param(default = false)]
     after_gap: bool,
@@ -346,9 +346,9 @@ fn problem(refusal: &Refusal) -> Problem {
     }
 }
 
-/// Takes a chunk of measurements and gives the verdicts of the windows that end in it.
+/// Accepts a chunk of measurements and returns the verdicts of the windows that end in it.
 ///
-/// The chunk is taken as a whole or refused as a whole. The last chunks may be sent again: they get the same answer.
+/// A chunk is accepted or rejected as a whole. Recent chunks may be sent again: they get the same response.
 #[utoipa::path(post, path = "/api/v1/fdi/sessions/{id}/measurements", tag = "fdi", operation_id = "feed_fdi_session", params(("id" = String, Path), Place),
     request_body(description = "samples at 400 Hz", content(
         (Vec<SampleBody> = "application/json"), (String = "application/x-ndjson"), (String = "text/csv"))),

@@ -52,10 +52,10 @@ pub(crate) struct Which {
     flight: bool,
 }
 
-/// Judges a flight log, uploaded or imported before: verdicts over time, the last word, what the log lacks.
+/// Runs the detectors on a flight log, uploaded or already imported: verdicts over time, final verdict, what the log lacks.
 ///
-/// The body is a log: canonical CSV or Parquet (what `rotortwin log import` writes), or an autopilot's. It is resampled to 400 Hz if it has
-/// another rate, and not kept.
+/// The body is a log: canonical CSV or Parquet (as written by `rotortwin log import`), or an autopilot's. A log with another rate is resampled
+/// to 400 Hz. It is not stored.
 #[utoipa::path(post, path = "/api/v1/fdi/reports", tag = "fdi", operation_id = "judge_log", params(Which),
     request_body(description = "the log, at most 128 MiB", content(
         (String = "text/csv"), (Vec<u8> = "application/vnd.apache.parquet"), (Vec<u8> = "application/octet-stream"))),
@@ -87,7 +87,7 @@ pub(crate) struct KnownTruth {
     /// Column of the log with the truth: 0 healthy, the damaged rotor, −1 several; `fault_label` of a run.
     truth_column: Option<String>,
     /// The truth as rows `time_s,rotor,loss`, several with `;` between them, such as `31.2,3,0.08;52,3,0`: from this time of the log on the rotor
-    /// has lost this share of its thrust; 0 is healed, nothing "unknown how much". A healthy log has `0,0,`.
+    /// has lost this share of its thrust; 0: recovered, empty: unknown size. A healthy log has `0,0,`.
     truth: Option<String>,
 }
 
@@ -97,11 +97,11 @@ pub(crate) struct ScoredReport {
     /// What the detectors say.
     #[schema(value_type = LogReport)]
     report: serde_json::Value,
-    /// How right that is.
+    /// Score of these verdicts.
     score: LogScore,
 }
 
-/// Judges a flight log whose truth is known, and scores the verdicts of all detectors.
+/// Runs the detectors on a flight log whose truth is known, and scores the verdicts of all detectors.
 ///
 /// As `POST /api/v1/fdi/reports`, with either `truth` or `truth_column`; definitions: docs/campaigns.md.
 #[utoipa::path(post, path = "/api/v1/fdi/scores", tag = "fdi", operation_id = "score_log", params(Which, KnownTruth),

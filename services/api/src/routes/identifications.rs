@@ -50,7 +50,7 @@ pub(crate) struct IdentificationSubmission {
     /// Frame, where the log does not say it, such as `quad-x` (numbers as in ArduPilot).
     #[schema(max_length = 40)]
     frame: Option<String>,
-    /// Take this frame also where the motion contradicts it; else it is refused, with the evidence.
+    /// Use this frame even if the motion contradicts it; otherwise it is rejected, with the evidence.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     trust_frame: bool,
     /// Capacity of the battery, A h.
@@ -208,7 +208,7 @@ pub(crate) async fn submit(
     draft.submit(&app, &caller, &headers, &body, Vec::new()).await
 }
 
-/// A vehicle that was left in the library.
+/// A vehicle stored in the library.
 #[derive(Debug, Serialize, ToSchema)]
 pub(crate) struct KeptVehicle {
     /// Its name under `/api/v1/vehicles`, and that of its blades under `/api/v1/blades`.

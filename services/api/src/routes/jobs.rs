@@ -34,11 +34,11 @@ pub(crate) struct JobView {
     kind: JobKind,
     /// Of the campaign, of the log, …
     name: String,
-    /// On whose account.
+    /// Its tenant.
     tenant: String,
     /// Its state.
     status: Status,
-    /// Larger goes first among the jobs of a tenant.
+    /// Jobs of a tenant with larger values run first.
     priority: i64,
     /// The request, in short.
     #[schema(value_type = JobFacts)]
@@ -53,9 +53,9 @@ pub(crate) struct JobView {
     started_ms: Option<i64>,
     /// ms since 1970, UTC.
     finished_ms: Option<i64>,
-    /// How often it was begun.
+    /// Number of attempts.
     attempts: i64,
-    /// Who has or had it.
+    /// Worker that does or did the job.
     worker: Option<String>,
     /// A cancellation has been requested.
     cancel_requested: bool,
@@ -110,20 +110,20 @@ pub(crate) struct ListQuery {
     pub(super) status: Option<Status>,
     /// Only those of this name.
     pub(super) name: Option<String>,
-    /// Only those made from this one: forks of a run, flights of a campaign, …
+    /// Only those derived from this one: forks of a run, flights of a campaign, …
     pub(super) parent: Option<String>,
-    /// Only those of this vehicle: runs by its name, logs by the name that was given when they were submitted.
+    /// Only those of this vehicle: runs by its name, logs by the name given on submission.
     pub(super) vehicle: Option<String>,
-    /// Only runs that the sequential detector ended with this verdict: 0 healthy, a rotor from 1, 100 i + j two rotors, −1 unknown fault,
+    /// Only runs with this final verdict of the sequential detector: 0 healthy, a rotor from 1, 100 i + j two rotors, −1 unknown fault,
     /// −2 not ready, −3 ambiguous.
     pub(super) verdict: Option<i32>,
-    /// Only those submitted then or later, ms since 1970, UTC.
+    /// Only those submitted at or after this time, ms since 1970, UTC.
     pub(super) from_ms: Option<i64>,
-    /// Only those submitted before, ms since 1970, UTC.
+    /// Only those submitted before this time, ms since 1970, UTC.
     pub(super) to_ms: Option<i64>,
-    /// `next` of the page before.
+    /// `next` of the previous page.
     pub(super) cursor: Option<String>,
-    /// Items a page, 1 to 1000.
+    /// Items per page, 1 to 1000.
     #[param(minimum = 1, maximum = 1000, default = 50)]
     pub(super) limit: Option<i64>,
 }

@@ -51,13 +51,13 @@ const ROWS: usize = 1000;
 #[into_params(parameter_in = Query)]
 #[serde(deny_unknown_fields)]
 pub(crate) struct Subscription {
-    /// Names with commas between them; one `*` in a name stands for anything (`duty_*`). All without it.
+    /// Comma-separated names; one `*` per name matches anything (`duty_*`). Default: all.
     #[param(example = "roll_rad,duty_*")]
     channels: Option<String>,
-    /// Most samples a second of wall clock, up to 100; 20 without it.
+    /// Maximum samples per second of wall clock, up to 100; default 20.
     #[param(minimum = 0.01, maximum = 100)]
     rate_hz: Option<f64>,
-    /// Begin with what is kept of the flight after this simulated time, s; 0: with all of it. Without it, with the next sample.
+    /// Start with the recorded samples after this simulated time, s; 0: all of them. Default: the next sample.
     from_s: Option<f64>,
 }
 
@@ -74,7 +74,7 @@ pub(crate) enum LiveMessage {
         status: String,
         /// In the order of the columns of the telemetry.
         channels: Vec<LiveChannel>,
-        /// Most samples a second of wall clock.
+        /// Maximum samples per second of wall clock.
         rate_hz: f64,
     },
     /// What was before, some rows at a time; `sample` continues after it without a gap.
@@ -85,7 +85,7 @@ pub(crate) enum LiveMessage {
         step: Vec<u64>,
         /// Values by channel, one a row; `null`: none.
         values: BTreeMap<String, Vec<Option<f64>>>,
-        /// The flight is long: only every so many samples were kept, evenly.
+        /// Thinning factor of a long flight: one of this many samples was kept.
         thinned: bool,
     },
     /// A row.
@@ -99,10 +99,10 @@ pub(crate) enum LiveMessage {
     },
     /// The client was too slow for some samples.
     Lost {
-        /// How many since the last such message.
+        /// Number since the last such message.
         count: u64,
     },
-    /// A message of the client makes no sense; all stays as it was.
+    /// A message of the client is invalid; the state is unchanged.
     Error {
         /// One sentence.
         detail: String,

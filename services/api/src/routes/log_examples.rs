@@ -70,7 +70,7 @@ pub(crate) struct ExampleSubmission {
     duration_s: Option<f64>,
 }
 
-/// Has an example log flown by the independent simulator, with something hidden in it or nothing: a log like any other.
+/// Generates an example log with the independent simulator, with or without a hidden effect: a log like any other.
 ///
 /// Nothing of the job says what is hidden; `GET /api/v1/logs/{id}/truth` reveals it.
 #[utoipa::path(post, path = "/api/v1/logs/generate", tag = "logs", operation_id = "generate_log", request_body = ExampleSubmission,
@@ -176,7 +176,7 @@ impl From<Truth> for HiddenTruth {
     }
 }
 
-/// Reveals what was hidden in an example log.
+/// Returns the hidden effects of an example log.
 #[utoipa::path(get, path = "/api/v1/logs/{id}/truth", tag = "logs", operation_id = "log_truth", params(("id" = String, Path)), responses(
     (status = 200, description = "the truth", body = HiddenTruth),
     (status = 400, description = "invalid id", body = Problem, content_type = "application/problem+json"),

@@ -57,7 +57,7 @@ pub(crate) struct Import {
     /// Import the readable part of a file whose checksum is wrong.
     #[serde(default)]
     damaged: bool,
-    /// Name of one of the server's vehicles to hold the log against: number and order of the rotors.
+    /// Name of one of the server's vehicles to check the log against: number and order of the rotors.
     vehicle: Option<String>,
 }
 
@@ -160,9 +160,9 @@ pub(crate) struct ImportAgain {
     /// Import the readable part of a file whose checksum is wrong.
     #[serde(default)]
     damaged: bool,
-    /// Name of one of the library's vehicles to hold the log against: number and order of the rotors.
+    /// Name of one of the library's vehicles to check the log against: number and order of the rotors.
     vehicle: Option<String>,
-    /// A mapping (TOML) whose rows go before the built-in ones of PX4, ArduPilot and Crazyflie logs: columns, units, axes, order of the motors.
+    /// A mapping (TOML) whose rows override the built-in ones of PX4, ArduPilot and Crazyflie logs: columns, units, axes, order of the motors.
     #[schema(max_length = 65_536)]
     mapping: Option<String>,
 }

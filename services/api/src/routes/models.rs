@@ -91,7 +91,7 @@ pub(crate) struct Undo {
 #[derive(Debug, Deserialize, Serialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub(crate) struct NewBranch {
-    /// Its name: as of a document, and none that could be taken for a version.
+    /// Its name: a valid document name that cannot be mistaken for a version.
     #[schema(min_length = 1, max_length = 64, pattern = "^[a-z0-9][a-z0-9._-]*$")]
     name: String,
     /// Where it begins: `v1`, or a branch; `main` without it.
@@ -166,7 +166,7 @@ pub(crate) async fn create(
     Ok((StatusCode::CREATED, [(header::LOCATION, location)], Json(history)).into_response())
 }
 
-/// All versions and branches of a model. A vehicle, or a single version that was left in the library, is version 0 of itself.
+/// All versions and branches of a model. A vehicle, or a single version in the library, is its own version 0.
 #[utoipa::path(get, path = "/api/v1/models/{name}/history", tag = "models", operation_id = "model_history", params(("name" = String, Path)), responses(
     (status = 200, description = "oldest first", body = ModelHistory),
     (status = 400, description = "invalid name", body = Problem, content_type = "application/problem+json"),
@@ -185,8 +185,8 @@ pub(crate) async fn history(
 
 /// Makes the next version of a model: with what a diagnosis found, or with an effect by hand.
 ///
-/// A vehicle of the library begins a model of its name by this. `If-Match: "HASH"` of the version that was looked at: who comes second gets
-/// 412, and has changed nothing.
+/// For a vehicle of the library, this starts a model with its name. With `If-Match: "HASH"` of the base version, a concurrent
+/// change is rejected with 412.
 #[utoipa::path(post, path = "/api/v1/models/{name}/versions", tag = "models", operation_id = "add_to_model", request_body = Addition,
     params(("name" = String, Path), ("If-Match" = Option<String>, Header, description = "content hash of the head of the branch")), responses(
     (status = 201, description = "created", body = AddedVersion, headers(
@@ -258,7 +258,7 @@ pub(crate) async fn add(
     Ok((StatusCode::CREATED, headers, Json(added)).into_response())
 }
 
-/// Puts a branch back to the version before. No version goes: a branch can be made at the one that was left.
+/// Moves a branch back to the previous version. No version is deleted: a branch can be made at the one left behind.
 #[utoipa::path(post, path = "/api/v1/models/{name}/undo", tag = "models", operation_id = "undo_model", request_body = Undo,
     params(("name" = String, Path), ("If-Match" = Option<String>, Header, description = "content hash of the head of the branch")), responses(
     (status = 200, description = "restored", body = UndoneVersion, headers(("ETag" = String, description = "content hash of its current version"))),

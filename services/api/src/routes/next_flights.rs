@@ -32,7 +32,7 @@ const SCENARIO: &str = "next-flight.toml";
 /// Where no models of a folder are named.
 const MODELS: &str = "models";
 
-/// Two effects that a flight could not tell apart.
+/// Two effects that a flight could not distinguish.
 #[derive(Debug, Deserialize, Serialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub(crate) struct NextFlightSubmission {

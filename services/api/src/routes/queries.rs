@@ -54,7 +54,7 @@ pub(crate) struct SqlQuery {
     /// Ids of blind benches.
     #[serde(default)]
     blind_benches: Vec<String>,
-    /// Rows of the answer, at most.
+    /// Maximum number of rows in the result.
     #[schema(minimum = 1, maximum = 100_000, default = 1000)]
     rows: Option<u32>,
 }
@@ -79,7 +79,7 @@ pub(crate) struct QueryAnswer {
     more: bool,
 }
 
-/// Answers SQL about the Parquet files of jobs that are done: 30 s (`--query-time`) and 32 MiB at most.
+/// Runs an SQL query over the Parquet files of done jobs: at most 30 s (`--query-time`) and 32 MiB.
 #[utoipa::path(post, path = "/api/v1/queries", tag = "queries", operation_id = "query", request_body = SqlQuery, responses(
     (status = 200, description = "the answer", body = QueryAnswer),
     (status = 400, description = "invalid body", body = Problem, content_type = "application/problem+json"),

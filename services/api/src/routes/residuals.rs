@@ -34,11 +34,11 @@ pub(crate) struct Interval {
     #[serde(default)]
     #[param(default = 0)]
     log: usize,
-    /// First time that counts, s.
+    /// Start of the interval, s.
     from_s: Option<f64>,
-    /// Last time that counts, s.
+    /// End of the interval, s.
     to_s: Option<f64>,
-    /// Most buckets of the answer; 900 without it. With as many as samples, each bucket is one.
+    /// Maximum number of buckets; default 900. With as many as samples, each bucket is one sample.
     #[param(minimum = 1, maximum = 20_000)]
     points: Option<usize>,
 }
@@ -54,11 +54,11 @@ pub(crate) struct OfChannel {
     #[serde(default)]
     #[param(default = 0)]
     log: usize,
-    /// First time that counts, s.
+    /// Start of the interval, s.
     from_s: Option<f64>,
-    /// Last time that counts, s.
+    /// End of the interval, s.
     to_s: Option<f64>,
-    /// Most buckets of the answer; 900 without it. With as many as samples, each bucket is one.
+    /// Maximum number of buckets; default 900. With as many as samples, each bucket is one sample.
     #[param(minimum = 1, maximum = 20_000)]
     points: Option<usize>,
 }

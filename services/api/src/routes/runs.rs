@@ -40,7 +40,7 @@ pub(crate) struct Run {
     name: String,
     /// Of the vehicle.
     vehicle: String,
-    /// On whose account.
+    /// Its tenant.
     tenant: String,
     /// Its state.
     status: Status,
@@ -64,11 +64,11 @@ pub(crate) struct Run {
     started_ms: Option<i64>,
     /// ms since 1970, UTC.
     finished_ms: Option<i64>,
-    /// How often it was begun.
+    /// Number of attempts.
     attempts: i64,
-    /// Who has or had it.
+    /// Worker that does or did the job.
     worker: Option<String>,
-    /// What the run waits for in the queue, apart from a free worker: its autopilot is busy or away. Not in lists.
+    /// What a queued run waits for besides a free worker: its autopilot is busy or away. Not in lists.
     waits_because: Option<String>,
     /// A cancellation has been requested.
     cancel_requested: bool,
@@ -188,7 +188,7 @@ pub(crate) async fn delete(
     jobs::delete(&app, &run).await
 }
 
-/// Stops a run: a queued one at once, a running one within about a second. What it has flown is kept.
+/// Cancels a run: a queued one at once, a running one within about a second. The part flown so far is kept.
 #[utoipa::path(post, path = "/api/v1/runs/{id}/cancel", tag = "runs", operation_id = "cancel_run", params(("id" = String, Path)), responses(
     (status = 202, description = "the job is being stopped", body = Run),
     (status = 400, description = "invalid id", body = Problem, content_type = "application/problem+json"),
@@ -218,7 +218,7 @@ pub(super) fn flight_of(run: &Job) -> Result<Flight, Problem> {
     }
 }
 
-/// How one part of a run joins it from elsewhere.
+/// How an external peer joins a run.
 #[derive(Debug, Serialize, Deserialize, ToSchema)]
 pub(crate) struct Ticket {
     /// `controller` or `fdi`.
@@ -229,9 +229,9 @@ pub(crate) struct Ticket {
     run_id: String,
     /// Version of the messages of `proto/` that the plant speaks.
     messages: u32,
-    /// The plant waits this long for all parts to join, ms from the event `join`.
+    /// Longest wait of the plant for all peers to join, ms from the event `join`.
     join_timeout_ms: u64,
-    /// The plant waits this long for the answer of a part that lives, ms.
+    /// Longest wait of the plant for the reply of a running peer, ms.
     step_timeout_ms: u64,
     /// What starts our own part there.
     command: String,
@@ -243,8 +243,8 @@ pub(crate) struct Tickets {
     peers: Vec<Ticket>,
 }
 
-/// How parts from elsewhere join a run: endpoint, run id, message version, time-outs. There once the plant waits (event `join`). For tokens
-/// with the scope `write`: whoever has a ticket can fly the run.
+/// How external peers join a run: endpoint, run id, message version, time-outs. Available once the plant is waiting (event `join`).
+/// Requires the scope `write`: anyone with a ticket can fly the run.
 #[utoipa::path(get, path = "/api/v1/runs/{id}/ticket", tag = "runs", operation_id = "get_run_ticket", params(("id" = String, Path)), responses(
     (status = 200, description = "how the peers join", body = Tickets),
     (status = 400, description = "invalid id", body = Problem, content_type = "application/problem+json"),

@@ -25,7 +25,7 @@ pub(crate) struct Asked {
     vehicle: String,
     /// Rotor, from 1, of an effect of one rotor; 1 without it.
     rotor: Option<usize>,
-    /// Values as `name:value` with commas between them; typical ones without them.
+    /// Comma-separated `name:value`; default: typical values.
     #[param(example = "drag_n_s_m:0.3")]
     parameters: Option<String>,
     /// Manoeuvre to fly; without it all are flown and the one that shows the effect best is used.

@@ -24,7 +24,7 @@ pub(crate) async fn healthz() -> &'static str {
     "alive\n"
 }
 
-/// Database and store of files answer, the disk has room, and runs are accepted.
+/// The database and the file store respond, the disk has room, and runs are accepted.
 #[utoipa::path(get, path = "/readyz", tag = "server", responses(
     (status = 200, description = "ready", body = String),
     (status = 503, description = "the server is shutting down, its disk is full, or its database or file store does not respond", body = Problem, content_type = "application/problem+json")
@@ -67,26 +67,26 @@ fn has_room(data: &std::path::Path) -> std::io::Result<()> {
     file.sync_data()
 }
 
-/// What the caller's account may have, and has.
+/// Limits and usage of the caller's tenant.
 #[derive(Debug, Serialize, ToSchema)]
 pub(crate) struct Limits {
-    /// Bytes of a flight log that is uploaded, at most.
+    /// Maximum size of an uploaded flight log, bytes.
     largest_log: u64,
-    /// Bytes of a flight log that is judged at once and not kept, at most.
+    /// Maximum size of a flight log that is judged directly and not stored, bytes.
     largest_judged_log: u64,
-    /// Bytes of all files, at most.
+    /// Maximum size of all files, bytes.
     most_bytes: u64,
-    /// Bytes of all files now.
+    /// Current size of all files, bytes.
     bytes: i64,
-    /// Jobs that wait or run, at most.
+    /// Maximum number of queued and running jobs.
     most_open_jobs: u32,
-    /// Jobs that wait or run now.
+    /// Jobs queued or running now.
     open_jobs: i64,
-    /// Length of a flight, s of simulated time, at most.
+    /// Longest flight, s of simulated time.
     longest_flight_s: f64,
 }
 
-/// What is refused, so that a client need not send it.
+/// Limits of this server, so that clients can check before sending.
 #[utoipa::path(get, path = "/api/v1/limits", tag = "server", operation_id = "limits", responses(
     (status = 200, description = "of the caller's tenant", body = Limits)
 ))]
@@ -108,12 +108,12 @@ pub(crate) async fn limits(State(app): State<Arc<App>>, caller: Caller) -> Resul
 #[into_params(parameter_in = Query)]
 #[serde(deny_unknown_fields)]
 pub(crate) struct Counted {
-    /// Open jobs by account, too; for tokens that see everybody's jobs.
+    /// Include open jobs by tenant; requires a token that sees the jobs of all tenants.
     #[serde(default)]
     tenants: bool,
 }
 
-/// Numbers for Prometheus: jobs, the age of the queue, and how long requests took.
+/// Metrics for Prometheus: jobs, the age of the queue, and request durations.
 #[utoipa::path(get, path = "/metrics", tag = "server", params(Counted), responses(
     (status = 200, description = "Prometheus text format", body = String),
     (status = 400, description = "malformed request", body = Problem, content_type = "application/problem+json"),

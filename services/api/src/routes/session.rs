@@ -28,11 +28,11 @@ pub(crate) struct SignIn {
 /// The caller, and whether authentication is required.
 #[derive(Debug, Serialize, ToSchema)]
 pub(crate) struct SignedIn {
-    /// Everybody needs a token.
+    /// True if every request needs a token.
     needs_token: bool,
     /// The caller is known.
     signed_in: bool,
-    /// On whose account.
+    /// Its tenant.
     tenant: Option<String>,
     /// `read`, `write`, `admin`.
     scopes: Vec<&'static str>,
@@ -109,7 +109,7 @@ pub(crate) async fn sign_in(app: Shared, body: Result<JsonObject<SignIn>, Proble
     Ok(([set], Json(SignedIn::of(&token))).into_response())
 }
 
-/// Signs out: the session is over, here and in the browser.
+/// Signs out: ends the session on the server and in the browser.
 #[utoipa::path(delete, path = "/api/v1/session", tag = "server", operation_id = "sign_out", responses(
     (status = 204, description = "nobody is signed in")
 ))]

@@ -57,7 +57,7 @@ pub(crate) struct Submission {
     /// As fast as possible, or 400 steps per second of wall clock.
     #[serde(default)]
     pace: Pace,
-    /// From −100 to 100; larger goes first.
+    /// From −100 to 100; larger values run first.
     #[serde(default)]
     #[schema(minimum = -100, maximum = 100)]
     priority: i64,
@@ -68,15 +68,15 @@ pub(crate) struct Submission {
     /// Who detects: as for the controller.
     #[serde(default)]
     fdi: Place,
-    /// Parts that are not with the plant are awaited this long, ms.
+    /// Longest wait for external peers, ms.
     #[serde(default = "join_timeout")]
     #[schema(minimum = 1, maximum = 3_600_000)]
     join_timeout_ms: u64,
-    /// It fails when an attempt takes longer, s of wall time; by default 6 h.
+    /// Time limit of an attempt, s of wall time; default 6 h.
     #[serde(default)]
     #[schema(minimum = 1, maximum = 86_400)]
     max_wall_s: Option<u64>,
-    /// It is refused when the flight would take longer, s of simulated time.
+    /// Longest flight to accept, s of simulated time.
     #[serde(default)]
     max_sim_s: Option<f64>,
 }
@@ -323,7 +323,7 @@ fn check_places(body: &Submission) -> Result<(), Problem> {
     Ok(())
 }
 
-/// What is to be different in a fork.
+/// Changes for a fork.
 #[derive(Debug, Default, Deserialize, Serialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub(crate) struct Fork {
@@ -333,13 +333,13 @@ pub(crate) struct Fork {
     /// Seed of all noise; by default that of the run.
     #[serde(default)]
     seed: Option<u64>,
-    /// From −100 to 100; larger goes first.
+    /// From −100 to 100; larger values run first.
     #[serde(default)]
     #[schema(minimum = -100, maximum = 100)]
     priority: i64,
 }
 
-/// Submits the same flight again with a difference.
+/// Submits the same flight with changed settings.
 #[utoipa::path(post, path = "/api/v1/runs/{id}/fork", tag = "runs", operation_id = "fork_run", request_body = Fork,
     params(("id" = String, Path), ("Idempotency-Key" = Option<String>, Header)), responses(
     (status = 202, description = "accepted", body = Run),

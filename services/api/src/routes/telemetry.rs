@@ -121,15 +121,15 @@ pub(crate) async fn channels(
 #[derive(Debug, Deserialize, IntoParams)]
 #[into_params(parameter_in = Query)]
 pub(crate) struct Selection {
-    /// Names with commas between them; one `*` in a name stands for anything (`duty_*`). The time is always given.
+    /// Comma-separated names; one `*` per name matches anything (`duty_*`). The time is always included.
     #[param(example = "roll_rad,duty_*")]
     channels: String,
-    /// First time that counts, s; from the start without it.
+    /// Start of the interval, s; default: the start of the flight.
     from_s: Option<f64>,
-    /// Last time that counts, s; to the end without it.
+    /// End of the interval, s; default: the end of the flight.
     to_s: Option<f64>,
-    /// Most rows of the answer, from 2; 2000 without it. If the interval has more, each two rows stand for a bucket of samples: least and
-    /// largest value in the order in which they came.
+    /// Maximum number of rows, at least 2; default 2000. If the interval has more, each pair of rows represents a bucket of samples: its smallest and
+    /// largest value in the order in which they occurred.
     #[param(minimum = 2)]
     points: Option<usize>,
     /// By default what `Accept` says, or JSON.
@@ -214,7 +214,7 @@ pub(crate) async fn telemetry(
 #[derive(Debug, Deserialize, IntoParams)]
 #[into_params(parameter_in = Query)]
 pub(crate) struct Runs {
-    /// Ids with commas between them, at most 100.
+    /// Comma-separated ids, at most 100.
     runs: String,
 }
 

@@ -80,11 +80,11 @@ pub(crate) struct TwinSubmission {
     /// Improvement: flights that no fit sees, as proof.
     #[serde(default)]
     held_out: Option<Flights>,
-    /// From −100 to 100; larger goes first.
+    /// From −100 to 100; larger values run first.
     #[serde(default)]
     #[schema(minimum = -100, maximum = 100)]
     priority: i64,
-    /// It fails when an attempt takes longer, s of wall time; by default 6 h.
+    /// Time limit of an attempt, s of wall time; default 6 h.
     #[serde(default)]
     #[schema(minimum = 1, maximum = 86_400)]
     max_wall_s: Option<u64>,

@@ -50,7 +50,7 @@ pub(crate) struct Verification {
     recorded: String,
     /// Of the second execution, in one process.
     again: String,
-    /// Why they need not be equal: an external controller flew the run, and ours flew it again. Absent where nobody else flew.
+    /// Why the hashes may differ: an external controller flew the run, and ours the second execution. Absent otherwise.
     #[serde(skip_serializing_if = "Option::is_none")]
     note: Option<String>,
     /// How long it took with its time in the queue, ms.
@@ -59,7 +59,7 @@ pub(crate) struct Verification {
     job: String,
 }
 
-/// Flies a run that was done again, in one process, and compares the run hash: a job in the queue; the answer comes when it has ended.
+/// Flies a done run a second time, in one process, and compares the run hash. This is a queued job; the response comes when it has ended.
 #[utoipa::path(post, path = "/api/v1/runs/{id}/verify", tag = "runs", operation_id = "verify_run",
     params(("id" = String, Path), ("Idempotency-Key" = Option<String>, Header, description = "a retry with the same key waits for the same job")), responses(
     (status = 200, description = "compared", body = Verification),
