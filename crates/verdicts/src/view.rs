@@ -3,6 +3,7 @@
 use rotortwin_fdi_session::validity::{CANNOT_JUDGE, Obstacle};
 use rotortwin_fdi_session::{Answer, Calibration, Window};
 use rotortwin_flight_core::MAX_ROTORS;
+use rotortwin_flight_core::fdi::verdict_code::{AMBIGUOUS, HEALTHY, UNKNOWN};
 use rotortwin_scenario::Detectors;
 use rotortwin_wire::frames::{FdiReport, LossEstimate, MAX_HYPOTHESES};
 use serde::Serialize;
@@ -121,9 +122,9 @@ impl VerdictView {
     pub fn of(code: i32) -> Self {
         let number = code.unsigned_abs();
         let (verdict, rotors) = match code {
-            0 => (VerdictKind::Healthy, Vec::new()),
-            -1 => (VerdictKind::Unknown, Vec::new()),
-            -3 => (VerdictKind::Ambiguous, Vec::new()),
+            HEALTHY => (VerdictKind::Healthy, Vec::new()),
+            UNKNOWN => (VerdictKind::Unknown, Vec::new()),
+            AMBIGUOUS => (VerdictKind::Ambiguous, Vec::new()),
             1..100 => (VerdictKind::Faulty, vec![number]),
             100.. => (VerdictKind::FaultyPair, vec![number / 100, number % 100]),
             CANNOT_JUDGE => (VerdictKind::CannotJudge, Vec::new()),
