@@ -1217,7 +1217,7 @@ def branches(browser: Browser) -> None:
     step.get_by_role("button", name="Branch from v0").click()
     step.get_by_label("Name of the branch").fill("v7")
     step.get_by_role("button", name="Begin it").click()
-    step.locator(".say.bad", has_text="could be taken for a version").wait_for()
+    step.locator(".say.bad", has_text="could be mistaken for a version").wait_for()
     step.get_by_label("Name of the branch").fill("other-way")
     step.get_by_role("button", name="Begin it").click()
     choice = step.locator("label", has_text=re.compile("^Branch")).locator("select")

@@ -65,7 +65,7 @@ const MOST_DEVIATIONS: f32 = 8.0;
 /// Below this share of the limit, for [`CALM_WINDOWS`], the model explains the motion again.
 const CALM_SHARE: f32 = 0.6;
 const CALM_WINDOWS: u16 = 8;
-/// Unexplained for more windows in a row, the filters have learnt nonsense: the calibration begins again.
+/// Unexplained for more windows in a row, the filters have learnt something wrong: the calibration begins again.
 const SPOILT_WINDOWS: u16 = 16;
 
 /// The code of a verdict that would mean nothing, in JSON and in reports on logs; messages have [`NOT_READY`] and a note, as those who read them

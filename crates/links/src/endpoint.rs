@@ -249,8 +249,8 @@ impl Other {
 }
 
 #[cold]
-fn nonsense(role: Role, step: u64, reason: impl ToString) -> LinkError {
-    LinkError::Nonsense {
+fn protocol_violation(role: Role, step: u64, reason: impl ToString) -> LinkError {
+    LinkError::ProtocolViolation {
         role,
         step,
         reason: reason.to_string(),
@@ -355,7 +355,7 @@ impl<E: Endpoint> EndpointLink<E> {
                     return Ok(());
                 }
                 if step > expected {
-                    return Err(nonsense(
+                    return Err(protocol_violation(
                         Role::Controller,
                         step,
                         format!("the plant is only at step {expected}"),
@@ -363,7 +363,7 @@ impl<E: Endpoint> EndpointLink<E> {
                 }
                 let command = command.canonical();
                 convert::check_command(&command, self.rotor_count)
-                    .map_err(|error| nonsense(Role::Controller, step, error))?;
+                    .map_err(|error| protocol_violation(Role::Controller, step, error))?;
                 self.controller.last_step = Some(step);
                 self.command = Some(command);
             }
@@ -373,17 +373,18 @@ impl<E: Endpoint> EndpointLink<E> {
                     return Ok(());
                 }
                 if step > self.reported {
-                    return Err(nonsense(
+                    return Err(protocol_violation(
                         Role::Fdi,
                         step,
                         format!("the report of step {} never arrived", self.reported),
                     ));
                 }
                 if step >= self.sent {
-                    return Err(nonsense(Role::Fdi, step, "the plant has not begun this step"));
+                    return Err(protocol_violation(Role::Fdi, step, "the plant has not begun this step"));
                 }
                 let report = report.canonical();
-                convert::check_report(&report, self.rotor_count).map_err(|error| nonsense(Role::Fdi, step, error))?;
+                convert::check_report(&report, self.rotor_count)
+                    .map_err(|error| protocol_violation(Role::Fdi, step, error))?;
                 self.fdi.last_step = Some(step);
                 self.fdi.last_heard = self.clock;
                 self.reported += 1;
@@ -522,7 +523,7 @@ impl<E: Endpoint> EndpointLink<E> {
 impl<E: Endpoint> PlantLink for EndpointLink<E> {
     fn open(&mut self, setup: &RunSetup) -> Result<(), LinkError> {
         if setup.run_id == 0 || setup.run_id != self.endpoint.run_id() {
-            return Err(nonsense(
+            return Err(protocol_violation(
                 Role::Plant,
                 0,
                 format!(
@@ -570,7 +571,7 @@ impl<E: Endpoint> PlantLink for EndpointLink<E> {
     fn exchange(&mut self, sensors: &SensorFrame) -> Result<CommandFrame, LinkError> {
         let step = sensors.stamp.step;
         if step != self.sent || sensors.stamp.run_id != self.endpoint.run_id() {
-            return Err(nonsense(
+            return Err(protocol_violation(
                 Role::Plant,
                 step,
                 format!("step {} of this run was due", self.sent),
@@ -888,7 +889,7 @@ impl<'a, E: Endpoint> Peer<'a, E> {
             return Ok(false);
         }
         if step > expected {
-            return Err(nonsense(
+            return Err(protocol_violation(
                 sender,
                 step,
                 format!("{what} of step {expected} never arrived"),
@@ -936,7 +937,7 @@ pub fn serve_controller<E: Endpoint>(
                     continue;
                 }
                 let sensors = sensors.canonical();
-                convert::check_sensors(&sensors).map_err(|error| nonsense(Role::Plant, step, error))?;
+                convert::check_sensors(&sensors).map_err(|error| protocol_violation(Role::Plant, step, error))?;
                 let mut command = controller.step(&sensors);
                 command.stamp = sensors.stamp;
                 peer.steps += 1;
@@ -989,7 +990,7 @@ pub fn serve_fdi<E: Endpoint>(
                     continue;
                 }
                 let sensors = sensors.canonical();
-                convert::check_sensors(&sensors).map_err(|error| nonsense(Role::Plant, step, error))?;
+                convert::check_sensors(&sensors).map_err(|error| protocol_violation(Role::Plant, step, error))?;
                 sensors_waiting.push_back(sensors);
             }
             Some(Packet::Command(command)) => {
@@ -999,7 +1000,7 @@ pub fn serve_fdi<E: Endpoint>(
                 }
                 let command = command.canonical();
                 convert::check_command(&command, rotor_count)
-                    .map_err(|error| nonsense(Role::Controller, step, error))?;
+                    .map_err(|error| protocol_violation(Role::Controller, step, error))?;
                 commands_waiting.push_back(command);
             }
             Some(Packet::Finish(finish)) if finish.run_id == peer.endpoint.run_id() => {
@@ -1038,7 +1039,7 @@ pub fn serve_fdi<E: Endpoint>(
 
 /// A message that could not be decoded, attributed to its sender.
 pub fn malformed(sender: Role, step: u64, error: &ConvertError) -> LinkError {
-    nonsense(sender, step, error)
+    protocol_violation(sender, step, error)
 }
 
 #[cfg(test)]

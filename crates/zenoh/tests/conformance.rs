@@ -1315,7 +1315,7 @@ fn strays_are_ignored<T: Transport>() {
     });
     let plant = place.end(Role::Plant, run).expect("the place exists");
     let error = expect_err(fly(&mut EndpointLink::new(plant, PATIENT), run, 200, Delays::NONE));
-    let LinkError::Nonsense {
+    let LinkError::ProtocolViolation {
         role: Role::Controller,
         step: 8,
         ..
@@ -1382,7 +1382,7 @@ fn nonsense_is_named<T: Transport>() {
     };
     let (plant, controller, fdi) = flight(&place, 100, window(0, 1), bad(), Folding::new());
     let error = expect_err(plant);
-    let LinkError::Nonsense {
+    let LinkError::ProtocolViolation {
         role: Role::Controller,
         step: 7,
         reason,
@@ -1402,7 +1402,7 @@ fn nonsense_is_named<T: Transport>() {
 
     let (plant, _, fdi) = flight(&place, 100, window(0, 1), Folding::new(), bad());
     let error = expect_err(plant);
-    let LinkError::Nonsense {
+    let LinkError::ProtocolViolation {
         role: Role::Fdi,
         step: 7,
         reason,
@@ -1607,7 +1607,7 @@ mod in_process {
             ..Folding::new()
         };
         let error = expect_err(fly(&mut InProcessLink::new(bad, Folding::new()), 1, 10, Delays::NONE));
-        let LinkError::Nonsense {
+        let LinkError::ProtocolViolation {
             role: Role::Controller,
             step: 7,
             reason,

@@ -185,7 +185,7 @@ impl Attempt {
 
 /// A span around a request; it continues the client's trace, if given.
 pub(crate) async fn request(State(app): State<Arc<App>>, request: Request, next: Next) -> Response {
-    let Some(Exporting { tracer, .. }) = &app.shop.traces.0 else {
+    let Some(Exporting { tracer, .. }) = &app.context.traces.0 else {
         return next.run(request).await;
     };
     let context = begun(tracer, &request);

@@ -616,8 +616,8 @@ fn answer_times(report: &mut Report, answers: &[Duration], demands: &Demands) {
 fn blame(error: &LinkError) -> Option<Suspicion> {
     let of_controller = |role: &Role| *role == Role::Controller;
     let (fault, field, sentence) = match error {
-        LinkError::Nonsense { role, reason, .. } if of_controller(role) => {
-            let (fault, sentence) = nonsense(reason);
+        LinkError::ProtocolViolation { role, reason, .. } if of_controller(role) => {
+            let (fault, sentence) = protocol_violation(reason);
             (fault, "MotorCommand", sentence)
         }
         LinkError::PeerSilent { role, last_step, .. } if of_controller(role) => {
@@ -640,7 +640,7 @@ fn blame(error: &LinkError) -> Option<Suspicion> {
 }
 
 /// What is wrong with an answer that the link rejected, from the message of its check.
-fn nonsense(reason: &str) -> (Fault, String) {
+fn protocol_violation(reason: &str) -> (Fault, String) {
     if reason.contains("the plant is only at step") {
         return (Fault::MissedStep, "it answers a step that was not requested".to_owned());
     }

@@ -85,7 +85,7 @@ pub(crate) async fn events(
     };
     let watcher = Watcher {
         news,
-        ending: app.shop.ending.subscribe(),
+        ending: app.context.ending.subscribe(),
         tenant: caller.tenant_filter().map(str::to_owned),
         app: Arc::clone(&app),
         place,

@@ -70,7 +70,7 @@ pub(super) fn of(app: &Arc<App>, job: &Job, headers: &HeaderMap) -> Result<Respo
     let watcher = Watcher {
         // Subscribed before the first look: what comes between is seen by one or the other.
         news: app.database.hub.watch(&job.id),
-        ending: app.shop.ending.subscribe(),
+        ending: app.context.ending.subscribe(),
         app: Arc::clone(app),
         id: job.id.clone(),
         last,

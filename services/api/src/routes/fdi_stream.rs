@@ -48,7 +48,7 @@ pub(crate) async fn stream(
 }
 
 async fn serve(app: Arc<App>, entry: Arc<Entry>, mut socket: WebSocket) {
-    let mut ending = app.shop.ending.subscribe();
+    let mut ending = app.context.ending.subscribe();
     loop {
         let (code, reason) = tokio::select! {
             message = tokio::time::timeout(app.fdi.idle(), socket.recv()) => match message {

@@ -286,7 +286,7 @@ pub(super) async fn admit(app: &App, mut new: NewJob) -> Result<(Job, bool), Pro
             1 + new.parts.len()
         )));
     }
-    app.shop.traces.carry(&mut new);
+    app.context.traces.carry(&mut new);
     match app.database.submit(&new).await? {
         Submitted::New(job) => Ok((*job, true)),
         Submitted::Before(job) => Ok((*job, false)),

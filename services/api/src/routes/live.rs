@@ -291,7 +291,7 @@ impl Watcher {
         past: Past,
         mut samples: Receiver<Arc<LiveSample>>,
     ) -> Result<(), Gone> {
-        let mut ending = self.app.shop.ending.subscribe();
+        let mut ending = self.app.context.ending.subscribe();
         let mut look = tokio::time::interval(LOOK);
         send(socket, &self.selection.start(&self.run)).await?;
         self.catch_up(socket, &past).await?;

@@ -258,7 +258,7 @@ pub(crate) fn router(app: Arc<App>) -> Router {
             crate::browsers::guard,
         ))
         .layer(axum::middleware::from_fn(crate::browsers::mark));
-    let router = if app.shop.traces.are_on() {
+    let router = if app.context.traces.are_on() {
         let traced = axum::middleware::from_fn_with_state(Arc::clone(&app), crate::traces::request);
         router.layer(traced)
     } else {

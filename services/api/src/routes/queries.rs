@@ -34,7 +34,7 @@ const MEMORY_MB: u64 = 512;
 /// How the sentence begins that says that this host has no engine (`MISSING` of the command).
 const NO_ENGINE: &str = "SQL over results needs";
 /// How the sentences begin that say that it took too long, or more memory than it may.
-const TOO_LONG: &str = "the query took longer than";
+const TOO_LONG: &str = "the query exceeded";
 const TOO_LARGE: &str = "the query process ended without a result";
 
 /// A query, and whose files it is about.

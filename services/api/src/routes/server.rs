@@ -44,7 +44,7 @@ pub(crate) async fn readyz(State(app): State<Arc<App>>) -> Result<String, Proble
         .map_err(|error| Problem::unavailable(format!("the data folder is not writable: {error}")))?;
     match tokio::time::timeout(STORE_PATIENCE, app.artifacts.ping()).await {
         // A cluster that does not answer keeps only parts waiting, and their nodes have to find this server all the same.
-        Ok(Ok(())) => Ok(match &app.shop.ray {
+        Ok(Ok(())) => Ok(match &app.context.ray {
             None => "ready\n".to_owned(),
             Some(ray) => format!("ready\n{}\n", ray.in_short()),
         }),
@@ -171,7 +171,7 @@ fn numbers(
          # HELP rotortwin_workers Maximum number of jobs that this process does at the same time.\n\
          # TYPE rotortwin_workers gauge\nrotortwin_workers {workers}"
     )?;
-    if let Some(ray) = &app.shop.ray {
+    if let Some(ray) = &app.context.ray {
         let (pending, running) = ray.parts();
         let up = u8::from(ray.is_up());
         writeln!(

@@ -170,7 +170,7 @@ fn note_of_others(run: &Job) -> Option<String> {
 async fn ended(app: &App, id: &str) -> Result<Job, Problem> {
     let begun = tokio::time::Instant::now();
     let mut news = app.database.hub.watch(id);
-    let mut ending = app.shop.ending.subscribe();
+    let mut ending = app.context.ending.subscribe();
     loop {
         let gone = || Problem::not_found(format!("the verification {id} was deleted"));
         let job = app.database.get(id).await?.ok_or_else(gone)?;

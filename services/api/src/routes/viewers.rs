@@ -98,7 +98,7 @@ impl Show {
         past: Past,
         mut samples: Receiver<Arc<LiveSample>>,
     ) -> Result<(), Gone> {
-        let mut ending = self.app.shop.ending.subscribe();
+        let mut ending = self.app.context.ending.subscribe();
         let mut look = tokio::time::interval(LOOK);
         send(socket, Message::text(protocol::server_info(name, &self.run.id))).await?;
         send(socket, Message::text(protocol::advertise())).await?;
