@@ -8,7 +8,7 @@
 //! The logs themselves are not kept: they would be a hundred times as large as all else, and the generator writes the same one again.
 
 use super::facts::{ExampleFacts, JobFacts};
-use super::jobs::{self, JobView, LARGEST_PAGE, Shared, Terms};
+use super::jobs::{self, JobView, Shared, Terms};
 use super::log_examples::HiddenTruth;
 use super::results::DiagnosisResult;
 use super::tasks::{Draft, OUT, done};
@@ -182,13 +182,7 @@ pub(crate) async fn list(
 ) -> Result<Json<BlindCasePage>, Problem> {
     let Path(id) = id?;
     let Query(query) = query?;
-    let limit = query.limit.unwrap_or(50);
-    if !(1..=LARGEST_PAGE).contains(&limit) {
-        return Err(Problem::bad_request(format!(
-            "`limit` is {limit}; expected 1 to {LARGEST_PAGE}"
-        )));
-    }
-    let limit = usize::try_from(limit).unwrap_or(usize::MAX);
+    let limit = usize::from(jobs::page_size(query.limit)?);
     let bench = done(&app, &caller, JobKind::BlindBench, &id).await?;
     let wanted = rows_of(&app, &bench).await?.into_iter().filter(|row| {
         let (hidden, named) = cell(row);

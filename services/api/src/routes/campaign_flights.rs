@@ -5,7 +5,7 @@
 //!                                       POST …/flights/{n}/run ───▶ a run with the seed and scenario of flight n: the same run hash
 //! ```
 
-use super::jobs::{self, LARGEST_PAGE, Shared};
+use super::jobs::{self, Shared};
 use super::runs::Run;
 use super::submissions;
 use super::tasks::{LIBRARY, done};
@@ -221,15 +221,9 @@ pub(crate) async fn list(
 ) -> Result<Json<CampaignFlightPage>, Problem> {
     let Path(id) = id?;
     let Query(query) = query?;
-    let limit = query.limit.unwrap_or(50);
-    if !(1..=LARGEST_PAGE).contains(&limit) {
-        return Err(Problem::bad_request(format!(
-            "`limit` is {limit}; expected 1 to {LARGEST_PAGE}"
-        )));
-    }
+    let limit = usize::from(jobs::page_size(query.limit)?);
     let wanted = Wanted::of(&query)?;
     let campaign = done(&app, &caller, JobKind::Campaign, &id).await?;
-    let limit = usize::try_from(limit).unwrap_or(usize::MAX);
     let (mut items, next) = page_of(&app, &campaign, wanted, query.cursor.unwrap_or(0), limit).await?;
     let runs = runs_of(&app, &caller, &id).await?;
     for item in &mut items {
