@@ -54,6 +54,14 @@ def ask(connection, method, path, body=None):
     return json.loads(text)
 
 
+def ended(connection, run, pause_s):
+    """The run once it is neither queued nor running."""
+    while run["status"] in ("queued", "running"):
+        time.sleep(pause_s)
+        run = ask(connection, "GET", f"/api/v1/runs/{run['id']}")
+    return run
+
+
 def percentile(values, share):
     values = sorted(values)
     return values[min(len(values) - 1, int(share * len(values)))]
@@ -91,9 +99,7 @@ def start_latency(program, folder, count):
     delays = []
     for seed in range(count):
         run = ask(connection, "POST", "/api/v1/runs", {"scenario": "short-hover", "seed": seed, "link": "in-process"})
-        while run["status"] in ("queued", "running"):
-            time.sleep(0.002)
-            run = ask(connection, "GET", f"/api/v1/runs/{run['id']}")
+        run = ended(connection, run, 0.002)
         delays.append(run["started_ms"] - run["submitted_ms"])
     server.stop()
     print(f"submission to start, idle worker, {count} runs: median {percentile(delays, 0.5)} ms, p99 {percentile(delays, 0.99)} ms")
@@ -129,9 +135,7 @@ def tables(program, folder, count):
     server = Server(program, data, "--workers", "1")
     connection = server.connection()
     run = ask(connection, "POST", "/api/v1/runs", {"scenario": "reference-flight", "link": "in-process"})
-    while run["status"] in ("queued", "running"):
-        time.sleep(0.05)
-        run = ask(connection, "GET", f"/api/v1/runs/{run['id']}")
+    run = ended(connection, run, 0.05)
     server.stop()
     database = sqlite3.connect(data / "rotortwin.sqlite")
     columns = [row[1] for row in database.execute("PRAGMA table_info(job)")]

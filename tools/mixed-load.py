@@ -31,11 +31,11 @@ from collections import Counter
 from collections.abc import Callable
 from pathlib import Path
 
-ROOT = Path(__file__).resolve().parents[1]
+from served import ROOT, serve
+
 sys.path.insert(0, str(ROOT / "clients/python/src"))
 from rotortwin import Client, RotortwinError  # noqa: E402
 
-PROGRAM = os.environ.get("ROTORTWIN_PROGRAM", str(ROOT / "target/release/rotortwin-network"))
 #: An hour may add so much, before the script says that something grows.
 MOST_AN_HOUR = {"memory, MB": 8.0, "descriptors": 4.0, "threads": 4.0}
 SAMPLE_S = 10.0
@@ -245,15 +245,10 @@ def main() -> int:
     seed = int(sys.argv[2]) if len(sys.argv) > 2 else 1
     with tempfile.TemporaryDirectory(prefix="rotortwin-mixed-load-") as scratch:
         data = Path(scratch) / "data"
-        command = [PROGRAM, "serve", "--listen", "127.0.0.1:0", "--data", str(data), "--rate", "1000000"]
-        server = subprocess.Popen(command, env=os.environ | {"ROTORTWIN_PYTHON": sys.executable}, stdout=subprocess.PIPE, stdin=subprocess.DEVNULL, text=True)
+        server, url = serve(data, ["--rate", "1000000"])
         try:
-            line = server.stdout.readline()
-            found = re.search(r"http://[\d.]+:\d+", line)
-            if not found:
-                sys.exit(f"the server did not say where it serves: {line!r}")
             time.sleep(1.0)
-            return watch(server, Load(found[0], seed, Path(scratch)), data, minutes)
+            return watch(server, Load(url, seed, Path(scratch)), data, minutes)
         finally:
             server.send_signal(signal.SIGTERM)
             server.wait(timeout=60)

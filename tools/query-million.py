@@ -12,7 +12,6 @@ Python in the folder where the server keeps them, HTTP and the client by the ids
 Memory is the largest sum over the processes that answer, looked up every 5 ms: children of the server, or the command or Python with theirs.
 """
 
-import json
 import os
 import statistics
 import subprocess
@@ -20,18 +19,16 @@ import sys
 import tempfile
 import threading
 import time
-import urllib.error
-import urllib.request
 from collections.abc import Callable
 from pathlib import Path
 
 import duckdb
 
-ROOT = Path(__file__).resolve().parents[1]
+from served import PROGRAM, ROOT, ask, serve, wait
+
 sys.path.insert(0, str(ROOT / "clients/python/src"))
 import rotortwin  # noqa: E402
 
-PROGRAM = os.environ.get("ROTORTWIN_PROGRAM", str(ROOT / "target/release/rotortwin-network"))
 DOCUMENT = """
 name = "million"
 description = "rows to ask"
@@ -77,16 +74,6 @@ QUERIES = {
     "distinct": "SELECT count(DISTINCT run_hash) AS hashes FROM campaign",
     "worst": "SELECT * FROM campaign ORDER BY sequential_isolated_after_s DESC NULLS LAST LIMIT 100",
 }
-
-
-def ask(url: str, body: object = None) -> dict:
-    data = None if body is None else json.dumps(body).encode()
-    request = urllib.request.Request(url, data=data, headers={"content-type": "application/json"})
-    try:
-        with urllib.request.urlopen(request, timeout=120) as answer:
-            return json.load(answer)
-    except urllib.error.HTTPError as error:
-        sys.exit(f"{url}: {error.code} {error.read().decode()}")
 
 
 def lengthen(file: Path, rows: int) -> int:
@@ -179,15 +166,11 @@ def asked_by(url: str, jobs: list[str], folder: str) -> dict[str, Callable[[str,
 def main() -> None:
     rows, turns, campaigns = (int(word) for word in (sys.argv[1:] + ["1000000", "5", "20"][len(sys.argv) - 1 :]))
     with tempfile.TemporaryDirectory() as data:
-        command = [PROGRAM, "serve", "--listen", "127.0.0.1:0", "--data", data, "--library", str(ROOT / "config")]
-        server = subprocess.Popen(command, stdout=subprocess.PIPE, text=True, env=os.environ | {"ROTORTWIN_PYTHON": sys.executable})
+        server, url = serve(data, [])
         try:
-            assert server.stdout is not None
-            url = server.stdout.readline().split()[-1]
             jobs = [ask(f"{url}/api/v1/campaigns", {"text": DOCUMENT.format(seed=5 + n)})["id"] for n in range(campaigns)]
             for job in jobs:
-                while ask(f"{url}/api/v1/campaigns/{job}")["status"] != "done":
-                    time.sleep(0.2)
+                wait(f"{url}/api/v1/campaigns/{job}", pause_s=0.2)
             size = 0
             for n, job in enumerate(jobs):
                 file = next(Path(data).glob(f"jobs/{job}/*/out/campaign.parquet"))

@@ -22,11 +22,10 @@ import sys
 import tempfile
 import threading
 import time
-import urllib.request
 from pathlib import Path
 
-ROOT = Path(__file__).resolve().parents[1]
-PROGRAM = os.environ.get("ROTORTWIN_PROGRAM", str(ROOT / "target/release/rotortwin-network"))
+from served import PROGRAM, ROOT, ask, serve, wait
+
 DOCUMENT = """
 name = "speed"
 description = "how fast"
@@ -44,30 +43,11 @@ uniform = [0.5, 1.0]
 """
 
 
-def ask(url: str, body: object = None) -> dict:
-    data = None if body is None else json.dumps(body).encode()
-    request = urllib.request.Request(url, data=data, headers={"content-type": "application/json"})
-    with urllib.request.urlopen(request, timeout=60) as answer:
-        return json.load(answer)
-
-
-def serve(data: str, words: list[str]) -> tuple[subprocess.Popen, str]:
-    command = [PROGRAM, "serve", "--listen", "127.0.0.1:0", "--data", data, "--library", str(ROOT / "config"), "--workers", "2", *words]
-    process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
-    assert process.stdout is not None
-    return process, process.stdout.readline().split()[-1]
-
-
 def fly(url: str, text: str) -> tuple[float, str]:
     begun = time.monotonic()
     job = ask(f"{url}/api/v1/campaigns", {"text": text})
-    while True:
-        now = ask(f"{url}/api/v1/campaigns/{job['id']}")
-        if now["status"] not in ("queued", "running"):
-            break
-        time.sleep(0.05)
-    assert now["status"] == "done", now
-    return time.monotonic() - begun, now["result"]["hash"]
+    done = wait(f"{url}/api/v1/campaigns/{job['id']}", pause_s=0.05)
+    return time.monotonic() - begun, done["result"]["hash"]
 
 
 class Processors:
@@ -153,7 +133,7 @@ def main() -> None:
             assert cluster.stdout is not None
             dashboard = json.loads(cluster.stdout.readline())["dashboard"]
             ray = ["--executor", f"ray={dashboard}", "--ray-program", PROGRAM, "--ray-parts", "4"]
-            servers = [("workers", *serve(f"{folder}/own", [])), ("ray", *serve(f"{folder}/ray", ray))]
+            servers = [("workers", *serve(f"{folder}/own", ["--workers", "2"])), ("ray", *serve(f"{folder}/ray", ["--workers", "2", *ray]))]
             times: dict[str, list[float]] = {name: [] for name, *_ in servers}
             used: dict[str, list[dict[str, float]]] = {name: [] for name, *_ in servers}
             hashes = set()

@@ -33,7 +33,7 @@ pub struct Args {
 
 #[derive(Debug, Subcommand)]
 enum Sub {
-    /// Fly once in the independent simulator: a log, and the truth in a file of its own
+    /// Fly once in the independent simulator: a log, and the truth in a separate file
     Generate(command::GenerateArgs),
     /// List what can be hidden: ids, parameters, typical sizes
     Effects {
@@ -80,13 +80,13 @@ pub struct BenchArgs {
     /// Another diagnosis: a command line with {log} and {vehicle} that prints an answer as JSON (docs/blind-bench.md)
     #[arg(long, value_name = "COMMAND")]
     diagnosis: Option<String>,
-    /// Do only these cases, counted over all presets, and leave them as they are: they are put together elsewhere
+    /// Do only these cases, counted over all presets, without scoring them; they are merged elsewhere
     #[arg(long, value_name = "FIRST..END", value_parser = output::range)]
     cases: Option<Range<u64>>,
     /// Print the score as JSON
     #[arg(long)]
     pub json: bool,
-    /// With --json: print each case as a JSON line when it is done; end when the standard input does
+    /// With --json: print each case as a JSON line when it is done; end when standard input is closed
     #[arg(long, requires = "json")]
     events: bool,
 }

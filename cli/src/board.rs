@@ -34,7 +34,7 @@ enum Command {
         /// serial:PORT[@BAUD], pty, qemu, qemu-uart, virtual[:KEY=NUMBER,...]
         board: BoardAddress,
     },
-    /// Fly a scenario over a board and say what the line and the board are like: round trips, late steps, errors, bytes
+    /// Fly a scenario over a board and report on line and board: round trips, late steps, errors, bytes
     Doctor {
         /// serial:PORT[@BAUD], pty, qemu, qemu-uart, virtual[:KEY=NUMBER,...]
         board: BoardAddress,
@@ -55,15 +55,15 @@ enum Command {
         /// Length of the flight, s [default: the scenario's]
         #[arg(long)]
         duration: Option<f64>,
-        /// Exit code 1 if control, residuals and network take more than this at most
+        /// Exit code 1 if the longest step of control, residuals and network exceeds this
         #[arg(long, value_name = "COUNT")]
         limit: Option<u32>,
     },
-    /// Flash a program through PX4's boot loader: ours (target/firmware/pixhawk6c.px4), or PX4 to go back
+    /// Flash a program through PX4's boot loader: ours (target/firmware/pixhawk6c.px4), or PX4 to restore it
     Flash {
         /// The .px4 file
         file: PathBuf,
-        /// Serial port of the boot loader [default: the one USB port that calls itself a PX4 boot loader]
+        /// Serial port of the boot loader [default: the USB port that identifies itself as a PX4 boot loader]
         #[arg(long)]
         port: Option<PathBuf>,
         /// How long to wait for the boot loader, s
@@ -129,7 +129,7 @@ fn failed(error: impl std::fmt::Display) -> Trouble {
 }
 
 fn list() -> Result<ExitCode, Trouble> {
-    println!("Boards that there is a program for:");
+    println!("Supported boards:");
     println!("  pixhawk6c    Pixhawk 6C, STM32H743 at 480 MHz; firmware/pixhawk6c, docs/pil.md");
     println!("  mps2-an500   emulated Cortex-M7 (qemu-system-arm); --controller qemu or qemu-uart");
     println!("  virtual      in this program; --controller pty or virtual");

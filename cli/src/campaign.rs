@@ -40,7 +40,7 @@ pub struct Args {
 
 #[derive(Debug, Subcommand)]
 enum Sub {
-    /// Put shards together that were flown elsewhere (--shards): the result is that of one machine, byte for byte
+    /// Merge shards flown elsewhere (--shards): the result equals that of one machine, byte for byte
     Merge(MergeArgs),
 }
 
@@ -53,7 +53,7 @@ struct MergeArgs {
     /// Folders with shards of it, or s3://BUCKET/PREFIX, in any order; a shard may be in several
     #[arg(required = true, value_name = "DIR")]
     folders: Vec<PathBuf>,
-    /// Folder of the whole; one that holds a part of it already is resumed [default: runs/campaign-NAME]
+    /// Folder of the result; one that already holds a part of it is resumed [default: runs/campaign-NAME]
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
     /// Print the summary as JSON, nothing else
@@ -77,10 +77,10 @@ pub struct FlightArgs {
     /// Stop after about this many flights of the campaign; the same command without it resumes
     #[arg(long, value_name = "FLIGHTS", value_parser = clap::value_parser!(u64).range(1..))]
     limit: Option<u64>,
-    /// Fly only this flight, and leave a whole run folder [default of --out: runs/NAME-FLIGHT, with a number if that exists]
+    /// Fly only this flight and write a complete run folder [default of --out: runs/NAME-FLIGHT, with a number if that exists]
     #[arg(long, value_name = "NUMBER", conflicts_with = "limit")]
     flight: Option<u64>,
-    /// Look for flights where the sequential detector fails, and write each, shrunk to what matters, as a scenario [default of --out:
+    /// Search for flights in which the sequential detector fails, and write each, reduced to what matters, as a scenario [default of --out:
     /// runs/hunt-NAME, with a number if that exists]
     #[arg(long, conflicts_with_all = ["flight", "limit"])]
     hunt: bool,
@@ -90,19 +90,19 @@ pub struct FlightArgs {
     /// --hunt: seed of the search
     #[arg(long, value_name = "SEED", default_value_t = 1, requires = "hunt", value_parser = clap::value_parser!(u64).range(..1 << 20))]
     hunt_seed: u64,
-    /// --hunt: most cases that are shrunk
+    /// --hunt: maximum number of cases that are reduced
     #[arg(long, value_name = "COUNT", default_value_t = 4, requires = "hunt", value_parser = clap::value_parser!(u16).range(1..=1000))]
     cases: u16,
-    /// Only read the file, try its flights and say what they are; with --json how many flights and shards
+    /// Only read the file, check its flights and describe them; with --json the numbers of flights and shards
     #[arg(long, conflicts_with_all = ["flight", "limit", "hunt"])]
     check: bool,
-    /// Fly only these shards of 32 flights, FIRST..END, and leave them as they are; 'rotortwin campaign merge' puts them together
+    /// Fly only these shards of 32 flights, FIRST..END, without merging them; 'rotortwin campaign merge' does that
     #[arg(long, value_name = "FIRST..END", value_parser = output::range, conflicts_with_all = ["flight", "limit", "hunt", "check"])]
     shards: Option<Range<u64>>,
     /// Print the summary as JSON, nothing else
     #[arg(long)]
     pub json: bool,
-    /// With --json: print the progress as JSON lines before; end when the standard input does
+    /// With --json: print progress as JSON lines first; end when standard input is closed
     #[arg(long, requires = "json", conflicts_with_all = ["flight", "hunt", "check"])]
     events: bool,
 }
@@ -272,9 +272,7 @@ fn described(campaign: &Campaign) -> String {
 /// Merges shards of other folders, and creates the results.
 fn merge(args: &MergeArgs, store: Option<&dyn Store>) -> ExitCode {
     if let Some(address) = args.out.as_deref().and_then(address) {
-        return output::bad_input(format!(
-            "--out {address}: what is put together is a folder; expected --out DIR"
-        ));
+        return output::bad_input(format!("--out {address}: merging writes a folder; expected --out DIR"));
     }
     let campaign = match Campaign::load(&args.campaign) {
         Ok(campaign) => campaign,
@@ -390,7 +388,7 @@ fn flown(args: &FlightArgs, prepared: &runner::Prepared<'_>, keep: &Keep<'_>) ->
         {
             bar.set_position(*flights);
             bar.set_message(if stop.load(Ordering::Relaxed) {
-                "stopping when begun parts are whole; Ctrl-C again loses them".to_owned()
+                "stopping once the parts in progress are complete; Ctrl-C again discards them".to_owned()
             } else {
                 format!("{failed} failed, {false_alarms} false alarms")
             });
@@ -471,7 +469,7 @@ fn print_text(campaign: &Campaign, folder: &CampaignFolder, totals: &Totals, flo
             RunEnd::Complete => "Not all",
         };
         println!(
-            "{why}: {} of {} flights are there. To go on:",
+            "{why}: {} of {} flights are complete. To resume:",
             totals.flights,
             campaign.flights()
         );

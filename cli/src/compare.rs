@@ -16,7 +16,7 @@ pub struct Args {
     /// Models to compare with them: MODEL, MODEL@BRANCH, MODEL@v2, or a version or vehicle file
     #[arg(long = "model", required = true, num_args = 1.., value_name = "MODEL")]
     pub model: Vec<String>,
-    /// What to call the models in the result, one for each
+    /// Labels of the models in the result, one for each
     #[arg(long, value_name = "NAME")]
     pub label: Vec<String>,
     /// Folder of the models

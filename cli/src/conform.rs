@@ -46,7 +46,7 @@ pub struct Args {
     scenario: PathBuf,
     #[command(flatten)]
     trial: Trial,
-    /// Half of the answers have to be there within this time, ms of wall clock; 0: any time [default: 2.5; emulated and virtual boards: 0]
+    /// The median response time must not exceed this, ms of wall clock; 0: no limit [default: 2.5; emulated and virtual boards: 0]
     #[arg(long, value_name = "MS", value_parser = milliseconds)]
     answer_within: Option<f64>,
     /// Print the report as JSON, nothing else
@@ -100,7 +100,7 @@ impl std::str::FromStr for Endpoint {
             return match address.protocol {
                 Protocol::ArduPilot => Ok(Self::Plant(address)),
                 _ => Err(format!(
-                    "'{text}': expected plant:ardupilot[:ADDR]; the others' links are not played yet"
+                    "'{text}': expected plant:ardupilot[:ADDR]; the links of the other autopilots are not supported yet"
                 )),
             };
         }
@@ -279,7 +279,7 @@ fn text(report: &Report) -> String {
     }
     let [median, most] = report.answer_ms;
     text.push_str(&format!(
-        "{} steps; an answer takes {median:.2} ms, one in a hundred {most:.2} ms or more\n",
+        "{} steps; response time: median {median:.2} ms, 99th percentile {most:.2} ms\n",
         report.steps
     ));
     for finding in &report.findings {

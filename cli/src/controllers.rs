@@ -28,7 +28,7 @@ pub struct Args {
     /// 'rotortwin fly --controller'
     #[arg(long, value_name = "WHO", requires = "scenario")]
     controller: Vec<Who>,
-    /// Compare these flights, which were flown before, instead
+    /// Compare these recorded flights instead
     #[arg(long, value_name = "DIR", num_args = 1.., conflicts_with_all = ["scenario", "controller", "set", "seed", "pilot", "out"])]
     runs: Vec<PathBuf>,
     /// Set a key of the scenario, such as 'fault=[{time_s=20.0, rotor=3, thrust_loss_percent=10.0}]'; may be given several times
@@ -37,7 +37,7 @@ pub struct Args {
     /// Seed of all noise and random draws [default: the scenario's]
     #[arg(long)]
     seed: Option<u64>,
-    /// Where autopilots take commands, as with 'rotortwin fly --pilot'
+    /// Where autopilots accept commands, as with 'rotortwin fly --pilot'
     #[arg(long, value_name = "ADDR|none")]
     pilot: Option<String>,
     /// Longest wait for a controller to join, ms
@@ -46,7 +46,7 @@ pub struct Args {
     /// Longest wait for an answer, ms
     #[arg(long, value_name = "MS", default_value_t = 5_000, value_parser = clap::value_parser!(u64).range(1..=3_600_000))]
     step_timeout: u64,
-    /// A vehicle has recovered from a fault when it stays so close to its reference, m
+    /// A vehicle has recovered from a fault when it stays this close to its reference, m
     #[arg(long, value_name = "M", default_value_t = WITHIN_M, value_parser = distance)]
     within: f64,
     /// Folder for the run folders; must not exist or be empty [default: runs/controllers, with a number if that exists]
@@ -208,7 +208,7 @@ fn fly_all(args: &Args, path: &Path) -> Result<Vec<PathBuf>, ExitCode> {
     }
     if level && !args.json {
         eprintln!(
-            "In the air from the start, trimmed at the first point, where autopilots are handed over: all that are none"
+            "Controllers other than autopilots start in the air, trimmed at the first point, where autopilots are handed over"
         );
     }
     Ok(folders)

@@ -19,23 +19,23 @@ pub struct Args {
     /// Folder of the models
     #[arg(long, value_name = "DIR", default_value = "models")]
     pub models: PathBuf,
-    /// Effect document of your own that may be named, too; may be given several times
+    /// Effect document of your own to consider as well; may be given several times
     #[arg(long, value_name = "FILE", value_parser = crate::named::effect())]
     pub effects: Vec<PathBuf>,
-    /// Healthy flights of the same vehicle, three at least: what changed against them, by the thrust that each rotor is asked for
+    /// At least three healthy flights of the same vehicle: what has changed since, by the thrust commanded of each rotor
     #[arg(long, num_args = 1.., value_name = "LOG")]
     pub baseline: Vec<PathBuf>,
-    /// Write report.html, diagnosis.json and diagnosis.txt into this folder, and proposed-effect.toml where the error is in no catalogue; must not exist or
+    /// Write report.html, diagnosis.json and diagnosis.txt into this folder, and proposed-effect.toml if the catalogue does not explain the error; must not exist or
     /// be empty
     #[arg(long, value_name = "DIR")]
     pub out: Option<PathBuf>,
-    /// Seconds after which the search starts nothing new, and reports what it has proved so far
+    /// Time limit of the search, s; it then reports what has been proved so far
     #[arg(long, value_name = "SECONDS", default_value_t = diagnosis::TIME_LIMIT_S, value_parser = clap::value_parser!(u32).range(1..=86_400))]
     pub time_limit: u32,
     /// Print the diagnosis as JSON, nothing else
     #[arg(long)]
     pub json: bool,
-    /// Say on standard output, as JSON lines, how far it is
+    /// Print the progress as JSON lines on standard output
     #[arg(long, hide = true)]
     events: bool,
 }

@@ -54,7 +54,7 @@ struct PlotArgs {
     /// Value of a parameter, such as drag_n_s_m=0.3; without it the typical one
     #[arg(long, value_name = "NAME=VALUE")]
     set: Vec<String>,
-    /// Manoeuvre to fly; without it all are flown, and the one that shows the effect best is taken
+    /// Manoeuvre to fly; without it all are flown and the one that shows the effect best is used
     #[arg(long, value_name = "NAME")]
     flight: Option<String>,
 }
@@ -84,7 +84,7 @@ pub(crate) fn run(args: &Args) -> ExitCode {
                 ExitCode::SUCCESS
             }
             None => output::bad_input(format!(
-                "there is no effect `{id}`; nearest: {}; 'rotortwin effects' lists all",
+                "unknown effect `{id}`; nearest: {}; 'rotortwin effects' lists all",
                 catalogue.nearest(id)
             )),
         },
@@ -157,7 +157,7 @@ fn picture_text(picture: &EffectPicture) -> String {
         out += "Random: what one flight with it leaves\n";
     }
     if picture.channels.is_empty() {
-        out += "No manoeuvre of the simulator shows anything of it.\n";
+        out += "No manoeuvre of the simulator excites it visibly.\n";
     }
     for channel in &picture.channels {
         out += &format!(

@@ -14,7 +14,7 @@ pub struct Args {
     /// What to write
     #[arg(long, value_enum)]
     format: FormatArg,
-    /// File to write; must not exist [default: the run's name in the present folder]
+    /// File to write; must not exist [default: the run's name in the current folder]
     #[arg(long, value_name = "FILE")]
     out: Option<PathBuf>,
 }

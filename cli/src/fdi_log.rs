@@ -37,7 +37,7 @@ pub struct LogArgs {
     logs: Vec<PathBuf>,
     #[command(flatten)]
     detectors: DetectorArgs,
-    /// Healthy flights of the same vehicle: what they say of it beyond the model is taken into account
+    /// Healthy flights of the same vehicle, from which the detectors learn deviations from the model
     #[arg(long, num_args = 1.., value_name = "LOG")]
     healthy: Vec<PathBuf>,
     /// Print the whole report as JSON; of several logs a list
@@ -52,7 +52,7 @@ pub struct LogArgs {
     /// Score the verdicts: a CSV file time_s,rotor,loss[,log], or the name of a column of the log (0 healthy, the damaged rotor, -1 several)
     #[arg(long, value_name = "FILE|COLUMN")]
     truth: Option<PathBuf>,
-    /// As --truth with the name of a column, whatever files there are: what a server takes from strangers
+    /// As --truth with the name of a column, even if a file has that name; used by the server
     #[arg(long, value_name = "COLUMN", hide = true, conflicts_with = "truth")]
     truth_column: Option<String>,
     /// Write every window of all detectors into this Parquet file, or CSV by its ending
@@ -61,7 +61,7 @@ pub struct LogArgs {
     /// Write a self-contained page into this file
     #[arg(long, value_name = "FILE")]
     report: Option<PathBuf>,
-    /// Cells of the log's table, at most: what a server takes from strangers
+    /// Maximum number of cells of the log's table; used by the server
     #[arg(long, value_name = "N", hide = true)]
     most_cells: Option<usize>,
 }

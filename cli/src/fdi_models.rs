@@ -65,7 +65,7 @@ fn compare(args: &Args, version: &ModelVersion) -> Result<String, String> {
         }
     };
     let mut text = format!(
-        "{} × {}, effects of {} in the plant; seeds {} to {}\nCarried      {}\nNot carried  {}\n",
+        "{} × {}, effects of {} in the plant; seeds {} to {}\nCarried      {}\nIgnored      {}\n",
         args.flights,
         base.name(),
         args.model,

@@ -9,8 +9,8 @@ use std::path::{Path, PathBuf};
 /// Which detectors.
 #[derive(Debug, clap::Args)]
 pub struct DetectorArgs {
-    /// What the detectors take for healthy: a vehicle, MODEL, MODEL@BRANCH, MODEL@v2, or a version file, with what the detectors can represent of its
-    /// effects
+    /// Healthy vehicle assumed by the detectors: a vehicle, MODEL, MODEL@BRANCH, MODEL@v2, or a version file, with those of its effects that the detectors can
+    /// represent
     #[arg(long, alias = "vehicle", value_name = "MODEL")]
     model: String,
     /// Folder of the models

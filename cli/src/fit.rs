@@ -16,11 +16,11 @@ pub struct Args {
 
 #[derive(Debug, Subcommand)]
 enum What {
-    /// Thrust over duty and voltage: Eq. 19 and its rivals; several files of one blade together
+    /// Thrust over duty and voltage: Eq. 19 and alternatives; several files of one blade together
     Thrust {
         #[command(flatten)]
         input: Input,
-        /// Blade document that gets the blade of Eq. 19
+        /// Blade document to which the blade of Eq. 19 is added
         #[arg(long, value_name = "BLADES.toml", requires = "blade")]
         write: Option<PathBuf>,
         /// Name of the new blade
@@ -31,7 +31,7 @@ enum What {
     Battery {
         #[command(flatten)]
         input: Input,
-        /// Vehicle document that gets the resistance
+        /// Vehicle document in which the resistance is set
         #[arg(long, value_name = "VEHICLE.toml")]
         write: Option<PathBuf>,
     },
@@ -39,7 +39,7 @@ enum What {
     Lag {
         #[command(flatten)]
         input: Input,
-        /// Vehicle document that gets the lag
+        /// Vehicle document in which the lag is set
         #[arg(long, value_name = "VEHICLE.toml")]
         write: Option<PathBuf>,
     },
@@ -56,7 +56,7 @@ struct Input {
     /// Message of a text log of ArduPilot
     #[arg(long)]
     message: Option<String>,
-    /// Time between rows where there is no time column, s
+    /// Time between rows if there is no time column, s
     #[arg(long)]
     period_s: Option<f64>,
     /// Pulse at duty 0 and at duty 1, e.g. 1050:1950
@@ -126,7 +126,7 @@ impl Input {
         }
         match target {
             Some(path) if !path.is_file() => Err(FitError(format!(
-                "--write {}: there is no such file; expected the document that gets the value",
+                "--write {}: file not found; expected the document that receives the value",
                 path.display()
             ))),
             Some(path) => writable_file(path).map_err(FitError),

@@ -17,7 +17,7 @@ use std::process::ExitCode;
 /// Arguments of `rotortwin fleet`.
 #[derive(Debug, clap::Args)]
 pub struct Args {
-    /// Folder with a file of each vehicle
+    /// Folder with a file for each vehicle
     #[arg(long, value_name = "DIR", default_value = "fleet", global = true)]
     fleet: PathBuf,
     #[command(subcommand)]
@@ -27,13 +27,13 @@ pub struct Args {
 /// What is asked for.
 #[derive(Debug, clap::Subcommand)]
 enum Action {
-    /// Judge flight logs of a vehicle and write them down in its file; a log that is there already counts once
+    /// Judge flight logs of a vehicle and add them to its file; a log that is already in it counts once
     Add(Box<AddArgs>),
-    /// Each rotor over the flights: bias, loss, what to look at; without a name all vehicles
+    /// Each rotor over the flights: bias, loss, what to inspect; without a name all vehicles
     Show(ShowArgs),
-    /// Acknowledge that rotors have been inspected: what was known by then needs no inspection any more
+    /// Acknowledge that rotors have been inspected: earlier findings need no further inspection
     Acknowledge(MaintainArgs),
-    /// Propellers were replaced: the history of these rotors begins here; nothing is deleted
+    /// Record that propellers were replaced: the history of these rotors restarts; nothing is deleted
     Reset(MaintainArgs),
 }
 
@@ -47,8 +47,8 @@ struct AddArgs {
     logs: Vec<PathBuf>,
     #[command(flatten)]
     detectors: DetectorArgs,
-    /// When the flight was, UTC, such as 2026-01-31 or 2026-01-31T14:05:00Z; of one log. It goes before the date that the log holds; without
-    /// either the order is that of entry
+    /// When the flight was, UTC, such as 2026-01-31 or 2026-01-31T14:05:00Z; of one log. It overrides the date in the log; without either,
+    /// flights are in the order of entry
     #[arg(long, value_name = "DATE", value_parser = journal::date)]
     date: Option<String>,
 }
@@ -124,7 +124,7 @@ fn add_flights(fleet: &Fleet, args: &AddArgs) -> Result<(), String> {
         }
         let known = |place: usize| {
             line(&fitted(&format!(
-                "{}: is flight {} of {} already, not counted again",
+                "{}: already counted as flight {} of {}",
                 path.display(),
                 place + 1,
                 args.vehicle
@@ -140,7 +140,7 @@ fn add_flights(fleet: &Fleet, args: &AddArgs) -> Result<(), String> {
         let date = flown.as_ref().map(|(date, _)| date.clone());
         let when = match &flown {
             Some((date, from)) => format!("flown {date} ({from})"),
-            None => "when it was flown is not known: the log holds no date, and --date states none".to_owned(),
+            None => "the date of the flight is unknown: the log holds none; --date gives one".to_owned(),
         };
         let (vehicle, flight) = measure(&args.vehicle, (model, &version), &log, &detectors, date)?;
         let seconds = flight.air_s;
@@ -282,12 +282,12 @@ fn text_of(one: &FleetView) -> String {
     };
     if let Some(share) = &one.common_per_flight {
         text += &format!(
-            "All rotors   are asked for {} more from flight to flight: battery, air, mass, or all propellers together\n",
+            "All rotors   need {} more thrust command from flight to flight: battery, air, mass, or all propellers together\n",
             percent(share)
         );
     }
     text += &format!("\n{}\n\n{}\n", rotor_table(one), flight_table(one));
-    text += "\nBias: thrust asked of a rotor over the model's, beside what all rotors have in common. Loss: over the flights since its propeller was replaced; ";
+    text += "\nBias: thrust asked of a rotor over the model's, apart from what all rotors have in common. Loss: over the flights since its propeller was replaced; ";
     text += &format!(
         "named from {} flights on ({} for a trend), where it is {:.0} % or more and beyond the spread between flights. Brackets: 95 %.\n",
         LEAST_BEFORE + 1,
@@ -296,7 +296,7 @@ fn text_of(one: &FleetView) -> String {
     );
     let reasons: Vec<String> = one.rotors.iter().filter_map(reason_of).collect();
     if reasons.is_empty() {
-        text += "\nNo rotor stands out.\n";
+        text += "\nNo rotor deviates significantly.\n";
     } else {
         text += &format!("\n{}\n", reasons.join("\n"));
     }

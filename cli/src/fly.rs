@@ -47,7 +47,7 @@ pub struct Args {
     /// zenoh: file with certificates, user and password: docs/hosts.md [default for endpoints tls/…: $ROTORTWIN_ZENOH_CONFIG]
     #[arg(long, value_name = "FILE")]
     pub zenoh_config: Option<PathBuf>,
-    /// iceoryx2: runs in different domains do not see each other [default: default]
+    /// iceoryx2: runs in different domains are isolated from each other [default: default]
     #[arg(long, value_name = "NAME")]
     pub domain: Option<String>,
     /// As fast as possible, or 400 steps per second of wall clock
@@ -62,13 +62,13 @@ pub struct Args {
     /// Run folder to write; must not exist or be empty [default: runs/SCENARIO-SEED, with a number if that exists]
     #[arg(long, value_name = "DIR")]
     pub out: Option<PathBuf>,
-    /// Do not start these processes: they join by themselves, with the command that is printed
+    /// Do not start these processes: they join by the printed command
     #[arg(long, value_enum, value_delimiter = ',', value_name = "WHO")]
     pub external: Vec<External>,
     /// Longest wait for both peers to join, ms [default: 10000, with --external 600000]
     #[arg(long, value_name = "MS", value_parser = whole_number(1..=3_600_000))]
     pub join_timeout: Option<u64>,
-    /// Longest wait for the answer of a peer that is alive, ms
+    /// Longest wait for the reply of a running peer, ms
     #[arg(long, value_name = "MS", default_value_t = 5_000, value_parser = whole_number(1..=3_600_000))]
     pub step_timeout: u64,
     /// Steps that the FDI engine may trail behind the plant; 0: wait for each report
@@ -91,26 +91,26 @@ pub struct Args {
     #[arg(long, value_name = "DIR", default_value = "models")]
     pub models: PathBuf,
     /// A flight board takes the place of controller and FDI engine: serial:/dev/ttyACM0[@BAUD], pty, qemu, qemu-uart,
-    /// virtual[:KEY=NUMBER,...]. Or an autopilot's simulator build flies, which is waited for: ardupilot[:ADDR], px4[:ADDR],
+    /// virtual[:KEY=NUMBER,...]. Or an autopilot's simulator build, which connects to this program: ardupilot[:ADDR], px4[:ADDR],
     /// betaflight[:ADDR][@SPEED]
     #[arg(long, value_name = "BOARD|AUTOPILOT", conflicts_with_all = ["link", "listen", "connect", "zenoh_config", "domain", "external", "fdi_window"])]
     pub controller: Option<Foreign>,
-    /// With --server: an autopilot that the server's operator has listed flies ('GET /api/v1/autopilots')
+    /// With --server: fly with this autopilot of the server ('GET /api/v1/autopilots')
     #[arg(long, value_name = "NAME", conflicts_with_all = ["controller", "link", "pace"])]
     pub autopilot: Option<String>,
-    /// With an autopilot: where it takes commands over MAVLink, tcp:IP:PORT or udp:IP:PORT; there it is armed, flown and landed. none:
-    /// another program does that. Betaflight: none, or nothing: we hold its sticks [default: ardupilot tcp:127.0.0.1:5760, px4
+    /// With an autopilot: where it accepts MAVLink commands, tcp:IP:PORT or udp:IP:PORT; rotortwin arms, flies and lands it there. none: another
+    /// program does that. Betaflight: none, or leave it out: rotortwin moves its sticks [default: ardupilot tcp:127.0.0.1:5760, px4
     /// udp:127.0.0.1:14540]
     #[arg(long, value_name = "ADDR|none", requires = "controller")]
     pub pilot: Option<PilotChoice>,
     /// With --controller: where the FDI engine runs
     #[arg(long, value_enum, default_value_t = FdiPlace::Board, requires = "controller")]
     pub fdi: FdiPlace,
-    /// With --controller: compare every bit of the board with the host, and say where they part first
+    /// With --controller: compare every bit of the board with the host, and report the first difference
     #[arg(long, requires = "controller")]
     pub compare: bool,
-    /// Show the flight to a ground station that speaks MAVLink, such as udp:127.0.0.1:14550 for QGroundControl; verdicts come as texts. At
-    /// the speed of the flight: see --pace
+    /// Show the flight to a ground station that speaks MAVLink, such as udp:127.0.0.1:14550 for QGroundControl; verdicts are sent as texts.
+    /// At the speed of the flight: see --pace
     #[arg(long, value_name = "udp:IP:PORT")]
     pub mavlink: Option<crate::ground_station::Address>,
     /// Show the flight live in Foxglove and Lichtblick, which connect there [default address: 127.0.0.1:8765]. At the speed of the flight:
@@ -123,7 +123,7 @@ pub struct Args {
     /// SCENARIO contains all documents of a run, as its summary does
     #[arg(long, conflicts_with_all = ["model", "fdi_model"])]
     pub documents: bool,
-    /// Print each event of the run as a JSON line, nothing else; end when the standard input does
+    /// Print each event of the run as a JSON line, nothing else; end when standard input is closed
     #[arg(long, conflicts_with = "json")]
     pub events: bool,
     /// With --events: also samples of the telemetry, at this rate in Hz of simulated time, at most 100 a second of wall clock
@@ -351,7 +351,7 @@ pub fn end_with_standard_input() {
         let ended = std::io::copy(&mut std::io::stdin().lock(), &mut std::io::sink());
         tracing::debug!(?ended, "the standard input has ended");
         if let Err(error) = signal_hook::low_level::raise(signal_hook::consts::SIGTERM) {
-            tracing::error!(%error, "the run cannot be told to end");
+            tracing::error!(%error, "the request to stop cannot be sent to the run");
         }
     });
 }
@@ -440,7 +440,7 @@ fn address(args: &Args) -> Result<Option<LinkAddress>, String> {
     let endpoint_given = args.listen.is_some() || args.connect.is_some() || args.zenoh_config.is_some();
     if args.link != LinkKind::Zenoh && endpoint_given {
         return Err(format!(
-            "--listen, --connect and --zenoh-config belong to --link zenoh, the link is {}",
+            "--listen, --connect and --zenoh-config apply to --link zenoh only, the link is {}",
             link_name(args.link)
         ));
     }
@@ -449,7 +449,7 @@ fn address(args: &Args) -> Result<Option<LinkAddress>, String> {
     }
     if args.link != LinkKind::Iceoryx2 && args.domain.is_some() {
         return Err(format!(
-            "--domain belongs to --link iceoryx2, the link is {}",
+            "--domain applies to --link iceoryx2 only, the link is {}",
             link_name(args.link)
         ));
     }
@@ -510,7 +510,7 @@ fn open(args: &Args, foreign: &Foreign, scenario: &Scenario, seed: u64) -> Resul
         Foreign::Board(address) => {
             if args.pilot.is_some() {
                 return Err(Failure::input(format!(
-                    "--pilot belongs to autopilots, the controller is the board {address}"
+                    "--pilot applies to autopilots only, the controller is the board {address}"
                 )));
             }
             return Ok(Peers::Board(Board {
@@ -524,7 +524,7 @@ fn open(args: &Args, foreign: &Foreign, scenario: &Scenario, seed: u64) -> Resul
     };
     if args.compare || args.fdi != FdiPlace::Board || args.pace != PaceArg::Fast {
         return Err(Failure::input(format!(
-            "--compare, --fdi and --pace belong to boards, the controller is {autopilot}"
+            "--compare, --fdi and --pace apply to boards only, the controller is {autopilot}"
         )));
     }
     let waits = Waits {

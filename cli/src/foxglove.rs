@@ -35,15 +35,13 @@ pub fn provide(open: Open) {
 pub(crate) fn open(at: SocketAddr, scenario: &Scenario, run_id: u64) -> Result<Box<dyn Viewers>, String> {
     let open = OPEN
         .get()
-        .ok_or_else(|| format!("--foxglove {at}: this program knows no WebSockets; expected rotortwin-network"))?;
+        .ok_or_else(|| format!("--foxglove {at}: this program has no WebSocket support; expected rotortwin-network"))?;
     open(at, scenario, run_id)
 }
 
 /// Parses an address, with an error message that states what was expected.
 pub(crate) fn parse_address(text: &str) -> Result<SocketAddr, String> {
     text.parse().map_err(|_error| {
-        format!(
-            "'{text}': expected IP:PORT, such as {DEFAULT_ADDRESS}, or nothing; the scenario stands before --foxglove"
-        )
+        format!("'{text}': expected IP:PORT, such as {DEFAULT_ADDRESS}, or nothing; put the scenario before --foxglove")
     })
 }

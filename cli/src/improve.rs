@@ -21,7 +21,7 @@ pub struct Args {
     /// Flight logs of one vehicle to learn from, of any source, or run folders; LOG@35:65 takes only these seconds
     #[arg(required = true, value_name = "LOG")]
     pub logs: Vec<PathBuf>,
-    /// Model to improve: MODEL or MODEL@BRANCH; a vehicle file begins one of its name
+    /// Model to improve: MODEL or MODEL@BRANCH; a vehicle file starts a model with its name
     #[arg(long, value_name = "MODEL")]
     pub model: String,
     /// Folder of the models
@@ -33,7 +33,7 @@ pub struct Args {
     /// Take every step without asking
     #[arg(long)]
     pub yes: bool,
-    /// What is really missing, if it is known: a model version, a file with `[[effect]]`, or the truth of 'rotortwin blind generate'
+    /// What is really missing, if known: a model version, a file with `[[effect]]`, or the truth of 'rotortwin blind generate'
     #[arg(long, value_name = "FILE")]
     pub truth: Option<PathBuf>,
     /// Write report.html, improvement.json and improvement.txt into this folder; must not exist or be empty
@@ -45,7 +45,7 @@ pub struct Args {
     /// Print the result as JSON, nothing else; needs --yes
     #[arg(long, requires = "yes")]
     pub json: bool,
-    /// Say on standard output, as JSON lines, how far it is
+    /// Print the progress as JSON lines on standard output
     #[arg(long, hide = true)]
     events: bool,
 }
@@ -67,9 +67,7 @@ impl Args {
 /// Runs the command.
 pub fn run(args: &Args) -> ExitCode {
     if !args.yes && !std::io::stdin().is_terminal() {
-        return output::bad_input(
-            "this command asks before each step and there is nobody at the terminal: expected --yes",
-        );
+        return output::bad_input("this command asks before each step and its input is not a terminal: expected --yes");
     }
     let progress = Progress::new(args.json, args.events);
     let mut terminal = Terminal {

@@ -79,7 +79,7 @@ use std::process::ExitCode;
 struct Cli {
     #[command(flatten)]
     server: network::remote::ServerArgs,
-    /// End when the standard input does, which whoever started this keeps open
+    /// End when standard input is closed, which the parent process keeps open
     #[arg(long, hide = true)]
     end_with_stdin: bool,
     #[command(subcommand)]
@@ -95,7 +95,7 @@ pub enum Command {
     /// Fly a recorded run again, in this process, and compare the run hash
     #[command(after_help = examples::REPLAY)]
     Replay(replay::Args),
-    /// Print what a run folder says
+    /// Print the summary of a run folder
     #[command(after_help = examples::SHOW)]
     Show(show::Args),
     /// Give a run the verdicts of a detector of your own: its row, its lane, its topic
@@ -113,10 +113,10 @@ pub enum Command {
     /// The flights of one vehicle: what each rotor loses over them, and which propeller to inspect
     #[command(after_help = examples::FLEET)]
     Fleet(fleet::Args),
-    /// How strongly a flight shakes at the speed of each rotor, and which shakes more than in healthy flights: chipped propellers
+    /// Vibration of a flight at the speed of each rotor, compared with healthy flights: finds chipped propellers
     #[command(after_help = examples::VIBRATION)]
     Vibration(vibration::Args),
-    /// Run the detectors on measurements that come over zenoh, verdicts back
+    /// Run the detectors on measurements received over zenoh, and send verdicts back
     FdiService(fdi_service::ServiceArgs),
     /// Check a scenario and the files it names; prints every setting in effect
     #[command(after_help = examples::CHECK)]
@@ -166,13 +166,13 @@ pub enum Command {
     /// Fly one scenario with several controllers, or take recorded flights, and compare them in one table
     #[command(after_help = examples::CONTROLLERS)]
     Controllers(controllers::Args),
-    /// Put an autopilot's simulator build on a stand, rock it, and say which of its motors is swapped or reversed
+    /// Put an autopilot's simulator build on a test stand, swing it, and report which of its motors are swapped or reversed
     #[command(after_help = examples::SPIN_TEST)]
     SpinTest(spin_test::Args),
     /// Do one job of any kind, described as JSON in a file, as a worker does for a server
     #[command(after_help = examples::JOB)]
     Job(job::Args),
-    /// A zenoh router where the processes of runs meet, with access control
+    /// A zenoh router that connects the processes of runs, with access control
     Router(network::router::Args),
     /// Serve jobs, runs and results over HTTP
     #[command(after_help = examples::SERVE)]
@@ -192,13 +192,13 @@ pub enum Command {
     Worker(network::serve::WorkerArgs),
     /// Do a part of a campaign or blind bench that a server has passed to a Ray cluster; started by Ray
     Part(network::part::Args),
-    /// Scenarios, vehicles, campaigns … that can be named wherever a file is expected
+    /// Scenarios, vehicles, campaigns … that can be given by name instead of a file
     #[command(after_help = examples::LIST)]
     List(configuration::ListArgs),
     /// A document of your own, as a copy of an existing one
     #[command(after_help = examples::NEW)]
     New(configuration::NewArgs),
-    /// Where documents are looked for by name, in order
+    /// Folders in which documents are searched for by name, in order
     Config,
     /// Print the completion script of a shell
     #[command(after_help = examples::COMPLETIONS)]
@@ -306,7 +306,7 @@ fn refuse(error: &clap::Error) -> ExitCode {
         return ExitCode::SUCCESS;
     }
     if error.kind() == ErrorKind::DisplayHelpOnMissingArgumentOrSubcommand {
-        return output::bad_input(format!("a command is missing; see below\n\n{text}"));
+        return output::bad_input(format!("expected a command; see below\n\n{text}"));
     }
     let lines = text
         .lines()
@@ -328,7 +328,7 @@ fn refuse(error: &clap::Error) -> ExitCode {
     let command = command_of(error);
     let misplaced = command == "rotortwin" && error.kind() == ErrorKind::UnknownArgument;
     let tip = if misplaced {
-        "; options of a command stand after it"
+        "; put the options of a command after its name"
     } else {
         ""
     };

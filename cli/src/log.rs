@@ -21,29 +21,29 @@ pub struct Args {
 /// What is done with logs.
 #[derive(Debug, clap::Subcommand)]
 pub enum Command {
-    /// Bring logs into the canonical format: NAME.parquet, NAME.toml, NAME.import.json
+    /// Convert logs to the canonical format: NAME.parquet, NAME.toml, NAME.import.json
     Import(ImportArgs),
     /// Print columns, ranges, rate, gaps, and what a log can and cannot test
     Show(ShowArgs),
-    /// Draft the mapping of a CSV that another program wrote, for `log import --mapping`, and ask for what its columns do not state
+    /// Draft the mapping of a CSV that another program wrote, for `log import --mapping`, with questions about what its columns do not state
     Map(MapArgs),
-    /// Write an example: a flight with something hidden in it, by the independent simulator of the blind bench, and the truth apart
+    /// Write an example: a flight with a hidden effect, by the independent simulator of the blind bench, and the truth in a separate file
     Example(crate::log_example::Args),
 }
 
 /// How logs are read.
 #[derive(Debug, clap::Args)]
 pub struct Reading {
-    /// Mapping file whose rows go before the built-in ones (config/log-mappings)
+    /// Mapping file whose rows override the built-in ones (config/log-mappings)
     #[arg(long, value_name = "FILE", value_parser = crate::named::log_mapping())]
     mapping: Option<PathBuf>,
-    /// Of a simulated run, take the truth instead of what was sensed
+    /// For a simulated run, import the truth instead of the sensed values
     #[arg(long)]
     truth: bool,
     /// Vehicle file to check the log against: number and order of the rotors
     #[arg(long = "model", alias = "vehicle", value_name = "VEHICLE", value_parser = crate::named::vehicle())]
     vehicle: Option<PathBuf>,
-    /// Take what can be read of a file whose checksum is wrong
+    /// Import the readable part of a file whose checksum is wrong
     #[arg(long)]
     damaged: bool,
 }
@@ -51,7 +51,7 @@ pub struct Reading {
 /// Which columns become what.
 #[derive(Debug, clap::Args)]
 pub struct MapArgs {
-    /// CSV with whatever columns
+    /// CSV with any columns
     #[arg(value_name = "FILE")]
     file: PathBuf,
     /// Mapping file to write; it must not exist. Without it the mapping is printed
@@ -70,10 +70,10 @@ pub struct ImportArgs {
     /// Folder for the imported logs
     #[arg(long, value_name = "DIR", default_value = "logs")]
     pub out: PathBuf,
-    /// Bring every column to this constant rate, Hz
+    /// Resample every column to this constant rate, Hz
     #[arg(long, value_name = "HZ", value_parser = rate)]
     rate: Option<f64>,
-    /// Take the estimated delays out of attitude, velocity and position
+    /// Remove the estimated delays from attitude, velocity and position
     #[arg(long)]
     align: bool,
     /// Print one line per log

@@ -44,9 +44,9 @@ enum Command {
         /// MODEL
         model: String,
     },
-    /// Make the next version: with one more effect, or with new values of one that is there
+    /// Make the next version: with one more effect, or with new values for an existing one
     Add(Add),
-    /// Put a branch back to the version before; no file is deleted
+    /// Move a branch back to the previous version; no file is deleted
     Undo {
         /// MODEL or MODEL@BRANCH
         model: String,
@@ -68,7 +68,7 @@ enum Command {
         #[arg(long)]
         json: bool,
     },
-    /// Write a version as one file that says everything
+    /// Write a version as one self-contained file
     Export {
         /// MODEL, MODEL@BRANCH, MODEL@v2
         model: String,
@@ -76,9 +76,9 @@ enum Command {
         #[arg(long, value_name = "FILE")]
         out: Option<PathBuf>,
     },
-    /// Fly a model's effects with detectors that know them and with detectors that do not
+    /// Fly a model's effects with detectors that know them, and with detectors that do not
     Detectors(crate::fdi_models::Args),
-    /// Take a vehicle or version file as version 0 of a new model
+    /// Import a vehicle or version file as version 0 of a new model
     Import {
         /// The file
         file: PathBuf,
@@ -98,13 +98,13 @@ struct Add {
     /// Its parameters: name=value, or name=value±half of its 95 % interval
     #[arg(value_name = "PARAM=VALUE[±HALF]")]
     parameters: Vec<String>,
-    /// Take the effects that a diagnosis found, from the JSON of 'rotortwin diagnose --json'
+    /// Add the effects that a diagnosis found, from the JSON of 'rotortwin diagnose --json'
     #[arg(long, value_name = "FILE", conflicts_with_all = ["effect", "rotor", "onset"])]
     from: Option<PathBuf>,
     /// Only this one of them, from 1
     #[arg(long, value_name = "NUMBER", requires = "from")]
     pick: Option<usize>,
-    /// Take what a diagnosis proposes for an error that is in no catalogue
+    /// Add what a diagnosis proposes for an error that the catalogue does not explain
     #[arg(long, requires = "from", conflicts_with = "pick")]
     proposal: bool,
     /// Effect document of your own, for EFFECT; the model keeps it
@@ -116,7 +116,7 @@ struct Add {
     /// When the effect begins, s of the flight
     #[arg(long, value_name = "S")]
     onset: Option<f64>,
-    /// Why, for people
+    ///    /// Reason, as a note for readers
     #[arg(long, default_value = "")]
     note: String,
 }
@@ -148,7 +148,7 @@ fn list(store: &ModelStore) -> Result<(), StoreError> {
         println!(
             "{}",
             fitted(&format!(
-                "no models in {}; begin one with 'rotortwin model import config/vehicles/f550.toml'",
+                "no models in {}; create one with 'rotortwin model import config/vehicles/f550.toml'",
                 store.root().display()
             ))
         );
@@ -376,7 +376,7 @@ fn undo(store: &ModelStore, text: &str) -> Result<(), StoreError> {
     println!(
         "{}",
         fitted(&format!(
-            "{model}@{branch} stands at v{reached}; v{left} is kept: 'rotortwin model branch {model}@v{left} NAME' brings it back"
+            "{model}@{branch} is now at v{reached}; v{left} is kept: 'rotortwin model branch {model}@v{left} NAME' makes a branch of it"
         ))
     );
     Ok(())
@@ -386,12 +386,12 @@ fn branch(store: &ModelStore, text: &str, name: &str) -> Result<(), StoreError> 
     let found = store.find(text)?;
     let Some(place) = found.place else {
         return Err(StoreError::Refused(format!(
-            "{text}: expected a version of a model in {}, this is a file",
+            "{text}: expected a version of a model in {}, got a file",
             store.root().display()
         )));
     };
     store.branch(&place.model, name, place.number)?;
-    println!("{}@{name} stands at v{}", place.model, place.number);
+    println!("{}@{name} is at v{}", place.model, place.number);
     Ok(())
 }
 

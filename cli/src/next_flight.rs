@@ -14,7 +14,7 @@ use std::process::ExitCode;
 /// Arguments of `rotortwin next-flight`.
 #[derive(Debug, Parser)]
 pub struct Args {
-    /// Present model: MODEL, MODEL@BRANCH, MODEL@v2, or a version or vehicle file
+    /// Current model: MODEL, MODEL@BRANCH, MODEL@v2, or a version or vehicle file
     #[arg(long, value_name = "MODEL")]
     model: String,
     /// Folder of the models

@@ -251,9 +251,9 @@ fn late_text(real_time: &RealTime) -> String {
     };
     for late in &real_time.late {
         let why = match late.why.as_str() {
-            "scheduler" => "waited for a processor that others had",
-            "computing" => "computed for long",
-            _ => "neither computed nor waited for a processor, or its kernel cannot be asked",
+            "scheduler" => "waited for a processor used by other processes",
+            "computing" => "spent long computing",
+            _ => "neither computed nor waited for a processor, or its kernel gives no statistics",
         };
         let what = match (late.who.as_str(), late.steps) {
             ("fdi", 1) => "1 report late".to_owned(),

@@ -30,7 +30,7 @@ const START: &str = "import sys; sys.path = [p for p in sys.path if p]; space = 
 const NO_DUCKDB: i32 = 4;
 
 /// Error message if there is no engine; the server recognises its beginning.
-const MISSING: &str = "SQL over results needs Python 3.10 or later with DuckDB 1.2 or later, which is not here; expected `pip install duckdb pyarrow` \
+const MISSING: &str = "SQL over results needs Python 3.10 or later with DuckDB 1.2 or later, which was not found; expected `pip install duckdb pyarrow` \
                        for the python3 on the search path, or --python PROGRAM (or ROTORTWIN_PYTHON) that names another one";
 
 /// Default number of rows of a human-readable table.
@@ -47,22 +47,22 @@ const LINES_AHEAD: usize = 1024;
 pub struct Args {
     /// One SELECT in DuckDB's SQL; each kind of Parquet file is a table: telemetry, campaign, shards, rows, …
     pub sql: String,
-    /// Folders with results, or s3://BUCKET/PREFIX with the credentials in AWS_…; what is below them counts [default: runs]
+    /// Folders with results, or s3://BUCKET/PREFIX with the credentials in AWS_…; subfolders included [default: runs]
     #[arg(value_name = "FOLDER")]
     folders: Vec<String>,
-    /// A folder whose rows have this name in the column `folder`; may be given several times
+    /// A folder, and the name of its rows in the column `folder`; may be given several times
     #[arg(long = "named", value_name = "NAME=FOLDER", value_parser = named)]
     named: Vec<(String, String)>,
-    /// Print one JSON object: columns, rows, whether there are more
+    /// Print one JSON object: columns, rows, and whether there are more
     #[arg(long, conflicts_with = "csv")]
     json: bool,
     /// Print CSV
     #[arg(long)]
     csv: bool,
-    /// At most so many rows [default: 100 of a table; all with --json or --csv]
+    /// Maximum number of rows [default: 100 in a table; all with --json or --csv]
     #[arg(long, value_name = "N")]
     rows: Option<u64>,
-    /// Memory of the query, MB; what does not fit goes to a temporary folder
+    /// Memory limit of the query, MB; the rest goes to a temporary folder
     #[arg(long, value_name = "MB", default_value_t = 512, value_parser = clap::value_parser!(u64).range(16..=1_000_000))]
     memory: u64,
     /// Longest time of the query, s
@@ -77,7 +77,7 @@ pub struct Args {
     /// Largest result, bytes
     #[arg(long, value_name = "BYTES", hide = true)]
     most_bytes: Option<u64>,
-    /// Most that is put into the temporary folder, MB
+    /// Size limit of the temporary folder, MB
     #[arg(long, value_name = "MB", hide = true, default_value_t = 64_000)]
     most_spilled: u64,
 }
@@ -107,7 +107,7 @@ fn ask(args: &Args) -> Result<(), Refusal> {
     let spill = tempfile::Builder::new()
         .prefix("rotortwin-query-")
         .tempdir()
-        .map_err(|error| Refusal::Failed(format!("no temporary folder can be made for the query: {error}")))?;
+        .map_err(|error| Refusal::Failed(format!("a temporary folder for the query cannot be created: {error}")))?;
     let request = request(args, spill.path());
     for python in pythons(args.python.as_deref()) {
         let mut engine = match Engine::start(&python, &request, args) {
@@ -245,11 +245,11 @@ impl Engine {
         let left = self.until.saturating_duration_since(Instant::now());
         match self.lines.recv_timeout(left) {
             Ok(Ok(line)) => Ok(Some(line)),
-            Ok(Err(error)) => Err(Refusal::Failed(format!("the answer cannot be read: {error}"))),
+            Ok(Err(error)) => Err(Refusal::Failed(format!("the response cannot be read: {error}"))),
             Err(RecvTimeoutError::Disconnected) => Ok(None),
             Err(RecvTimeoutError::Timeout) => Err(Refusal::Failed(format!(
                 // The server recognises its beginning.
-                "the query took longer than {} s and was stopped; expected a smaller one, or more with --time",
+                "the query exceeded {} s and was stopped; expected a smaller query, or a larger --time",
                 self.limit_s
             ))),
         }
@@ -260,7 +260,7 @@ impl Engine {
         let status = self
             .child
             .wait()
-            .map_err(|error| Refusal::Failed(format!("the process of the query cannot be waited for: {error}")))?;
+            .map_err(|error| Refusal::Failed(format!("waiting for the query process failed: {error}")))?;
         Ok(status.code().unwrap_or(-1))
     }
 
@@ -275,7 +275,7 @@ impl Engine {
             1 if !words.contains("Traceback") => Refusal::Failed(sentence.to_owned()),
             // The server recognises the beginning of this one, too.
             _ => Refusal::Failed(format!(
-                "the process of the query ended without an answer: {sentence} (it may take {} MB; --memory allows more)",
+                "the query process ended without a result: {sentence} (it may take {} MB; --memory allows more)",
                 self.memory
             )),
         }
@@ -354,7 +354,7 @@ impl<'a> Printer<'a> {
             return Ok(());
         }
         let line =
-            serde_json::from_str(text).map_err(|error| format!("the answer is damaged: {error}: {text:.200}"))?;
+            serde_json::from_str(text).map_err(|error| format!("the result is damaged: {error}: {text:.200}"))?;
         match line {
             Line::Start { columns } => {
                 if self.args.json {
@@ -385,7 +385,7 @@ impl<'a> Printer<'a> {
 
     fn finish(self) -> Result<(), String> {
         let Some((rows, more)) = self.end.filter(|(rows, _)| *rows == self.rows) else {
-            return Err(format!("the answer broke off after {} rows", self.rows));
+            return Err(format!("the result ended early, after {} rows", self.rows));
         };
         if self.args.json {
             println!("\n],\"more\":{more}}}");

@@ -116,7 +116,7 @@ impl TrainArgs {
     /// An option that a server does not support.
     pub fn request(&self) -> Result<TrainRequest<'_>, String> {
         if self.common.threads.is_some() {
-            return Err("--jobs belongs to training on this machine; expected it without --server".to_owned());
+            return Err("--jobs applies to training on this machine only; leave it out with --server".to_owned());
         }
         Ok(TrainRequest {
             out: &self.out,

@@ -17,10 +17,10 @@ use std::process::ExitCode;
 pub struct Args {
     /// The autopilot's simulator build, which is waited for: ardupilot[:ADDR], px4[:ADDR], betaflight[:ADDR][@SPEED]
     autopilot: AutopilotAddress,
-    /// Scenario whose vehicle is put on the stand: a file, or a name that 'rotortwin list scenarios' shows; it begins on the ground
+    /// Scenario whose vehicle is put on the test stand: a file, or a name that 'rotortwin list scenarios' shows; it begins on the ground
     #[arg(long, value_parser = crate::named::scenario(), default_value = "autopilot-hover")]
     scenario: PathBuf,
-    /// Where the autopilot takes commands over MAVLink, as with 'rotortwin fly'; none: another program has it climb to the first point
+    /// Where the autopilot accepts MAVLink commands, as with 'rotortwin fly'; none: another program makes it climb to the first point
     #[arg(long, value_name = "ADDR|none")]
     pilot: Option<PilotChoice>,
     #[command(flatten)]
@@ -76,7 +76,7 @@ fn test(autopilot: &mut impl Autopilot, args: &Args, scenario: &Scenario) -> Res
     let kind = autopilot::autopilot_kind(args.autopilot.protocol);
     let (frame, rotor_of_channel) = AutopilotFrame::of_vehicle(kind, scenario.vehicle())?;
     eprintln!(
-        "On the stand: {} with the outputs of {}; waiting for {}",
+        "On the test stand: {} with the outputs of {}; waiting for {}",
         scenario.vehicle().name,
         frame.name,
         args.autopilot
@@ -109,9 +109,9 @@ fn text(report: &SpinReport) -> String {
         "answers against a swing compared with the vehicle, cosines: roll {roll:.2}, pitch {pitch:.2}, yaw {yaw:.2}\n"
     ));
     text.push_str(if report.is_right() {
-        "All motors are right\n"
+        "All motors are correct\n"
     } else {
-        "Motors are wrong\n"
+        "Some motors are wrong\n"
     });
     text
 }
@@ -128,7 +128,7 @@ fn verdict(motor: &MotorVerdict, place: Option<&MotorVerdict>) -> String {
         ));
     }
     if motor.reversed {
-        words.push("reversed: it is taken to turn the other way".to_owned());
+        words.push("reversed: the autopilot assumes the opposite spin".to_owned());
     }
     if words.is_empty() {
         "ok".to_owned()

@@ -27,16 +27,16 @@ struct FromLog {
     /// Mass with battery, kg
     #[arg(long, value_name = "KG", allow_negative_numbers = true)]
     mass: f64,
-    /// From the centre of the vehicle to the furthest rotor, m
+    /// Distance from the centre of the vehicle to the furthest rotor, m
     #[arg(long, value_name = "M", allow_negative_numbers = true)]
     arm: f64,
-    /// Frame, where the log does not say it, such as quad-x (numbers as in ArduPilot)
+    /// Frame, if the log does not state it, such as quad-x (numbers as in ArduPilot)
     #[arg(long)]
     frame: Option<String>,
-    /// Take the frame as it is stated even where the motion contradicts it
+    /// Use the stated frame even if the motion contradicts it
     #[arg(long)]
     trust_frame: bool,
-    /// Thrust bench of one rotor, or a datasheet table: command, thrust, and where it has them voltage, current, torque, power; may be given
+    /// Thrust bench of one rotor, or a datasheet table: command, thrust, and optionally voltage, current, torque, power; may be given
     /// several times
     #[arg(long, value_name = "FILE")]
     bench: Vec<PathBuf>,

@@ -18,13 +18,13 @@ pub struct Args {
     /// Flight logs of one vehicle, of any source; LOG@35:65 takes only these seconds
     #[arg(required = true, value_name = "LOG")]
     logs: Vec<PathBuf>,
-    /// Model that gives rotor speeds from duty and voltage; needed where the log holds no rotor speeds of the ESCs
+    /// Model that gives rotor speeds from duty and voltage; needed if the log holds no rotor speeds from the ESCs
     #[arg(long, value_name = "MODEL")]
     model: Option<String>,
     /// Folder of the models
     #[arg(long, value_name = "DIR", default_value = "models")]
     models: PathBuf,
-    /// Healthy flights of the same vehicle, three at least: which rotor shakes more than in them
+    /// At least three healthy flights of the same vehicle, to find rotors that vibrate more than in these
     #[arg(long, num_args = 1.., value_name = "LOG")]
     baseline: Vec<PathBuf>,
     /// Print the result as JSON, nothing else
@@ -120,14 +120,14 @@ fn text(found: &Found) -> String {
             text += &if one.told_apart {
                 format!("The strongest line is that of rotor {}.\n", one.rotor)
             } else {
-                "Which rotor has the strongest line this flight does not show: the rotors turn too much alike.\n"
+                "This flight does not show which rotor has the strongest line: the rotor speeds are too similar.\n"
                     .to_owned()
             };
         }
         text.push('\n');
     }
     if found.change.is_none() {
-        text += "New propellers differ, too: --baseline with healthy flights says which line has grown.\n";
+        text += "New propellers differ as well: --baseline with healthy flights shows which line has grown.\n";
     }
     text
 }
@@ -163,6 +163,6 @@ fn amplitude(line: &Line) -> String {
     match (line.amplitude, line.interval_95) {
         (Some(_), Some([_, high])) if !line.seen => format!("below {high:.3}"),
         (Some(amplitude), Some([low, high])) => format!("{amplitude:.3} [{low:.3}, {high:.3}]"),
-        _ => "not told apart".to_owned(),
+        _ => "not separable".to_owned(),
     }
 }

@@ -188,18 +188,18 @@ fn scenario_addresses_are_not_taken_from_requests() {
     let server = Server::start_at("127.0.0.1:0", &scratch.path("data"), &more);
     let address = detail(&server, &flight("ardupilot:0.0.0.0:9002"));
     assert!(
-        address.contains("expected one of: bench-1; an address is not taken from a request"),
+        address.contains("expected one of: bench-1; a request cannot give an address"),
         "{address}"
     );
     let unknown = detail(&server, &flight("bench-2"));
     assert!(
-        unknown.contains("'bench-2', which nobody has listed; expected one of: bench-1"),
+        unknown.contains("'bench-2', which is not configured; expected one of: bench-1"),
         "{unknown}"
     );
     for (change, words) in [
         (json!({ "link": "zenoh" }), "one process"),
         (json!({ "link": "zenoh", "fdi": "worker" }), "one process"),
-        (json!({ "pace": "real-time" }), "a pace of its own"),
+        (json!({ "pace": "real-time" }), "sets its own pace"),
         (
             json!({ "text": FLIGHT.replace("on-ground", "trimmed") }),
             "initial.start",
@@ -223,12 +223,12 @@ fn scenario_addresses_are_not_taken_from_requests() {
         (&["bench 1=ardupilot"][..], "expected 1 to 64 letters"),
         (&["ardupilot"], "expected NAME=ADDRESS"),
         (&["a=inav"], "expected ardupilot"),
-        (&["a=ardupilot", "--autopilot", "b=ardupilot"], "is listed already"),
+        (&["a=ardupilot", "--autopilot", "b=ardupilot"], "is already configured"),
         (
             &["a=betaflight,pilot=tcp:127.0.0.1:1"],
             "takes no commands over MAVLink",
         ),
-        (&["a=ardupilot", "--workers", "0"], "nobody here would fly with it"),
+        (&["a=ardupilot", "--workers", "0"], "no worker here would fly with it"),
     ] {
         let data = scratch.path("refused");
         let call = Call::new(&scratch, ["serve", "--listen", "127.0.0.1:0", "--data"]).with([data.into_os_string()]);
@@ -319,7 +319,7 @@ fn scenario_the_worker_that_lists_it_flies_with_it() {
     let run = server.get(&format!("/api/v1/runs/{id}"));
     assert_eq!(run["status"], "queued");
     let why = run["waits_because"].as_str().expect("a reason");
-    assert!(why.contains("is away: the worker that lists it"), "{why}");
+    assert!(why.contains("is away: its worker"), "{why}");
     // Another worker lists it, and the run is flown.
     listing.truncate(4);
     let at = free_address();

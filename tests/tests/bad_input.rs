@@ -644,7 +644,7 @@ fn scenario_runs_that_cannot_be_read() {
         ("show", "later", ["later/summary.json", "format 99"]),
         ("replay", "empty", ["empty", "summary.json"]),
         ("replay", "cut", ["cut/summary.json", "not a summary"]),
-        ("replay", "failed", ["failed", "only a run that was done"]),
+        ("replay", "failed", ["failed", "only a run that is done"]),
         ("replay", "spoilt", ["spoilt, the recorded scenario", "trajectory.kind"]),
     ] {
         refuses(

@@ -171,7 +171,7 @@ fn scenario_folder_of_something_else_is_refused_untouched() {
     scratch.write("out/campaign.json", good.replace("rotortwin 0.", "rotortwin 99."));
     assert_refused(
         &call(&scratch, &file, "out", &[]).run(),
-        &["was begun by rotortwin 99."],
+        &["was created by rotortwin 99."],
     );
     scratch.write("out/campaign.json", &good);
 
@@ -204,7 +204,7 @@ fn scenario_bad_campaigns_are_refused_up_front() {
         (
             "'short.toml'",
             "'gone.toml'",
-            vec!["line 3, key `scenario`", "there is none at"],
+            vec!["line 3, key `scenario`", "found none at"],
         ),
         (
             "log_uniform = [2.0, 30.0]",
@@ -343,10 +343,7 @@ fn scenario_shards_flown_apart_give_the_bytes_of_one_machine() {
         scratch.path("again/shards/000001.parquet"),
     )
     .expect("copied");
-    assert_refused(
-        &merge(&["again"]),
-        &["again", "shard 1 is another one than in", "merged"],
-    );
+    assert_refused(&merge(&["again"]), &["again", "shard 1 differs from that in", "merged"]);
     assert_refused(&merge(&["nowhere"]), &["nowhere", "'rotortwin campaign' has written"]);
     assert_refused(&merge(&["merged"]), &["is the folder of the whole"]);
     let other = scratch.path("other.toml");

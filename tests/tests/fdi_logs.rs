@@ -227,7 +227,7 @@ fn scenario_a_log_without_a_voltage_is_judged_by_what_is_left() {
     assert_eq!(lack["columns"], serde_json::json!(["battery_voltage_v"]), "{report}");
     assert_eq!(lack["prevents_verdicts"], false, "{report}");
     let said = lack["rules_out"].as_str().expect("words");
-    assert!(said.starts_with("what all rotors lose together"), "{said}");
+    assert!(said.starts_with("losses common to all rotors"), "{said}");
     // Estimated from the duties it matches the battery's, within the error of an initial estimate without drag and lag.
     let voltage: f64 = said
         .split_once("battery: ")
@@ -590,7 +590,7 @@ fn val_a_log_whose_parameters_tell_its_motors_is_read_in_the_vehicles_order() {
             &undated,
             "three",
             None,
-            "when it was flown is not known: the log holds no date, and --date states none",
+            "the date of the flight is unknown: the log holds none; --date gives one",
         ),
     ] {
         let mut add = vec!["fleet", "add", vehicle, path(log), "--model", "f550"];

@@ -133,7 +133,7 @@ fn val_a_rotor_that_wears_is_named_acknowledged_and_begins_anew() {
     let view = shown(&scratch, "worn");
     assert_eq!(status(&view)[3], "inspect", "{view:#}");
     let why = view["rotors"][3]["reasons"][0].as_str().expect("a reason");
-    assert!(why.contains("in the 1 flights since somebody looked"), "{why}");
+    assert!(why.contains("in the 1 flights since it was acknowledged"), "{why}");
 
     let ended = fleet(&scratch, &["reset", "worn", "--rotor", "4", "--by", "Meyer"])
         .run()
@@ -180,7 +180,7 @@ fn scenario_several_processes_write_into_one_file() {
     let view = shown(&scratch, "shared");
     assert_eq!(view["flights"].as_array().map(Vec::len), Some(8), "{view:#}");
     let again = add(&scratch, "shared", &logs[..1]).run().expect_code(0);
-    assert!(again.stdout.contains("already, not counted again"), "{}", again.stdout);
+    assert!(again.stdout.contains("already counted as flight"), "{}", again.stdout);
 }
 
 #[test]
@@ -188,7 +188,7 @@ fn scenario_what_cannot_be_is_refused_with_one_sentence() {
     let scratch = Scratch::new();
     let logs = flights(&scratch, 8331, 2, None);
     let unknown = fleet(&scratch, &["show", "nobody"]).run().expect_code(2);
-    refused(&unknown, "nobody: no vehicle of this name");
+    refused(&unknown, "nobody: vehicle not found");
     refused(
         &fleet(&scratch, &["reset", "nobody", "--rotor", "1", "--by", "x"])
             .run()

@@ -450,7 +450,7 @@ fn scenario_what_is_no_ray_cluster_is_refused_at_the_start() {
         (format!("ray=http://127.0.0.1:{port}"), "did not answer within 10 s"),
         (
             format!("ray={}", other.url()),
-            "what answers there is not the dashboard of a Ray cluster",
+            "the responder is not the dashboard of a Ray cluster",
         ),
     ] {
         let call = [

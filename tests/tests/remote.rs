@@ -103,7 +103,7 @@ fn scenario_a_server_that_is_killed_in_mid_flight_and_comes_back_ends_well() {
     server.start_again(&scratch.path("data"));
     let ended = run.end(Duration::from_secs(60)).expect_code(0);
     assert!(
-        ended.stderr.iter().any(|line| line.contains("again from the start")),
+        ended.stderr.iter().any(|line| line.contains("restarts the flight")),
         "{:?}",
         ended.stderr
     );
@@ -442,7 +442,7 @@ fn scenario_work_that_a_server_cannot_do_is_refused_in_one_sentence() {
         (vec!["train", "--out", "x.json", "--threads", "1"], "--jobs"),
         (
             vec!["train", "--out", "x.json", "--scenario", other],
-            "another scenario",
+            "a different scenario",
         ),
         (
             vec!["compare", "0123456789abcdef0123456789abcdef", "--model", &vehicle],

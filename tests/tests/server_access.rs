@@ -198,7 +198,7 @@ fn scenario_limits_are_said_in_one_sentence() {
     assert_eq!((submit(HOVER).0, submit(HOVER).0), (202, 202));
     let third = submit(HOVER);
     assert!(
-        third.0 == 429 && third.1.contains("2 jobs that wait or run"),
+        third.0 == 429 && third.1.contains("2 jobs queued or running"),
         "{third:?}"
     );
     let mut last = server.ask("GET", "/api/v1/scenarios", &[], "");
@@ -275,7 +275,7 @@ fn scenario_fdi_sessions_are_shared_by_the_accounts() {
     assert!(
         problem["detail"]
             .to_string()
-            .contains("'a' has 2 FDI sessions open, its share"),
+            .contains("'a' has 2 FDI sessions open, the limit per tenant"),
         "{problem}"
     );
     assert_eq!((open(&b).0, open(&b).0), (201, 201), "the others' are not gone");

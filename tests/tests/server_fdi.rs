@@ -447,7 +447,7 @@ fn scenario_a_session_refuses_with_the_reason_and_ends() {
         json_kind,
         &good(1, 50),
         409,
-        "which was taken before; expected step 150",
+        "which was received before; expected step 150",
     );
     feed("", json_kind, &good(50, 1), 400, "first_step");
     feed(

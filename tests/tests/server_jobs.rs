@@ -421,7 +421,7 @@ fn scenario_a_run_of_an_external_controller_is_verified_with_a_note() {
     assert_eq!(again["same"], json!(false), "{again}");
     let note = again["note"].as_str().unwrap_or_default();
     assert!(
-        note.contains("an external controller (other-controller") && note.contains("the hashes say nothing"),
+        note.contains("an external controller (other-controller") && note.contains("the hashes do not show"),
         "{again}"
     );
 }

@@ -302,15 +302,11 @@ fn scenario_a_frozen_process_gives_no_sign_of_life() {
     let sentence = health().stderr.concat();
     server.process().signal(Signal::CONT);
     assert!(seen.is_some(), "{sentence}");
-    assert!(sentence.contains("the last sign of life is"), "{sentence}");
+    assert!(sentence.contains("the last heartbeat is"), "{sentence}");
     let again = wait_until(Duration::from_secs(20), || health().code == Some(0));
     assert!(again.is_some(), "it goes on");
     let nobody = Call::new(&scratch, ["health", "worker:/nowhere"]).run().expect_code(1);
-    assert!(
-        nobody.stderr.concat().contains("no sign of life"),
-        "{:?}",
-        nobody.stderr
-    );
+    assert!(nobody.stderr.concat().contains("no heartbeat"), "{:?}", nobody.stderr);
 }
 
 /// The processes of a flight: its job's process and its children.

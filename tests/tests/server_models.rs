@@ -200,7 +200,7 @@ fn scenario_additions_that_make_no_sense_change_nothing() {
     );
     let effect = |value: f64| json!({ "effect": { "effect": "mass", "parameters": { "share": value } } });
     for (path, body, status, words) in [
-        ("none/versions", effect(0.1), 404, "no model and no vehicle"),
+        ("none/versions", effect(0.1), 404, "model or vehicle '"),
         (
             "f550/versions",
             json!({ "diagnosis": diagnosis }),

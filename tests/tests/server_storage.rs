@@ -157,7 +157,7 @@ fn scenario_a_full_disk_is_a_clear_refusal_and_loses_nothing() {
     let ready = server.ask("GET", "/readyz", &[], "");
     assert_eq!(ready.status, 503, "{}", String::from_utf8_lossy(&ready.body));
     assert!(
-        ready.json()["detail"].to_string().contains("nothing can be written"),
+        ready.json()["detail"].to_string().contains("is not writable"),
         "{}",
         ready.json()
     );

@@ -315,7 +315,7 @@ fn regress_a_usage_error_names_the_help_that_explains_it() {
         (&["model", "log"], "see 'rotortwin model log --help'"),
         (
             &["--seed", "3", "fly", "x.toml"],
-            "options of a command stand after it; see 'rotortwin --help'",
+            "put the options of a command after its name; see 'rotortwin --help'",
         ),
         (&["flew"], "see 'rotortwin --help'"),
     ] {
@@ -477,7 +477,7 @@ fn regress_files_are_tried_before_the_work() {
     let nowhere = "short.toml/below";
     for (line, said) in [
         (format!("fit thrust bench.csv --map thrust=thrust_n:N --map command=duty --map voltage=voltage_v:V --report {nowhere}"), nowhere),
-        ("fit thrust bench.csv --map thrust=thrust_n:N --map command=duty --map voltage=voltage_v:V --write none.toml --blade x".to_owned(), "none.toml: there is no such file"),
+        ("fit thrust bench.csv --map thrust=thrust_n:N --map command=duty --map voltage=voltage_v:V --write none.toml --blade x".to_owned(), "none.toml: file not found"),
         (format!("fdi-log run --model f550 --series {nowhere}.csv"), nowhere),
         (format!("fdi-log run --model f550 --report {nowhere}"), nowhere),
         (format!("blind generate --duration-s 60 --out {nowhere}"), nowhere),

@@ -79,7 +79,7 @@ fn scenario_a_propeller_out_of_balance_is_named_against_healthy_flights() {
     words.extend(healthy.clone());
     let said = Call::new(&scratch, words.clone()).run().expect_code(0).stdout;
     assert!(
-        said.contains("Against 3 healthy flights these shake more at their own speed: rotor 4 ("),
+        said.contains("Against 3 healthy flights these vibrate more at their own speed: rotor 4 ("),
         "{said}"
     );
     for width in [80, 120] {
@@ -111,7 +111,7 @@ fn scenario_a_propeller_out_of_balance_is_named_against_healthy_flights() {
         .run()
         .expect_code(0)
         .stdout;
-    assert!(said.contains("no rotor shakes more for certain"), "{said}");
+    assert!(said.contains("no rotor vibrates significantly more"), "{said}");
     // The same in addition to the commanded thrust of the rotors.
     let model = repository().join("config/vehicles/f550.toml").display().to_string();
     let mut words: Vec<String> = ["diagnose", &today, "--model", &model, "--baseline"]
@@ -120,7 +120,7 @@ fn scenario_a_propeller_out_of_balance_is_named_against_healthy_flights() {
     words.extend(healthy);
     let said = Call::new(&scratch, words).run().expect_code(0).stdout;
     assert!(
-        said.contains("Vibration    Against 3 healthy flights these shake more at their own speed: rotor 4 ("),
+        said.contains("Vibration    Against 3 healthy flights these vibrate more at their own speed: rotor 4 ("),
         "{said}"
     );
 }

@@ -177,7 +177,7 @@ fn reports(scratch: &Scratch) {
                 "The flight: measured against model",
                 "What each motor was told",
                 "Against the healthy flights",
-                "Thrust asked of the rotors over the healthy mean",
+                "Thrust command of the rotors over the healthy mean",
                 "(rotor 4)",
                 "could not be considered",
             ],
@@ -205,7 +205,7 @@ fn reports(scratch: &Scratch) {
             1,
             &[
                 "4 flights",
-                "No rotor stands out",
+                "No rotor deviates significantly",
                 "Loss of each rotor against the first flights",
                 "loss over flights",
                 "flight-4.parquet",

@@ -158,7 +158,7 @@ fn scenario_strangers_are_not_let_in() {
             "without a certificate",
             &endpoint,
             Some(&ca_only),
-            &["shows no certificate and no user"],
+            &["presents no certificate and no user"],
         ),
         (
             "without a user",
@@ -176,7 +176,7 @@ fn scenario_strangers_are_not_let_in() {
             "believing in another authority",
             &endpoint,
             Some(&other_ca),
-            &["believes in", "foreign/ca.pem"],
+            &["trusts", "foreign/ca.pem"],
         ),
         (
             "with a guessed password",

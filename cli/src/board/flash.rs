@@ -90,7 +90,7 @@ fn find_port(wait: Duration) -> Result<PathBuf, String> {
             several => {
                 let names: Vec<String> = several.iter().map(|port| port.display().to_string()).collect();
                 return Err(format!(
-                    "several boot loaders are there ({}); say which one with '--port'",
+                    "found several boot loaders ({}); choose one with '--port'",
                     names.join(", ")
                 ));
             }

@@ -215,7 +215,7 @@ impl TruthSource {
                         own.join(", ")
                     };
                     format!(
-                        "{}: no column `{column}` with the truth; other columns than those of a flight: {has}",
+                        "{}: no column `{column}` with the truth; columns that are not flight data: {has}",
                         name.display()
                     )
                 })?;

@@ -149,10 +149,10 @@ fn smallest_text(smallest: &[f32]) -> Option<String> {
     let of = |sign: f32| (0..smallest.len()).max_by(|a, b| (sign * smallest[*a]).total_cmp(&(sign * smallest[*b])));
     let (least, most) = (of(-1.0)?, of(1.0)?);
     if smallest[least] >= 1.0 {
-        return Some("Would see    nothing: at the end not even the loss of a whole rotor would stand out from what the model does not explain".to_owned());
+        return Some("Detectable   nothing: at the end even the loss of a whole rotor would be hidden by what the model does not explain".to_owned());
     }
     Some(format!(
-        "Would see    a loss from {:.1} % of its thrust on (rotor {}) to {:.1} % (rotor {}), within 10 s at the end",
+        "Detectable   losses from {:.1} % of the thrust (rotor {}) to {:.1} % (rotor {}), within 10 s, at the end",
         100.0 * smallest[least],
         least + 1,
         100.0 * smallest[most],
@@ -171,8 +171,8 @@ fn short(reason: Obstruction) -> &'static str {
         Obstruction::Gap => "no values",
         Obstruction::Calibration => "calibrating",
         Obstruction::Unexplained => "the model does not explain the motion",
-        Obstruction::LoadChanged => "a load was dropped or taken up",
-        Obstruction::Unclear => "what was found has no clear explanation",
+        Obstruction::LoadChanged => "a load was dropped or picked up",
+        Obstruction::Unclear => "the evidence has no clear explanation",
         Obstruction::ImpossibleLoss => "a loss beyond 100 % would explain the motion",
     }
 }

@@ -9,7 +9,7 @@ pub struct Args {
     /// http://HOST:PORT/PATH or https://…: answers with 200; tcp/HOST:PORT or tls/HOST:PORT: takes connections; worker:DATA: the worker with
     /// this data folder on this host goes on
     pub place: String,
-    /// worker:DATA: it has given a sign of life within this time, s
+    /// worker:DATA: maximum age of its heartbeat, s
     #[arg(long, value_name = "S", default_value_t = 60, value_parser = clap::value_parser!(u64).range(4..=86_400))]
     pub silence: u64,
     /// https: trusted certificates (PEM)

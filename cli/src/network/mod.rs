@@ -55,7 +55,7 @@ pub(crate) fn hand_over() -> ExitCode {
         .exec();
     if error.kind() == std::io::ErrorKind::NotFound {
         return output::bad_input(format!(
-            "servers, zenoh and viewers are in a program of their own, {PROGRAM}, which is neither beside this one nor on the search path; expected \
+            "servers, zenoh and viewers are in a separate program, {PROGRAM}, which is neither in the folder of this program nor on the search path; expected \
              ./run, which builds it, or `cargo build --release --package rotortwin --package {PROGRAM}`"
         ));
     }

@@ -20,13 +20,13 @@ pub struct WorkArgs {
     /// postgres://USER:PASSWORD@HOST/DATABASE, shared by servers and workers [default: SQLite in the data folder]
     #[arg(long, value_name = "URL", env = "DATABASE_URL", hide_env_values = true)]
     pub database_url: Option<String>,
-    /// Jobs that are done at the same time [default: half of the CPUs]
+    /// Number of jobs done at the same time [default: half of the CPUs]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(0..=256))]
     pub workers: Option<u16>,
-    /// Jobs of one tenant that are done at the same time, at most
+    /// Maximum number of jobs of one tenant done at the same time
     #[arg(long, value_name = "N", default_value_t = 64, value_parser = clap::value_parser!(u32).range(1..))]
     pub tenant_running: u32,
-    /// Memory that each process of a job may take, MB
+    /// Memory limit of each process of a job, MB
     #[arg(long, value_name = "MB", default_value_t = 4000, value_parser = clap::value_parser!(u64).range(64..=1_000_000))]
     pub job_memory: u64,
     /// An autopilot on this host that runs can name, such as bench-1=ardupilot:127.0.0.1:9002; ,pilot=ADDR|none as 'rotortwin fly --pilot';
@@ -104,16 +104,16 @@ fn cpus(text: &str) -> Result<f64, String> {
 /// What parts take of a Ray cluster, and how its nodes find rotortwin and this server.
 #[derive(Debug, Parser)]
 pub struct RayArgs {
-    /// Ray: parts that are submitted at the same time; what waits there is what makes a cluster grow
+    /// Ray: number of parts submitted at the same time; queued parts make a cluster scale up
     #[arg(long, value_name = "N", default_value_t = 16, value_parser = clap::value_parser!(u16).range(1..=1024))]
     pub ray_parts: u16,
     /// Ray: CPUs of a part, and its threads
     #[arg(long, value_name = "N", default_value = "1", value_parser = cpus)]
     pub ray_cpus: f64,
-    /// Ray: memory that it sets aside for a part, MB [default: it does not count memory]
+    /// Ray: memory reserved for a part, MB [default: none]
     #[arg(long, value_name = "MB", value_parser = clap::value_parser!(u64).range(1..=1_000_000))]
     pub ray_memory: Option<u64>,
-    /// Ray: what else a part takes, by a name that the cluster knows; may be given several times
+    /// Ray: custom resource of a part, by a name that the cluster knows; may be given several times
     #[arg(long, value_name = "NAME=AMOUNT")]
     pub ray_resource: Vec<Resource>,
     /// Ray: the program on the nodes
@@ -122,7 +122,7 @@ pub struct RayArgs {
     /// Ray: how the nodes reach this server, such as https://bench.example:8443 [default: where it listens]
     #[arg(long, value_name = "URL")]
     pub ray_callback: Option<String>,
-    /// Ray: certificates by which the nodes know this server (PEM) [default: those that they believe anyway]
+    /// Ray: certificates by which the nodes verify this server (PEM) [default: their own trusted certificates]
     #[arg(long, value_name = "FILE")]
     pub ray_ca: Option<PathBuf>,
 }
@@ -139,16 +139,16 @@ pub struct Args {
     /// Private key of the certificate (PEM)
     #[arg(long, value_name = "FILE", requires = "tls_cert")]
     pub tls_key: Option<PathBuf>,
-    /// Requests of a tenant per second, at most
+    /// Maximum requests per second of a tenant
     #[arg(long, value_name = "N", default_value = "2000")]
     pub rate: NonZeroU32,
-    /// Files of a tenant, GB, at most
+    /// Maximum size of the files of a tenant, GB
     #[arg(long, value_name = "GB", default_value_t = 1000, value_parser = clap::value_parser!(u64).range(1..=1_000_000))]
     pub tenant_gigabytes: u64,
-    /// Largest flight log that is taken, MB
+    /// Largest flight log accepted, MB
     #[arg(long, value_name = "MB", default_value_t = 512, value_parser = clap::value_parser!(u64).range(1..=100_000))]
     pub largest_upload: u64,
-    /// Longest flight that is taken, s of simulated time
+    /// Longest flight accepted, s of simulated time
     #[arg(long, value_name = "S", default_value_t = 3600, value_parser = clap::value_parser!(u32).range(1..=1_000_000))]
     pub longest_flight: u32,
     /// Name by which the server may be called, in addition to localhost, e.g. bench.example [default: any, if it listens to other hosts]
@@ -160,7 +160,7 @@ pub struct Args {
     /// Scenarios and vehicles that clients can name, laid out as config/ [default: config, if it is there, else the program's own]
     #[arg(long, value_name = "DIR")]
     pub library: Option<PathBuf>,
-    /// Jobs of one tenant that wait or run, at most
+    /// Maximum number of queued and running jobs of one tenant
     #[arg(long, value_name = "N", default_value_t = 20_000, value_parser = clap::value_parser!(u32).range(1..))]
     pub tenant_jobs: u32,
     /// Where jobs and their files are.
@@ -169,19 +169,19 @@ pub struct Args {
     /// Longest time of a query in SQL, s
     #[arg(long, value_name = "S", default_value_t = 30, value_parser = clap::value_parser!(u64).range(1..=3600))]
     pub query_time: u64,
-    /// FDI sessions that are open at the same time
+    /// Maximum number of open FDI sessions
     #[arg(long, value_name = "N", default_value_t = 64, value_parser = clap::value_parser!(u16).range(1..=10_000))]
     pub fdi_sessions: u16,
-    /// Of these, those of one tenant, at most; a server without tokens has one, and all are its
+    /// Maximum number of open FDI sessions of one tenant; a server without tokens has a single tenant
     #[arg(long, value_name = "N", default_value_t = 16, value_parser = clap::value_parser!(u16).range(1..=10_000))]
     pub tenant_fdi_sessions: u16,
-    /// An FDI session ends when nothing is asked of it for so long, s
+    /// Idle time after which an FDI session ends, s
     #[arg(long, value_name = "S", default_value_t = 600, value_parser = clap::value_parser!(u64).range(1..=86_400))]
     pub fdi_idle: u64,
     /// FDI sessions also take measurements over zenoh: zenoh:listen=ENDPOINT or zenoh:connect=ENDPOINT
     #[arg(long, value_name = "LINK")]
     pub fdi_link: Option<LinkAddress>,
-    /// Who does the parts of campaigns and blind benches: the workers of this server, or a Ray cluster, by the address of its dashboard, such as
+    /// Executor of the parts of campaigns and blind benches: the workers of this server, or a Ray cluster, by the address of its dashboard, such as
     /// ray=http://HEAD:8265 (a token of the cluster in ROTORTWIN_RAY_TOKEN); its nodes need rotortwin of the same version
     #[arg(long, value_name = "embedded|ray=URL", default_value = "embedded")]
     pub executor: Executor,
@@ -227,7 +227,7 @@ pub struct WorkerArgs {
         value_name = "ROLES"
     )]
     pub roles: Vec<Role>,
-    /// Controllers and FDI engines that run at the same time
+    /// Number of controllers and FDI engines that run at the same time
     #[arg(long, value_name = "N", default_value_t = 4, value_parser = clap::value_parser!(u16).range(1..=256))]
     pub seats: u16,
     /// Where jobs and their files are.

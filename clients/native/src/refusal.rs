@@ -13,7 +13,7 @@ pyo3::create_exception!(
     rotortwin,
     FlightError,
     PyRuntimeError,
-    "A flight that cannot go on: the step, and which number of it is none."
+    "A flight that cannot continue: the step, and which of its numbers is not finite."
 );
 
 /// Bad input.

@@ -58,7 +58,7 @@ def test_scenario_a_flight_is_submitted_watched_and_fetched(client: Client, done
 
 def test_scenario_controllers_are_compared_and_autopilots_listed(client: Client, done: Run) -> None:
     assert client.runs.autopilots() == []
-    with pytest.raises(Unprocessable, match="nobody has listed; this server has none"):
+    with pytest.raises(Unprocessable, match="is not configured; this server has none"):
         client.runs.submit("autopilot-hover", controller={"autopilot": "bench-1"})
     again = client.runs.wait(client.runs.submit("short-hover", seed=8).id, check=True)
     table = client.runs.compare_controllers([done.id, again.id], within_m=0.2)

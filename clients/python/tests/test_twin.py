@@ -168,13 +168,13 @@ def test_scenario_a_model_grows_by_versions(client: Client, server: Server) -> N
     first = before["branches"][0]["hash"]
     added = client.models.add("quad-x", effect={"effect": "mass", "parameters": {"share": 0.1}}, note="heavier", seen=first)
     assert added["version"]["label"] == "quad-x@v1" and added["difference"]["parameters"][0]["after"]["value"] == 0.1
-    with pytest.raises(Conflict, match="stands at another version"):
+    with pytest.raises(Conflict, match="has changed in the meantime"):
         client.models.add("quad-x", effect={"effect": "mass", "parameters": {"share": 0.2}}, seen=first)
     assert "share = 0.1" in client.models.export("quad-x")
     client.models.branch("quad-x", "heavy", "v1")
     assert client.models.undo("quad-x")["version"]["hash"] == first
     assert client.models.diff("quad-x", "main", "heavy")["to"] == "quad-x@v1"
-    with pytest.raises(NotFound, match="no model and no vehicle"):
+    with pytest.raises(NotFound, match="model or vehicle '"):
         client.models.history("nowhere")
 
     async def again() -> None:

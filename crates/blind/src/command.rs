@@ -58,7 +58,7 @@ pub struct GenerateArgs {
     /// Length, s
     #[arg(long, default_value_t = 90.0)]
     pub duration_s: f64,
-    /// Begin on the ground with idling rotors for so long, s, then take off into the flight
+    /// Time on the ground with idling rotors at the start, s, before take-off into the flight
     #[arg(long, value_name = "S")]
     pub idle_s: Option<f64>,
     /// Seed of every random stream
@@ -67,7 +67,7 @@ pub struct GenerateArgs {
     /// Sensor noise, times Table 4
     #[arg(long, default_value_t = 1.0)]
     pub noise_scale: f64,
-    /// White force and torque that stand for all that nobody models, times 0.05 N and 5 mN·m; 0: only the noise of the readings moves
+    /// White force and torque that represent everything unmodelled, times 0.05 N and 5 mN·m; 0: only sensor noise moves
     /// the duties of a hover
     #[arg(long, default_value_t = 1.0)]
     pub disturbance: f64,

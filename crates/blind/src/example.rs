@@ -31,7 +31,7 @@ pub enum Example {
     HiddenEffect,
     /// One rotor that loses some of its thrust in mid-flight
     DamagedBlade,
-    /// A vehicle as its model says
+    /// A vehicle that agrees with its model
     Healthy,
 }
 
@@ -87,7 +87,7 @@ pub fn effect(text: &str, rotors: usize, seed: u64) -> Result<Vec<Hidden>> {
             match kind.and_then(|kind| kind.companion) {
                 Some(companion) => Err(BlindError::input(
                     format!("effect {text}"),
-                    format!("it does nothing without {companion}; expected its id alone, which brings both"),
+                    format!("it has no effect without {companion}; expected its id alone, which adds both"),
                 )),
                 None => Ok(vec![effect]),
             }

@@ -162,12 +162,8 @@ pub fn fly(plan: &FlightPlan) -> Result<(Vec<Row>, Nuisances)> {
     }
     let nuisances = draw_nuisances(plan.seed, rotors, plan.state_of_charge);
     let steps = (plan.duration / STEP).round() as usize;
-    let mut pilot = Pilot::new(&plan.vehicle, STEP).ok_or_else(|| {
-        BlindError::input(
-            "vehicle",
-            "thrust and three torques are not all within the rotors' reach",
-        )
-    })?;
+    let mut pilot = Pilot::new(&plan.vehicle, STEP)
+        .ok_or_else(|| BlindError::input("vehicle", "the rotors cannot produce thrust and three torques"))?;
     let start = Vector3::new(plan.script.start_north_m, 0.0, -plan.script.start_height_m);
     let biases = nuisances.lift_biases.clone();
     let mut world = World::new(&plan.vehicle, start, biases, nuisances.state_of_charge, plan.seed, STEP)

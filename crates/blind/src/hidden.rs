@@ -10,7 +10,7 @@ use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use utoipa::ToSchema;
 
-/// How the size of an effect goes on after its onset; without one it stays.
+/// Time profile of the size of an effect after its onset; without one it is constant.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, ToSchema)]
 #[schema(as = HiddenProfile)]
 #[serde(tag = "kind", rename_all = "kebab-case")]
@@ -75,13 +75,13 @@ impl Profile {
 pub struct Hidden {
     /// Id of the kind, as `rotortwin blind effects` lists them.
     pub id: String,
-    /// Rotor from 1, where the kind acts on one.
+    /// Rotor, from 1, for kinds that act on one rotor.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub rotor: Option<usize>,
     /// Start, s; absent: from the beginning.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub onset_s: Option<f64>,
-    /// How its size goes on after the start; absent: it stays.
+    /// Time profile of its size after the start; absent: constant.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub profile: Option<Profile>,
     /// Values of the kind's parameters; absent ones have their typical value.
@@ -108,7 +108,7 @@ impl Hidden {
             let known: Vec<&str> = catalogue::KINDS.iter().map(|kind| kind.id).collect();
             BlindError::input(
                 place(),
-                format!("there is no effect `{id}`; expected one of {}", known.join(", ")),
+                format!("unknown effect `{id}`; expected one of {}", known.join(", ")),
             )
         })?;
         let mut effect = Self::typical(kind, None);

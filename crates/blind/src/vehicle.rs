@@ -150,7 +150,7 @@ impl Vehicle {
             BlindError::input(
                 format!("{}: rotors.nominal_blade", path.display()),
                 format!(
-                    "there is no blade `{}` in {}",
+                    "blade `{}` not found in {}",
                     document.rotors.nominal_blade,
                     blades_path.display()
                 ),

@@ -147,7 +147,7 @@ impl Answer<'_> {
     fn malformed(&mut self, what: &str) {
         self.refuse(
             refusal::MALFORMED,
-            format_args!("{what} is not of the length that the protocol asks for"),
+            format_args!("{what} does not have the length required by the protocol"),
         );
     }
 }
@@ -194,7 +194,7 @@ impl Application {
             answer.refuse(
                 refusal::VERSION,
                 format_args!(
-                    "the host speaks version {} of the link's protocol, this board speaks version {PROTOCOL_VERSION}",
+                    "the host uses version {} of the link protocol, this board uses version {PROTOCOL_VERSION}",
                     header.version
                 ),
             );
@@ -281,7 +281,7 @@ impl Application {
                 self.state
             }
             other => {
-                answer.refuse(refusal::MALFORMED, format_args!("{other} is no kind of request"));
+                answer.refuse(refusal::MALFORMED, format_args!("{other} is not a kind of request"));
                 self.state
             }
         }
@@ -313,7 +313,7 @@ impl Application {
                 answer.refuse(
                     refusal::PARAMETERS,
                     format_args!(
-                        "bytes {offset} to {end} of {length} do not follow the {} that came",
+                        "bytes {offset} to {end} of {length} do not follow the {} received",
                         self.received
                     ),
                 );
@@ -334,7 +334,7 @@ impl Application {
             answer.refuse(
                 refusal::HASH,
                 format_args!(
-                    "the parameters that came have the hash {found:016x} ({} bytes), announced was {:016x} ({} bytes)",
+                    "the parameters received have the hash {found:016x} ({} bytes), announced was {:016x} ({} bytes)",
                     self.received, begin.hash, begin.length
                 ),
             );
@@ -392,7 +392,7 @@ impl Application {
         if sensors.step != self.next_step {
             answer.refuse(
                 refusal::STEP_GAP,
-                format_args!("step {} came, step {} was due", sensors.step, self.next_step),
+                format_args!("received step {}, expected step {}", sensors.step, self.next_step),
             );
             return self.state;
         }

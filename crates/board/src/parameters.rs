@@ -52,7 +52,7 @@ pub enum ParameterError {
 impl core::fmt::Display for ParameterError {
     fn fmt(&self, out: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
         match self {
-            Self::Damaged => out.write_str("the parameters are no protobuf message"),
+            Self::Damaged => out.write_str("the parameters are not a protobuf message"),
             Self::Missing(field) => write!(out, "{field} is missing"),
             Self::Length { field, expected } => write!(out, "{field} must have {expected} entries"),
             Self::Value(field) => write!(out, "{field} is outside of its range"),

@@ -2,17 +2,12 @@
 //!
 //! Both files have the same columns and rows. Floating-point numbers read back bit-identically.
 
-use parquet::basic::{Compression, LogicalType, Repetition, Type as Physical, ZstdLevel};
-use parquet::data_type::{ByteArray, ByteArrayType, DoubleType, FloatType, Int64Type};
 use parquet::errors::ParquetError;
-use parquet::file::properties::WriterProperties;
-use parquet::file::writer::SerializedFileWriter;
-use parquet::schema::types::Type;
+use rotortwin_store::column_file::{self, ColumnFileWriter, Content, Field, Layout, Packing};
 use std::fmt::Write as _;
 use std::fs::File;
 use std::io::BufWriter;
 use std::path::{Path, PathBuf};
-use std::sync::Arc;
 
 /// Values of one column.
 #[derive(Clone, Debug, PartialEq)]
@@ -117,7 +112,7 @@ impl TableFile {
 /// Writes tables with the same columns into one Parquet file, one row group each.
 pub struct TableFileWriter {
     path: PathBuf,
-    writer: SerializedFileWriter<BufWriter<File>>,
+    writer: ColumnFileWriter<BufWriter<File>>,
 }
 
 impl TableFileWriter {
@@ -131,62 +126,42 @@ impl TableFileWriter {
         })
     }
 
-    fn begin(file: BufWriter<File>, table: &TableFile) -> Result<SerializedFileWriter<BufWriter<File>>, ParquetError> {
-        let fields = table
-            .columns
-            .iter()
-            .map(|(name, values)| {
-                let (physical, logical) = match values {
-                    Values::Text(_) => (Physical::BYTE_ARRAY, Some(LogicalType::String)),
-                    Values::Integer(_) => (Physical::INT64, None),
-                    Values::Double(_) => (Physical::DOUBLE, None),
-                    Values::Single(_) => (Physical::FLOAT, None),
-                };
-                Type::primitive_type_builder(name, physical)
-                    .with_repetition(Repetition::REQUIRED)
-                    .with_logical_type(logical)
-                    .build()
-                    .map(Arc::new)
-            })
-            .collect::<Result<_, _>>()?;
-        let schema = Type::group_type_builder("table").with_fields(fields).build()?;
-        let properties = WriterProperties::builder()
-            .set_created_by(format!("rotortwin-campaign {}", env!("CARGO_PKG_VERSION")))
-            .set_compression(Compression::ZSTD(ZstdLevel::try_new(1)?))
-            .build();
-        SerializedFileWriter::new(file, Arc::new(schema), Arc::new(properties))
+    fn begin(file: BufWriter<File>, table: &TableFile) -> Result<ColumnFileWriter<BufWriter<File>>, ParquetError> {
+        let fields = table.columns.iter().map(|(name, values)| Field {
+            name: name.clone(),
+            content: match values {
+                Values::Text(_) => Content::Text,
+                Values::Integer(_) => Content::I64,
+                Values::Double(_) => Content::F64,
+                Values::Single(_) => Content::F32,
+            },
+            packing: Packing::Dictionary,
+        });
+        let layout = Layout {
+            name: "table",
+            created_by: format!("rotortwin-campaign {}", env!("CARGO_PKG_VERSION")),
+            fields: fields.collect(),
+            metadata: Vec::new(),
+            coarse_statistics: false,
+        };
+        ColumnFileWriter::new(file, &layout)
     }
 
     /// Adds the rows of `table`, whose columns must be those of the first one.
     pub fn push(&mut self, table: &TableFile) -> Result<(), TableFileError> {
-        Self::encode(&mut self.writer, table).map_err(|error| refused(&self.path, &error))
-    }
-
-    fn encode(writer: &mut SerializedFileWriter<BufWriter<File>>, table: &TableFile) -> Result<(), ParquetError> {
-        let mut group = writer.next_row_group()?;
-        for (_, values) in &table.columns {
-            let mut column = group
-                .next_column()?
-                .ok_or_else(|| ParquetError::General("the schema has fewer columns than the table".to_owned()))?;
-            match values {
-                Values::Text(values) => {
-                    let values: Vec<ByteArray> = values.iter().map(|text| ByteArray::from(text.as_str())).collect();
-                    column.typed::<ByteArrayType>().write_batch(&values, None, None)?
-                }
-                Values::Integer(values) => column.typed::<Int64Type>().write_batch(values, None, None)?,
-                Values::Double(values) => column.typed::<DoubleType>().write_batch(values, None, None)?,
-                Values::Single(values) => column.typed::<FloatType>().write_batch(values, None, None)?,
-            };
-            column.close()?;
-        }
-        group.close()?;
-        Ok(())
+        let columns = table.columns.iter().map(|(_, values)| match values {
+            Values::Text(values) => column_file::Values::Text(values.iter().map(String::as_str).collect()),
+            Values::Integer(values) => column_file::Values::I64(values.into()),
+            Values::Double(values) => column_file::Values::F64(values.into()),
+            Values::Single(values) => column_file::Values::F32(values.into()),
+        });
+        self.writer.push(columns).map_err(|error| refused(&self.path, &error))
     }
 
     /// Completes the file.
     pub fn finish(self) -> Result<(), TableFileError> {
         let Self { path, writer } = self;
-        writer.close().map_err(|error| refused(&path, &error))?;
+        writer.finish().map_err(|error| refused(&path, &error))?;
         Ok(())
     }
 }

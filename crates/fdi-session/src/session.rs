@@ -229,7 +229,7 @@ pub enum Refusal {
     },
     /// Samples are missing and nobody says that they are lost.
     #[error(
-        "the chunk begins with step {found}, expected step {expected}: {} steps are missing; send them, or say that they are lost (after_gap)",
+        "the chunk begins with step {found}, expected step {expected}: {} steps are missing; send them, or declare them lost (after_gap)",
         found - expected
     )]
     Gap {
@@ -240,7 +240,7 @@ pub enum Refusal {
     },
     /// Steps that were taken before, with other numbers, or too long ago.
     #[error(
-        "the chunk begins with step {found}, which was taken before; expected step {expected}, or one of the last chunks as it was"
+        "the chunk begins with step {found}, which was received before; expected step {expected}, or an exact repetition of a recent chunk"
     )]
     Past {
         /// Step that was to come.
@@ -264,7 +264,7 @@ pub enum Refusal {
     },
     /// Time goes back, stands still, or jumps.
     #[error(
-        "step {step} (sample {sample} of the chunk): time_s is {interval_s:.6} s after the sample before, expected {period_s} s, give or take half of it"
+        "step {step} (sample {sample} of the chunk): time_s is {interval_s:.6} s after the sample before, expected {period_s} s ± 50 %"
     )]
     Interval {
         /// Step number.
@@ -500,7 +500,7 @@ impl FdiSession {
         self.rejected_before
     }
 
-    /// Lost steps that the engine coasted over.
+    /// Lost steps over which the engine extrapolated.
     pub fn bridged_steps(&self) -> u64 {
         self.bridged_steps
     }
@@ -618,7 +618,7 @@ impl FdiSession {
         } else if lost > 0 {
             self.bridged_steps += lost;
             notes.push(format!(
-                "{lost} steps were lost before step {}: the engine coasted over them",
+                "{lost} steps were lost before step {}: the engine extrapolated over them",
                 chunk.first_step
             ));
             let nothing = Measurement {

@@ -65,7 +65,7 @@ const MOST_DEVIATIONS: f32 = 8.0;
 /// Below this share of the limit, for [`CALM_WINDOWS`], the model explains the motion again.
 const CALM_SHARE: f32 = 0.6;
 const CALM_WINDOWS: u16 = 8;
-/// Unexplained for more windows in a row, the filters have learnt nonsense: the calibration begins again.
+/// Unexplained for more windows in a row, the filters have learnt something wrong: the calibration begins again.
 const SPOILT_WINDOWS: u16 = 16;
 
 /// The code of a verdict that would mean nothing, in JSON and in reports on logs; messages have [`NOT_READY`] and a note, as those who read them
@@ -117,7 +117,7 @@ impl std::fmt::Display for Obstacle {
                  model's)",
                 100.0 * carried
             ),
-            Self::TakeOff => write!(out, "just off the ground: {CLEAR_TIME} s in the air are waited for"),
+            Self::TakeOff => write!(out, "just off the ground: waiting for {CLEAR_TIME} s in the air"),
             Self::Upset { tilt } if tilt < MOST_TILT => write!(
                 out,
                 "sharp turn: at these rates the tilt changes by up to 70° within {LOOK_AHEAD} s, and the model is good for 70°"
@@ -129,18 +129,18 @@ impl std::fmt::Display for Obstacle {
             ),
             Self::Unexplained { left } => write!(
                 out,
-                "the model does not explain the motion: what no loss of one or two rotors explains is {:.1} times a rotor's thrust in hover",
+                "the model does not explain the motion: the part that no loss of one or two rotors explains is {:.1} times a rotor's thrust in hover",
                 left
             ),
             Self::Load { mass_kg } => write!(
                 out,
-                "the vertical force alone has changed, as if {:.0} g had been {}; rotors are not judged beside it",
+                "the vertical force alone has changed, as if {:.0} g had been {}; rotors are not judged at the same time",
                 1000.0 * mass_kg.abs(),
                 if mass_kg < 0.0 { "dropped" } else { "taken up" }
             ),
             Self::Unclear => write!(
                 out,
-                "something acts on the vehicle that no loss of one to three rotors explains, or that too many would explain, or others at each moment"
+                "something acts on the vehicle that no loss of one to three rotors explains, or that too many different rotors would explain"
             ),
             Self::ImpossibleLoss { rotor, share } => write!(
                 out,

@@ -391,7 +391,7 @@ impl core::fmt::Display for GeometryError {
             ),
             Self::Coaxial { first, second } => write!(
                 out,
-                "rotors {} and {} are coaxial: faults of rotors at the same place cannot be told apart",
+                "rotors {} and {} are coaxial: faults of rotors at the same place cannot be distinguished",
                 first + 1,
                 second + 1
             ),

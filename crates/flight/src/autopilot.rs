@@ -274,13 +274,13 @@ impl Flight {
         }
         .canonical();
         let rotors = simulation.rotor_count();
-        let nonsense =
+        let protocol_violation =
             |peer: &str, error: convert::ConvertError| StopReason::Failed(Failure::of(peer, error.to_string()));
-        convert::check_sensors(&sensors).map_err(|error| nonsense("plant", error))?;
-        convert::check_command(&command, rotors).map_err(|error| nonsense("controller", error))?;
+        convert::check_sensors(&sensors).map_err(|error| protocol_violation("plant", error))?;
+        convert::check_command(&command, rotors).map_err(|error| protocol_violation("controller", error))?;
         let mut report = fdi.step(&sensors, &command).canonical();
         report.stamp = stamp;
-        convert::check_report(&report, rotors).map_err(|error| nonsense("fdi", error))?;
+        convert::check_report(&report, rotors).map_err(|error| protocol_violation("fdi", error))?;
         report_mishaps(simulation, observer);
         pass_on_words(simulation, autopilot, observer);
         let sample = Sample {

@@ -160,7 +160,7 @@ impl From<&LinkError> for Failure {
             } => (*role, *last_step, *silence),
             LinkError::PeerMissing { role, limit, .. } => (*role, None, *limit),
             LinkError::Refused { role, .. } => (*role, None, Duration::ZERO),
-            LinkError::Nonsense { role, step, .. } => (*role, Some(*step), Duration::ZERO),
+            LinkError::ProtocolViolation { role, step, .. } => (*role, Some(*step), Duration::ZERO),
             LinkError::RunFailed { .. } | LinkError::Stopped | LinkError::Transport { .. } => {
                 (Role::Plant, None, Duration::ZERO)
             }

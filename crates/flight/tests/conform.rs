@@ -397,7 +397,7 @@ fn faults() -> Vec<Case> {
         of_sensors(|s| std::mem::swap(&mut s.attitude_rad, &mut s.body_rates_rad_s)),
         Fault::Field,
         "attitude_rad and body_rates_rad_s",
-        "in the place of the other",
+        "in place of the other",
     );
     add(
         "yaw is not wrapped",

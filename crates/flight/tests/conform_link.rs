@@ -173,7 +173,11 @@ fn scenario_breaches_of_the_protocol_are_named() {
         (Breach::Echoes, Fault::Duplicate, "answered more than once"),
         (Breach::Skips(1234), Fault::MissedStep, "no answer to step 1234"),
         (Breach::Skips(0), Fault::MissedStep, "no answer to step 0"),
-        (Breach::RunsAhead(50), Fault::MissedStep, "a step that was not asked"),
+        (
+            Breach::RunsAhead(50),
+            Fault::MissedStep,
+            "a step that was not requested",
+        ),
         (Breach::Dies(777), Fault::Refusal, "it ended"),
         (Breach::Refuses, Fault::Refusal, "refused"),
         (Breach::OldVersion, Fault::Refusal, "refused"),

@@ -206,5 +206,5 @@ fn scenario_an_autopilot_that_answers_nothing_is_said_so() {
     let mut autopilot = Believer::new(&scenario, 1.0, 0);
     autopilot.numb = true;
     let sentence = examine(&mut autopilot, &scenario, 1, &CHANNELS).expect_err("nothing to see");
-    assert!(sentence.contains("does not answer a swing in roll"), "{sentence}");
+    assert!(sentence.contains("does not respond to a swing in roll"), "{sentence}");
 }

@@ -112,15 +112,12 @@ impl Viewer {
     /// # Errors
     /// A message for the viewer ([`status`]); the subscriptions are unchanged.
     pub fn hear(&mut self, text: &str) -> Result<Vec<Topic>, String> {
-        match serde_json::from_str(text).map_err(|error| format!("this is not understood here: {error}"))? {
+        match serde_json::from_str(text).map_err(|error| format!("invalid message: {error}"))? {
             Said::Subscribe { subscriptions } => {
                 let wanted = subscriptions.iter().map(|wish| {
                     let topic = Topic::ALL.get(wish.channel_id).copied();
                     let topic = topic.ok_or_else(|| {
-                        format!(
-                            "there is no channel {}; expected one of those advertised",
-                            wish.channel_id
-                        )
+                        format!("unknown channel {}; expected one of those advertised", wish.channel_id)
                     })?;
                     Ok((wish.id, topic))
                 });
@@ -132,9 +129,7 @@ impl Viewer {
                     .iter()
                     .find(|(id, _)| self.wanted.iter().any(|(known, _)| known == id))
                 {
-                    return Err(format!(
-                        "subscription {id} is there already; expected a number of its own"
-                    ));
+                    return Err(format!("subscription {id} already exists; expected a unique id"));
                 }
                 let topics = wanted.iter().map(|(_, topic)| *topic).collect();
                 self.wanted.extend(wanted);

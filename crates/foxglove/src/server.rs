@@ -74,7 +74,7 @@ impl Server {
     /// # Errors
     /// The address is not available.
     pub fn listen(at: SocketAddr, name: &str, session: &str, header: &SpoolHeader) -> Result<Self, String> {
-        let refuse = |error: std::io::Error| format!("{at}: viewers cannot be served there: {error}");
+        let refuse = |error: std::io::Error| format!("{at}: cannot listen for viewers: {error}");
         let listener = TcpListener::bind(at).map_err(refuse)?;
         let address = listener.local_addr().map_err(refuse)?;
         listener.set_nonblocking(true).map_err(refuse)?;
@@ -145,7 +145,7 @@ fn wait_for_viewers(listener: &TcpListener, shared: &Arc<Shared>) {
             Err(error) if error.kind() == ErrorKind::WouldBlock => std::thread::sleep(LOOK),
             Err(error) => {
                 // Too many open files, or a viewer that disconnected at once.
-                tracing::debug!(%error, "a viewer could not be let in");
+                tracing::debug!(%error, "a viewer could not be accepted");
                 std::thread::sleep(LOOK);
             }
         }
@@ -156,7 +156,7 @@ fn welcome(stream: TcpStream, from: SocketAddr, shared: &Arc<Shared>) {
     let mut inside = locked(&shared.inside);
     inside.viewers.retain(|viewer| viewer.alive.load(Ordering::Relaxed));
     if inside.viewers.len() >= MOST_VIEWERS {
-        tracing::warn!(%from, "a viewer was turned away: {MOST_VIEWERS} are there");
+        tracing::warn!(%from, "a viewer was rejected: {MOST_VIEWERS} are connected");
         return;
     }
     let (rows, queue) = sync_channel(QUEUE);
@@ -234,7 +234,7 @@ fn serve(
             say(
                 &mut socket,
                 Message::text(protocol::status(&format!(
-                    "{count} rows are lost: this viewer is too slow"
+                    "{count} rows were dropped: this viewer is too slow"
                 ))),
             )?;
         }
@@ -289,7 +289,7 @@ fn listen_to(socket: &mut WebSocket<TcpStream>, viewer: &mut Viewer, log: &[(u64
             Ok(Message::Binary(_)) => {
                 say(
                     socket,
-                    Message::text(protocol::status("messages of a viewer are not taken here")),
+                    Message::text(protocol::status("messages from viewers are not accepted")),
                 )?;
                 continue;
             }

@@ -15,7 +15,7 @@ pub enum JobEvent {
     Case(CaseDone),
 }
 
-/// How far a job is.
+/// Progress of a job.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
 #[schema(as = JobProgress)]
 #[serde(untagged)]

@@ -52,7 +52,7 @@ pub struct FlightHere {
     /// Telemetry samples to report per second of simulated time; unset: none.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub live_hz: Option<f64>,
-    /// Where processes on other hosts connect to the plant; unset: a free port of this host's loopback address.
+    /// Endpoint at which processes on other hosts connect to the plant; unset: a free port of this host's loopback address.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub meeting: Option<Meeting>,
     /// Address of the autopilot named by the job.
@@ -71,7 +71,7 @@ pub enum Meeting {
     Connect(String),
 }
 
-/// An autopilot that can be reached from here, as its operator has listed it.
+/// An autopilot that can be reached from here, as its operator has configured it.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 #[schema(as = AutopilotPlace)]
 pub struct AutopilotHere {
@@ -90,7 +90,7 @@ struct Written<'a> {
     /// What is to be done.
     #[schema(value_type = Job)]
     job: &'a Job,
-    /// What only the machine knows that does it; what is left out is as if somebody had typed the command.
+    /// Settings of the machine that does the job; defaults are those of the command line.
     #[schema(value_type = Option<Here>)]
     here: &'a Here,
 }
@@ -139,7 +139,7 @@ impl JobFile {
         let StoredJob { job, inputs } = StoredJob::parse(text)?;
         if let Some(input) = inputs.first() {
             return Err(NotUnderstood(format!(
-                "it wants {} laid out first, which a worker does from its server's files; expected a job without `inputs`, whose files are there",
+                "it requires {} as input, which a worker copies from its server's files; expected a job without `inputs`, whose files exist",
                 input.path
             )));
         }
@@ -182,7 +182,7 @@ mod tests {
         };
         let text = file().to_json().unwrap();
         for (text, words) in [
-            (row.to_json().unwrap(), "it wants run laid out first"),
+            (row.to_json().unwrap(), "it requires run as input"),
             (text.replace("until_input_ends", "until"), "unknown field `until`"),
             (text.replace("\"version\": 2", "\"version\": 3"), "a later version"),
         ] {

@@ -80,14 +80,14 @@ impl Pace {
 #[derive(Debug, Default, Clone, PartialEq, Eq, Deserialize, Serialize, ToSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum Controller {
-    /// Ours, started beside the plant.
+    /// Ours, started together with the plant.
     #[default]
     Beside,
     /// Ours, on whichever host offers it (`rotortwin worker --roles`). Needs `link: zenoh`.
     Worker,
-    /// Somebody else's: it joins with the run's ticket. Needs `link: zenoh`.
+    /// An external one, which joins with the run's ticket. Needs `link: zenoh`.
     External,
-    /// The autopilot of this name, which an operator has listed (`GET /api/v1/autopilots`); plant and FDI engine are one process.
+    /// The autopilot of this name, which an operator has configured (`GET /api/v1/autopilots`); plant and FDI engine are one process.
     Autopilot(String),
 }
 
@@ -115,12 +115,12 @@ impl Controller {
 #[derive(Debug, Default, Clone, Copy, PartialEq, Eq, Deserialize, Serialize, ToSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum Place {
-    /// Ours, started beside the plant.
+    /// Ours, started together with the plant.
     #[default]
     Beside,
     /// Ours, on whichever host offers it (`rotortwin worker --roles`). Needs `link: zenoh`.
     Worker,
-    /// Somebody else's: it joins with the run's ticket. Needs `link: zenoh`.
+    /// An external one, which joins with the run's ticket. Needs `link: zenoh`.
     External,
 }
 

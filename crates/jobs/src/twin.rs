@@ -123,7 +123,7 @@ pub struct Identification {
     pub out: Option<PathBuf>,
 }
 
-/// The manoeuvre that would tell two effects apart.
+/// The manoeuvre that would distinguish two effects.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 #[schema(as = NextFlightJob)]
 pub struct NextFlight {

@@ -4,7 +4,7 @@ use serde::{Deserialize, Serialize};
 use std::path::PathBuf;
 use utoipa::ToSchema;
 
-/// A run that was done is flown again, in one process, and its run hash compared.
+/// A done run is flown a second time, in one process, and its run hash compared.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 #[schema(as = VerificationJob)]
 pub struct Verification {
@@ -22,7 +22,7 @@ pub struct Verified {
     pub replayed: String,
     /// Whether they are the same.
     pub same: bool,
-    /// Why they need not be the same: the run was flown by another controller than the second execution. Absent where nobody else flew.
+    /// Why the hashes may differ: the two executions were flown by different controllers. Absent otherwise.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub note: Option<String>,
 }

@@ -249,8 +249,8 @@ impl Other {
 }
 
 #[cold]
-fn nonsense(role: Role, step: u64, reason: impl ToString) -> LinkError {
-    LinkError::Nonsense {
+fn protocol_violation(role: Role, step: u64, reason: impl ToString) -> LinkError {
+    LinkError::ProtocolViolation {
         role,
         step,
         reason: reason.to_string(),
@@ -355,7 +355,7 @@ impl<E: Endpoint> EndpointLink<E> {
                     return Ok(());
                 }
                 if step > expected {
-                    return Err(nonsense(
+                    return Err(protocol_violation(
                         Role::Controller,
                         step,
                         format!("the plant is only at step {expected}"),
@@ -363,7 +363,7 @@ impl<E: Endpoint> EndpointLink<E> {
                 }
                 let command = command.canonical();
                 convert::check_command(&command, self.rotor_count)
-                    .map_err(|error| nonsense(Role::Controller, step, error))?;
+                    .map_err(|error| protocol_violation(Role::Controller, step, error))?;
                 self.controller.last_step = Some(step);
                 self.command = Some(command);
             }
@@ -373,17 +373,18 @@ impl<E: Endpoint> EndpointLink<E> {
                     return Ok(());
                 }
                 if step > self.reported {
-                    return Err(nonsense(
+                    return Err(protocol_violation(
                         Role::Fdi,
                         step,
-                        format!("the report of step {} never came", self.reported),
+                        format!("the report of step {} never arrived", self.reported),
                     ));
                 }
                 if step >= self.sent {
-                    return Err(nonsense(Role::Fdi, step, "the plant has not begun this step"));
+                    return Err(protocol_violation(Role::Fdi, step, "the plant has not begun this step"));
                 }
                 let report = report.canonical();
-                convert::check_report(&report, self.rotor_count).map_err(|error| nonsense(Role::Fdi, step, error))?;
+                convert::check_report(&report, self.rotor_count)
+                    .map_err(|error| protocol_violation(Role::Fdi, step, error))?;
                 self.fdi.last_step = Some(step);
                 self.fdi.last_heard = self.clock;
                 self.reported += 1;
@@ -435,7 +436,7 @@ impl<E: Endpoint> EndpointLink<E> {
         peer.meet(program, join.pid, join.process_space);
         if join.protocol_version != PROTOCOL_VERSION {
             let reason = format!(
-                "it ({}) speaks version {} of the protocol, the plant speaks version {PROTOCOL_VERSION}",
+                "it ({}) uses version {} of the protocol, the plant uses version {PROTOCOL_VERSION}",
                 peer.program, join.protocol_version
             );
             return Err(LinkError::Refused { role, reason });
@@ -514,7 +515,7 @@ impl<E: Endpoint> EndpointLink<E> {
         LinkError::Transport {
             transport: self.endpoint.transport(),
             action: format!("delivering {what} of step {step}"),
-            reason: "a peer is there but takes nothing more".to_owned(),
+            reason: "a peer is connected but no longer receives".to_owned(),
         }
     }
 }
@@ -522,11 +523,11 @@ impl<E: Endpoint> EndpointLink<E> {
 impl<E: Endpoint> PlantLink for EndpointLink<E> {
     fn open(&mut self, setup: &RunSetup) -> Result<(), LinkError> {
         if setup.run_id == 0 || setup.run_id != self.endpoint.run_id() {
-            return Err(nonsense(
+            return Err(protocol_violation(
                 Role::Plant,
                 0,
                 format!(
-                    "run {:016x} was asked of a link of run {:016x}",
+                    "run {:016x} was requested from a link of run {:016x}",
                     setup.run_id,
                     self.endpoint.run_id()
                 ),
@@ -570,7 +571,7 @@ impl<E: Endpoint> PlantLink for EndpointLink<E> {
     fn exchange(&mut self, sensors: &SensorFrame) -> Result<CommandFrame, LinkError> {
         let step = sensors.stamp.step;
         if step != self.sent || sensors.stamp.run_id != self.endpoint.run_id() {
-            return Err(nonsense(
+            return Err(protocol_violation(
                 Role::Plant,
                 step,
                 format!("step {} of this run was due", self.sent),
@@ -687,7 +688,7 @@ impl<E: Endpoint> PlantLink for EndpointLink<E> {
         };
         let finish = Packet::Finish(finish);
         if let Err(error) = self.endpoint.send(&finish) {
-            tracing::warn!("telling the peers that the run is over: {error}");
+            tracing::warn!("notifying the peers of the end of the run: {error}");
         }
         for role in [Role::Controller, Role::Fdi] {
             if let Err(error) = self.endpoint.wake(role) {
@@ -810,7 +811,7 @@ impl<'a, E: Endpoint> Peer<'a, E> {
             accept(setup.parameters.as_ref())
         } else {
             Err(format!(
-                "the plant speaks version {} of the protocol, the {} ({}) speaks version {PROTOCOL_VERSION}",
+                "the plant uses version {} of the protocol, the {} ({}) uses version {PROTOCOL_VERSION}",
                 setup.protocol_version,
                 role_name(role),
                 self.options.program
@@ -888,7 +889,11 @@ impl<'a, E: Endpoint> Peer<'a, E> {
             return Ok(false);
         }
         if step > expected {
-            return Err(nonsense(sender, step, format!("{what} of step {expected} never came")));
+            return Err(protocol_violation(
+                sender,
+                step,
+                format!("{what} of step {expected} never arrived"),
+            ));
         }
         Ok(true)
     }
@@ -932,7 +937,7 @@ pub fn serve_controller<E: Endpoint>(
                     continue;
                 }
                 let sensors = sensors.canonical();
-                convert::check_sensors(&sensors).map_err(|error| nonsense(Role::Plant, step, error))?;
+                convert::check_sensors(&sensors).map_err(|error| protocol_violation(Role::Plant, step, error))?;
                 let mut command = controller.step(&sensors);
                 command.stamp = sensors.stamp;
                 peer.steps += 1;
@@ -985,7 +990,7 @@ pub fn serve_fdi<E: Endpoint>(
                     continue;
                 }
                 let sensors = sensors.canonical();
-                convert::check_sensors(&sensors).map_err(|error| nonsense(Role::Plant, step, error))?;
+                convert::check_sensors(&sensors).map_err(|error| protocol_violation(Role::Plant, step, error))?;
                 sensors_waiting.push_back(sensors);
             }
             Some(Packet::Command(command)) => {
@@ -995,7 +1000,7 @@ pub fn serve_fdi<E: Endpoint>(
                 }
                 let command = command.canonical();
                 convert::check_command(&command, rotor_count)
-                    .map_err(|error| nonsense(Role::Controller, step, error))?;
+                    .map_err(|error| protocol_violation(Role::Controller, step, error))?;
                 commands_waiting.push_back(command);
             }
             Some(Packet::Finish(finish)) if finish.run_id == peer.endpoint.run_id() => {
@@ -1034,7 +1039,7 @@ pub fn serve_fdi<E: Endpoint>(
 
 /// A message that could not be decoded, attributed to its sender.
 pub fn malformed(sender: Role, step: u64, error: &ConvertError) -> LinkError {
-    nonsense(sender, step, error)
+    protocol_violation(sender, step, error)
 }
 
 #[cfg(test)]

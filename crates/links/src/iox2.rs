@@ -131,7 +131,7 @@ impl Iox2Options {
         if self.prefix.len() < 3 {
             return Err(failed(
                 &format!("using the prefix {:?}", self.prefix),
-                "it needs three characters or more",
+                "it needs at least three characters",
             ));
         }
         std::fs::create_dir_all(&self.root).map_err(problem)?;
@@ -237,7 +237,7 @@ fn is_segment(name: &str, prefix: &str) -> bool {
 /// Bytes available for shared memory.
 fn free_space() -> Result<u64, LinkError> {
     let status = rustix::fs::statvfs(SHARED_MEMORY)
-        .map_err(|error| failed(&format!("looking at the free space of {SHARED_MEMORY}"), error))?;
+        .map_err(|error| failed(&format!("reading the free space of {SHARED_MEMORY}"), error))?;
     Ok(status.f_bavail * status.f_frsize)
 }
 
@@ -486,7 +486,7 @@ fn service_name(run_id: u64, topic: &str) -> Result<ServiceName, LinkError> {
 
 fn port_action(port: &str, topic: &str, role: Role) -> String {
     format!(
-        "creating the {topic} {port} of the {} (does another one run already?)",
+        "creating the {topic} {port} of the {} (is another one already running?)",
         role_name(role)
     )
 }

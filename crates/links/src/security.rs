@@ -126,7 +126,7 @@ impl Security {
         let certifies = self.tls.is_some() && self.demand_certificate;
         if listens && !certifies && self.users_file.is_none() {
             return Err(format!(
-                "everybody would be let in at {endpoint}; expected listen.users_file, or [tls] with listen.demand_certificate = true"
+                "{endpoint} would accept every client; expected listen.users_file, or [tls] with listen.demand_certificate = true"
             ));
         }
         let grants = self.grants.iter();
@@ -277,7 +277,7 @@ impl Security {
             None => "no user".to_owned(),
         };
         let believed = match &self.tls {
-            Some(tls) => format!(" and believes in {}", tls.ca.display()),
+            Some(tls) => format!(" and trusts {}", tls.ca.display()),
             None => String::new(),
         };
         format!("shows {certificate} and {user}{believed}")

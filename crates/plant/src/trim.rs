@@ -48,7 +48,7 @@ pub fn trim(config: &SimulationConfig) -> Result<Trim, Refusal> {
         let most = config.nominal_blade.lift(1.0, voltage);
         if !(f > 0.0 && f < most) {
             let reason = format!(
-                "this vehicle cannot hover at a charge of {charge}: rotor {} would have to lift {f:.3} N, it lifts 0 to {most:.3} N",
+                "this vehicle cannot hover at a charge of {charge}: rotor {} would have to give {f:.3} N, it can give 0 to {most:.3} N",
                 i + 1
             );
             return Err(Refusal::new("vehicle", reason));

@@ -117,7 +117,7 @@ pub fn open_autopilot(
         Some(PilotChoice::Nobody) => None,
         Some(PilotChoice::At(at)) if autopilot.protocol == Protocol::Betaflight => {
             return Err(Refused::Argument(format!(
-                "--pilot {at}: Betaflight takes no commands over MAVLink, its sticks are held here; expected none, or no --pilot"
+                "--pilot {at}: Betaflight takes no commands over MAVLink, its sticks are held by this program; expected none, or no --pilot"
             )));
         }
         Some(PilotChoice::At(at)) => Some(at),

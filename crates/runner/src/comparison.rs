@@ -51,7 +51,7 @@ pub fn compare(job: &Job) -> Result<Compared, Failure> {
             && !same_rotor_order(first, &model.version.vehicle)
         {
             return Err(Failure::input(format!(
-                "{}: its motors are brought into the rotor order of a vehicle, and '{}' and '{}' have different ones; compare them one at a time",
+                "{}: its motors are reordered to the rotors of a vehicle, and '{}' and '{}' have different orders; compare them one at a time",
                 log.name, first.name, model.version.vehicle.name
             )));
         }

@@ -78,7 +78,7 @@ pub fn writable_file(path: &Path) -> Result<(), String> {
 /// As [`writable_file`], of a file that must not exist.
 pub fn new_file(path: &Path) -> Result<(), String> {
     if path.exists() {
-        return Err(format!("{}: already exists; expected another name", path.display()));
+        return Err(format!("{}: already exists; choose another name", path.display()));
     }
     writable_file(path)
 }

@@ -177,7 +177,7 @@ fn trim(trim: &Trim) -> String {
         .map(|x| format!("{:+.1}", 100.0 * x))
         .collect();
     let mut seen = trim.smallest_loss.map_or_else(
-        || "no loss of one rotor up to 60 % would be named for certain".to_owned(),
+        || "no loss of one rotor up to 60 % would be named".to_owned(),
         |loss| format!("a loss of {:.0} % of one rotor would be named", 100.0 * loss),
     );
     let more: Vec<String> = trim
@@ -196,7 +196,7 @@ fn trim(trim: &Trim) -> String {
     }
     if trim.another_day {
         seen +=
-            "; all healthy flights are of one day and this one is of another, so 3 % more are allowed rotor by rotor";
+            "; all healthy flights are of one day and this one is of another, so a further 3 % per rotor is allowed";
     }
     let shaken = match (&trim.vibration, &trim.no_vibration) {
         (Some(change), _) => format!("Vibration    {}\n", change.sentence),
@@ -204,7 +204,7 @@ fn trim(trim: &Trim) -> String {
         (None, None) => String::new(),
     };
     format!(
-        "{}\n             thrust asked of the rotors over the healthy mean: {} %; healthy flights vary by {:.1} % in common and {:.1} % rotor \
+        "{}\n             thrust command of the rotors over the healthy mean: {} %; healthy flights vary by {:.1} % in common and {:.1} % rotor \
          by rotor; {seen}\n{shaken}\n",
         trim.sentence,
         changes.join(", "),
@@ -290,7 +290,7 @@ fn text(diagnosis: &Diagnosis) -> String {
         text += &format!("Note         {note}\n");
     }
     text += &format!(
-        "Model        {}, hash {}: what is found belongs to no other\n",
+        "Model        {}, hash {}; the findings apply to this model only\n",
         diagnosis.model.name, diagnosis.model.hash
     );
     text += &format!(

@@ -209,7 +209,7 @@ fn peers(job: &Flight, here: &FlightHere, scenario: &Scenario, seed: u64, path: 
     if let Some(name) = job.controller.autopilot() {
         let Some(listed) = &here.autopilot else {
             return Err(Failure::input(format!(
-                "the autopilot '{name}' flies, and nobody says where it is; expected `here.flight.autopilot`"
+                "the address of the autopilot '{name}' is missing; expected `here.flight.autopilot`"
             )));
         };
         let address: AutopilotAddress = listed.address.parse().map_err(Failure::Input)?;

@@ -155,7 +155,7 @@ fn targets(out: &Path) -> Result<(String, [PathBuf; 4]), String> {
         .map(|ending| out.with_file_name(format!("{name}.{ending}")));
     for path in &paths {
         if path.exists() {
-            return Err(format!("{} exists already; nothing was written", path.display()));
+            return Err(format!("{} already exists; nothing was written", path.display()));
         }
         destination::writable_file(path)?;
     }
@@ -222,7 +222,7 @@ fn vehicle_text(found: &Identified) -> String {
         ]);
     }
     line(format!(
-        "{table}\nHow each value was found: --json, or the comments of the file that --out writes."
+        "{table}\nHow each value was found: see --json, or the comments in the file written by --out."
     ));
     let mut seen = Vec::new();
     for value in &found.values {
@@ -278,8 +278,8 @@ fn scores_text(scores: &HeldOut) -> String {
         ]);
     }
     format!(
-        "\nHeld out: {}, {:.0} s in the air; each half predicted with what the other half gave\n{table}\n\
-         Gains of the second half over the first: roll {:.2}, pitch {:.2} (1: both halves tell the same vehicle)\n",
+        "\nHeld out: {}, {:.0} s in the air; each half predicted with the values from the other half\n{table}\n\
+         Gains of the second half over the first: roll {:.2}, pitch {:.2} (1: both halves agree on the vehicle)\n",
         scores.log, scores.seconds, scores.gain_ratio[0], scores.gain_ratio[1]
     )
 }

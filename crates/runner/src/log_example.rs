@@ -25,7 +25,7 @@ const DRAWS: u64 = 8;
 /// The effect or the vehicle cannot be used, the flight is lost, or the files cannot be written.
 pub fn make(job: &Job) -> Result<FlightLog, Failure> {
     let disk = |error: &dyn std::fmt::Display| Failure::writing(&job.out, error);
-    let scratch = tempfile::tempdir().map_err(|error| disk(&format!("a folder cannot be made: {error}")))?;
+    let scratch = tempfile::tempdir().map_err(|error| disk(&format!("a folder cannot be created: {error}")))?;
     let flown = scratch.path().join("flown.parquet");
     let (plan, rows, nuisances) = fly_one(job, &flown)?;
     log_file::write(&flown, &rows)?;

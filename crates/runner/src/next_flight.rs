@@ -133,9 +133,9 @@ fn advice(proposals: &[Proposal], a: &Rival, b: &Rival) -> String {
     const ENOUGH: f64 = 10.0;
     let (a, b) = (a.label(), b.label());
     match proposals.first() {
-        None => format!("No manoeuvre can be flown that would tell {a} from {b}."),
+        None => format!("No manoeuvre that can be flown would distinguish {a} from {b}."),
         Some(best) if best.between() < ENOUGH => format!(
-            "No manoeuvre of the library tells {a} from {b} at their ordinary sizes: at best ln BF {:.1} ({}).",
+            "No manoeuvre of the library distinguishes {a} from {b} at their typical sizes: at best ln BF {:.1} ({}).",
             best.between(),
             best.manoeuvre
         ),

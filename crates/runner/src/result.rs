@@ -97,7 +97,7 @@ impl JobResult {
 /// It fails, with the reason.
 pub fn perform(job: Job, tell: Tell<'_>) -> Result<JobResult, Failure> {
     Ok(match named::with_paths(job)? {
-        Job::Run(_) => return Err(Failure::input("a flight is no job of this kind")),
+        Job::Run(_) => return Err(Failure::input("a flight is not a job of this kind")),
         Job::Campaign(job) => {
             let flights = Campaign::load(&job.campaign).map_err(Failure::input)?;
             for warning in flights.warnings() {

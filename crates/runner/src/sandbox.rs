@@ -70,7 +70,7 @@ fn chosen(flight: Option<&str>) -> Result<Vec<&'static Manoeuvre>, String> {
     let found = MANOEUVRES.iter().find(|manoeuvre| manoeuvre.name == name);
     found.map(|manoeuvre| vec![manoeuvre]).ok_or_else(|| {
         let names: Vec<&str> = MANOEUVRES.iter().map(|manoeuvre| manoeuvre.name).collect();
-        format!("there is no manoeuvre `{name}`; expected one of {}", names.join(", "))
+        format!("unknown manoeuvre `{name}`; expected one of {}", names.join(", "))
     })
 }
 

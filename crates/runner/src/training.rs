@@ -34,10 +34,7 @@ pub fn prepare(job: &Job) -> Result<Prepared<'_>, Failure> {
     if let Some(parent) = parent
         && !parent.is_dir()
     {
-        return Err(Failure::input(format!(
-            "--out: there is no folder {}",
-            parent.display()
-        )));
+        return Err(Failure::input(format!("--out: folder {} not found", parent.display())));
     }
     destination::writable_file(&job.out).map_err(Failure::Input)?;
     let options = Options {

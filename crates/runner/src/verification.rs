@@ -34,8 +34,8 @@ impl Verified {
         }
         let version = controller.version.as_deref().map(|version| format!(" {version}"));
         Some(format!(
-            "the run was flown by an external controller ({}{}), and again by our own, as that one is not here: the hashes say nothing about \
-             whether the run can be repeated",
+            "the run was flown by an external controller ({}{}), and the second time by our own, because the external one is not available here: the hashes do not \
+             show whether the run is reproducible",
             controller.peer,
             version.unwrap_or_default()
         ))
@@ -61,7 +61,7 @@ pub fn verify(job: &Job) -> Result<Verified, Failure> {
     let summary = load_summary(run).map_err(Failure::input)?;
     if summary.status != Status::Done {
         return Err(Failure::input(format!(
-            "{} is a run that was {}; only a run that was done can be flown again and compared",
+            "{} is a run that was {}; only a run that is done can be flown again and compared",
             run.display(),
             summary.status.as_str()
         )));

@@ -65,7 +65,7 @@ impl Head {
             first.constant.clone_from(&version.constant);
             if version != first {
                 return Err(StoreError::Refused(format!(
-                    "{text}: expected a model of {}; take this version in with 'rotortwin model import {text}'",
+                    "{text}: expected a model of {}; import this version with 'rotortwin model import {text}'",
                     store.root().display()
                 )));
             }
@@ -80,7 +80,7 @@ impl Head {
             let begun = store.find(&format!("{}@v0", first.name))?.version;
             if begun != first {
                 return Err(StoreError::Refused(format!(
-                    "{text}: there is a model {} already, of another vehicle; take this one in with 'rotortwin model import {text} --name NAME'",
+                    "{text}: a model {} of another vehicle already exists; import this one with 'rotortwin model import {text} --name NAME'",
                     first.name
                 )));
             }
@@ -100,7 +100,7 @@ impl Head {
                 is_new: false,
             }),
             _ => Err(StoreError::Refused(format!(
-                "{text}: expected a branch, as a version never changes; make one with 'rotortwin model branch {text} NAME'"
+                "{text}: expected a branch, because a version never changes; create one with 'rotortwin model branch {text} NAME'"
             ))),
         }
     }

@@ -191,12 +191,12 @@ impl AutopilotFrame {
                     channel, azimuth_deg, ..
                 } = motor;
                 return Err(format!(
-                    "its motor {channel} at {azimuth_deg}° is no rotor of the vehicle"
+                    "its motor {channel} at {azimuth_deg}° matches no rotor of the vehicle"
                 ));
             };
             if placements[rotor].spin != motor.spin {
                 return Err(format!(
-                    "its motor {} turns the other way than the vehicle's rotor {}",
+                    "its motor {} spins opposite to rotor {} of the vehicle",
                     motor.channel,
                     rotor + 1
                 ));

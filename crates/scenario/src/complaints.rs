@@ -28,11 +28,11 @@ pub fn complaints(
     let (Ok(original), Ok(table)) = (Document::from_text(name, text), text.parse::<Table>()) else {
         return vec![first];
     };
-    let mut patient = Patient {
+    let mut repair = Repair {
         root: Value::Table(table),
         good: Value::Table(good.parse().unwrap_or_default()),
         left_out: BTreeMap::new(),
-        treated: BTreeSet::new(),
+        repaired: BTreeSet::new(),
     };
     let mut found: Vec<ConfigError> = Vec::new();
     let mut next = Some(first);
@@ -42,14 +42,14 @@ pub fn complaints(
             break;
         };
         let path = parts(key);
-        let told = join(&patient.as_written(&path));
-        if !found.iter().any(|other| other.key() == Some(&told)) {
-            found.push(original.refuse(Refusal::new(told, error.reason())));
+        let written = join(&repair.as_written(&path));
+        if !found.iter().any(|other| other.key() == Some(&written)) {
+            found.push(original.refuse(Refusal::new(written, error.reason())));
         }
-        if !patient.treat(&path) {
+        if !repair.replace_or_remove(&path) {
             break;
         }
-        let Ok(changed) = toml::to_string(&patient.root) else {
+        let Ok(changed) = toml::to_string(&repair.root) else {
             break;
         };
         next = check(&changed).err();
@@ -58,31 +58,31 @@ pub fn complaints(
 }
 
 /// A document under repair.
-struct Patient {
+struct Repair {
     root: Value,
     good: Value,
     /// Removed list entries, by the list's path: indices as the user wrote them.
     left_out: BTreeMap<String, BTreeSet<usize>>,
     /// Paths already repaired; if rejected again, the table or list that contains them is removed.
-    treated: BTreeSet<String>,
+    repaired: BTreeSet<String>,
 }
 
-impl Patient {
+impl Repair {
     /// Repairs the value at a path; `false` if that is impossible.
-    fn treat(&mut self, path: &[String]) -> bool {
+    fn replace_or_remove(&mut self, path: &[String]) -> bool {
         for length in (1..=path.len()).rev() {
             let (holder, last) = (&path[..length - 1], &path[length - 1]);
-            if !self.treated.insert(join(&self.as_written(&path[..length]))) {
+            if !self.repaired.insert(join(&self.as_written(&path[..length]))) {
                 continue;
             }
-            let stand_in = at(&mut self.good, &path[..length]).cloned();
+            let replacement = at(&mut self.good, &path[..length]).cloned();
             let here = at(&mut self.root, &path[..length]).cloned();
-            if let Some(stand_in) = stand_in
-                && Some(&stand_in) != here.as_ref()
+            if let Some(replacement) = replacement
+                && Some(&replacement) != here.as_ref()
                 && index(last).is_none()
                 && let Some(Value::Table(table)) = at(&mut self.root, holder)
             {
-                table.insert(last.clone(), stand_in);
+                table.insert(last.clone(), replacement);
                 // If it is rejected again, it is removed.
                 return true;
             }

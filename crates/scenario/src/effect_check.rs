@@ -17,7 +17,7 @@ pub(crate) fn check(document: &ScenarioDocument, vehicle: &VehicleModel, catalog
     if document.effect.is_empty() {
         return match &document.ground {
             Some(ground) if ground.contact.is_none() => {
-                let reason = "the ground cannot have an effect: the scenario has no effect that feels it, and no `[ground.contact]`";
+                let reason = "the ground cannot have an effect: the scenario has no effect that depends on it, and no `[ground.contact]`";
                 Err(Refusal::new("ground", reason))
             }
             _ => Ok(()),

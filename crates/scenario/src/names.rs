@@ -117,7 +117,7 @@ impl fmt::Display for NameError {
                 }
                 write!(out, " ('rotortwin list {}' shows all)", kind.folder())
             }
-            Self::Shipped(error) => write!(out, "the program's own configuration cannot be laid out: {error}"),
+            Self::Shipped(error) => write!(out, "the program's own configuration cannot be written: {error}"),
         }
     }
 }

@@ -78,7 +78,7 @@ impl Documents {
             )),
             (None, Some(_)) => Err(Refusal::new(
                 "fdi.network",
-                "expected this key, as there is a classifier",
+                "expected this key, because there is a classifier",
             )),
         }
     }
@@ -275,7 +275,7 @@ impl Scenario {
         {
             warnings.push(format!(
                 "fault[{index}].time_s: rotor {} is damaged at {} s, before the calibration of the detectors ends at {end_s} s \
-                 (fdi.calibration_end_s): they take what is there until then for healthy",
+                 (fdi.calibration_end_s): they regard damage present by then as healthy",
                 fault.rotor, fault.time_s
             ));
         }

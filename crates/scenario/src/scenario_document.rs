@@ -184,7 +184,7 @@ impl ScenarioDocument {
     fn check_start(&self) -> Result<(), Refusal> {
         if self.initial.start == Start::OnGround && self.contact().is_none() {
             let reason =
-                "a flight that begins on the ground needs one that carries the vehicle: give `[ground.contact]`";
+                "a flight that begins on the ground needs ground that carries the vehicle: give `[ground.contact]`";
             return Err(Refusal::new("initial.start", reason));
         }
         let (Some(ground), Some(contact)) = (&self.ground, self.contact()) else {

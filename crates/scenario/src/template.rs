@@ -206,7 +206,7 @@ pub fn set_value(table: &mut Table, path: &str, value: Value) -> Result<(), Stri
             Part::Key(key) => {
                 let holder = target
                     .as_table_mut()
-                    .ok_or_else(|| format!("`{path}`: `{key}` is looked for in something that is not a table"))?;
+                    .ok_or_else(|| format!("`{path}`: `{key}` is used on a value that is not a table"))?;
                 if last {
                     holder.insert((*key).to_owned(), value);
                     return Ok(());
@@ -216,7 +216,7 @@ pub fn set_value(table: &mut Table, path: &str, value: Value) -> Result<(), Stri
             Part::Index(index) => {
                 let list = target
                     .as_array_mut()
-                    .ok_or_else(|| format!("`{path}`: [{index}] is looked for in something that is not a list"))?;
+                    .ok_or_else(|| format!("`{path}`: [{index}] is used on a value that is not a list"))?;
                 let count = list.len();
                 list.get_mut(*index)
                     .ok_or_else(|| format!("`{path}`: there is no entry [{index}], the list has {count}"))?

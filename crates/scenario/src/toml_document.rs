@@ -296,7 +296,7 @@ pub(crate) fn no_file(kind: &str, path: &Path) -> String {
     } else if path.exists() {
         format!("{} is not a regular file", plain(path))
     } else {
-        format!("there is none at {}", plain(path))
+        format!("found none at {}", plain(path))
     };
     format!("expected the path of a {kind} file, {found}")
 }
@@ -402,7 +402,7 @@ fn reword(message: &str) -> (Option<&str>, String) {
         return (quoted, reason);
     }
     if message.starts_with("missing field") {
-        return (quoted, "expected this key, it is missing".into());
+        return (quoted, "missing key".into());
     }
     if let Some(rest) = message.strip_prefix("invalid type: ") {
         let (found, expected) = rest.split_once(", expected ").unwrap_or((rest, "another type"));

@@ -140,7 +140,7 @@ fn val_classifier_that_does_not_fit_the_scenario_is_refused() {
     );
     assert_eq!(
         refusal("f550-paper.json", "f551.json", as_is),
-        format!("{KEY}expected the path of a classifier file, there is none at classifiers/f551.json")
+        format!("{KEY}expected the path of a classifier file, found none at classifiers/f551.json")
     );
 }
 

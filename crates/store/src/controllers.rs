@@ -78,7 +78,7 @@ pub struct ControllerRow {
     pub position_m: Option<Spread>,
     /// True yaw against its reference, degrees.
     pub yaw_deg: Option<Spread>,
-    /// True roll and pitch against what the controller asked of its inner loop, degrees; absent if it did not tell.
+    /// True roll and pitch against what the controller asked of its inner loop, degrees; absent if it did not report it.
     pub roll_pitch_deg: Option<Spread>,
     /// Angle between the thrust axis and the vertical, degrees.
     pub tilt_deg: Option<Spread>,
@@ -90,7 +90,7 @@ pub struct ControllerRow {
     pub fault: Option<FaultResponse>,
 }
 
-/// What a fault did, and what was seen of it. Verdicts are those of the sequential detector.
+/// Response to a fault, and its detection. Verdicts are those of the sequential detector.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct FaultResponse {
     /// In words: "rotor 3: −10 % thrust".

@@ -16,13 +16,13 @@ pub enum StoreError {
         source: std::io::Error,
     },
     /// The folder for a new run is not empty.
-    #[error("{}: the folder is not empty; name a new or empty one for this run", path.display())]
+    #[error("{}: the folder is not empty; choose a new or empty one for this run", path.display())]
     FolderNotEmpty {
         /// The folder.
         path: PathBuf,
     },
     /// The path for a new run folder is a file.
-    #[error("{}: this is not a folder; name a new or empty folder for this run", path.display())]
+    #[error("{}: not a folder; choose a new or empty folder for this run", path.display())]
     NotAFolder {
         /// The path.
         path: PathBuf,

@@ -19,6 +19,7 @@
 //! link, no scenario and no clock: facts about those are passed in as text and numbers.
 
 pub mod analysis;
+pub mod column_file;
 pub mod controllers;
 pub mod error;
 pub mod export;

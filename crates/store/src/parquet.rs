@@ -6,52 +6,41 @@
 //! Parquet has no field for units, so the file's key-value metadata contains, in addition to the facts of the run, one entry
 //! `rotortwin.columns`: a JSON object column → {unit, description}.
 
+use crate::column_file::{ColumnFileWriter, Content, Field, Layout, Packing, Values};
 use crate::error::{Result, StoreError};
 use crate::spool::{Chunk, SpoolHeader};
 use crate::summary::Summary;
 use crate::telemetry::{Column, Kind};
-use parquet::basic::{Compression, Encoding, LogicalType, Repetition, Type as Physical, ZstdLevel};
-use parquet::data_type::{DoubleType, FloatType, Int32Type, Int64Type};
-use parquet::errors::ParquetError;
-use parquet::file::metadata::KeyValue;
-use parquet::file::properties::{EnabledStatistics, WriterProperties};
-use parquet::file::writer::SerializedFileWriter;
-use parquet::schema::types::{ColumnPath, Type};
 use std::io::Write;
 use std::path::{Path, PathBuf};
-use std::sync::Arc;
-
-/// zstd level: noise does not compress; level 3 made the file of a 90 s flight 0.8 % smaller.
-const ZSTD_LEVEL: i32 = 1;
 
 /// Writes chunks of telemetry as Parquet.
 pub(crate) struct ParquetSink<W: Write + Send> {
-    writer: SerializedFileWriter<W>,
+    writer: ColumnFileWriter<W>,
     kinds: Vec<Kind>,
     path: PathBuf,
 }
 
-fn schema(columns: &[Column]) -> std::result::Result<Type, ParquetError> {
-    let fields = columns
-        .iter()
-        .map(|column| {
-            let (physical, logical) = match column.kind {
-                Kind::F64 => (Physical::DOUBLE, None),
-                Kind::F32 => (Physical::FLOAT, None),
-                Kind::I32 => (Physical::INT32, None),
-                Kind::U64 => (Physical::INT64, Some(LogicalType::integer(64, false))),
-            };
-            Type::primitive_type_builder(&column.name, physical)
-                .with_repetition(Repetition::REQUIRED)
-                .with_logical_type(logical)
-                .build()
-                .map(Arc::new)
-        })
-        .collect::<std::result::Result<_, _>>()?;
-    Type::group_type_builder("telemetry").with_fields(fields).build()
+fn field(column: &Column) -> Field {
+    let (content, packing) = match column.kind {
+        Kind::F64 => (Content::F64, Packing::ByteStreams),
+        Kind::F32 => (Content::F32, Packing::ByteStreams),
+        Kind::I32 => (Content::I32, Packing::Dictionary),
+        Kind::U64 => (Content::U64, Packing::Dictionary),
+    };
+    let packing = if column.name == "step" {
+        Packing::Differences
+    } else {
+        packing
+    };
+    Field {
+        name: column.name.clone(),
+        content,
+        packing,
+    }
 }
 
-fn metadata(header: &SpoolHeader, columns: &[Column], summary: &Summary) -> Vec<KeyValue> {
+fn metadata(header: &SpoolHeader, columns: &[Column], summary: &Summary) -> Vec<(String, String)> {
     let units: serde_json::Map<String, serde_json::Value> = columns
         .iter()
         .map(|column| {
@@ -77,7 +66,7 @@ fn metadata(header: &SpoolHeader, columns: &[Column], summary: &Summary) -> Vec<
         ("columns", json(&units)),
     ]
     .into_iter()
-    .map(|(key, value)| KeyValue::new(format!("rotortwin.{key}"), value))
+    .map(|(key, value)| (key.to_owned(), value))
     .collect()
 }
 
@@ -102,71 +91,36 @@ impl<W: Write + Send> ParquetSink<W> {
         columns: &[Column],
         summary: &Summary,
     ) -> Result<Self> {
-        let wrap = |source| StoreError::Parquet {
+        let layout = Layout {
+            name: "telemetry",
+            created_by: format!("rotortwin-store {}", env!("CARGO_PKG_VERSION")),
+            fields: columns.iter().map(field).collect(),
+            metadata: metadata(header, columns, summary),
+            coarse_statistics: true,
+        };
+        let writer = ColumnFileWriter::new(writer, &layout).map_err(|source| StoreError::Parquet {
             path: path.to_path_buf(),
             source,
-        };
-        let level = ZstdLevel::try_new(ZSTD_LEVEL).map_err(wrap)?;
-        let mut properties = WriterProperties::builder()
-            .set_created_by(format!("rotortwin-store {}", env!("CARGO_PKG_VERSION")))
-            .set_compression(Compression::ZSTD(level))
-            .set_statistics_enabled(EnabledStatistics::Chunk)
-            .set_key_value_metadata(Some(metadata(header, columns, summary)));
-        for column in columns {
-            let path = ColumnPath::from(column.name.as_str());
-            properties = match column.kind {
-                Kind::F64 | Kind::F32 => properties
-                    .set_column_dictionary_enabled(path.clone(), false)
-                    .set_column_encoding(path, Encoding::BYTE_STREAM_SPLIT),
-                Kind::I32 | Kind::U64 if column.name != "step" => properties,
-                Kind::I32 | Kind::U64 => properties
-                    .set_column_dictionary_enabled(path.clone(), false)
-                    .set_column_encoding(path, Encoding::DELTA_BINARY_PACKED),
-            };
-        }
-        let schema = Arc::new(schema(columns).map_err(wrap)?);
-        let writer = SerializedFileWriter::new(writer, schema, Arc::new(properties.build())).map_err(wrap)?;
-        let kinds = columns.iter().map(|column| column.kind).collect();
+        })?;
         Ok(Self {
             writer,
-            kinds,
+            kinds: columns.iter().map(|column| column.kind).collect(),
             path: path.to_path_buf(),
         })
     }
 
     /// Writes one row group.
     pub(crate) fn push(&mut self, chunk: &Chunk) -> Result<()> {
-        self.write_group(chunk).map_err(|source| StoreError::Parquet {
+        let columns = chunk.columns.iter().zip(&self.kinds).map(|(values, kind)| match kind {
+            Kind::F64 => Values::F64(values.into()),
+            Kind::F32 => Values::F32(values.iter().map(|value| *value as f32).collect()),
+            Kind::I32 => Values::I32(values.iter().map(|value| *value as i32).collect()),
+            Kind::U64 => Values::I64(values.iter().map(|value| *value as i64).collect()),
+        });
+        self.writer.push(columns).map_err(|source| StoreError::Parquet {
             path: self.path.clone(),
             source,
         })
-    }
-
-    fn write_group(&mut self, chunk: &Chunk) -> std::result::Result<(), ParquetError> {
-        let mut group = self.writer.next_row_group()?;
-        for (values, kind) in chunk.columns.iter().zip(&self.kinds) {
-            let mut column = group
-                .next_column()?
-                .ok_or_else(|| ParquetError::General("the schema has fewer columns than the spool".to_owned()))?;
-            match kind {
-                Kind::F64 => column.typed::<DoubleType>().write_batch(values, None, None)?,
-                Kind::F32 => {
-                    let values: Vec<f32> = values.iter().map(|value| *value as f32).collect();
-                    column.typed::<FloatType>().write_batch(&values, None, None)?
-                }
-                Kind::I32 => {
-                    let values: Vec<i32> = values.iter().map(|value| *value as i32).collect();
-                    column.typed::<Int32Type>().write_batch(&values, None, None)?
-                }
-                Kind::U64 => {
-                    let values: Vec<i64> = values.iter().map(|value| *value as i64).collect();
-                    column.typed::<Int64Type>().write_batch(&values, None, None)?
-                }
-            };
-            column.close()?;
-        }
-        group.close()?;
-        Ok(())
     }
 
     /// Completes the file.
@@ -175,6 +129,6 @@ impl<W: Write + Send> ParquetSink<W> {
             path: self.path,
             source,
         };
-        self.writer.into_inner().map_err(wrap)
+        self.writer.finish().map_err(wrap)
     }
 }

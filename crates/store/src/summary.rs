@@ -63,20 +63,20 @@ impl Status {
     }
 }
 
-/// Why a run failed.
+/// Cause of the failure of a run.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 #[schema(as = FlightFailure)]
 pub struct Failure {
-    /// Who failed: `controller`, `fdi`, `plant`, or the program itself.
+    /// Process that failed: `controller`, `fdi`, `plant`, or the program itself.
     pub peer: String,
     /// Last step that was complete; 0 also if there is none.
     pub step: u64,
     /// How long the peer had been silent in wall time, ms; 0 if it did not fail by silence.
     pub silence_ms: u64,
-    /// A process of the run died, fell silent or never came; the same flight may do well at another try.
+    /// A process of the run died, stopped responding or never joined; another attempt may succeed.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     pub lost: bool,
-    /// The whole story in one sentence.
+    /// Summary in one sentence.
     pub sentence: String,
 }
 
@@ -133,13 +133,13 @@ pub struct RealTime {
     pub late: Vec<LateSteps>,
 }
 
-/// Steps that were late for one reason, as the kernel tells it: what took most of the time since the command before.
+/// Late steps with one reason, from kernel statistics: what took most of the time since the previous command.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct LateSteps {
     /// `plant` (with all that flies in its process), `controller`, or `fdi`: its reports, which no deadline waits for, came later than a
     /// period after their step.
     pub who: String,
-    /// `scheduler`: woken, it waited for a processor that others had; `computing`; `unknown`: neither, or that kernel cannot be asked.
+    /// `scheduler`: woken, it waited for a processor used by other processes; `computing`; `unknown`: neither, or that kernel cannot be asked.
     pub why: String,
     /// How many.
     pub steps: u64,
@@ -307,13 +307,8 @@ impl Severity {
         };
         if self.losses.is_empty() {
             let open = self.suspect_rotors.as_slice();
-            return (!open.is_empty()).then(|| {
-                format!(
-                    "{} sets of rotors {} come into question",
-                    self.hypothesis_count,
-                    list(open)
-                )
-            });
+            return (!open.is_empty())
+                .then(|| format!("{} sets of rotors {} are possible", self.hypothesis_count, list(open)));
         }
         let several = self.losses.len() > 1;
         let texts: Vec<String> = self
@@ -408,7 +403,7 @@ pub struct Interval {
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub sensor_faults: Vec<String>,
     /// The verdict that is right here: equal to the fault label (several faulty rotors match no single one: "unknown fault"). Of two
-    /// faulty rotors it is also right to name both, of several to leave open a choice that holds them.
+    /// faulty rotors naming both is also correct; of several, so is an ambiguous verdict that includes them.
     pub expected_verdict: i32,
     /// What the sequential detector says of the rotors concerned at the end of the interval.
     #[serde(default)]
@@ -459,7 +454,7 @@ pub struct Summary {
     pub seed: u64,
     /// How the processes were connected: `in-process`, `iceoryx2`, `zenoh`.
     pub link: String,
-    /// Who flew; absent if nobody joined, or an earlier version wrote this.
+    /// Controller that flew; absent if none joined, or if an earlier version wrote this.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub controller: Option<ControllerRecord>,
     /// `fast` or `real-time`.

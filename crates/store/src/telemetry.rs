@@ -509,17 +509,14 @@ impl TelemetryRow {
 
         let [roll, pitch, yaw] = self.attitude_setpoint_rad;
         sink.f32(
-            one("roll_setpoint_rad", "rad", "Roll that the inner loop was asked for"),
+            one("roll_setpoint_rad", "rad", "Roll set-point of the inner loop"),
             roll,
         );
         sink.f32(
-            one("pitch_setpoint_rad", "rad", "Pitch that the inner loop was asked for"),
+            one("pitch_setpoint_rad", "rad", "Pitch set-point of the inner loop"),
             pitch,
         );
-        sink.f32(
-            one("yaw_setpoint_rad", "rad", "Yaw that the inner loop was asked for"),
-            yaw,
-        );
+        sink.f32(one("yaw_setpoint_rad", "rad", "Yaw set-point of the inner loop"), yaw);
         sink.u64(
             one(
                 "saturated_rotors",

@@ -34,7 +34,7 @@ fn val_each_refusal_of_the_format_names_row_and_column() {
         ("time_s\n0\n", "1 rows; a log has at least two"),
         (
             "time_s,roll_rad\n0,0\n0,0\n",
-            "row 2, column time_s: 0 s stands in the row before",
+            "row 2, column time_s: the previous row has 0 s",
         ),
         (
             "time_s,roll_rad\n0,0\n1,0\n0.5,0\n",
@@ -78,7 +78,7 @@ fn val_each_refusal_of_the_format_names_row_and_column() {
             "row 2, column quat_w: the quaternion has length 0.5",
         ),
         ("time_s,roll_rad\n0,0\n1\n", "row 2 has 1 cells; the header has 2"),
-        ("time_s,a,a\n0,0,0\n1,0,0\n", "column a: this name stands twice"),
+        ("time_s,a,a\n0,0,0\n1,0,0\n", "column a: duplicate column name"),
         (
             "time_s;roll_rad\n0;0\n1;0\n",
             "the cells of the header are separated by ';'",

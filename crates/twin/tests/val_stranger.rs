@@ -175,8 +175,10 @@ fn val_a_vehicle_without_its_intervals_is_told_so_before_anything_is_called_miss
     let is_dropped = |note: &String| note.starts_with("not believed: ");
     assert!(!found.effects.is_empty() || found.notes.iter().any(is_dropped));
     assert!(
-        found.sentence.contains("own.intervals.toml) are not beside it")
-            && found.notes.iter().any(|note| note.contains("not beside it")),
+        found
+            .sentence
+            .contains("own.intervals.toml) are missing from its folder")
+            && found.notes.iter().any(|note| note.contains("missing from its folder")),
         "{}",
         found.sentence
     );

@@ -455,7 +455,7 @@ fn val_an_inertia_that_cannot_be_for_mass_and_arm_is_refused_with_its_reason() {
                 "{wrong}: {gyration} {source:?}"
             );
         }
-        let told = |note: &String| note.contains("inertia, roll") && note.contains("cannot be for");
+        let told = |note: &String| note.contains("inertia, roll") && note.contains("is impossible for");
         reasons += usize::from(found.notes.iter().any(told));
     }
     assert!(reasons > 0);
@@ -678,7 +678,7 @@ fn val_a_blackbox_has_betaflights_order_and_the_motion_says_which_way_the_motors
             found.airframe.name
         );
         assert!(
-            found.airframe.how.contains("does not clearly tell"),
+            found.airframe.how.contains("does not clearly show"),
             "{}",
             found.airframe.how
         );
@@ -704,5 +704,8 @@ fn regress_rows_too_far_apart_tell_nothing_of_a_vehicle() {
     let refused = identify(std::slice::from_ref(&slow), &request(&vehicle, arm))
         .unwrap_err()
         .to_string();
-    assert!(refused.contains("2.0 rows a second, expected 10"), "{refused}");
+    assert!(
+        refused.contains("2.0 rows per second, expected at least 10"),
+        "{refused}"
+    );
 }

@@ -116,7 +116,7 @@ fn val_in_a_hover_the_rotors_shake_more_and_none_is_named() {
     let found = change(&[shaken(&vehicle, "hover", 50, &damaged)], &healthy, Some(&model)).unwrap();
     assert!(found.named.is_empty(), "{}", found.sentence);
     assert!(
-        found.sentence.contains("which of them, these flights do not show"),
+        found.sentence.contains("these flights do not show which of them"),
         "{}",
         found.sentence
     );

@@ -31,7 +31,7 @@ impl DetectorChoice<'_> {
         let vehicle = version.for_detectors().map_err(refused)?;
         let note = (!vehicle.not_carried.is_empty()).then(|| {
             format!(
-                "the detectors have no parameter for {} of the model: what it does counts as a disturbance",
+                "the detectors have no parameter for {} of the model: its effect counts as a disturbance",
                 vehicle.not_carried.join(", ")
             )
         });

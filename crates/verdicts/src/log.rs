@@ -125,17 +125,17 @@ pub struct LogReport {
     pub judged_rate_hz: f64,
     /// The log has another rate and was resampled.
     pub resampled: bool,
-    /// Steps that the detectors took in.
+    /// Steps processed by the detectors.
     pub steps: u64,
     /// Steps at which a channel had no value.
     pub lost_steps: u64,
-    /// Steps with values that no flight can have.
+    /// Steps with impossible values.
     pub rejected_steps: u64,
     /// Time that the sequential detector had a verdict for, s; false alarms count against it.
     pub decided_s: f64,
     /// What was judged, in the order of time; what is damaged by the begin of one counts as healthy in it.
     pub stretches: Vec<StretchView>,
-    /// The rest, in the order of time: why it was not judged.
+    /// The rest, in order of time, with the reasons why it was not judged.
     pub not_judged: Vec<NotJudgedView>,
     /// Times that the list leaves out.
     pub not_judged_left_out: u64,
@@ -154,7 +154,7 @@ pub struct LogReport {
     pub lacks: Vec<Lack>,
     /// What looks wrong about the log.
     pub suspicions: Vec<Suspicion>,
-    /// What else a reader must know.
+    /// Further notes for the reader.
     pub notes: Vec<String>,
     /// The flight as a page draws it; only where asked for (`fdi-log --flight`).
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -204,9 +204,9 @@ fn judged_by_force(log: &FlightLog, axial: &Axial) -> Lack {
     Lack {
         columns: without_motion(log),
         rules_out: format!(
-            "how the vehicle stands and where it moves. The specific force along the rotors' axis is judged in the place of the momentum; the drag along \
+            "attitude and velocity of the vehicle. The specific force along the rotors' axis is judged instead of the momentum; the drag along \
              that axis counts as unknown (0 ± {:.2} N·s/m, 95 %), drag across it as none, and an accelerometer away from the centre of mass as gusts: \
-             intervals and the smallest loss that would be seen are wider for it",
+             intervals and the smallest detectable loss are larger for it",
             axial.drag
         ),
         prevents_verdicts: false,
@@ -221,7 +221,7 @@ fn lacks(log: &FlightLog, detectors: &Detectors) -> Vec<Lack> {
             let columns: Vec<String> = columns.into_iter().filter(|name| !has(log, name)).collect();
             (!columns.is_empty()).then(|| Lack {
                 columns,
-                rules_out: format!("all verdicts: they tell {what_for}"),
+                rules_out: format!("all verdicts: they give {what_for}"),
                 prevents_verdicts: true,
             })
         })
@@ -250,7 +250,7 @@ fn without_voltage(
         Ok(voltage) => {
             let begin = voltage.begin;
             let rules_out = format!(
-                "what all rotors lose together, and what comes as slowly as a battery empties. Its voltage was worked out of the duties with the \
+                "losses common to all rotors, and losses as slow as the discharge of the battery. The voltage was inferred from the duties with the \
                  vehicle's battery: {:.2} V in the mean of {:.1} to {:.1} s, where the thrust carried the weight (charge {:.0} % at their \
                  beginning); the size of a loss counts from that",
                 begin.voltage_v,
@@ -267,7 +267,7 @@ fn without_voltage(
         }
         Err(why) => {
             let rules_out = format!(
-                "all verdicts: it tells the thrust that a rotor gives at a duty, and cannot be worked out of the duties either: {why}"
+                "all verdicts: it determines the thrust of a rotor at a duty, and cannot be inferred from the duties either: {why}"
             );
             let lack = Lack {
                 columns,
@@ -321,12 +321,14 @@ pub fn learn(logs: &[FlightLog], detectors: &Detectors) -> Result<(Learnt, Vec<S
         let (judge, lacks) = run(log, detectors, false, session).map_err(|refusal| of_log(refusal.0))?;
         if let Some(lack) = lacks.iter().find(|lack| lack.prevents_verdicts) {
             let columns = lack.columns.join(", ");
-            return Err(of_log(format!("nothing can be learnt from a log that lacks {columns}")));
+            return Err(of_log(format!(
+                "a log without {columns} cannot be used as a healthy flight"
+            )));
         }
         let is_said = |stretch: &&(u64, StretchView)| stretch.1.sequential.verdict.code != HEALTHY;
         if let Some((_, stretch)) = judge.stretches.iter().find(is_said) {
             notes.push(format!(
-                "{}, which was learnt from as healthy: at {:.1} s the detectors found a fault in it",
+                "{}, used as a healthy flight: the detectors found a fault in it at {:.1} s",
                 log.name, stretch.to_s
             ));
         }
@@ -334,7 +336,7 @@ pub fn learn(logs: &[FlightLog], detectors: &Detectors) -> Result<(Learnt, Vec<S
     }
     let learnt = learner.learnt().ok_or_else(|| {
         LogRefusal(
-            "the healthy flights hold less than 20 s in the air after a calibration, which nothing is learnt from"
+            "the healthy flights hold less than 20 s in the air after a calibration, too little to learn from"
                 .to_owned(),
         )
     })?;
@@ -714,7 +716,7 @@ impl Judge {
         let obstacle = match code {
             NOT_READY => Some(ObstacleView {
                 reason: Obstruction::Calibration,
-                why: "the detectors calibrate themselves; what is damaged by then counts as healthy".to_owned(),
+                why: "the detectors calibrate themselves; damage present by then counts as healthy".to_owned(),
             }),
             CANNOT_JUDGE => window.obstacle.as_ref().map(ObstacleView::from),
             _ => {

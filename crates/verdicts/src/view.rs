@@ -3,6 +3,7 @@
 use rotortwin_fdi_session::validity::{CANNOT_JUDGE, Obstacle};
 use rotortwin_fdi_session::{Answer, Calibration, Window};
 use rotortwin_flight_core::MAX_ROTORS;
+use rotortwin_flight_core::fdi::verdict_code::{AMBIGUOUS, HEALTHY, UNKNOWN};
 use rotortwin_scenario::Detectors;
 use rotortwin_wire::frames::{FdiReport, LossEstimate, MAX_HYPOTHESES};
 use serde::Serialize;
@@ -121,9 +122,9 @@ impl VerdictView {
     pub fn of(code: i32) -> Self {
         let number = code.unsigned_abs();
         let (verdict, rotors) = match code {
-            0 => (VerdictKind::Healthy, Vec::new()),
-            -1 => (VerdictKind::Unknown, Vec::new()),
-            -3 => (VerdictKind::Ambiguous, Vec::new()),
+            HEALTHY => (VerdictKind::Healthy, Vec::new()),
+            UNKNOWN => (VerdictKind::Unknown, Vec::new()),
+            AMBIGUOUS => (VerdictKind::Ambiguous, Vec::new()),
             1..100 => (VerdictKind::Faulty, vec![number]),
             100.. => (VerdictKind::FaultyPair, vec![number / 100, number % 100]),
             CANNOT_JUDGE => (VerdictKind::CannotJudge, Vec::new()),
@@ -263,12 +264,12 @@ pub struct WindowView {
     pub network: NetworkView,
     /// The detector that decides over time, after a second look at what else would explain it and at how large it is now; the one to act on.
     pub sequential: SequentialView,
-    /// The same before the second look, as a run would record it; only where it says something else.
+    /// The same before the second look, as a run would record it; only if it differs.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub engine: Option<SequentialView>,
     /// Why the verdicts are `cannot_judge`.
     pub cannot_judge: Option<ObstacleView>,
-    /// Smallest lost share of each rotor's thrust that would be found within 10 s now; empty without a verdict and while something is wrong.
+    /// Smallest loss of each rotor, as a share of its thrust, that would now be detected within 10 s; empty without a verdict and while a fault or an obstacle is reported.
     pub smallest_loss: Vec<f32>,
 }
 
@@ -305,7 +306,7 @@ pub struct ChunkAnswer {
     pub first_step: u64,
     /// Step that the next chunk is to begin with.
     pub next_step: u64,
-    /// The chunk had been taken before; this is the answer that it got then.
+    /// The chunk had been accepted before; this is its original response.
     pub repeated: bool,
     /// Windows that ended in it, in order.
     pub windows: Vec<WindowView>,

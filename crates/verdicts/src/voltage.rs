@@ -90,7 +90,7 @@ impl WorkedOutVoltage {
         };
         let (mut low, mut high) = CHARGES;
         let (least, most) = (carried(low).0, carried(high).0);
-        let words = "of the weight in the first seconds in the air: the vehicle is not that of the log, or it did not fly yet (LOG@a:b takes a part of the log)";
+        let words = "of the weight in the first seconds in the air: the log is of another vehicle, or it was not flying yet (LOG@a:b takes a part of the log)";
         if most < 1.0 {
             return Err(format!("a full battery would carry {:.0} % {words}", 100.0 * most));
         }

@@ -8,6 +8,7 @@
 
 use crate::frames::{CommandFrame, FdiReport, LossEstimate, MAX_HYPOTHESES, SensorFrame, Stamp};
 use rotortwin_flight_core::MAX_ROTORS;
+use rotortwin_flight_core::fdi::verdict_code::{AMBIGUOUS, HEALTHY, NOT_READY, UNKNOWN};
 use rotortwin_proto::{self as proto, verdict::Kind};
 
 /// Why a message was rejected.
@@ -133,7 +134,7 @@ pub fn check_report(frame: &FdiReport, rotor_count: usize) -> Result<(), Convert
     }
     let highest = i32::try_from(rotor_count.min(MAX_ROTORS)).expect("MAX_ROTORS fits in i32");
     for (field, code) in [("t_test", frame.t_test), ("network", frame.network)] {
-        if !(-2..=highest).contains(&code) {
+        if !(NOT_READY..=highest).contains(&code) {
             return Err(ConvertError::OutOfRange {
                 field: format!("FdiReport.{field}"),
                 value: f64::from(code),
@@ -144,7 +145,7 @@ pub fn check_report(frame: &FdiReport, rotor_count: usize) -> Result<(), Convert
     let code = frame.sequential;
     let (first, second) = (code / 100, code % 100);
     let pair = first >= 1 && first < second && second <= highest;
-    if !pair && !(-3..=highest).contains(&code) {
+    if !pair && !(AMBIGUOUS..=highest).contains(&code) {
         return Err(ConvertError::OutOfRange {
             field: "FdiReport.sequential".to_owned(),
             value: f64::from(code),
@@ -382,10 +383,10 @@ impl CommandFrame {
 /// The message of a verdict code; an unknown code becomes "unspecified", which every receiver rejects.
 pub fn verdict_to_proto(code: i32) -> proto::Verdict {
     let (kind, rotor, second_rotor) = match code {
-        -3 => (Kind::Ambiguous, 0, 0),
-        -2 => (Kind::NotReady, 0, 0),
-        -1 => (Kind::Unknown, 0, 0),
-        0 => (Kind::Healthy, 0, 0),
+        AMBIGUOUS => (Kind::Ambiguous, 0, 0),
+        NOT_READY => (Kind::NotReady, 0, 0),
+        UNKNOWN => (Kind::Unknown, 0, 0),
+        HEALTHY => (Kind::Healthy, 0, 0),
         1..100 => (Kind::Faulty, code.unsigned_abs(), 0),
         100.. => (Kind::FaultyPair, code.unsigned_abs() / 100, code.unsigned_abs() % 100),
         _ => (Kind::Unspecified, 0, 0),
@@ -421,10 +422,10 @@ pub fn verdict_from_proto(verdict: &Option<proto::Verdict>, field: &'static str)
         });
     }
     match (verdict.kind(), i32::try_from(verdict.rotor)) {
-        (Kind::Ambiguous, Ok(0)) => Ok(-3),
-        (Kind::NotReady, Ok(0)) => Ok(-2),
-        (Kind::Unknown, Ok(0)) => Ok(-1),
-        (Kind::Healthy, Ok(0)) => Ok(0),
+        (Kind::Ambiguous, Ok(0)) => Ok(AMBIGUOUS),
+        (Kind::NotReady, Ok(0)) => Ok(NOT_READY),
+        (Kind::Unknown, Ok(0)) => Ok(UNKNOWN),
+        (Kind::Healthy, Ok(0)) => Ok(HEALTHY),
         (Kind::Faulty, Ok(rotor @ 1..100)) => Ok(rotor),
         (Kind::Faulty, _) => Err(ConvertError::OutOfRange {
             field: format!("{field}.rotor"),

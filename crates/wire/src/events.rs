@@ -35,7 +35,7 @@ pub struct LiveSample {
     pub values: Vec<Option<f64>>,
 }
 
-/// How far the flight is, and what it shows.
+/// Progress of the flight, and its current state.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, ToSchema)]
 #[schema(as = RunProgress)]
 pub struct Progress {
@@ -59,7 +59,7 @@ pub struct Progress {
     pub sequential: i32,
 }
 
-/// Something worth a line.
+/// A notable event.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 #[schema(as = RunChange)]
 #[serde(tag = "what", rename_all = "kebab-case")]
@@ -108,7 +108,7 @@ pub enum Change {
         /// One line.
         text: String,
     },
-    /// A mishap on the ground.
+    /// An accident on the ground.
     Ground {
         /// End of the step in which it happened, s.
         sim_time_s: f64,
@@ -117,7 +117,7 @@ pub enum Change {
     },
 }
 
-/// What goes wrong on the ground.
+/// Kinds of accidents on the ground.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 #[schema(as = GroundMishap)]
 #[serde(tag = "kind", rename_all = "kebab-case")]

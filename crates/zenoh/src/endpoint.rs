@@ -151,10 +151,10 @@ pub(crate) fn open(options: &ZenohOptions, runs: Runs) -> Result<zenoh::Session,
         tracing::debug!("{action}: {error}");
         let reason = match options.attachment {
             Attachment::Listen if options.security.is_some() => {
-                "the address is not one of this host, or is taken, or the certificate, key or users file is none"
+                "the address is not one of this host, or is in use, or the certificate, key or users file is invalid"
                     .to_owned()
             }
-            Attachment::Listen => "the address is not one of this host, or is taken".to_owned(),
+            Attachment::Listen => "the address is not one of this host, or is in use".to_owned(),
             Attachment::Connect => refusal(options),
         };
         failed(&action, reason)
@@ -168,14 +168,14 @@ fn refusal(options: &ZenohOptions) -> String {
         addresses.any(|address| TcpStream::connect_timeout(&address, Duration::from_secs(1)).is_ok())
     });
     match &options.security {
-        _ if !answers => "nobody answers there".to_owned(),
+        _ if !answers => "no response there".to_owned(),
         Some(security) => format!(
-            "somebody listens there and one does not let the other in: this process {}; \
-                 set ROTORTWIN_LOG=warn,zenoh=debug on both sides for zenoh's own words",
+            "a process listens there, but one side rejects the other: this \
+                 process {}; set ROTORTWIN_LOG=warn,zenoh=debug on both sides for details",
             security.shown()
         ),
-        None => "somebody listens there and does not let this process in: it shows no certificate and no user; \
-                     expected a plant or router without access control, or config=FILE behind the endpoint"
+        None => "a process listens there, but rejects this one, which presents no certificate and no user; \
+                     expected a plant or router without access control, or config=FILE after the endpoint"
             .to_owned(),
     }
 }
@@ -543,7 +543,11 @@ fn own_role(key: Role, said: Role, field: &'static str) -> Result<(), LinkError>
     }
     let other = ConvertError::Malformed {
         message: field,
-        reason: format!("it says {}, and came as the {}'s", role_name(said), role_name(key)),
+        reason: format!(
+            "it claims to be from {}, but came from the {}",
+            role_name(said),
+            role_name(key)
+        ),
     };
     Err(malformed(key, 0, &other))
 }

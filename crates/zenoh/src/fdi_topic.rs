@@ -103,7 +103,7 @@ pub enum ClientError {
         found: usize,
     },
     /// No answer.
-    #[error("no verdicts came from {topic} within {waited:?}; expected a service with this session")]
+    #[error("no verdicts from {topic} within {waited:?}; expected a service with this session")]
     Silence {
         /// Topic where they were expected.
         topic: String,
@@ -111,7 +111,7 @@ pub enum ClientError {
         waited: Duration,
     },
     /// The answer is invalid.
-    #[error("what came from {topic} cannot be decoded: {reason}")]
+    #[error("a message from {topic} cannot be decoded: {reason}")]
     Malformed {
         /// Topic it came from.
         topic: String,

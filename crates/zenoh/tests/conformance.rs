@@ -1315,7 +1315,7 @@ fn strays_are_ignored<T: Transport>() {
     });
     let plant = place.end(Role::Plant, run).expect("the place exists");
     let error = expect_err(fly(&mut EndpointLink::new(plant, PATIENT), run, 200, Delays::NONE));
-    let LinkError::Nonsense {
+    let LinkError::ProtocolViolation {
         role: Role::Controller,
         step: 8,
         ..
@@ -1382,7 +1382,7 @@ fn nonsense_is_named<T: Transport>() {
     };
     let (plant, controller, fdi) = flight(&place, 100, window(0, 1), bad(), Folding::new());
     let error = expect_err(plant);
-    let LinkError::Nonsense {
+    let LinkError::ProtocolViolation {
         role: Role::Controller,
         step: 7,
         reason,
@@ -1402,7 +1402,7 @@ fn nonsense_is_named<T: Transport>() {
 
     let (plant, _, fdi) = flight(&place, 100, window(0, 1), Folding::new(), bad());
     let error = expect_err(plant);
-    let LinkError::Nonsense {
+    let LinkError::ProtocolViolation {
         role: Role::Fdi,
         step: 7,
         reason,
@@ -1607,7 +1607,7 @@ mod in_process {
             ..Folding::new()
         };
         let error = expect_err(fly(&mut InProcessLink::new(bad, Folding::new()), 1, 10, Delays::NONE));
-        let LinkError::Nonsense {
+        let LinkError::ProtocolViolation {
             role: Role::Controller,
             step: 7,
             reason,
@@ -1652,7 +1652,7 @@ mod iceoryx2_only {
         let run = run_id();
         let _first = place.end(Role::Controller, run).expect("the place exists");
         let error = expect_err(place.end(Role::Controller, run));
-        assert!(error.to_string().contains("does another one run already?"), "{error}");
+        assert!(error.to_string().contains("is another one already running?"), "{error}");
     }
 
     /// Killed repeatedly at random times: the next run always starts, and nothing accumulates.
@@ -1707,7 +1707,7 @@ mod zenoh_only {
         let error = expect_err(ZenohEndpoint::new(Role::Controller, 1, options));
         assert_eq!(
             error.to_string(),
-            format!("zenoh: connecting to {endpoint} for 300 ms failed: nobody answers there")
+            format!("zenoh: connecting to {endpoint} for 300 ms failed: no response there")
         );
         assert!(begin.elapsed() < Duration::from_secs(3), "after {:?}", begin.elapsed());
     }

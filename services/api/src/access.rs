@@ -128,7 +128,7 @@ pub(crate) async fn authorize(State(app): State<Arc<App>>, mut request: Request,
     };
     if let Err(seconds) = app.rate.check(&caller.tenant) {
         let mut response = Problem::too_many(format!(
-            "'{}' asks more often than the server allows; expected a pause of {seconds} s",
+            "'{}' exceeds the request rate that the server allows; expected a pause of {seconds} s",
             caller.tenant
         ))
         .into_response();
@@ -154,7 +154,7 @@ async fn caller(app: &App, method: &Method, headers: &HeaderMap) -> Result<Calle
 }
 
 pub(crate) fn worthless() -> Problem {
-    Problem::unauthorized("the token is unknown, revoked or has expired; `rotortwin token` makes another one")
+    Problem::unauthorized("the token is unknown, revoked or has expired; `rotortwin token create` makes another one")
 }
 
 /// The token of a request, from its header or session.

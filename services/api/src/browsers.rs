@@ -128,7 +128,7 @@ fn check(names: &HostNames, origins: &[String], request: &Request) -> Result<(),
     let host = host(request)?;
     if let Some(host) = host.as_ref().filter(|host| !names.includes(host.host())) {
         return Err(Problem::misdirected(format!(
-            "this server does not go by the name '{}'; expected localhost, or a name that it was given with `--allow-host`",
+            "'{}' is not a name of this server; expected localhost, or a name given with `--allow-host`",
             host.host()
         )));
     }
@@ -199,7 +199,7 @@ fn check_content_type(headers: &HeaderMap) -> Result<(), Problem> {
     match essence.as_deref() {
         Some(essence) if !essence.is_empty() && !OF_FORMS.contains(&essence) => Ok(()),
         _ => Err(Problem::unsupported(format!(
-            "the body comes as {}; expected a content type that says what it is, such as application/json, application/toml or \
+            "unsupported content type {}; expected one that describes the body, such as application/json, application/toml or \
              application/octet-stream",
             essence
                 .filter(|essence| !essence.is_empty())

@@ -48,7 +48,7 @@ pub(crate) async fn serve<L: Listener>(mut listener: L, router: Router, mut endi
     if tokio::time::timeout(LAST_ANSWERS, all).await.is_err() {
         tracing::warn!(
             connections = connections.len(),
-            "some clients took too long; their connections are closed"
+            "some clients took too long; their connections were closed"
         );
         connections.shutdown().await;
     }

@@ -81,7 +81,7 @@ impl Incoming {
         self.is_decided = true;
         match self.artifacts.delete(&self.key).await {
             Ok(()) => self.unmark(),
-            Err(error) => tracing::warn!(key = self.key, %error, "an upload that nobody needs cannot be deleted"),
+            Err(error) => tracing::warn!(key = self.key, %error, "an unused upload cannot be deleted"),
         }
     }
 
@@ -113,12 +113,7 @@ impl Drop for Incoming {
 /// # Errors
 /// The folder cannot be read, or the database does not respond. A file that cannot be removed is reported and left for the next time.
 pub(crate) async fn tidy(artifacts: &Artifacts, database: &Database, data: &Path) -> Result<(), String> {
-    let told = |error: &dyn std::fmt::Display| {
-        format!(
-            "{}: what was uploaded last cannot be looked at: {error}",
-            data.display()
-        )
-    };
+    let told = |error: &dyn std::fmt::Display| format!("{}: recent uploads cannot be listed: {error}", data.display());
     for path in entries(&data.join(MARKS)).map_err(|error| told(&error))? {
         let Some(id) = path.file_name().and_then(|name| name.to_str()) else {
             continue;
@@ -138,7 +133,7 @@ pub(crate) async fn tidy(artifacts: &Artifacts, database: &Database, data: &Path
         } else {
             tracing::info!(
                 key = incoming.key,
-                "an upload that broke off with an earlier process is removed"
+                "an upload left incomplete by an earlier process is removed"
             );
             incoming.discard().await;
         }
@@ -149,7 +144,7 @@ pub(crate) async fn tidy(artifacts: &Artifacts, database: &Database, data: &Path
             .and_then(|name| name.to_str())
             .is_some_and(|name| name.starts_with(JUDGED));
         if is_judged && let Err(error) = std::fs::remove_file(&path) {
-            tracing::warn!(path = %path.display(), %error, "a file that broke off with an earlier process cannot be removed");
+            tracing::warn!(path = %path.display(), %error, "a file left incomplete by an earlier process cannot be removed");
         }
     }
     Ok(())

@@ -23,7 +23,7 @@ where
         let Json(value) = Json::<T>::from_request(Request::from_parts(parts, Body::from(whole)), state).await?;
         if is_array {
             return Err(Problem::unprocessable(
-                "the body is an array; expected one JSON object, with the names that the document of this API gives",
+                "the body is an array; expected one JSON object, with the names given in the OpenAPI document",
             ));
         }
         Ok(Self(value))

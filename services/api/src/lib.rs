@@ -46,7 +46,7 @@ use crate::pulse::Pulse;
 use crate::tls::TlsListener;
 use crate::traces::Traces;
 use crate::worker::ray::Ray;
-use crate::worker::{Meeting, Workshop};
+use crate::worker::{Meeting, WorkerContext};
 use rotortwin_process::LinkAddress;
 use std::net::SocketAddr;
 use std::num::NonZeroU32;
@@ -173,7 +173,7 @@ pub(crate) struct App {
     pub(crate) shelf: Library,
     pub(crate) database: Database,
     pub(crate) artifacts: Artifacts,
-    pub(crate) shop: Arc<Workshop>,
+    pub(crate) context: Arc<WorkerContext>,
     pub(crate) rate: Rate,
     pub(crate) fdi: FdiSessions,
     pub(crate) metrics: Metrics,
@@ -184,13 +184,13 @@ pub(crate) struct App {
 impl App {
     /// The process is shutting down.
     pub(crate) fn is_ending(&self) -> bool {
-        *self.shop.ending.borrow()
+        *self.context.ending.borrow()
     }
 }
 
 /// Executes jobs for the servers that share its database.
 pub struct Worker {
-    shop: Arc<Workshop>,
+    context: Arc<WorkerContext>,
     config: WorkConfig,
     _folder: DataFolder,
 }
@@ -249,7 +249,7 @@ impl Worker {
             let withdrawn = database.withdraw_autopilots(None).await;
             withdrawn.map_err(|error| format!("the list of autopilots cannot be written: {error}"))?;
         }
-        let shop = Arc::new(Workshop {
+        let context = Arc::new(WorkerContext {
             database,
             artifacts,
             autopilots: config.autopilots.clone(),
@@ -269,11 +269,11 @@ impl Worker {
             traces,
             ray,
         });
-        worker::offer_autopilots(&shop)
+        worker::offer_autopilots(&context)
             .await
             .map_err(|error| format!("the list of autopilots cannot be written: {error}"))?;
         Ok(Self {
-            shop,
+            context,
             config,
             _folder: folder,
         })
@@ -282,42 +282,50 @@ impl Worker {
     fn start(&self) -> JoinSet<()> {
         let mut tasks = JoinSet::new();
         for _ in 0..self.config.workers {
-            let shop = Arc::clone(&self.shop);
-            tasks.spawn(async move { shop.pulse.watched(worker::work(Arc::clone(&shop))).await });
+            let context = Arc::clone(&self.context);
+            tasks.spawn(async move { context.pulse.watched(worker::work(Arc::clone(&context))).await });
         }
-        if let Some(ray) = &self.shop.ray {
+        if let Some(ray) = &self.context.ray {
             for _ in 0..ray.config.parts {
-                let (shop, ray) = (Arc::clone(&self.shop), Arc::clone(ray));
-                tasks.spawn(async move { shop.pulse.watched(worker::ray::hand_over(Arc::clone(&shop), ray)).await });
+                let (context, ray) = (Arc::clone(&self.context), Arc::clone(ray));
+                tasks.spawn(async move {
+                    context
+                        .pulse
+                        .watched(worker::ray::hand_over(Arc::clone(&context), ray))
+                        .await
+                });
             }
-            tasks.spawn(worker::ray::look_after(Arc::clone(&self.shop), Arc::clone(ray)));
+            tasks.spawn(worker::ray::look_after(Arc::clone(&self.context), Arc::clone(ray)));
         }
         for _ in 0..self.config.seats {
-            tasks.spawn(worker::sit(Arc::clone(&self.shop), self.config.roles.clone()));
+            tasks.spawn(worker::serve_seats(
+                Arc::clone(&self.context),
+                self.config.roles.clone(),
+            ));
         }
-        let (shop, data) = (Arc::clone(&self.shop), self.config.data.clone());
-        tasks.spawn(async move { shop.pulse.show(data, shop.ending.subscribe()).await });
-        tasks.spawn(worker::look_after_claims(Arc::clone(&self.shop)));
-        if !self.shop.autopilots.is_empty() {
-            tasks.spawn(worker::keep_offering(Arc::clone(&self.shop)));
+        let (context, data) = (Arc::clone(&self.context), self.config.data.clone());
+        tasks.spawn(async move { context.pulse.show(data, context.ending.subscribe()).await });
+        tasks.spawn(worker::look_after_claims(Arc::clone(&self.context)));
+        if !self.context.autopilots.is_empty() {
+            tasks.spawn(worker::keep_offering(Arc::clone(&self.context)));
         }
         tasks
     }
 
     async fn end(&self, mut tasks: JoinSet<()>) {
-        self.shop.ending.send_replace(true);
+        self.context.ending.send_replace(true);
         let all = async { while tasks.join_next().await.is_some() {} };
         if tokio::time::timeout(END_GRACE, all).await.is_err() {
-            tracing::warn!("some jobs did not end in time; they will be begun again");
+            tracing::warn!("some jobs did not end in time; they will be started again");
         }
         // Do not wait for one that does not respond.
-        if tokio::time::timeout(CLOSE_GRACE, self.shop.database.close())
+        if tokio::time::timeout(CLOSE_GRACE, self.context.database.close())
             .await
             .is_err()
         {
-            tracing::warn!("the database did not let go in time");
+            tracing::warn!("the database connections were not closed in time");
         }
-        self.shop.traces.end().await;
+        self.context.traces.end().await;
     }
 
     /// Works until `stop` is ready; jobs still running then are returned to the queue.
@@ -358,11 +366,11 @@ impl Server {
         let hosts = HostNames::new(config.listen, &config.allowed_hosts)?;
         let shelf = Library::open(&config.library)?;
         let worker = Worker::open_with(config.work.clone(), SERVER_CONNECTIONS).await?;
-        incoming::tidy(&worker.shop.artifacts, &worker.shop.database, &config.work.data).await?;
-        let has_tokens = worker.shop.database.has_tokens().await;
+        incoming::tidy(&worker.context.artifacts, &worker.context.database, &config.work.data).await?;
+        let has_tokens = worker.context.database.has_tokens().await;
         if open && !has_tokens.map_err(|error| format!("the tokens cannot be read: {error}"))? {
             return Err(format!(
-                "--listen {}: other hosts could submit work without a token; make one with `rotortwin token create NAME`, or expected a \
+                "--listen {}: other hosts could submit work without a token; make one with `rotortwin token create NAME`, or use a \
                  loopback address such as 127.0.0.1:8400",
                 config.listen
             ));
@@ -373,7 +381,7 @@ impl Server {
         let address = listener
             .local_addr()
             .map_err(|error| format!("the address cannot be read: {error}"))?;
-        if let Some(ray) = &worker.shop.ray {
+        if let Some(ray) = &worker.context.ray {
             let scheme = if acceptor.is_some() { "https" } else { "http" };
             ray.listens(&format!("{scheme}://{address}"), address.ip().is_unspecified())?;
         }
@@ -383,9 +391,9 @@ impl Server {
             config,
             hosts,
             shelf,
-            database: worker.shop.database.clone(),
-            artifacts: worker.shop.artifacts.clone(),
-            shop: Arc::clone(&worker.shop),
+            database: worker.context.database.clone(),
+            artifacts: worker.context.artifacts.clone(),
+            context: Arc::clone(&worker.context),
             fdi,
             metrics: Metrics::new(),
             queries: tokio::sync::Semaphore::new(QUERIES_AT_ONCE),
@@ -408,14 +416,14 @@ impl Server {
     /// Serves until `stop` is ready; jobs still running then are returned to the queue. Slow clients do not delay the shutdown.
     pub async fn run(self, stop: impl Future<Output = ()> + Send + 'static) {
         let tasks = self.worker.start();
-        let shop = Arc::clone(&self.worker.shop);
+        let context = Arc::clone(&self.worker.context);
         let ended = async move {
             stop.await;
-            shop.ending.send_replace(true);
+            context.ending.send_replace(true);
         };
         let router = routes::router(Arc::clone(&self.app));
         tokio::spawn(ended);
-        let ending = self.worker.shop.ending.subscribe();
+        let ending = self.worker.context.ending.subscribe();
         match self.acceptor {
             None => connections::serve(self.listener, router, ending).await,
             Some(acceptor) => {

@@ -21,7 +21,7 @@ pub struct Problem {
     pub status: u16,
     /// One sentence: what, where, what was expected.
     pub detail: String,
-    /// All that is wrong with a document, the one of `detail` first.
+    /// All errors of a document, that of `detail` first.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub complaints: Vec<String>,
 }
@@ -44,12 +44,7 @@ impl Problem {
             StatusCode::UNSUPPORTED_MEDIA_TYPE => Self::unsupported(detail),
             StatusCode::UNPROCESSABLE_ENTITY => Self::unprocessable(detail),
             StatusCode::METHOD_NOT_ALLOWED => Self::method_not_allowed(detail),
-            StatusCode::UPGRADE_REQUIRED => Self::new(
-                status,
-                "upgrade-required",
-                "This connection cannot become a WebSocket",
-                detail,
-            ),
+            StatusCode::UPGRADE_REQUIRED => Self::new(status, "upgrade-required", "Upgrade Required", detail),
             _ => Self::bad_request(detail),
         }
     }
@@ -63,32 +58,22 @@ impl Problem {
 
     /// 400: the request cannot be read.
     pub fn bad_request(detail: impl Into<String>) -> Self {
-        Self::new(
-            StatusCode::BAD_REQUEST,
-            "bad-request",
-            "The request cannot be read",
-            detail,
-        )
+        Self::new(StatusCode::BAD_REQUEST, "bad-request", "Bad Request", detail)
     }
 
     /// 401: unauthenticated.
     pub fn unauthorized(detail: impl Into<String>) -> Self {
-        Self::new(StatusCode::UNAUTHORIZED, "unauthorized", "A token is needed", detail)
+        Self::new(StatusCode::UNAUTHORIZED, "unauthorized", "Unauthenticated", detail)
     }
 
     /// 403: not allowed.
     pub fn forbidden(detail: impl Into<String>) -> Self {
-        Self::new(
-            StatusCode::FORBIDDEN,
-            "forbidden",
-            "The token does not allow this",
-            detail,
-        )
+        Self::new(StatusCode::FORBIDDEN, "forbidden", "Forbidden", detail)
     }
 
     /// 404.
     pub fn not_found(detail: impl Into<String>) -> Self {
-        Self::new(StatusCode::NOT_FOUND, "not-found", "Not found", detail)
+        Self::new(StatusCode::NOT_FOUND, "not-found", "Not Found", detail)
     }
 
     /// 405.
@@ -96,24 +81,24 @@ impl Problem {
         Self::new(
             StatusCode::METHOD_NOT_ALLOWED,
             "method-not-allowed",
-            "The method does not belong to this address",
+            "Method Not Allowed",
             detail,
         )
     }
 
     /// 409.
     pub fn conflict(detail: impl Into<String>) -> Self {
-        Self::new(StatusCode::CONFLICT, "conflict", "It contradicts what is there", detail)
+        Self::new(StatusCode::CONFLICT, "conflict", "Conflict", detail)
     }
 
     /// 409: another job needs it.
     pub(crate) fn in_use(detail: impl Into<String>) -> Self {
-        Self::new(StatusCode::CONFLICT, "in-use", "Another job needs it", detail)
+        Self::new(StatusCode::CONFLICT, "in-use", "In use by another job", detail)
     }
 
     /// 410: it existed, and will not again.
     pub(crate) fn gone(detail: impl Into<String>) -> Self {
-        Self::new(StatusCode::GONE, "gone", "It is over", detail)
+        Self::new(StatusCode::GONE, "gone", "Gone", detail)
     }
 
     /// 412: `If-Match` or `If-None-Match` does not hold.
@@ -121,19 +106,14 @@ impl Problem {
         Self::new(
             StatusCode::PRECONDITION_FAILED,
             "precondition-failed",
-            "It is not as the request expects",
+            "Precondition Failed",
             detail,
         )
     }
 
     /// 413: larger than the server's limit.
     pub fn too_large(detail: impl Into<String>) -> Self {
-        Self::new(
-            StatusCode::PAYLOAD_TOO_LARGE,
-            "too-large",
-            "More than the server takes",
-            detail,
-        )
+        Self::new(StatusCode::PAYLOAD_TOO_LARGE, "too-large", "Content Too Large", detail)
     }
 
     /// 415: unsupported format of the body.
@@ -141,7 +121,7 @@ impl Problem {
         Self::new(
             StatusCode::UNSUPPORTED_MEDIA_TYPE,
             "unsupported-media-type",
-            "The body has a form that is not taken",
+            "Unsupported Media Type",
             detail,
         )
     }
@@ -151,7 +131,7 @@ impl Problem {
         Self::new(
             StatusCode::FORBIDDEN,
             "foreign-page",
-            "Web pages of others change nothing here",
+            "Request from a foreign web page",
             detail,
         )
     }
@@ -161,7 +141,7 @@ impl Problem {
         Self::new(
             StatusCode::MISDIRECTED_REQUEST,
             "misdirected",
-            "The request is for another host",
+            "Misdirected Request",
             detail,
         )
     }
@@ -171,24 +151,24 @@ impl Problem {
         Self::new(
             StatusCode::UNPROCESSABLE_ENTITY,
             "unprocessable",
-            "The request makes no run",
+            "Unprocessable Content",
             detail,
         )
     }
 
     /// 429: limit exceeded.
     pub fn too_many(detail: impl Into<String>) -> Self {
-        Self::new(
-            StatusCode::TOO_MANY_REQUESTS,
-            "too-many",
-            "More than is allowed",
-            detail,
-        )
+        Self::new(StatusCode::TOO_MANY_REQUESTS, "too-many", "Too Many Requests", detail)
     }
 
     /// 503: the server is shutting down, or its database does not respond.
     pub fn unavailable(detail: impl Into<String>) -> Self {
-        Self::new(StatusCode::SERVICE_UNAVAILABLE, "unavailable", "Not now", detail)
+        Self::new(
+            StatusCode::SERVICE_UNAVAILABLE,
+            "unavailable",
+            "Service Unavailable",
+            detail,
+        )
     }
 
     /// 501: this server lacks a required program.
@@ -196,7 +176,7 @@ impl Problem {
         Self::new(
             StatusCode::NOT_IMPLEMENTED,
             "not-implemented",
-            "Not available on this server",
+            "Not Implemented",
             detail,
         )
     }
@@ -206,7 +186,7 @@ impl Problem {
         Self::new(
             StatusCode::INSUFFICIENT_STORAGE,
             "disk-full",
-            "The disk is full",
+            "Insufficient Storage",
             detail,
         )
     }
@@ -231,8 +211,8 @@ impl Problem {
         Self::new(
             StatusCode::INTERNAL_SERVER_ERROR,
             "internal",
-            "The server failed",
-            "the server could not do this; its log says why",
+            "Internal Server Error",
+            "internal error; see the log of the server",
         )
     }
 }
@@ -313,11 +293,11 @@ impl From<sqlx::Error> for Problem {
             return Self::disk_full("the database cannot grow: the disk of the data folder is full");
         }
         if text.contains("database is locked") {
-            return Self::unavailable("the database is busy with other requests; expected a later try");
+            return Self::unavailable("the database is busy; retry later");
         }
         if is_away(&error) {
             tracing::warn!(%error, "the database is away");
-            return Self::unavailable("the database does not answer now; expected a later try");
+            return Self::unavailable("the database does not respond; retry later");
         }
         Self::internal(&error)
     }

@@ -80,11 +80,11 @@ impl Pulse {
         while !*ending.borrow() {
             if self.goes_on() {
                 if let Err(error) = std::fs::write(&path, std::process::id().to_string()) {
-                    tracing::warn!(path = %path.display(), %error, "no sign of life can be given");
+                    tracing::warn!(path = %path.display(), %error, "the heartbeat file cannot be written");
                 }
             } else {
                 tracing::error!(
-                    "a job has stood still for {} s: no sign of life is given",
+                    "a job has made no progress for {} s: no heartbeat is written",
                     self.silence_ms() / 1000
                 );
             }
@@ -103,10 +103,10 @@ impl Pulse {
 pub fn alive(data: &Path, silence: Duration) -> Result<(), String> {
     let path = data.join(FILE);
     let modified = std::fs::metadata(&path).and_then(|file| file.modified());
-    let modified = modified.map_err(|error| format!("{}: no sign of life: {error}", path.display()))?;
+    let modified = modified.map_err(|error| format!("{}: no heartbeat: {error}", path.display()))?;
     match modified.elapsed() {
         Ok(age) if age > silence => Err(format!(
-            "{}: the last sign of life is {:.0} s old; expected one every {} s",
+            "{}: the last heartbeat is {:.0} s old; expected one every {} s",
             path.display(),
             age.as_secs_f64(),
             EVERY.as_secs()
@@ -141,7 +141,7 @@ mod tests {
     fn val_an_old_sign_is_none() {
         let folder = tempfile::tempdir().unwrap();
         let missing = alive(folder.path(), Duration::from_secs(1)).unwrap_err();
-        assert!(missing.contains("no sign of life"), "{missing}");
+        assert!(missing.contains("no heartbeat"), "{missing}");
         let file = std::fs::File::create(folder.path().join(FILE)).unwrap();
         assert_eq!(alive(folder.path(), Duration::from_secs(30)), Ok(()));
         let long_ago = file.metadata().unwrap().modified().unwrap() - Duration::from_secs(100);

@@ -37,7 +37,7 @@ impl FromStr for Scope {
         [Self::Read, Self::Write, Self::Admin]
             .into_iter()
             .find(|scope| scope.as_str() == text)
-            .ok_or_else(|| format!("'{text}' is no scope; expected read, write or admin"))
+            .ok_or_else(|| format!("'{text}' is not a scope; expected read, write or admin"))
     }
 }
 

@@ -185,7 +185,7 @@ impl Attempt {
 
 /// A span around a request; it continues the client's trace, if given.
 pub(crate) async fn request(State(app): State<Arc<App>>, request: Request, next: Next) -> Response {
-    let Some(Exporting { tracer, .. }) = &app.shop.traces.0 else {
+    let Some(Exporting { tracer, .. }) = &app.context.traces.0 else {
         return next.run(request).await;
     };
     let context = begun(tracer, &request);
@@ -270,7 +270,7 @@ impl SpanExporter for Outspoken {
         let failed_before = self.fails.swap(exported.is_err(), Ordering::Relaxed);
         match (&exported, failed_before) {
             (Err(error), false) => {
-                tracing::warn!(endpoint = self.endpoint, spans = count, %error, "spans are lost until the collector takes them");
+                tracing::warn!(endpoint = self.endpoint, spans = count, %error, "spans are lost until the collector accepts them");
             }
             (Ok(()), true) => tracing::warn!(endpoint = self.endpoint, "the collector takes spans again"),
             _ => {}

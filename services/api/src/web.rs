@@ -79,7 +79,7 @@ pub(crate) async fn page(method: Method, uri: Uri, headers: HeaderMap) -> Result
         None if path.starts_with(ASSETS) || NO_PAGES.contains(&path) => return Err(nothing_at(path)),
         None => BY_PATH
             .get(INDEX)
-            .ok_or_else(|| Problem::internal(&"the server was built without a page"))?,
+            .ok_or_else(|| Problem::internal(&"the server was built without the web page"))?,
     };
     let kept = if path.starts_with(ASSETS) {
         "public, max-age=31536000, immutable"
@@ -110,7 +110,7 @@ fn has_tag(tags: &str, own: &str) -> bool {
 
 fn nothing_at(path: &str) -> Problem {
     Problem::not_found(format!(
-        "nothing is served at {path}; /api/v1/openapi.json lists what is"
+        "nothing is served at {path}; /api/v1/openapi.json lists all routes"
     ))
 }
 

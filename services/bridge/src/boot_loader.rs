@@ -94,7 +94,7 @@ impl<L: Line> BootLoader<L> {
             }
             if found.line.now() >= end {
                 return Err(format!(
-                    "no boot loader answered within {:.0} s: plug the board's USB in anew (its boot loader listens for 5 s), or send it there \
+                    "no boot loader answered within {:.0} s: replug the board's USB (its boot loader listens for 5 s), or start the boot loader \
                      with 'rotortwin board boot-loader'",
                     patience.as_secs_f64()
                 ));
@@ -124,7 +124,7 @@ impl<L: Line> BootLoader<L> {
         progress(Progress::Found(device));
         if !REVISIONS.contains(&device.revision) {
             return Err(format!(
-                "the boot loader speaks revision {} of its protocol, expected {} to {}; nothing was erased",
+                "the boot loader uses revision {} of its protocol, expected {} to {}; nothing was erased",
                 device.revision,
                 REVISIONS.start(),
                 REVISIONS.end()
@@ -163,7 +163,7 @@ impl<L: Line> BootLoader<L> {
         let (found, expected) = (word(&answer), crc(&file.image, device.flash as usize));
         if found != expected {
             return Err(format!(
-                "the board's flash has the CRC {found:08x}, the program's is {expected:08x}: it was not written right; flash the board again"
+                "the board's flash has the CRC {found:08x}, the program's is {expected:08x}: writing failed; flash the board again"
             ));
         }
         progress(Progress::Starting);
@@ -207,16 +207,16 @@ impl<L: Line> BootLoader<L> {
                 Ok(answer)
             }
             [INSYNC, status] => Err(refusal(status)),
-            _ => Err(format!("an answer that is none of a boot loader: {:02x?}", &answer)),
+            _ => Err(format!("not a reply of a boot loader: {:02x?}", &answer)),
         }
     }
 }
 
 fn refusal(status: u8) -> String {
     match status {
-        FAILED => "the boot loader says that it failed".to_owned(),
+        FAILED => "the boot loader reports a failure".to_owned(),
         INVALID => "the boot loader does not know the command".to_owned(),
-        other => format!("the boot loader answers with status {other:#04x}"),
+        other => format!("the boot loader replies with status {other:#04x}"),
     }
 }
 

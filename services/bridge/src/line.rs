@@ -249,7 +249,7 @@ pub enum Channel {
 
 fn spawn(command: &mut Command) -> Result<Child, String> {
     command.spawn().map_err(|error| {
-        format!("the emulator qemu-system-arm cannot be started ({error}); Debian's package qemu-system-arm brings it")
+        format!("the emulator qemu-system-arm cannot be started ({error}); install Debian's package qemu-system-arm")
     })
 }
 
@@ -273,7 +273,7 @@ fn until_there<T>(child: &mut Child, mut open: impl FnMut() -> Option<T>) -> Res
                     .map_err(|error| error.to_string())?;
             }
             child.wait().map_err(|error| error.to_string())?;
-            return Err(format!("the emulator did not come up: {}", words.trim()));
+            return Err(format!("the emulator did not start: {}", words.trim()));
         }
         std::thread::sleep(Duration::from_millis(2));
     }

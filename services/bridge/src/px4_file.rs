@@ -32,23 +32,26 @@ impl Px4File {
 
     /// Reads and checks the text of a file.
     pub fn parse(text: &str) -> Result<Self, String> {
-        let file: serde_json::Value = serde_json::from_str(text).map_err(|error| format!("no .px4 file: {error}"))?;
+        let file: serde_json::Value =
+            serde_json::from_str(text).map_err(|error| format!("not a .px4 file: {error}"))?;
         if let Some(magic) = file["magic"].as_str().filter(|magic| *magic != "PX4FWv1") {
-            return Err(format!("no .px4 file: the magic word is '{magic}', expected 'PX4FWv1'"));
+            return Err(format!(
+                "not a .px4 file: the magic word is '{magic}', expected 'PX4FWv1'"
+            ));
         }
         let number = |field: &str| {
             file[field]
                 .as_u64()
-                .ok_or_else(|| format!("no .px4 file: '{field}' is missing, expected a whole number"))
+                .ok_or_else(|| format!("not a .px4 file: '{field}' is missing, expected a whole number"))
         };
         let board_id = u32::try_from(number("board_id")?).map_err(|error| format!("board_id: {error}"))?;
         let size = number("image_size")?;
         let packed = file["image"]
             .as_str()
-            .ok_or("no .px4 file: 'image' is missing, expected base64 text")?;
+            .ok_or("not a .px4 file: 'image' is missing, expected base64 text")?;
         let packed = BASE64
             .decode(packed)
-            .map_err(|error| format!("the image is damaged: it is no base64: {error}"))?;
+            .map_err(|error| format!("the image is damaged: it is not base64: {error}"))?;
         let image = decompress_to_vec_zlib_with_limit(&packed, MOST)
             .map_err(|error| format!("the image is damaged: zlib says '{error}'"))?;
         if image.len() as u64 != size {
@@ -93,8 +96,8 @@ mod tests {
                 "it has 8 bytes, image_size says 12",
             ),
             ("eNpj", "eNpk", "damaged"),
-            ("eNpj", "eN*j", "no base64"),
-            ("{", "", "no .px4 file"),
+            ("eNpj", "eN*j", "not base64"),
+            ("{", "", "not a .px4 file"),
         ] {
             let error = Px4File::parse(&good.replace(from, to)).expect_err(expected);
             assert!(error.contains(expected), "{error}");

@@ -148,7 +148,8 @@ impl<L: Line> BoardLink<L> {
         let payload = self
             .request(kind::STATUS, &[], kind::REPORT, self.options.step)
             .map_err(|trouble| self.error(trouble))?;
-        let report = Report::read(&payload).ok_or_else(|| self.nonsense("its report is not of the protocol"))?;
+        let report =
+            Report::read(&payload).ok_or_else(|| self.protocol_violation("its report does not follow the protocol"))?;
         Ok((self.report.board.clone(), report))
     }
 
@@ -214,7 +215,7 @@ impl<L: Line> BoardLink<L> {
                     }
                     if header.version != PROTOCOL_VERSION {
                         return Err(Trouble::Refused(format!(
-                            "the board speaks version {} of the link's protocol, this program speaks version {PROTOCOL_VERSION}",
+                            "the board uses version {} of the link protocol, this program uses version {PROTOCOL_VERSION}",
                             header.version
                         )));
                     }
@@ -226,7 +227,7 @@ impl<L: Line> BoardLink<L> {
                         return Err(Trouble::Refused(String::from_utf8_lossy(sentence).into_owned()));
                     }
                     return Err(Trouble::Refused(format!(
-                        "it answered with a message of kind {:#04x}, expected {expected:#04x}",
+                        "it replied with a message of kind {:#04x}, expected {expected:#04x}",
                         header.kind
                     )));
                 }
@@ -264,8 +265,8 @@ impl<L: Line> BoardLink<L> {
         }
     }
 
-    fn nonsense(&self, reason: &str) -> LinkError {
-        LinkError::Nonsense {
+    fn protocol_violation(&self, reason: &str) -> LinkError {
+        LinkError::ProtocolViolation {
             role: Role::Controller,
             step: self.last_step.map_or(0, |step| step + 1),
             reason: format!("{}: {reason}", self.program()),
@@ -279,7 +280,7 @@ impl<L: Line> BoardLink<L> {
         bytes.extend(controller);
         bytes.extend(setup.fdi.encode_to_vec());
         if bytes.len() > parameters::MAX_LENGTH {
-            return Err(self.nonsense(&format!("{} bytes of parameters do not fit", bytes.len())));
+            return Err(self.protocol_violation(&format!("{} bytes of parameters do not fit", bytes.len())));
         }
         let hash = hash(&bytes);
         self.report.download = (bytes.len(), hash);
@@ -306,7 +307,7 @@ impl<L: Line> BoardLink<L> {
             .request(kind::COMMIT, &[], kind::READY, limit)
             .map_err(|trouble| self.error(trouble))?;
         if ready != hash.to_le_bytes() {
-            return Err(self.nonsense("it acknowledged parameters with another hash than those sent"));
+            return Err(self.protocol_violation("it acknowledged parameters with another hash than those sent"));
         }
         Ok(())
     }
@@ -348,7 +349,7 @@ impl<L: Line> PlantLink for BoardLink<L> {
         self.rotor_count = setup.controller.rotors.len();
         let refused = |role| move |reason| LinkError::Refused { role, reason };
         if u32::try_from(setup.step_count).is_err() {
-            return Err(self.nonsense("a board counts up to 2^32 steps"));
+            return Err(self.protocol_violation("a board counts up to 2^32 steps"));
         }
         self.geometry = Some(setup::fdi_config(&setup.fdi).map_err(refused(Role::Fdi))?.geometry);
         if self.options.board.fdi && setup.fdi.ground.is_some() {
@@ -371,7 +372,7 @@ impl<L: Line> PlantLink for BoardLink<L> {
     fn exchange(&mut self, sensors: &SensorFrame) -> Result<CommandFrame, LinkError> {
         let step = sensors.stamp.step;
         let sensors = sensors.canonical();
-        convert::check_sensors(&sensors).map_err(|error| LinkError::Nonsense {
+        convert::check_sensors(&sensors).map_err(|error| LinkError::ProtocolViolation {
             role: Role::Plant,
             step,
             reason: error.to_string(),
@@ -385,7 +386,7 @@ impl<L: Line> PlantLink for BoardLink<L> {
             .map_err(|trouble| match trouble {
                 Trouble::Refused(reason) => {
                     self.healthy = false;
-                    self.nonsense(&reason)
+                    self.protocol_violation(&reason)
                 }
                 other => self.error(other),
             })?;
@@ -394,7 +395,7 @@ impl<L: Line> PlantLink for BoardLink<L> {
         self.report.longest[1] = self.report.longest[1].max(answer.len());
         let reply = Reply::read(&answer)
             .filter(|reply| u64::from(reply.step) == step && usize::from(reply.rotor_count) == self.rotor_count)
-            .ok_or_else(|| self.nonsense("its reply is not of the protocol"))?;
+            .ok_or_else(|| self.protocol_violation("its reply does not follow the protocol"))?;
         let command = CommandFrame {
             stamp: sensors.stamp,
             duty: reply.duty,
@@ -402,15 +403,16 @@ impl<L: Line> PlantLink for BoardLink<L> {
             saturated_rotors: reply.saturated_rotors.into(),
         }
         .canonical();
-        convert::check_command(&command, self.rotor_count).map_err(|error| self.nonsense(&error.to_string()))?;
+        convert::check_command(&command, self.rotor_count)
+            .map_err(|error| self.protocol_violation(&error.to_string()))?;
         let mut report = if self.options.board.fdi {
             self.fdi_report(&reply)
-                .ok_or_else(|| self.nonsense("its reply has no residuals, but it was asked for them"))?
+                .ok_or_else(|| self.protocol_violation("its reply has no residuals, but it was asked for them"))?
         } else {
             self.host_fdi.step(&sensors, &command).canonical()
         };
         report.stamp = sensors.stamp;
-        convert::check_report(&report, self.rotor_count).map_err(|error| LinkError::Nonsense {
+        convert::check_report(&report, self.rotor_count).map_err(|error| LinkError::ProtocolViolation {
             role: Role::Fdi,
             step,
             reason: error.to_string(),

@@ -28,7 +28,7 @@ impl std::fmt::Display for Difference {
         } = self;
         write!(
             out,
-            "board and host differ first in step {step}, {signal}: board {board:e}, host {host:e}"
+            "board and host first differ in step {step}, {signal}: board {board:e}, host {host:e}"
         )
     }
 }

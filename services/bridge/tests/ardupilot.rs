@@ -465,14 +465,14 @@ fn scenario_failures_name_peer_and_frame() {
     let jump = said(Act::Jump(5));
     assert!(
         jump.ends_with(&format!(
-            "sent frame {} after frame {in_flight}: it did not wait for the answers between them",
+            "sent frame {} after frame {in_flight}: it did not wait for the replies between them",
             in_flight + 5
         )),
         "{jump}"
     );
     let rush = sentence(&short(move |n| if n >= in_flight { Act::Rush } else { Act::Normal }).outcome).to_owned();
     assert!(
-        rush.contains("does not wait for answers") || rush.contains("did not wait for the answers"),
+        rush.contains("does not wait for replies") || rush.contains("did not wait for the replies"),
         "{rush}"
     );
 }
@@ -501,7 +501,7 @@ fn scenario_nobody_comes() {
     // Port in use: an error message, at once.
     let busy = ArduPilot::listen(to, map, patience()).unwrap_err();
     assert!(
-        busy.starts_with(&format!("UDP {to}, where ArduPilot is waited for, cannot be opened: ")),
+        busy.starts_with(&format!("cannot open UDP {to} to wait for ArduPilot: ")),
         "{busy}"
     );
 }

@@ -203,7 +203,7 @@ fn scenario_nobody_comes_or_the_port_is_taken() {
     let busy = Betaflight::listen(&address, true, map(), patience()).unwrap_err();
     assert!(
         busy.starts_with(&format!(
-            "UDP 127.0.0.1:{at}, where the motors of Betaflight come in, cannot be opened: "
+            "cannot open UDP 127.0.0.1:{at} to receive the motors of Betaflight: "
         )),
         "{busy}"
     );

@@ -228,7 +228,7 @@ fn val_what_goes_wrong_is_named_and_nothing_starts() {
                 no_erase: true,
                 ..Fault::default()
             },
-            "erasing: the boot loader says that it failed",
+            "erasing: the boot loader reports a failure",
         ),
         (
             Fault {

@@ -557,8 +557,8 @@ fn scenario_nobody_is_there() {
     assert_eq!(
         sentence(&outcome),
         format!(
-            "the pilot waited 0 s for a heartbeat of ArduPilot at tcp:{at}: nobody is there; --pilot names another address, and with --pilot none \
-             somebody else flies"
+            "the pilot waited 0 s for a heartbeat of ArduPilot at tcp:{at}: nobody is there; --pilot names another address, and --pilot none leaves \
+             the flying to another pilot"
         )
     );
 }

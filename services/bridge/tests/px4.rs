@@ -356,7 +356,7 @@ fn scenario_nobody_comes_or_nobody_answers() {
     );
     let busy = Px4::listen(to, map.clone(), patience()).unwrap_err();
     assert!(
-        busy.starts_with(&format!("TCP {to}, where PX4 is waited for, cannot be opened: ")),
+        busy.starts_with(&format!("cannot open TCP {to} to wait for PX4: ")),
         "{busy}"
     );
     drop(link);
@@ -367,5 +367,5 @@ fn scenario_nobody_comes_or_nobody_answers() {
     let outcome = flown(&scenario, &mut link, &mut Watch::default());
     let said = sentence(&outcome);
     assert!(said.contains("is connected and has answered none of "), "{said}");
-    assert!(said.contains("18 bytes that are no MAVLink 2"), "{said}");
+    assert!(said.contains("18 bytes that are not MAVLink 2"), "{said}");
 }

@@ -33,7 +33,9 @@ impl Store for Buckets {
         let work = tempfile::Builder::new()
             .prefix("rotortwin-shards-")
             .tempdir()
-            .map_err(|error| Failure::Failed(format!("no temporary folder can be made for the shards: {error}")))?;
+            .map_err(|error| {
+                Failure::Failed(format!("a temporary folder for the shards cannot be created: {error}"))
+            })?;
         let folder = CampaignFolder::open(&work.path().join("campaign"), campaign).map_err(Failure::Failed)?;
         place.check_same_program(campaign, &folder, &present)?;
         let prepared = prepare_in(&args.job(campaign), campaign, folder, present);

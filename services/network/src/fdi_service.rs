@@ -27,8 +27,8 @@ pub(crate) fn run(args: &ServiceArgs) -> ExitCode {
         LinkAddress::ZenohConnect { endpoint, config: None } => ZenohOptions::connect(endpoint.clone()),
         LinkAddress::ZenohListen { .. } | LinkAddress::ZenohConnect { .. } => {
             return bad_input(
-                "--link: topics of FDI sessions have no access control yet; expected an endpoint without config=FILE, in a network that you \
-                 trust",
+                "--link: topics of FDI sessions have no access control yet; expected an endpoint without config=FILE, on a trusted \
+                 network",
             );
         }
         LinkAddress::Iceoryx2 { .. } => {

@@ -74,7 +74,7 @@ pub(crate) fn run() -> ExitCode {
         match perform(&server).await {
             Ok(()) => ExitCode::SUCCESS,
             Err(Stop::Over) => failed(format!(
-                "{}: this attempt is over, says the server; nothing is delivered",
+                "{}: the server reports that this attempt is over; nothing is delivered",
                 server.url
             )),
             Err(Stop::Ended) => failed("the part was stopped"),
@@ -88,7 +88,7 @@ impl Server {
         let variable = |name: &str| std::env::var(name).ok().filter(|value| !value.is_empty());
         let (Some(url), Some(ticket)) = (variable(URL_VARIABLE), variable(TICKET_VARIABLE)) else {
             return Err(format!(
-                "{URL_VARIABLE} and {TICKET_VARIABLE} say which part, and are not set; expected to be started by Ray, for `rotortwin serve \
+                "{URL_VARIABLE} and {TICKET_VARIABLE}, which identify the part, are not set; this command is started by Ray, for `rotortwin serve \
                  --executor ray=URL`"
             ));
         };
@@ -163,7 +163,7 @@ impl Server {
             if begun.elapsed() > PATIENCE {
                 let silent = PATIENCE.as_secs();
                 return Err(Stop::Failed(format!(
-                    "{}: the server did not take this for {silent} s: {why}",
+                    "{}: the server did not accept this for {silent} s: {why}",
                     self.url
                 )));
             }
@@ -210,7 +210,7 @@ impl Server {
             Ok(answer) => {
                 let text = answer.text().await.map_err(|error| Stop::Failed(causes(&error)))?;
                 let accepted: PartAccepted = serde_json::from_str(&text)
-                    .map_err(|error| Stop::Failed(format!("{}: the answer cannot be read: {error}", self.url)))?;
+                    .map_err(|error| Stop::Failed(format!("{}: the response cannot be read: {error}", self.url)))?;
                 Ok(accepted.next)
             }
             // This very report may have arrived, and its answer been lost.
@@ -275,7 +275,7 @@ async fn in_folder(server: &Server, begun: Instant) -> Result<Option<NextPart>, 
     let folder = tempfile::Builder::new()
         .prefix("rotortwin-part-")
         .tempdir()
-        .map_err(|error| Stop::Failed(format!("no folder can be made for temporary files: {error}")))?;
+        .map_err(|error| Stop::Failed(format!("a folder for temporary files cannot be created: {error}")))?;
     lay_out(server, &order, folder.path()).await?;
     let how = do_job(server, &order, folder.path()).await?;
     let ended = server.end(how, begun.elapsed() < LONGEST).await;
@@ -299,7 +299,7 @@ fn below(folder: &Path, path: &str) -> Result<PathBuf, Stop> {
         Ok(folder.join(path))
     } else {
         Err(Stop::Failed(format!(
-            "the part names {path}, which leads out of its folder"
+            "the part names {path}, which is outside its folder"
         )))
     }
 }
@@ -383,7 +383,7 @@ async fn do_job(server: &Server, order: &PartOrder, folder: &Path) -> Result<Par
             end_child(&mut child).await;
             return Err(match ended {
                 Ok(Err(stop)) => stop,
-                _ => Stop::Failed("the server is told nothing any more".to_owned()),
+                _ => Stop::Failed("the server is no longer informed".to_owned()),
             });
         }
         () = tokio::time::sleep(Duration::from_secs(order.wall_limit_s)) => None,
@@ -391,10 +391,7 @@ async fn do_job(server: &Server, order: &PartOrder, folder: &Path) -> Result<Par
     let Some(words) = words else {
         end_child(&mut child).await;
         return Ok(PartHow::Refused {
-            why: format!(
-                "it took longer than {} s of wall time and was stopped",
-                order.wall_limit_s - 1
-            ),
+            why: format!("the limit of {} s of wall time was exceeded", order.wall_limit_s - 1),
         });
     };
     let status = child.wait().await;
@@ -411,7 +408,7 @@ async fn do_job(server: &Server, order: &PartOrder, folder: &Path) -> Result<Par
         Ok(status) => return Ok(why_not(status, &folder.join(COMPLAINTS), order)),
         Err(error) => {
             return Ok(PartHow::Failed {
-                why: format!("its process cannot be waited for: {error}"),
+                why: format!("waiting for its process failed: {error}"),
             });
         }
     }

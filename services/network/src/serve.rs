@@ -83,7 +83,7 @@ fn check_autopilots(work: &WorkConfig) -> Result<(), String> {
         for other in &work.autopilots[..place] {
             if other.name == one.name || other.address == one.address {
                 return Err(format!(
-                    "--autopilot {}={}: {} is listed already; expected another name and another address",
+                    "--autopilot {}={}: {} is already configured; choose another name and another address",
                     one.name,
                     one.address,
                     if other.name == one.name {
@@ -97,7 +97,7 @@ fn check_autopilots(work: &WorkConfig) -> Result<(), String> {
     }
     if work.workers == 0 && !work.autopilots.is_empty() {
         return Err(
-            "--autopilot: nobody here would fly with it; expected --workers of at least 1, and the role jobs"
+            "--autopilot: no worker here would fly with it; expected --workers of at least 1, and the role jobs"
                 .to_owned(),
         );
     }
@@ -140,7 +140,7 @@ pub(crate) fn run(args: &Args) -> ExitCode {
     }
     let library = match library(args) {
         Ok(library) => library,
-        Err(error) => return failed(format!("the program's own configuration cannot be laid out: {error}")),
+        Err(error) => return failed(format!("the program's own configuration cannot be written: {error}")),
     };
     let config = ServeConfig {
         listen: args.listen,
@@ -234,7 +234,7 @@ async fn stopped() {
             either(&mut terminate).await;
             tokio::spawn(async move {
                 either(&mut terminate).await;
-                eprintln!("Ended at once by a second signal");
+                eprintln!("Terminated by a second signal");
                 std::process::exit(1);
             });
         }

@@ -29,7 +29,7 @@ async fn perform(what: &What, tokens: &Tokens) -> Result<ExitCode, String> {
             days,
         } => {
             if name.trim().is_empty() || tenant.trim().is_empty() {
-                return Ok(bad_input("a token has a NAME and a --tenant; expected words"));
+                return Ok(bad_input("empty NAME or --tenant; expected text"));
             }
             let new = NewToken {
                 name: name.clone(),
@@ -53,7 +53,7 @@ async fn perform(what: &What, tokens: &Tokens) -> Result<ExitCode, String> {
         What::Revoke { id } => {
             if !tokens.revoke(id).await? {
                 return Ok(bad_input(format!(
-                    "there is no token '{id}' that is worth something; `rotortwin token list` shows them"
+                    "no valid token '{id}'; `rotortwin token list` shows all tokens"
                 )));
             }
             line(&format!("{id} is revoked"));

@@ -69,7 +69,7 @@ impl LinkAddress {
             },
             Self::ZenohConnect { endpoint, .. } => {
                 let refuse = |error: std::io::Error| {
-                    format!("nobody answers at {endpoint}: {error}; expected the endpoint of a zenoh router")
+                    format!("no response at {endpoint}: {error}; expected the endpoint of a zenoh router")
                 };
                 let mut last = std::io::Error::other("the name has no address");
                 for address in host_and_port(endpoint).to_socket_addrs().map_err(refuse)? {

@@ -66,7 +66,7 @@ impl Ending {
         let plant = format!("the plant (rotortwin sim, process {})", self.plant_pid);
         match self.stalled {
             Some(limit) => format!(
-                "{plant} gave no sign of life for more than {} ms and was killed",
+                "{plant} did not respond for more than {} ms and was killed",
                 limit.as_millis()
             ),
             None => format!("{plant} {}", exit_text(self.plant)),
@@ -148,7 +148,7 @@ pub fn run(
             plant
                 .child
                 .kill()
-                .context("killing the plant, which gives no sign of life")?;
+                .context("killing the plant, which does not respond")?;
             break plant.child.wait().context("waiting for the plant")?;
         }
     };
@@ -311,7 +311,7 @@ impl Process {
         if let Some(stdin) = self.child.stdin.as_mut()
             && let Err(error) = stdin.write_all(line.as_bytes())
         {
-            tracing::debug!(%error, "the plant does not take requests any more");
+            tracing::debug!(%error, "the plant no longer accepts requests");
         }
     }
 }
@@ -348,7 +348,7 @@ fn read_events(plant: &mut Child) -> Result<Receiver<RunEvent>> {
                             break;
                         }
                     }
-                    Err(error) => tracing::warn!(%line, %error, "the plant printed something that is no event"),
+                    Err(error) => tracing::warn!(%line, %error, "the plant printed something that is not an event"),
                 }
             }
         })?;

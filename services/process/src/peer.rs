@@ -15,7 +15,7 @@ use std::time::Duration;
 /// Which run, where, how long to wait.
 #[derive(Clone, Debug, Args)]
 pub struct PeerArgs {
-    /// Where the plant is met: iceoryx2, iceoryx2:DOMAIN or zenoh:connect=ENDPOINT[,config=FILE]
+    /// Link to the plant: iceoryx2, iceoryx2:DOMAIN or zenoh:connect=ENDPOINT[,config=FILE]
     #[arg(long)]
     pub link: LinkAddress,
     /// Run to join, as `rotortwin fly --external` prints it
@@ -24,7 +24,7 @@ pub struct PeerArgs {
     /// Longest wait for the plant, ms
     #[arg(long, value_name = "MS", default_value_t = 10_000)]
     pub join_timeout: u64,
-    /// Longest wait of the plant for the answer to one step, ms; the plant's own silence may last one and a half times as long
+    /// Longest wait of the plant for the reply to one step, ms; the plant itself may be silent for one and a half times as long
     #[arg(long, value_name = "MS", default_value_t = 5_000)]
     pub step_timeout: u64,
     /// Run on this CPU
@@ -164,7 +164,7 @@ impl AnyEndpoint {
         if let LinkAddress::Iceoryx2 { domain } = address
             && let Err(error) = iox2_options(domain).tidy()
         {
-            tracing::warn!(%error, "what killed processes left in shared memory stays until the next run");
+            tracing::warn!(%error, "shared memory of killed processes remains until the next run");
         }
     }
 }

@@ -86,11 +86,11 @@ impl Placement {
             return spawn();
         };
         if let Err(error) = sched_setaffinity(None, &set(&[chosen.cpu])) {
-            tracing::warn!(%error, cpu = chosen.cpu, "the flight is not kept on one processor");
+            tracing::warn!(%error, cpu = chosen.cpu, "the flight is not pinned to one processor");
         }
         let started = spawn();
         if let Err(error) = sched_setaffinity(None, &before) {
-            tracing::warn!(%error, "this thread stays on one processor");
+            tracing::warn!(%error, "this thread stays pinned to one processor");
         }
         started
     }
@@ -209,7 +209,7 @@ fn claim(core: usize, place: usize) -> Claim<UnixDatagram> {
         Ok(socket) => Claim::Held(socket),
         Err(error) if error.kind() == std::io::ErrorKind::AddrInUse => Claim::Taken,
         Err(error) => {
-            tracing::debug!(%error, "no places on cores can be held");
+            tracing::debug!(%error, "no cores can be reserved");
             Claim::Unknown
         }
     }

@@ -14,8 +14,7 @@ use rustix::process::{Resource, getrlimit};
 pub const DEFAULT_PRIORITY: &str = "40";
 
 /// At fast pace there is no deadline, and a flight would monopolise its processors.
-pub const NEEDS_PACE: &str =
-    "--priority is for flights at the pace of the wall clock: expected --pace real-time with it";
+pub const NEEDS_PACE: &str = "--priority applies to flights at the pace of the wall clock: expected --pace real-time";
 
 /// Bit of `CAP_IPC_LOCK` in the sets of capabilities (capability(7)).
 const CAP_IPC_LOCK: u32 = 14;
@@ -25,7 +24,7 @@ const CAP_IPC_LOCK: u32 = 14;
 pub enum PriorityError {
     /// `SCHED_FIFO` was denied.
     #[error(
-        "--priority {priority}: this user may not ask for real-time scheduling ({reason}): expected the capability cap_sys_nice \
+        "--priority {priority}: this user may not use real-time scheduling ({reason}): expected the capability cap_sys_nice \
          ('setcap cap_sys_nice,cap_ipc_lock+ep {program}') or a limit of at least {priority} ('ulimit -r', rtprio in limits.conf)"
     )]
     Scheduling {
@@ -116,7 +115,7 @@ fn has_capability(status: &str, bit: u32) -> bool {
 
 fn no_memory(priority: u8) -> PriorityError {
     let limit = getrlimit(Resource::Memlock).current.map_or_else(
-        || "an unlimited amount (the kernel refused all the same)".to_owned(),
+        || "an unlimited amount (the kernel refused nevertheless)".to_owned(),
         |bytes| format!("{} KiB", bytes / 1024),
     );
     PriorityError::Memory {

@@ -63,7 +63,7 @@ impl Supervisor {
         let parent = rustix::process::getppid().map(|pid| pid.as_raw_nonzero().get().unsigned_abs());
         if parent != Some(parent_pid) {
             return Err(std::io::Error::other(format!(
-                "process {parent_pid}, which started this one, is gone"
+                "process {parent_pid}, which started this one, has exited"
             )));
         }
         Ok(())

@@ -108,7 +108,7 @@ pub fn security_for(
             Some(file) => file.into(),
             None => {
                 return Err(format!(
-                    "{endpoint} needs certificates; expected a file of credentials, as config=FILE behind the endpoint or in the \
+                    "{endpoint} needs certificates; expected a file of credentials, as config=FILE after the endpoint or in the \
                      environment variable {CONFIG_VARIABLE}"
                 ));
             }
@@ -268,9 +268,9 @@ mod tests {
             ("space = 3".to_owned(), "tcp/h:1", "line 1"),
             ("passwort = 'x'".to_owned(), "tcp/h:1", "unknown field"),
             (String::new(), "tls/h:1", "needs a section [tls]"),
-            (String::new(), "tcp/h:1", "everybody would be let in"),
+            (String::new(), "tcp/h:1", "would accept every client"),
             (tls.to_owned(), "tcp/h:1", "would not be encrypted"),
-            (format!("{tls}{open}"), "tls/h:1", "everybody would be let in"),
+            (format!("{tls}{open}"), "tls/h:1", "would accept every client"),
             ("[tls]\nca = 'ca.pem'\n".to_owned(), "tls/h:1", "needs tls.certificate"),
             ("[tls]\nca = 'k.pem'\n".to_owned(), "tls/h:1", "expected PEM"),
             ("[tls]\nca = 'no.pem'\n".to_owned(), "tls/h:1", "cannot be read"),

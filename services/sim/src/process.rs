@@ -32,7 +32,7 @@ pub struct Args {
     /// Run folder to write; must not exist or be empty
     #[arg(long, value_name = "DIR")]
     pub out: PathBuf,
-    /// Where the peers are met: iceoryx2, iceoryx2:DOMAIN, zenoh:listen=ENDPOINT or zenoh:connect=ENDPOINT,
+    /// Link to the peers: iceoryx2, iceoryx2:DOMAIN, zenoh:listen=ENDPOINT or zenoh:connect=ENDPOINT,
     /// the latter two with ,config=FILE
     #[arg(long)]
     pub link: LinkAddress,
@@ -48,7 +48,7 @@ pub struct Args {
     /// Longest wait for both peers to join, ms
     #[arg(long, value_name = "MS", default_value_t = 10_000)]
     pub join_timeout: u64,
-    /// Longest wait for the answer of a peer that is alive, ms
+    /// Longest wait for the reply of a running peer, ms
     #[arg(long, value_name = "MS", default_value_t = 5_000)]
     pub step_timeout: u64,
     /// Steps that the FDI engine may trail behind
@@ -60,13 +60,13 @@ pub struct Args {
     /// Real-time priority, 1 to 99, and all memory locked; with --pace real-time
     #[arg(long, value_name = "1-99", num_args = 0..=1, require_equals = true, default_missing_value = DEFAULT_PRIORITY, value_parser = parse_priority)]
     pub priority: Option<u8>,
-    /// Effective configuration, in place of what the scenario file says: the text of a run's summary
+    /// Effective configuration instead of the scenario file: the text from a run's summary
     #[arg(long, value_name = "FILE")]
     pub documents: Option<PathBuf>,
-    /// Tell samples of the telemetry as events, at this rate in Hz of simulated time
+    /// Report samples of the telemetry as events, at this rate in Hz of simulated time
     #[arg(long, value_name = "HZ", value_parser = parse_rate)]
     pub live: Option<f64>,
-    /// Take requests on standard input; its end means that the supervisor is dead
+    /// Read requests from standard input; its end means that the supervisor has died
     #[arg(long, hide = true)]
     pub supervised: bool,
 }
@@ -144,7 +144,7 @@ fn checked_scenario(args: &Args) -> Result<(Scenario, u64), String> {
 
 fn fly(args: &Args, scenario: &Scenario, seed: u64, folder: &RunFolder) -> Result<Summary, String> {
     let supervisor =
-        Supervisor::watch(args.supervised).map_err(|error| format!("requests to stop cannot be taken: {error}"))?;
+        Supervisor::watch(args.supervised).map_err(|error| format!("requests to stop cannot be received: {error}"))?;
     let config = SessionConfig {
         scenario_path: args.scenario.clone(),
         seed,
@@ -192,6 +192,6 @@ fn print_event(event: RunEvent) {
     };
     let mut out = std::io::stdout().lock();
     if let Err(error) = writeln!(out, "{line}").and_then(|()| out.flush()) {
-        tracing::debug!(%error, "nobody reads the events");
+        tracing::debug!(%error, "no process reads the events");
     }
 }

@@ -7,7 +7,7 @@ describe("a vehicle from a log", () => {
   });
   it("says what is wrong with a name", () => {
     expect(["mine", "7.a_b-c"].map(nameProblem)).toEqual([undefined, undefined]);
-    for (const bad of ["", "Mine", "a b", "-a", "<script>", "x".repeat(65)]) expect(nameProblem(bad)).toContain(`'${bad}' is no name`);
+    for (const bad of ["", "Mine", "a b", "-a", "<script>", "x".repeat(65)]) expect(nameProblem(bad)).toContain(`'${bad}' is not a valid document name`);
   });
   it("says what is wrong with a number", () => {
     expect(numberOf(" 1,5 ", "Mass", "kg")).toEqual({ value: 1.5 });

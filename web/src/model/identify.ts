@@ -126,7 +126,7 @@ export function nameFrom(file: string): string {
 /** What is wrong with a document's name, in the server's words. */
 export function nameProblem(name: string): string | undefined {
   if (/^[a-z0-9][a-z0-9._-]{0,63}$/.test(name)) return undefined;
-  return `'${name}' is no name for a document; expected 1 to 64 of a-z, 0-9, '.', '_' and '-', beginning with a letter or digit.`;
+  return `'${name}' is not a valid document name; expected 1 to 64 of a-z, 0-9, '.', '_' and '-', beginning with a letter or digit.`;
 }
 
 /** Parses a positive number as typed; otherwise an error message. */

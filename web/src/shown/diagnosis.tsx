@@ -90,10 +90,10 @@ function NotConsidered(props: { found: Diagnosis }) {
 function TrimView(props: { trim: NonNullable<Diagnosis["trim"]> }) {
   return (
     <div class="say">
-      <strong>Against the healthy flights:</strong> {props.trim.sentence} Thrust asked of the rotors over the healthy mean:{" "}
+      <strong>Against the healthy flights:</strong> {props.trim.sentence} Thrust command of the rotors over the healthy mean:{" "}
       <span class="num">{props.trim.thrust_change.map((one) => percent(one)).join(", ")}</span>; healthy flights vary by {percent(props.trim.spread[0])} in common and{" "}
       {percent(props.trim.spread[1])} rotor by rotor;{" "}
-      {props.trim.smallest_loss === null ? "no loss of one rotor up to 60 % would be named for certain." : `a loss of ${percent(props.trim.smallest_loss, 0)} of one rotor would be named.`}
+      {props.trim.smallest_loss === null ? "no loss of one rotor up to 60 % would be named." : `a loss of ${percent(props.trim.smallest_loss, 0)} of one rotor would be named.`}
       <For each={props.trim.with_more.filter((more) => more.smallest_loss != null)}>
         {(more) => ` With ${more.flights} healthy flights: ${percent(more.smallest_loss ?? 0, 0)}.`}
       </For>

@@ -61,7 +61,7 @@ function Vehicle(props: { one: FleetVehicle }) {
   });
   return (
     <div class="stack">
-      <Show when={wanted().length > 0} fallback={<div class="say good">No rotor stands out.</div>}>
+      <Show when={wanted().length > 0} fallback={<div class="say good">No rotor deviates significantly.</div>}>
         <For each={wanted()}>{(rotor) => <div class={`say ${WORDS[rotor.status][0]}`}><strong>{rotor.status === "acknowledged" ? "Acknowledged" : "Inspect"}: rotor {rotor.rotor}</strong> {rotor.reasons.join("; ")}.</div>}</For>
       </Show>
       <Show when={it().common_per_flight}>{(common) => <div class="say warn">All rotors are asked for {interval(common())} more from flight to flight: battery, air, mass, or all propellers together.</div>}</Show>
@@ -87,7 +87,7 @@ function Vehicle(props: { one: FleetVehicle }) {
       </div>
       <ul class="small"><For each={it().maintenance}>{(one) => <li>Rotor {one.rotor} {DONE[one.event] ?? one.event} after flight {one.after_flight}, {day(one.date)}, by {one.by}{one.note ? `: ${one.note}` : ""}</li>}</For></ul>
       <p class="small muted">
-        Bias: thrust asked of a rotor over the model's, beside what all rotors have in common. In the chart, a rotor that seems to gain is the one across from a rotor that loses. <Show when={it().spread}>{(spread) => <>Spread between flights: {(100 * spread()).toFixed(2)} % of a rotor's thrust, 1 σ. </>}</Show>
+        Bias: thrust asked of a rotor over the model's, apart from what all rotors have in common. In the chart, a rotor that seems to gain is the one across from a rotor that loses. <Show when={it().spread}>{(spread) => <>Spread between flights: {(100 * spread()).toFixed(2)} % of a rotor's thrust, 1 σ. </>}</Show>
         {it().by_date ? "Flights by date." : "Flights in the order of entry: not every one has a date."}
       </p>
     </div>

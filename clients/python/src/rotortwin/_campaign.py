@@ -120,7 +120,7 @@ class _Folder:
             fcntl.flock(self._lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except OSError as error:
             self._lock.close()
-            raise CampaignFailed(f"{self._path}: another process works on this campaign at this moment") from error
+            raise CampaignFailed(f"{self._path}: another process is working on this campaign") from error
         if not manifest.exists():
             _write_whole(manifest, self._manifest.encode())
         elif json.loads(manifest.read_text()) != json.loads(self._manifest):

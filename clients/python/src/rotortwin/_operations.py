@@ -218,7 +218,7 @@ def job_operations(settings: Settings, kind: str) -> JobOperations[Job]:
 
 
 class LibraryOperations:
-    """Documents that can be named: the server's, and one's own."""
+    """Documents that jobs can name: the server's and one's own."""
 
     def __init__(self, settings: Settings) -> None:
         self.settings = settings

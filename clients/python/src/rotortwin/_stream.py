@@ -203,5 +203,5 @@ def local_path(folder: Path, name: str) -> Path:
     """Path for a file of a job; a server cannot place it outside the folder."""
     path = folder.joinpath(*name.split("/"))
     if not path.resolve().is_relative_to(folder.resolve()):
-        raise UnexpectedAnswer(f"the server names a file '{name}' that would lie outside of {folder}")
+        raise UnexpectedAnswer(f"the server names a file '{name}' that would be outside {folder}")
     return path

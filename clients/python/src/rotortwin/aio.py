@@ -103,7 +103,7 @@ class AsyncCampaigns(AsyncResource[Job]):
 
 
 class AsyncBlindBenches(AsyncResource[Job]):
-    """Does the diagnosis find what is missing in a model? Logs with hidden effects, diagnosed and scored."""
+    """Tests of the diagnosis: logs with hidden effects, diagnosed and scored."""
 
     _operations: BlindBenchOperations
 
@@ -346,7 +346,7 @@ class AsyncScenarios(AsyncLibrary):
 
 
 class AsyncModels(AsyncLibrary):
-    """Models that grow: versions, additions, undo, branches."""
+    """Versioned models: add, undo, branch."""
 
     def __init__(self, transport: AsyncTransport) -> None:
         super().__init__(transport, "models")

@@ -164,7 +164,7 @@ class AsyncImprovements(AsyncTwin):
 
 
 class AsyncClassifiers(AsyncResource[Job]):
-    """Networks, trained on the server; a run takes one by its id."""
+    """Neural networks trained on the server; a run uses one by its id."""
 
     def __init__(self, transport: AsyncTransport) -> None:
         super().__init__(transport, job_operations(transport.settings, "classifiers"))

@@ -105,7 +105,7 @@ class Campaigns(Resource[Job]):
 
 
 class BlindBenches(Resource[Job]):
-    """Does the diagnosis find what is missing in a model? Logs with hidden effects, diagnosed and scored."""
+    """Tests of the diagnosis: logs with hidden effects, diagnosed and scored."""
 
     _operations: BlindBenchOperations
 
@@ -348,7 +348,7 @@ class Scenarios(Library):
 
 
 class Models(Library):
-    """Models that grow: versions, additions, undo, branches."""
+    """Versioned models: add, undo, branch."""
 
     def __init__(self, transport: Transport) -> None:
         super().__init__(transport, "models")

@@ -65,7 +65,7 @@ class FdiSession:
 
 
 class Fdi:
-    """Fault detection as a service: sessions that are fed with measurements."""
+    """Fault detection as a service: sessions that take measurements."""
 
     def __init__(self, transport: Transport) -> None:
         self._transport = transport
@@ -103,7 +103,7 @@ class Fdi:
         """Judges a flight log whose truth is known, and scores the verdicts of all detectors: a dictionary with `report` and `score`.
 
         log: a file, or its bytes; or id, of a log or run that the server has. truth: the column of the log that holds it, or rows (time in s, rotor
-        from 1, lost share of its thrust): from this time on it has lost so much; 0 is healed, None "unknown how much". A healthy log has `[(0, 0, None)]`.
+        from 1, lost share of its thrust): from this time on it has lost that share; 0: recovered, None: unknown size. A healthy log has `[(0, 0, None)]`.
         """
         if (log is None) == (id is None):
             raise ValueError("expected a log or the id of one, got " + ("neither" if log is None else "both"))

@@ -141,7 +141,7 @@ class Job:
     attempts: int
     #: Somebody wants it stopped.
     cancel_requested: bool
-    #: Larger goes first among the jobs of a tenant.
+    #: Jobs of a tenant with larger values run first.
     priority: int = 0
     #: On whose account.
     tenant: str = ""
@@ -257,9 +257,9 @@ class Ticket:
     run_id: str
     #: Version of the messages of `proto/` that the plant speaks.
     messages: int
-    #: The plant waits this long for all parts to join, ms from the event `join`.
+    #: Longest wait of the plant for all peers to join, ms from the event `join`.
     join_timeout_ms: int
-    #: The plant waits this long for the answer of a part that lives, ms.
+    #: Longest wait of the plant for the reply of a running peer, ms.
     step_timeout_ms: int
     #: What starts our own part there.
     command: str
@@ -301,9 +301,9 @@ class Autopilot:
     kind: str
     #: It waits for the plant in each of its steps; otherwise two flights of one seed differ.
     lockstep: bool
-    #: `free`, `busy` with a run, `away`: the process that lists it is not there.
+    #: `free`, `busy` with a run, `away`: the process that offers it is not running.
     state: str
-    #: The process that lists it, or did.
+    #: Process that offers it, or did.
     worker: str
     #: The run that has it, if it may be seen.
     run: str | None = None
@@ -419,7 +419,7 @@ class FdiWindow:
     sequential: Json
     #: Why the verdicts are `cannot_judge`: on the ground, upset, or the model does not explain the motion.
     cannot_judge: Json | None = None
-    #: Smallest lost share of each rotor's thrust that would be found within 10 s now; empty without a verdict and while something is wrong.
+    #: Smallest loss of each rotor, as a share of its thrust, that would now be detected within 10 s; empty without a verdict and while a fault or an obstacle is reported.
     smallest_loss: list[float] = field(default_factory=list)
     #: What `sequential` was before the second look, as a run would record it; only where it says something else.
     engine: Json | None = None
@@ -432,7 +432,7 @@ class FdiAnswer:
     first_step: int
     #: Step that the next chunk is to begin with.
     next_step: int
-    #: The chunk had been taken before; this is the answer that it got then.
+    #: The chunk had been accepted before; this is its original response.
     repeated: bool
     #: Windows that ended in it.
     windows: list[FdiWindow]

@@ -166,7 +166,7 @@ class Improvements(Twin):
 
 
 class Classifiers(Resource[Job]):
-    """Networks, trained on the server; a run takes one by its id."""
+    """Neural networks trained on the server; a run uses one by its id."""
 
     def __init__(self, transport: Transport) -> None:
         super().__init__(transport, job_operations(transport.settings, "classifiers"))

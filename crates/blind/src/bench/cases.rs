@@ -26,7 +26,7 @@ pub enum Preset {
     NullStill,
     /// One effect at 0.3 of its size
     Small,
-    /// Two effects that no group holds together, excitation flights
+    /// Two effects that are not confusable with each other, excitation flights
     Pairs,
     /// One kind outside the catalogue
     Outside,

@@ -313,7 +313,7 @@ pub enum End {
 pub struct WindowCount {
     /// Inside.
     pub inside: usize,
-    /// Of so many.
+    /// Total number.
     pub of: usize,
 }
 

@@ -222,7 +222,7 @@ pub fn text(sheets: &[ClassSheet]) -> String {
     });
     if announced[1] > 0 {
         text += &format!(
-            "Misses announced {} of single steps not found in 10 s\n",
+            "Misses predicted {} of single steps not found in 10 s\n",
             share(&Share::new(announced[0], announced[1]))
         );
     }

@@ -14,20 +14,20 @@ fn field<'a>(value: &'a Value, name: &str) -> Result<&'a Value, String> {
 fn list<'a>(value: &'a Value, name: &str) -> Result<&'a Vec<Value>, String> {
     field(value, name)?
         .as_array()
-        .ok_or_else(|| format!("`{name}` of the diagnosis is no list"))
+        .ok_or_else(|| format!("`{name}` of the diagnosis is not a list"))
 }
 
 fn text(value: &Value, name: &str) -> Result<String, String> {
     let text = field(value, name)?
         .as_str()
-        .ok_or_else(|| format!("`{name}` of the diagnosis is no text"))?;
+        .ok_or_else(|| format!("`{name}` of the diagnosis is not text"))?;
     Ok(text.to_owned())
 }
 
 fn number(value: &Value, name: &str) -> Result<f64, String> {
     field(value, name)?
         .as_f64()
-        .ok_or_else(|| format!("`{name}` of the diagnosis is no number"))
+        .ok_or_else(|| format!("`{name}` of the diagnosis is not a number"))
 }
 
 fn rotor(value: &Value) -> Option<usize> {
@@ -67,7 +67,7 @@ fn finding(value: &Value) -> Result<Finding, String> {
 
 /// Reads the output of a diagnosis in the product's form or, where it has no `goodness`, in this crate's own.
 pub fn read_either(json: &str) -> Result<Answer, String> {
-    let value: Value = serde_json::from_str(json).map_err(|error| format!("the answer is no JSON: {error}"))?;
+    let value: Value = serde_json::from_str(json).map_err(|error| format!("the answer is not JSON: {error}"))?;
     if value.get("goodness").is_some() {
         read_diagnosis(json)
     } else {
@@ -77,7 +77,7 @@ pub fn read_either(json: &str) -> Result<Answer, String> {
 
 /// Reads the JSON of a diagnosis.
 pub fn read_diagnosis(json: &str) -> Result<Answer, String> {
-    let value: Value = serde_json::from_str(json).map_err(|error| format!("the diagnosis is no JSON: {error}"))?;
+    let value: Value = serde_json::from_str(json).map_err(|error| format!("the diagnosis is not JSON: {error}"))?;
     let mut findings = Vec::new();
     for part in ["effects", "sensor_or_timing"] {
         for item in list(&value, part)? {

@@ -59,7 +59,7 @@ impl Request {
         if self.presets.contains(&Preset::Faults) {
             return refuse(
                 "presets",
-                "faults are judged by the detectors and scored apart; expected `rotortwin blind --preset faults` without others".to_owned(),
+                "faults are judged by the detectors and scored separately; expected `rotortwin blind --preset faults` without other presets".to_owned(),
             );
         }
         if self.n == 0 {
@@ -225,8 +225,8 @@ impl Bench {
                 if there == self.request {
                     return Ok(());
                 }
-                let reason = "expected the request that the folder was begun with (presets, n, seed, vehicles, duration, \
-                              version); give another folder for another request";
+                let reason = "expected the request that the folder was created with (presets, n, seed, vehicles, \
+                              duration, version); use another folder for another request";
                 Err(BlindError::input(path.display().to_string(), reason))
             }
             Err(_) => write_json(&path, &self.request),

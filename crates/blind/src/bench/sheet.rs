@@ -83,7 +83,7 @@ pub struct Group {
     pub in_group: Share,
     /// Rightly not testable.
     pub not_testable: Share,
-    /// Nothing named although it should have shown.
+    /// Nothing named although it should have been detectable.
     pub missed: Share,
     /// Wrong, without a doubt.
     pub confidently_wrong: Share,

@@ -93,7 +93,7 @@ pub struct AxisDocument {
     /// Drawn, every number alike.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub uniform: Option<[f64; 2]>,
-    /// Drawn, every factor alike.
+    /// Drawn, log-uniform.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub log_uniform: Option<[f64; 2]>,
     /// Rotors of the flight's vehicle, from 1.
@@ -263,7 +263,7 @@ impl AxisDocument {
             return refuse("name", "this name is that of another column of the results");
         }
         if before.iter().any(|axis| axis.name == self.name) {
-            return refuse("name", "another axis has this name already");
+            return refuse("name", "another axis already has this name");
         }
         let sources = [
             self.values.is_some(),
@@ -284,10 +284,7 @@ impl AxisDocument {
         match (own_keys, self.key.is_some(), self.keys.is_empty()) {
             (true, false, true) | (false, true, true) | (false, false, false) => {}
             (true, ..) => {
-                return refuse(
-                    "key",
-                    "courses and cases say themselves what they set: leave the key out",
-                );
+                return refuse("key", "courses and cases define what they set: leave the key out");
             }
             (false, ..) => {
                 return refuse(
@@ -351,7 +348,7 @@ impl AxisDocument {
         }
         for (i, case) in self.case.iter().enumerate() {
             if case.name.is_empty() || self.case[..i].iter().any(|other| other.name == case.name) {
-                return refuse(&format!("case[{i}].name"), "expected a name of its own".into());
+                return refuse(&format!("case[{i}].name"), "expected a unique name".into());
             }
         }
         Ok(())

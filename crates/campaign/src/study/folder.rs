@@ -94,7 +94,7 @@ pub fn check_manifest(place: &str, found: &[u8], campaign: &Campaign) -> Result<
     }
     if known.program != wanted.program {
         return Err(format!(
-            "{place}: was begun by {}, this is {}, whose flights may differ; name another folder with --out",
+            "{place}: was created by {}, this is {}, whose flights may differ; choose another folder with --out",
             known.program, wanted.program
         ));
     }
@@ -150,7 +150,7 @@ impl CampaignFolder {
                     ));
                 }
                 std::fs::create_dir_all(path.join(SHARDS))
-                    .map_err(|error| format!("{shown}: the folder cannot be made: {error}"))?;
+                    .map_err(|error| format!("{shown}: the folder cannot be created: {error}"))?;
             }
         }
         let lock_path = path.join(LOCK);
@@ -161,7 +161,7 @@ impl CampaignFolder {
             .open(&lock_path)
             .map_err(|error| format!("{}: cannot be written: {error}", lock_path.display()))?;
         rustix::fs::flock(&lock, rustix::fs::FlockOperation::NonBlockingLockExclusive)
-            .map_err(|_taken| format!("{shown}: another process works on this campaign at this moment"))?;
+            .map_err(|_taken| format!("{shown}: another process is working on this campaign"))?;
         if known.is_none() {
             write_whole(&manifest_path, wanted.to_json().as_bytes())?;
         }

@@ -448,7 +448,7 @@ pub fn write_case(campaign: &Campaign, case: &Case, number: usize, folder: &Path
                 + if own_seed {
                     ", and the seed"
                 } else {
-                    "; any seed will do for its start"
+                    "; any seed will do"
                 }
         }
     };

@@ -5,7 +5,7 @@ use super::score::DetectorScore;
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
-/// How right the detectors were on one log.
+/// Score of the detectors on one log.
 #[derive(Debug, Serialize, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct LogScore {
@@ -13,9 +13,9 @@ pub struct LogScore {
     pub onset_s: Option<f64>,
     /// Each detector.
     pub detectors: Vec<NamedScore>,
-    /// Windows of the sequential detector that name the rotors rightly, while the loss stands still, with each loss inside its 95 % interval.
+    /// Windows of the sequential detector that name the correct rotors while the loss is constant, with each loss inside its 95 % interval.
     pub inside: u64,
-    /// Of so many.
+    /// Total number.
     pub inside_of: u64,
 }
 

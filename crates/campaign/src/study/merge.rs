@@ -51,7 +51,7 @@ pub fn take_in_shard(into: &CampaignFolder, place: &str, shard: u64, content: &[
 /// Two places have different bytes for the same flights.
 pub fn different(place: &str, other: &str, shard: u64) -> String {
     format!(
-        "{place}: shard {shard} is another one than in {other}: the same flights gave different results on two machines, or a file is \
+        "{place}: shard {shard} differs from that in {other}: the same flights gave different results on two machines, or a file is \
          damaged; fly it again and compare"
     )
 }

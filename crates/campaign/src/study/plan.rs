@@ -71,7 +71,7 @@ impl Axis {
                 format!("{how} {}", names.join(", "))
             }
             Source::Uniform([low, high]) => format!("drawn from {low} to {high}"),
-            Source::LogUniform([low, high]) => format!("drawn from {low} to {high}, every factor alike"),
+            Source::LogUniform([low, high]) => format!("drawn from {low} to {high}, log-uniform"),
             Source::Rotors => format!("{how} the rotors"),
         }
     }
@@ -179,7 +179,7 @@ impl Campaign {
                 )
             } else {
                 format!(
-                    "expected the path of a scenario, there is none at {}",
+                    "expected the path of a scenario, found none at {}",
                     scenario_path.display()
                 )
             };
@@ -655,7 +655,7 @@ impl Campaign {
     }
 
     fn nothing_left(&self, place: usize) -> ConfigError {
-        let reason = "expected a value other than that of the other axis, there is none";
+        let reason = "expected a value other than that of the other axis, found none";
         self.file.refuse(&format!("axis[{place}].other_than"), reason)
     }
 

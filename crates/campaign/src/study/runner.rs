@@ -103,7 +103,7 @@ pub fn check_same_program(
         let now = fly(campaign, engine, before.flight..before.flight + 1);
         if now.first() != Some(before) {
             return Err(format!(
-                "{place}: this program makes something else of flight {} than the one that began the campaign; name another folder with --out",
+                "{place}: this program gives another result for flight {} than the one that started the campaign; choose another folder with --out",
                 before.flight
             ));
         }

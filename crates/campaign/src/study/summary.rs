@@ -44,7 +44,7 @@ pub struct CampaignSummary {
     detectors: BTreeMap<String, DetectorSummary>,
     /// The sequential detector at other limits of its evidence.
     operating_curve: Vec<OperatingPoint>,
-    /// By axis and value. An axis with too many values to tell apart is left out.
+    /// By axis and value. An axis with too many distinct values is left out.
     axes: Vec<AxisSummary>,
     /// Estimated less true loss of thrust at the end, where the right rotor is named.
     thrust_loss_error: Option<LossErrorSummary>,
@@ -86,7 +86,7 @@ pub struct DetectorSummary {
     wrong_rotor: u64,
     /// Flights that ever named a healthy rotor after the onset.
     wrong_rotor_flights: u64,
-    /// Windows neither right nor missed, naming no healthy rotor.
+    /// Windows neither correct nor missed, naming no healthy rotor.
     unclear: u64,
     /// Per hour without a fault.
     false_alarms_per_h: Option<f64>,

@@ -387,7 +387,7 @@ impl SecondLook {
 
     fn end_episode(&mut self) {
         if self.settling.over() {
-            self.trust.excuse();
+            self.trust.dismiss_surprises();
         }
     }
 

@@ -64,7 +64,7 @@ impl Trust {
     }
 
     /// What was found was a loss: the model did not fail.
-    pub(super) fn excuse(&mut self) {
+    pub(super) fn dismiss_surprises(&mut self) {
         let kept = self.past.len().saturating_sub(self.episode + LATEST);
         self.past.truncate(kept);
     }
@@ -125,7 +125,7 @@ mod tests {
             trust.begin();
             flown(&mut trust, 20, 5.0);
             if explained {
-                trust.excuse();
+                trust.dismiss_surprises();
             }
             flown(&mut trust, LATEST, 1.0);
             assert_eq!(trust.is_kept(), explained);

@@ -218,7 +218,7 @@ pub fn conform(
         format!("{repeated} answers came again, of {} steps", report.steps),
     );
     if repeated > 0 {
-        let evidence = format!("{repeated} of {} steps were answered once more", report.steps);
+        let evidence = format!("{repeated} of {} steps were answered twice", report.steps);
         report.find(
             Fault::Duplicate,
             "MotorCommand",
@@ -286,7 +286,7 @@ fn examine(
         .collect();
     report.findings.extend(references);
     if !flight.flown && report.findings.is_empty() {
-        let sentence = "it does not fly; no single sign, frame, order, spin or unit explains it";
+        let sentence = "it does not fly; no single error of sign, frame, order, spin or unit explains it";
         report.find(Fault::Flight, "MotorCommand.duty", sentence, &flight.evidence);
     }
     extremes(prober, base)?;
@@ -366,7 +366,7 @@ fn references(
             continue;
         }
         let (fault, sentence) = if ratio == 0.0 {
-            (Fault::Field, "it is not used: the vehicle will not follow")
+            (Fault::Field, "it is ignored: the vehicle will not follow")
         } else if alike < -0.7 {
             (Fault::Sign, "its sign is taken the other way round")
         } else if alike > 0.7 {
@@ -425,7 +425,7 @@ fn wrap(
     let suspicion = (!passed).then(|| Suspicion {
         fault: Fault::Frame,
         field: "attitude_rad.yaw".to_owned(),
-        sentence: "the error of the yaw is not wrapped to −180° … 180°: it turns round the long way".to_owned(),
+        sentence: "the error of the yaw is not wrapped to −180° … 180°: it turns the long way round".to_owned(),
         evidence: evidence.clone(),
         others: Vec::new(),
     });
@@ -603,8 +603,8 @@ fn answer_times(report: &mut Report, answers: &[Duration], demands: &Demands) {
     let [median, most] = report.answer_ms;
     let Some(limit) = demands.answer else { return };
     let limit = 1e3 * limit.as_secs_f64();
-    let evidence = format!("an answer takes {median:.2} ms, one in a hundred {most:.2} ms or more");
-    report.check("time of an answer", median <= limit, evidence.clone());
+    let evidence = format!("median {median:.2} ms, 99th percentile {most:.2} ms");
+    report.check("response time", median <= limit, evidence.clone());
     if median > limit {
         let sentence =
             format!("half of the answers take longer than {limit} ms: too slow for the pace of the wall clock");
@@ -616,8 +616,8 @@ fn answer_times(report: &mut Report, answers: &[Duration], demands: &Demands) {
 fn blame(error: &LinkError) -> Option<Suspicion> {
     let of_controller = |role: &Role| *role == Role::Controller;
     let (fault, field, sentence) = match error {
-        LinkError::Nonsense { role, reason, .. } if of_controller(role) => {
-            let (fault, sentence) = nonsense(reason);
+        LinkError::ProtocolViolation { role, reason, .. } if of_controller(role) => {
+            let (fault, sentence) = protocol_violation(reason);
             (fault, "MotorCommand", sentence)
         }
         LinkError::PeerSilent { role, last_step, .. } if of_controller(role) => {
@@ -640,9 +640,9 @@ fn blame(error: &LinkError) -> Option<Suspicion> {
 }
 
 /// What is wrong with an answer that the link rejected, from the message of its check.
-fn nonsense(reason: &str) -> (Fault, String) {
+fn protocol_violation(reason: &str) -> (Fault, String) {
     if reason.contains("the plant is only at step") {
-        return (Fault::MissedStep, "it answers a step that was not asked".to_owned());
+        return (Fault::MissedStep, "it answers a step that was not requested".to_owned());
     }
     let value: Option<f64> = reason
         .split(" is ")

@@ -322,7 +322,7 @@ fn judge(
     for (axis, name) in ["roll", "pitch"].into_iter().enumerate() {
         if length(&shares[axis]) < ANSWER {
             return Err(format!(
-                "{peer} does not answer a swing in {name}: no duty moves by more than {ANSWER}"
+                "{peer} does not respond to a swing in {name}: no duty changes by more than {ANSWER}"
             ));
         }
     }
@@ -358,7 +358,7 @@ fn judge(
     let cosines = cosines(&order);
     if mean <= EXPLAINS && (cosines[0] < FITS || cosines[1] < FITS) {
         return Err(format!(
-            "the answers of {peer} fit no order of the motors: the best has cosines of {:.2} in roll and {:.2} in pitch",
+            "the responses of {peer} fit no order of the motors: the best has cosines of {:.2} in roll and {:.2} in pitch",
             cosines[0], cosines[1]
         ));
     }

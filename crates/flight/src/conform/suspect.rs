@@ -461,8 +461,5 @@ fn order_words(order: &[usize]) -> String {
         .collect();
     let mirrored = (0..count).all(|i| order[order[i]] == i) && (0..count).all(|i| (order[i] + i) % count == order[0]);
     let how = if mirrored { "numbered the other way round: " } else { "" };
-    format!(
-        "{how}duties of rotors stand in the place of others: {}",
-        meant.join(", ")
-    )
+    format!("{how}duties of rotors are exchanged: {}", meant.join(", "))
 }

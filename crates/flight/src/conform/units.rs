@@ -123,7 +123,7 @@ fn candidates() -> Vec<Candidate> {
             fields,
             inputs,
             1.0 / DEG,
-            "it computes with degrees where its gains want radians: its answer is 57.3 times too strong",
+            "it computes in degrees, but its gains require radians: its answer is 57.3 times too strong",
         );
     }
     for (fields, inputs) in lengths {
@@ -137,7 +137,7 @@ fn candidates() -> Vec<Candidate> {
             fields,
             inputs,
             0.01,
-            "it computes with centimetres where its gains want metres: its answer is 100 times too strong",
+            "it computes in centimetres, but its gains require metres: its answer is 100 times too strong",
         );
         add(
             fields,
@@ -149,7 +149,7 @@ fn candidates() -> Vec<Candidate> {
             fields,
             inputs,
             0.001,
-            "it computes with millimetres where its gains want metres: its answer is 1000 times too strong",
+            "it computes in millimetres, but its gains require metres: its answer is 1000 times too strong",
         );
     }
     all
@@ -185,7 +185,7 @@ pub(super) fn suspect(airframe: &Airframe, gains: &Gains, delay_steps: usize) ->
             }
         }
         if let Some(cost) = cost(airframe, &repaired, delay_steps) {
-            let words = "each is read in the place of the other".to_owned();
+            let words = "each is read in place of the other".to_owned();
             found.push((cost, Fault::Field, fields.to_owned(), words));
         }
     }

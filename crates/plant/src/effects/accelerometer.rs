@@ -20,7 +20,7 @@ pub(super) static BIAS: EffectDeclaration = EffectDeclaration {
     may_set_in: true,
     needs: &[],
     search: Search::LINEAR,
-    excited_by: "always; a yaw turn tells it from wind",
+    excited_by: "always; a yaw turn distinguishes it from wind",
     confused_with: &["level-offset", "wind", "rotor-tilt-tangential", "rotor-tilt-radial"],
     source: "MPU-9250 data sheet: zero-g offset ±0.6 m/s² before calibration",
     build: Build::BuiltIn(|setup| {

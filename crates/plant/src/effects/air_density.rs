@@ -25,7 +25,7 @@ pub(super) static DECLARATION: EffectDeclaration = EffectDeclaration {
     may_set_in: false,
     needs: &[],
     search: Search::LINEAR,
-    excited_by: "always; manoeuvres tell it from the mass",
+    excited_by: "always; manoeuvres distinguish it from the mass",
     confused_with: &["mass", "voltage-gain", "voltage-offset", "dead-zone"],
     source: "ISA: −6 % per 500 m and ±5 % with temperature; Eq. 19",
     build: Build::BuiltIn(|setup| {

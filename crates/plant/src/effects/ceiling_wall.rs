@@ -18,7 +18,7 @@ pub(super) static CEILING: EffectDeclaration = EffectDeclaration {
             "strength",
             "k",
             "",
-            "1 where the fit of the source stands",
+            "1 reproduces the fit of the source",
             (0.0, 1.5),
             1.0,
             1.0,

@@ -74,7 +74,7 @@ pub(super) static SATURATION: EffectDeclaration = EffectDeclaration {
         "lost_duty",
         "x",
         "",
-        "part of the duty at its top that gains nothing, fraction",
+        "part of the duty at its top that adds no thrust, fraction",
         (0.0, 0.3),
         0.15,
         0.15,

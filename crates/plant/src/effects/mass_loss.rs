@@ -34,7 +34,7 @@ pub(super) static DECLARATION: EffectDeclaration = EffectDeclaration {
     may_set_in: true,
     needs: &[],
     search: Search::LINEAR.growing().requiring(&[Requirement::BatteryVoltage]),
-    excited_by: "minutes; punches that make the voltage sag tell it from laws of the voltage",
+    excited_by: "minutes; punches that make the voltage sag distinguish it from laws of the voltage",
     confused_with: &["voltage-exponent", "mass", "air-density", "esc-resistance"],
     source: "Eq. 1; sprayers: 10 kg of 25 kg in 10 minutes; petrol generators: 0.5 kg/h",
     build: Build::BuiltIn(|setup| {

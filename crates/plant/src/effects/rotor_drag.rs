@@ -25,7 +25,7 @@ pub(super) static DECLARATION: EffectDeclaration = EffectDeclaration {
     may_set_in: true,
     needs: &[],
     search: Search::LINEAR.requiring(&[Requirement::AirVelocity]),
-    excited_by: "translation; several speeds tell it from quadratic drag, climbs from linear friction",
+    excited_by: "translation; several speeds distinguish it from quadratic drag, climbs from linear friction",
     confused_with: &["quadratic-drag", "linear-friction", "wind"],
     source: "Faessler, Franchi, Scaramuzza 2018, eq. 2; RotorPy k_d",
     build: Build::BuiltIn(|setup| Box::new(RotorDrag { drag: setup.values[0] })),

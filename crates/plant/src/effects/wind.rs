@@ -35,7 +35,7 @@ pub(super) static DECLARATION: EffectDeclaration = EffectDeclaration {
     may_set_in: true,
     needs: &["rotor-drag", "quadratic-drag", "linear-friction"],
     search: Search::LINEAR.requiring(&[Requirement::AirVelocity]),
-    excited_by: "any flight outdoors; a yaw turn tells it from biases that turn with the vehicle",
+    excited_by: "any flight outdoors; a yaw turn distinguishes it from biases that turn with the vehicle",
     confused_with: &[
         "level-offset",
         "accelerometer-bias",

@@ -124,7 +124,10 @@ impl FaultEntry {
             }
         };
         if loss[rotor] == 1.0 {
-            let reason = format!("this fault cannot have an effect: rotor {} was lost before", self.rotor);
+            let reason = format!(
+                "this fault cannot have an effect: rotor {} was already lost",
+                self.rotor
+            );
             return Err(Refusal::new("rotor", reason));
         }
         if self.ramp_s.is_some() && self.thrust_loss_percent.is_none() {
@@ -142,7 +145,7 @@ impl FaultEntry {
                 };
                 if mounted[rotor] == *name {
                     let reason = format!(
-                        "this fault cannot have an effect: rotor {} carries blade {name} already",
+                        "this fault cannot have an effect: rotor {} already has blade {name}",
                         self.rotor
                     );
                     return Err(Refusal::new("blade", reason));
@@ -160,7 +163,7 @@ impl FaultEntry {
                 let share = percent / 100.0;
                 if share == loss[rotor] {
                     let reason = format!(
-                        "this fault cannot have an effect: rotor {} has a thrust loss of {percent} % already",
+                        "this fault cannot have an effect: rotor {} already has a thrust loss of {percent} %",
                         self.rotor
                     );
                     return Err(Refusal::new("thrust_loss_percent", reason));

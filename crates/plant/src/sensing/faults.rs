@@ -97,7 +97,7 @@ impl SensorFaultPlan {
                 other.kind == Kind::Stuck && fault.kind != Kind::Stuck && other.sensor == fault.sensor && inside
             });
             if covered {
-                let reason = "this fault cannot have an effect: the sensor is stuck all the while";
+                let reason = "this fault cannot have an effect: the sensor is stuck all the time";
                 return Err(Refusal::new(format!("sensor_fault[{i}]"), reason));
             }
         }

@@ -32,7 +32,7 @@ pub(super) fn contact(config: &SimulationConfig, mismatch: &MismatchDraw) -> Res
         return Err(Refusal::new("ground.contact", reason));
     };
     let Some(down) = config.ground_down_m else {
-        return Err(Refusal::new("ground.down_m", "expected this key, it is missing"));
+        return Err(Refusal::new("ground.down_m", "missing key"));
     };
     let centre = mismatch.centre_of_mass_m;
     let about_centre = |place: Vector3| [0, 1, 2].map(|i| place[i] - centre[i]);

@@ -15,7 +15,7 @@ pub enum QueryError {
         nearest: String,
     },
     /// The channel holds text or lists.
-    #[error("channel '{name}' holds no numbers; expected one that does")]
+    #[error("channel '{name}' is not numeric; expected a numeric channel")]
     NotNumbers {
         /// Channel.
         name: String,
@@ -27,7 +27,7 @@ pub enum QueryError {
         points: usize,
     },
     /// An invalid interval.
-    #[error("the interval from {from} s to {to} s is none; expected from_s ≤ to_s")]
+    #[error("the interval from {from} s to {to} s is empty; expected from_s ≤ to_s")]
     Interval {
         /// s.
         from: f64,
@@ -36,7 +36,7 @@ pub enum QueryError {
     },
     /// The result would be too large.
     #[error(
-        "that would be {values} values; expected at most {most}: ask for fewer channels, fewer `points`, or take the whole file",
+        "that would be {values} values; expected at most {most}: request fewer channels or `points`, or fetch the whole file",
         most = super::MOST_VALUES
     )]
     TooMany {

@@ -115,7 +115,7 @@ impl TelemetryFile {
         };
         let options = ReadOptionsBuilder::new().with_page_index().build();
         let reader = SerializedFileReader::new_with_options(file, options)
-            .map_err(|error| damaged(format!("it is no Parquet file that can be read: {error}")))?;
+            .map_err(|error| damaged(format!("not a readable Parquet file: {error}")))?;
         let channels = channel::channels(reader.metadata().file_metadata());
         Ok(Self {
             path: path.to_path_buf(),
@@ -258,7 +258,7 @@ impl TelemetryFile {
                 values.clear();
                 stream.read(left.min(BATCH), &mut values).map_err(told)?;
                 if values.is_empty() {
-                    return Err(self.damaged("it has fewer rows than it says"));
+                    return Err(self.damaged("it has fewer rows than it declares"));
                 }
                 left -= values.len();
                 take(&values);
@@ -294,7 +294,7 @@ impl TelemetryFile {
                     values.clear();
                     stream.read(rows, values).map_err(told)?;
                     if values.len() != rows {
-                        return Err(self.damaged("it has fewer rows than it says").into());
+                        return Err(self.damaged("it has fewer rows than it declares").into());
                     }
                 }
                 take(&block)?;

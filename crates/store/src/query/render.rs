@@ -8,15 +8,7 @@
 
 use super::channel::ChannelKind;
 use super::{QueryError, Table, TableColumn, TelemetryFile};
-use parquet::basic::{Compression, LogicalType, Repetition, Type as Physical, ZstdLevel};
-use parquet::data_type::{ByteArray, ByteArrayType, DoubleType, FloatType, Int32Type, Int64Type};
-use parquet::errors::ParquetError;
-use parquet::file::metadata::KeyValue;
-use parquet::file::properties::WriterProperties;
-use parquet::file::writer::SerializedFileWriter;
-use parquet::schema::types::Type;
-use std::io::Write as _;
-use std::sync::Arc;
+use crate::column_file::{ColumnFileWriter, Content, Field, Layout, Packing, Values};
 
 /// Output format.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -204,18 +196,18 @@ fn csv(tables: &[RunTable], with_run: bool) -> Vec<u8> {
     out
 }
 
-/// Physical type in Parquet output.
-fn physical(columns: &[&TableColumn]) -> Physical {
+/// Type in Parquet output.
+fn content(columns: &[&TableColumn]) -> Content {
     let gaps = || {
         columns
             .iter()
             .any(|column| column.values.iter().any(|value| value.is_nan()))
     };
     match columns[0].channel.kind {
-        ChannelKind::F32 => Physical::FLOAT,
-        ChannelKind::I32 | ChannelKind::Bool if !gaps() => Physical::INT32,
-        ChannelKind::I64 if !gaps() => Physical::INT64,
-        _ => Physical::DOUBLE,
+        ChannelKind::F32 => Content::F32,
+        ChannelKind::I32 | ChannelKind::Bool if !gaps() => Content::I32,
+        ChannelKind::I64 if !gaps() => Content::I64,
+        _ => Content::F64,
     }
 }
 
@@ -226,25 +218,15 @@ fn parquet(tables: &[RunTable], with_run: bool) -> Result<Vec<u8>, QueryError> {
     let columns: Vec<Vec<&TableColumn>> = (0..first.table.columns.len())
         .map(|at| tables.iter().filter_map(|table| table.table.columns.get(at)).collect())
         .collect();
-    let mut fields = Vec::new();
-    if with_run {
-        let field = Type::primitive_type_builder("run", Physical::BYTE_ARRAY);
-        fields.push((field, Some(LogicalType::String)));
-    }
-    for columns in &columns {
-        fields.push((
-            Type::primitive_type_builder(&columns[0].channel.name, physical(columns)),
-            None,
-        ));
-    }
-    let fields = fields
-        .into_iter()
-        .map(|(field, logical)| {
-            let field = field.with_repetition(Repetition::REQUIRED).with_logical_type(logical);
-            field.build().map(Arc::new)
-        })
-        .collect::<Result<_, ParquetError>>()?;
-    let schema = Arc::new(Type::group_type_builder("telemetry").with_fields(fields).build()?);
+    let contents: Vec<Content> = columns.iter().map(|columns| content(columns)).collect();
+    let field = |name: &str, content| Field {
+        name: name.to_owned(),
+        content,
+        packing: Packing::Dictionary,
+    };
+    let run = with_run.then(|| field("run", Content::Text));
+    let channels = columns.iter().zip(&contents);
+    let channels = channels.map(|(columns, content)| field(&columns[0].channel.name, *content));
     let units: serde_json::Map<String, serde_json::Value> = first
         .table
         .columns
@@ -254,50 +236,29 @@ fn parquet(tables: &[RunTable], with_run: bool) -> Result<Vec<u8>, QueryError> {
             (channel.name.clone(), words)
         })
         .collect();
-    let units = serde_json::Value::Object(units).to_string();
-    let properties = WriterProperties::builder()
-        .set_created_by(format!("rotortwin-store {}", env!("CARGO_PKG_VERSION")))
-        .set_compression(Compression::ZSTD(ZstdLevel::try_new(1)?))
-        .set_key_value_metadata(Some(vec![KeyValue::new("rotortwin.columns".to_owned(), units)]))
-        .build();
-    let mut out = Vec::new();
-    let mut writer = SerializedFileWriter::new(&mut out, schema, Arc::new(properties))?;
-    let mut group = writer.next_row_group()?;
-    let lacks = || ParquetError::General("the schema lacks a column".to_owned());
-    if with_run {
-        let mut column = group.next_column()?.ok_or_else(lacks)?;
-        for RunTable { run, table } in tables {
-            let name = ByteArray::from(run.as_str());
-            let values = vec![name; table.rows()];
-            column.typed::<ByteArrayType>().write_batch(&values, None, None)?;
-        }
-        column.close()?;
-    }
-    for columns in &columns {
-        let mut column = group.next_column()?.ok_or_else(lacks)?;
+    let layout = Layout {
+        name: "telemetry",
+        created_by: format!("rotortwin-store {}", env!("CARGO_PKG_VERSION")),
+        fields: run.into_iter().chain(channels).collect(),
+        metadata: vec![("columns".to_owned(), serde_json::Value::Object(units).to_string())],
+        coarse_statistics: false,
+    };
+    let runs = with_run.then(|| {
+        let names = tables
+            .iter()
+            .flat_map(|RunTable { run, table }| std::iter::repeat_n(run.as_str(), table.rows()));
+        Values::Text(names.collect())
+    });
+    let values = columns.iter().zip(&contents).map(|(columns, content)| {
         let values = columns.iter().flat_map(|column| column.values.iter().copied());
-        match physical(columns) {
-            Physical::FLOAT => {
-                let values: Vec<f32> = values.map(|value| value as f32).collect();
-                column.typed::<FloatType>().write_batch(&values, None, None)?
-            }
-            Physical::INT32 => {
-                let values: Vec<i32> = values.map(|value| value as i32).collect();
-                column.typed::<Int32Type>().write_batch(&values, None, None)?
-            }
-            Physical::INT64 => {
-                let values: Vec<i64> = values.map(|value| value as i64).collect();
-                column.typed::<Int64Type>().write_batch(&values, None, None)?
-            }
-            _ => {
-                let values: Vec<f64> = values.collect();
-                column.typed::<DoubleType>().write_batch(&values, None, None)?
-            }
-        };
-        column.close()?;
-    }
-    group.close()?;
-    writer.close()?;
-    out.flush().map_err(|error| ParquetError::General(error.to_string()))?;
-    Ok(out)
+        match content {
+            Content::F32 => Values::F32(values.map(|value| value as f32).collect()),
+            Content::I32 => Values::I32(values.map(|value| value as i32).collect()),
+            Content::I64 => Values::I64(values.map(|value| value as i64).collect()),
+            _ => Values::F64(values.collect()),
+        }
+    });
+    let mut writer = ColumnFileWriter::new(Vec::new(), &layout)?;
+    writer.push(runs.into_iter().chain(values))?;
+    Ok(writer.finish()?)
 }

@@ -77,7 +77,7 @@ pub struct Trim {
     pub unchanged: f64,
     /// Thrust asked of each rotor over that of the healthy flights, less 1.
     pub thrust_change: Vec<f64>,
-    /// Spread of healthy flights, relative: common to all rotors, and of a rotor beside that.
+    /// Relative spread of healthy flights: common to all rotors, and per rotor in addition.
     pub spread: [f64; 2],
     /// Healthy flights.
     pub baseline: Vec<String>,
@@ -236,7 +236,7 @@ fn candidates(rotors: usize, size: &VehicleSize) -> Vec<Candidate> {
 pub fn trim(logs: &[FlightLog], healthy: &[FlightLog], model: &ModelVersion) -> Result<Trim, PredictError> {
     if healthy.len() < LEAST_BASELINE {
         return Err(PredictError(format!(
-            "expected at least {LEAST_BASELINE} healthy flights as a baseline, because their spread is what tells a change, got {}",
+            "expected at least {LEAST_BASELINE} healthy flights as a baseline, because their spread is needed to detect a change, got {}",
             healthy.len()
         )));
     }
@@ -558,7 +558,7 @@ fn sentence(trim: &Trim) -> String {
             100.0 * one.posterior
         ),
         several => format!(
-            "Against {count} healthy flights something changed, and these flights cannot tell {}.",
+            "Against {count} healthy flights something changed, and these flights cannot distinguish {}.",
             several.iter().map(told).collect::<Vec<_>>().join(" from ")
         ),
     }

@@ -29,7 +29,7 @@ pub fn fit_battery(table: &Table) -> Result<Fit, FitError> {
     let spread = (current.iter().map(|i| (i - mean_current).powi(2)).sum::<f64>() / current.len() as f64).sqrt();
     if mean_current <= 0.0 || spread < 0.01 * mean_current {
         return refuse(format!(
-            "{}: the current ({mean_current:.2} A, deviation {spread:.3} A) does not vary enough to tell a resistance",
+            "{}: the current ({mean_current:.2} A, deviation {spread:.3} A) does not vary enough to determine a resistance",
             table.name
         ));
     }

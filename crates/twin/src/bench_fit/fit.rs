@@ -256,7 +256,7 @@ pub fn fit(structure: &Structure<'_>, y: &[f64], held_out_by: HeldOut) -> Option
         .collect();
     let told = covariance.is_some();
     if !told {
-        notes.push("the data cannot tell all parameters apart: intervals are unbounded".to_owned());
+        notes.push("the data do not determine all parameters separately: intervals are unbounded".to_owned());
     }
     for k in 0..n {
         if minimum.at[k] <= unknowns[k].low || minimum.at[k] >= unknowns[k].high {

@@ -208,7 +208,7 @@ fn fit_step(table: &Table, step: &Step) -> Fit {
         1e3 * interval
     ));
     if known.is_none() {
-        notes.push("no command column: a delay cannot be told from the start of the step".to_owned());
+        notes.push("no command column: a delay cannot be separated from the start of the step".to_owned());
     }
     if interval > 0.01 {
         notes.push(format!(

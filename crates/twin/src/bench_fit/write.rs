@@ -40,7 +40,9 @@ pub fn add_blade(document: &str, name: &str, model: &FittedModel, provenance: &s
         .lines()
         .any(|line| line.split('#').next().unwrap_or("").trim() == header)
     {
-        return refuse(format!("there is a blade `{name}` in the document; give another name"));
+        return refuse(format!(
+            "the document already has a blade `{name}`; choose another name"
+        ));
     }
     let value = |parameter: &str| model.parameter(parameter).map(|p| p.value);
     let (Some(a0), Some(a1), Some(a2), Some(a3), Some(v0)) =
@@ -108,7 +110,7 @@ mod tests {
             add_blade(&added, "bench", &model, "")
                 .unwrap_err()
                 .to_string()
-                .contains("there is a blade")
+                .contains("already has a blade")
         );
         assert!(add_blade(document, "a b", &model, "").is_err());
     }

@@ -1,13 +1,8 @@
 //! What a comparison leaves behind: `comparison.json`, `residuals-LOG.parquet`, `report.html`.
 
 use std::path::{Path, PathBuf};
-use std::sync::Arc;
 
-use parquet::basic::{Compression, Encoding, Repetition, Type as Physical, ZstdLevel};
-use parquet::data_type::FloatType;
-use parquet::file::properties::WriterProperties;
-use parquet::file::writer::SerializedFileWriter;
-use parquet::schema::types::Type;
+use rotortwin_store::column_file::{ColumnFileWriter, Content, Field, Layout, Packing, Values};
 
 use super::{Comparison, LogSeries};
 use crate::flight_picture::FlightPicture;
@@ -125,23 +120,9 @@ fn residuals(path: &Path, log: &super::LogComparison, series: &LogSeries) -> Res
         units.insert(name.clone(), condition.unit.into());
         columns.push((name, condition.values.iter().map(|v| *v as f32).collect()));
     }
-    let fields = columns
-        .iter()
-        .map(|(name, _)| {
-            Type::primitive_type_builder(name, Physical::FLOAT)
-                .with_repetition(Repetition::REQUIRED)
-                .build()
-                .map(Arc::new)
-        })
-        .collect::<Result<Vec<_>, _>>()
-        .map_err(|error| fail(&error))?;
-    let schema = Type::group_type_builder("residuals")
-        .with_fields(fields)
-        .build()
-        .map_err(|error| fail(&error))?;
     let titles: Vec<[&str; 3]> = series.conditions.iter().map(|c| [c.name, c.title, c.unit]).collect();
     let labels: Vec<&str> = log.models.iter().map(|model| model.model.as_str()).collect();
-    let entry = |key: &str, value: String| parquet::file::metadata::KeyValue::new(format!("rotortwin.{key}"), value);
+    let entry = |key: &str, value: String| (key.to_owned(), value);
     let metadata = vec![
         entry("log", log.log.name.clone()),
         entry("log_hash", log.log.hash.clone()),
@@ -151,27 +132,23 @@ fn residuals(path: &Path, log: &super::LogComparison, series: &LogSeries) -> Res
         entry("covariances", serde_json::json!(covariances(log)).to_string()),
         entry("conditions", serde_json::json!(titles).to_string()),
     ];
-    let level = ZstdLevel::try_new(1).map_err(|error| fail(&error))?;
-    let properties = WriterProperties::builder()
-        .set_created_by(crate::model::TOOL.to_owned())
-        .set_compression(Compression::ZSTD(level))
-        .set_dictionary_enabled(false)
-        .set_encoding(Encoding::BYTE_STREAM_SPLIT)
-        .set_key_value_metadata(Some(metadata))
-        .build();
-    let file = std::fs::File::create(path).map_err(|error| fail(&error))?;
-    let write = || -> Result<(), parquet::errors::ParquetError> {
-        let mut writer = SerializedFileWriter::new(file, Arc::new(schema), Arc::new(properties))?;
-        let mut rows = writer.next_row_group()?;
-        let mut remaining = columns.iter();
-        while let Some(mut column) = rows.next_column()? {
-            let (_, values) = remaining.next().expect("the schema was made from the columns");
-            column.typed::<FloatType>().write_batch(values, None, None)?;
-            column.close()?;
-        }
-        rows.close()?;
-        writer.close()?;
-        Ok(())
+    let fields = columns.iter().map(|(name, _)| Field {
+        name: name.clone(),
+        content: Content::F32,
+        packing: Packing::ByteStreams,
+    });
+    let layout = Layout {
+        name: "residuals",
+        created_by: crate::model::TOOL.to_owned(),
+        fields: fields.collect(),
+        metadata,
+        coarse_statistics: false,
     };
-    write().map_err(|error| fail(&error))
+    let file = std::fs::File::create(path).map_err(|error| fail(&error))?;
+    let write = || {
+        let mut writer = ColumnFileWriter::new(file, &layout)?;
+        writer.push(columns.iter().map(|(_, values)| Values::F32(values.into())))?;
+        writer.finish()
+    };
+    write().map(drop).map_err(|error| fail(&error))
 }

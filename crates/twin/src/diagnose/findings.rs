@@ -78,7 +78,7 @@ pub(crate) fn findings(problem: &Problem, named: Vec<Named>, posterior: &Posteri
                     _ => lost.push(rival),
                 }
             }
-            // What fits as well comes before what is only not told apart.
+            // What fits as well comes before what is only not separable.
             let (near, lost): (Vec<Rival>, Vec<Rival>) = lost
                 .into_iter()
                 .partition(|rival| rival.outcome == Outcome::TooSmallToTell);

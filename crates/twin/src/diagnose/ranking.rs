@@ -2,7 +2,7 @@
 
 use super::result::{NotTestable, Ranked};
 use crate::estimation::candidates::is_size;
-use crate::estimation::normal::{Normal, Posterior, open, square_sum_change, sure_size};
+use crate::estimation::normal::{Normal, Posterior, detectable_size, open, square_sum_change};
 use crate::estimation::parameters::parameters;
 use crate::estimation::problem::Problem;
 use crate::estimation::scores::{Scored, opened_mean, priors};
@@ -75,7 +75,7 @@ pub(crate) fn detectable(
                 continue;
             }
             let p = &candidate.parameters[column.parameter];
-            let least = sure_size(one.opened.information.at(a, a), column.spike, threshold);
+            let least = detectable_size(one.opened.information.at(a, a), column.spike, threshold);
             let any_shape = worst.iter().find(|(c, _)| *c == one.candidate).map_or(0.0, |(_, w)| *w);
             let size = least.max(any_shape) * column.size;
             let row = NotTestable {

@@ -12,7 +12,7 @@ use crate::model::constants::Source;
 use crate::propose::Proposal;
 use crate::schema;
 
-/// The answer in one word.
+/// Verdict in one word.
 #[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]
 #[serde(rename_all = "kebab-case", tag = "kind")]
 #[schema(as = DiagnosisVerdict)]
@@ -24,7 +24,7 @@ pub enum Verdict {
         /// Ids of the effects.
         effects: Vec<String>,
     },
-    /// Physics is missing, and this flight cannot tell which of a group.
+    /// Physics is missing, and this flight cannot distinguish the effects of a group.
     CannotTell {
         /// Ids of the effects, best first.
         group: Vec<String>,
@@ -34,7 +34,7 @@ pub enum Verdict {
         /// Ids of the effects.
         effects: Vec<String>,
     },
-    /// Constants of the vehicle were guessed, and the flights want other values: nothing is called missing before they are known.
+    /// Constants of the vehicle were guessed, and the flights indicate other values: nothing is called missing before they are known.
     CalibrateFirst {
         /// Keys of the constants.
         constants: Vec<String>,
@@ -207,7 +207,7 @@ pub struct NotTestable {
     pub unit: String,
     /// Plausible size.
     pub plausible_size: f64,
-    /// Smallest size with an expected ln Bayes factor of the threshold; absent where the flight says nothing at all.
+    /// Smallest size with an expected ln Bayes factor equal to the threshold; absent if the flight carries no information on it.
     pub minimum_size: Option<f64>,
     /// What would excite it.
     pub excited_by: String,
@@ -309,7 +309,7 @@ pub struct Diagnosis {
     pub effects: Vec<Finding>,
     /// Faults of sensors and clocks of the log.
     pub sensor_or_timing: Vec<Finding>,
-    /// Constants of the vehicle that were guessed and that the flights want to have another value.
+    /// Guessed constants of the vehicle for which the flights indicate another value.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub calibrate: Vec<Calibration>,
     /// All candidates about the given model, best first.
@@ -340,7 +340,7 @@ pub struct Diagnosis {
     pub timing: Timing,
 }
 
-/// A constant of the vehicle that is a guess, and the value that the flights want.
+/// A guessed constant of the vehicle, and the value that the flights indicate.
 #[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]
 #[schema(as = ConstantToCalibrate)]
 pub struct Calibration {
@@ -358,7 +358,7 @@ pub struct Calibration {
     pub high: f64,
     /// Whether the class alone has said it, or a log has narrowed it.
     pub source: Source,
-    /// What the flights want.
+    /// Value that the flights indicate.
     pub wanted: f64,
     /// Half width of its 95 % interval, everything else as it is.
     pub wanted_interval_95: f64,

@@ -72,7 +72,7 @@ pub(crate) fn search(
     words::render(&mut diagnosis);
     if stopped {
         diagnosis.sentence = format!(
-            "Stopped after {limit_s:.0} s, before the search had ended; what was proved until then: {}",
+            "Stopped after {limit_s:.0} s, before the search was complete; proved so far: {}",
             diagnosis.sentence
         );
     }

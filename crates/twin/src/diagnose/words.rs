@@ -53,7 +53,7 @@ fn fared(rival: &Rival) -> String {
             )
         }
         Outcome::OtherShape(told_by) => format!(
-            "it shows in the same channels, but its shape over the flight fits worse by ln BF {gap:.1}; what tells them apart: {told_by}"
+            "it shows in the same channels, but its shape over the flight fits worse by ln BF {gap:.1}; distinguished by: {told_by}"
         ),
     }
 }
@@ -86,11 +86,14 @@ fn why_found(finding: &Finding) -> String {
 fn unconsidered(one: &NotConsidered) -> String {
     match &one.why {
         Reason::Columns(columns) => format!("no log has {}", listed(columns)),
-        Reason::InTheModel => "the model has it already; `rotortwin improve` fits its value".to_owned(),
+        Reason::InTheModel => "already in the model; `rotortwin improve` fits its value".to_owned(),
         Reason::NothingToActThrough(needs) => {
-            format!("nothing is at work through which it acts: one of {}", needs.join(", "))
+            format!(
+                "it acts only through one of {}, and the model has none of them",
+                needs.join(", ")
+            )
         }
-        Reason::NothingNamed => "it is looked for beside an effect that was named, and none was".to_owned(),
+        Reason::NothingNamed => "it is only searched for together with another effect, and none was named".to_owned(),
         Reason::CovarianceOf(other) => format!("its covariance is nearly that of {other}, which is looked for instead"),
     }
 }
@@ -228,7 +231,7 @@ fn sentence(diagnosis: &Diagnosis) -> String {
                 )
             });
             format!(
-                "Missing, in part: {}; {}. The rest is real and not in the catalogue: {}. While it is there, take the intervals for too narrow. \
+                "Missing, in part: {}; {}. The rest is real and not in the catalogue: {}. Until it is explained, regard the intervals as too narrow. \
                  Also compatible: {}.",
                 named(&diagnosis.effects),
                 falling.collect::<Vec<_>>().join(", "),
@@ -247,7 +250,7 @@ fn sentence(diagnosis: &Diagnosis) -> String {
                 String::new()
             } else {
                 format!(
-                    " A part of the error looks like {}, which is not told from the guesses before that.",
+                    " A part of the error looks like {}, which cannot be confirmed before the guessed constants are known.",
                     named(&found)
                 )
             };
@@ -278,7 +281,7 @@ fn sentence(diagnosis: &Diagnosis) -> String {
             )
         }
         Verdict::CannotTell { group } => format!(
-            "This flight cannot tell {} apart: best fit {}.{share}",
+            "This flight cannot distinguish {}: best fit {}.{share}",
             group.join(" from "),
             named(&diagnosis.effects)
         ),
@@ -333,13 +336,13 @@ impl Calibration {
         let Some(ratio) =
             ratio_of(&self.key).filter(|_| !self.source.is_guess() && self.value > 0.0 && self.wanted > 0.0)
         else {
-            return format!("{} {what} ({known}), these flights want {wants}{better}", self.name);
+            return format!("{} {what} ({known}), these flights indicate {wants}{better}", self.name);
         };
         let share = self.wanted / self.value;
         let factor = if ratio.below { 1.0 / share } else { share };
         let half_width = factor * self.wanted_interval_95 / self.wanted;
         format!(
-            "{} {what}: these flights want {:.3} ± {:.3} times that of the model, which is {} of {wants} instead of {known} if {}{better}",
+            "{} {what}: these flights indicate {:.3} ± {:.3} times that of the model, which is {} of {wants} instead of {known} if {}{better}",
             ratio.name, factor, half_width, self.name, ratio.others
         )
     }
@@ -372,7 +375,7 @@ fn ratio_of(key: &str) -> Option<Ratio> {
 }
 
 /// What to do about ratios.
-const RATIOS: &str = " A flight tells mass, thrust, arms and inertia only as ratios: weigh the vehicle and measure its arms before its other constants are believed.";
+const RATIOS: &str = " A flight determines mass, thrust, arms and inertia only as ratios: weigh the vehicle and measure its arms before trusting its other constants.";
 
 /// How a vehicle is calibrated, with what a user has to give.
 const HOW_TO_CALIBRATE: &str =

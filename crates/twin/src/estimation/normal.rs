@@ -199,7 +199,7 @@ const SURE: f64 = 1.644_853_626_951_472;
 
 /// Size (in plausible sizes) whose ln Bayes factor reaches `threshold` in 95 of 100 flights: [`minimum_size`] does in every other one,
 /// and the noise of the estimate is 1/√h.
-pub(crate) fn sure_size(information: f64, spike: f64, threshold: f64) -> f64 {
+pub(crate) fn detectable_size(information: f64, spike: f64, threshold: f64) -> f64 {
     minimum_size(information, spike, threshold) + SURE / information.sqrt()
 }
 
@@ -216,8 +216,8 @@ pub(crate) fn square_sum_change(test: &Normal, mean: &[f64]) -> f64 {
 /// What nothing but a model far off, or a log that holds no measurements, leads to.
 pub(crate) fn not_finite() -> PredictError {
     PredictError(
-        "the model is too far from this log to be fitted, numbers leave all bounds: calibrate it first (`rotortwin vehicle from-log LOG… --mass KG \
-         --arm M`), or look whether the log's units are right (`rotortwin log show`)"
+        "the model is too far from this log to be fitted (the fit diverges): calibrate it first (`rotortwin vehicle from-log LOG… --mass KG \
+         --arm M`), or check the log's units (`rotortwin log show`)"
             .into(),
     )
 }
@@ -228,10 +228,10 @@ mod tests {
     use rotortwin_plant::random::NormalStream;
 
     #[test]
-    fn val_the_sure_size_passes_in_95_of_100_draws() {
+    fn val_the_detectable_size_passes_in_95_of_100_draws() {
         const DRAWS: usize = 2000;
         let (h, threshold, spike) = (900.0, 10.0, 0.02);
-        let size = sure_size(h, spike, threshold);
+        let size = detectable_size(h, spike, threshold);
         let mut noise = NormalStream::new(9, "sure size");
         let passed = (0..DRAWS)
             .filter(|_| {
@@ -338,6 +338,6 @@ mod tests {
         let open = open(&posterior, &[0], &[0.02], &[0.02], &[1.0], &[0.0]).unwrap();
         assert!((open.log_bayes_factor - 10.0).abs() < 1e-8, "{}", open.log_bayes_factor);
         assert_eq!(minimum_size(0.0, 0.02, 10.0), f64::INFINITY);
-        assert_eq!(sure_size(0.0, 0.02, 10.0), f64::INFINITY);
+        assert_eq!(detectable_size(0.0, 0.02, 10.0), f64::INFINITY);
     }
 }

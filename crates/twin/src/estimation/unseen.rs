@@ -43,7 +43,7 @@ pub(crate) fn kind_of(predictor: &Predictor, channel: usize) -> Option<(usize, f
 /// Error on blocks that the fit did not see, smoothed over 0.1 s.
 #[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]
 pub struct HeldOutError {
-    /// `force`, `torque`, `voltage`; `acceleration` (of the velocity) where no accelerometer tells the force.
+    /// `force`, `torque`, `voltage`; `acceleration` (derivative of the velocity) if there is no accelerometer.
     pub quantity: String,
     /// Unit.
     pub unit: String,

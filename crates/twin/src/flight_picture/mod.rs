@@ -42,7 +42,7 @@ pub struct FlightPicture {
     pub attitude_deg: Option<[Vec<Option<f64>>; 3]>,
     /// At the battery's terminals, V.
     pub voltage_v: Option<Vec<Option<f64>>>,
-    /// What each motor was told.
+    /// Command of each motor.
     pub outputs: Vec<MotorOutput>,
     /// Largest output: where motors are saturated.
     pub output_limit: f64,

@@ -29,7 +29,7 @@ const BREAK_STEPS: f64 = 1.5;
 /// Fewest samples of a rotor's speed that tell how fast it turns.
 const FEWEST_SPEEDS: usize = 50;
 
-/// How a vehicle shook in the air.
+/// Vibration of a vehicle in the air.
 #[derive(Clone, Debug, PartialEq, Serialize, ToSchema)]
 pub struct Vibration {
     /// Of each value of the spectra, Hz.
@@ -38,7 +38,7 @@ pub struct Vibration {
     pub accelerometer: Option<[Vec<Option<f64>>; 3]>,
     /// Body rates p, q, r: rad/s per √Hz; `null` above what its source holds.
     pub gyroscope: Option<[Vec<Option<f64>>; 3]>,
-    /// How fast the rotors turned, where the speed controllers tell.
+    /// Speeds of the rotors, if the speed controllers report them.
     pub rotors: Vec<RotorSpeed>,
     /// Seconds of flight that the spectra are means of.
     pub seconds: f64,

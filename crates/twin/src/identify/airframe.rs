@@ -203,7 +203,7 @@ fn betaflight(log: &FlightLog, rotors: usize, motion: Option<&wiring::Motion>) -
     let how = match (motion, doubt) {
         (Some(_), None) => "Betaflight's order of motors; the motion agrees, also with the way they turn".to_owned(),
         (Some(_), Some(_)) => format!(
-            "Betaflight's order of motors; the motion does not clearly tell which way they turn, {} is taken: --frame names the other",
+            "Betaflight's order of motors; the motion does not clearly show which way they turn, {} is assumed: --frame selects the other",
             if frame.name == frames[0].name {
                 "the usual one"
             } else {
@@ -211,7 +211,7 @@ fn betaflight(log: &FlightLog, rotors: usize, motion: Option<&wiring::Motion>) -
             }
         ),
         (None, _) => {
-            "Betaflight's order of motors; without body rates the motion does not tell which way they turn".to_owned()
+            "Betaflight's order of motors; without body rates the motion does not show which way they turn".to_owned()
         }
     };
     Some(Airframe {
@@ -435,11 +435,11 @@ impl Findings<'_> {
                 ""
             };
             let (value, deviation, source, how) = if self.against_the_motion {
-                of_class(axis, "the motion contradicts the frame, so that no torque of it tells an inertia".to_owned())
+                of_class(axis, "the motion contradicts the frame, so its torques determine no inertia".to_owned())
             } else if !GYRATION_OVER_ARM.contains(&gyration) {
                 let impossible = format!(
-                    "the flight wants {flown:.3e} kg·m², a radius of gyration of {gyration:.2} arms, which cannot be for {mass} kg on arms of {arm} m \
-                     ({} to {} arms can)",
+                    "the flight indicates {flown:.3e} kg·m², a radius of gyration of {gyration:.2} arms, which is impossible for {mass} kg on arms of {arm} m \
+                     (possible: {} to {} arms)",
                     GYRATION_OVER_ARM.start(),
                     GYRATION_OVER_ARM.end()
                 );
@@ -449,7 +449,7 @@ impl Findings<'_> {
                 of_class(axis, impossible)
             } else if source == Source::Class {
                 let deviation = fitted.covariance[(i, i)].sqrt();
-                let how = format!("{:.2} m l²: the flight does not tell", self.class.inertia_ratio[axis]);
+                let how = format!("{:.2} m l²: not determined by the flight", self.class.inertia_ratio[axis]);
                 (flown, deviation, source, how)
             } else {
                 let how = format!(
@@ -499,8 +499,8 @@ impl Findings<'_> {
             let possible = MOMENT_RATIO_OVER_ARM.contains(&(ratio / arm));
             if !possible {
                 notes.push(format!(
-                    "yaw: the flight wants a torque over thrust of {ratio:.2e} m, {:.3} arms, which no propeller on these arms has ({} to {} arms): \
-                     the class default is written",
+                    "yaw: the flight indicates a torque over thrust of {ratio:.2e} m, {:.3} arms, which is impossible for propellers on these arms ({} to {} \
+                     arms): the class default is written",
                     ratio / arm,
                     MOMENT_RATIO_OVER_ARM.start(),
                     MOMENT_RATIO_OVER_ARM.end()
@@ -556,7 +556,7 @@ impl Findings<'_> {
                     yaw.deviation,
                     yaw_source,
                 )
-                .how("the only thing that yaw tells; c and Jz never separate"),
+                .how("all that yaw determines; c and Jz cannot be separated"),
             );
         }
         // Physics: no moment of inertia exceeds the sum of the others.
@@ -594,7 +594,7 @@ impl Findings<'_> {
             .how(match (ratio_source, told.is_some()) {
                 (Source::Bench, true) => "torque over thrust of the bench, and c/Jz of the flight, by their variances",
                 (Source::Bench, false) => "torque over thrust of the bench",
-                (Source::Class, _) => "the flight does not tell",
+                (Source::Class, _) => "not determined by the flight",
                 _ => "c/Jz of the flight times Jz",
             })
             .better("10 s of yaw steps; a thrust stand with torque"),
@@ -653,7 +653,7 @@ impl Findings<'_> {
                     _ => (
                         class::REACTION_MOST_S,
                         Source::Class,
-                        "unknown: this flight does not tell; vehicles have up to 0.2 s",
+                        "unknown: not determined by this flight; vehicles have up to 0.2 s",
                     ),
                 };
                 let none = |key, name, unit, most| {
@@ -670,7 +670,7 @@ impl Findings<'_> {
         values.push(reaction_s.better(YAW_STEPS));
         values.push(
             inertia_of_a_rotor
-                .how("2 c λ f_h/Ω_h: what λ stands for, with Ω_h by size; the document has λ")
+                .how("2 c λ f_h/Ω_h: the meaning of λ, with Ω_h by size; the document has λ")
                 .better(YAW_STEPS),
         );
         value_s
@@ -748,7 +748,9 @@ impl Findings<'_> {
                 value
             }
             Drag::Weak(_, _, reason) | Drag::Untold(reason) => {
-                notes.push(format!("drag is not told: {reason}; the class default is written"));
+                notes.push(format!(
+                    "drag is not determined: {reason}; the class default is written"
+                ));
                 let k = self.class.drag_per_s;
                 values.push(
                     Estimate::log_normal(
@@ -857,7 +859,7 @@ impl Findings<'_> {
                 },
             )
             .how(if self.bench.is_some_and(|bench| bench.exponent.is_some()) {
-                "voltages of the bench, with what the flight tells by their variances"
+                "voltages of the bench, combined with the flight by their variances"
             } else if !self.has_voltage {
                 "no voltage in the log"
             } else if told {
@@ -973,7 +975,7 @@ impl Findings<'_> {
         for (key, name, unit, deviation) in [
             (
                 "rotors.lost_duty",
-                "duty at the top that gains nothing",
+                "duty at the top that adds no thrust",
                 "",
                 TOP_DEVIATION / self.class.slope,
             ),

@@ -245,7 +245,7 @@ impl Bench {
         }
         let inverse = normal
             .try_inverse()
-            .ok_or_else(|| "its points do not tell a curve".to_owned())?;
+            .ok_or_else(|| "its points do not determine a curve".to_owned())?;
         let found = inverse * right;
         let freedom = (rows.len() as f64 - 3.0).max(1.0);
         let power = rows

@@ -20,7 +20,7 @@ pub struct Estimate {
     pub low: f64,
     /// Upper end.
     pub high: f64,
-    /// Where it came from.
+    /// Its origin.
     pub source: Source,
     /// How it was found, in a few words.
     pub how: String,

@@ -48,7 +48,7 @@ impl Excitation {
             .collect();
         (!left.is_empty()).then(|| {
             format!(
-                "the flight hardly moves beyond the noise of its sensors, so that what the controller makes of the noise cannot be told from the vehicle; \
+                "the flight hardly moves beyond the noise of its sensors, so the controller's response to noise cannot be separated from the vehicle; \
                  known no better than by the class: {}",
                 left.join(", ")
             )

@@ -87,7 +87,7 @@ impl Grid {
         let rate_hz = log.sample_rate_hz();
         if rate_hz < SLOWEST_HZ {
             return Err(format!(
-                "{}: {rate_hz:.1} rows a second, expected {SLOWEST_HZ:.0} at least: between two rows nobody knows what the motors did, so that nothing of the vehicle can be told; take the log of the vehicle's memory card instead of the telemetry's",
+                "{}: {rate_hz:.1} rows per second, expected at least {SLOWEST_HZ:.0}: what the motors did between two rows is unknown, so nothing about the vehicle can be inferred; use the log on the vehicle's memory card instead of the telemetry log",
                 log.name
             ));
         }

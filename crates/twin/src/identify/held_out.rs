@@ -39,7 +39,7 @@ pub struct HeldOut {
     pub seconds: f64,
     /// By channel.
     pub scores: Vec<Score>,
-    /// Gain of the second half over that of the first: roll, pitch. Near 1 if the halves tell the same vehicle.
+    /// Gain of the second half over that of the first: roll, pitch. Near 1 if both halves agree on the vehicle.
     pub gain_ratio: [f64; 2],
 }
 

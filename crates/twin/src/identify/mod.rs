@@ -128,12 +128,12 @@ pub struct Part {
     pub end_s: f64,
 }
 
-/// A vehicle as far as the logs tell it.
+/// A vehicle as far as the logs determine it.
 #[derive(Debug, Clone, Serialize, utoipa::ToSchema)]
 pub struct Identified {
     /// Names of the logs.
     pub logs: Vec<String>,
-    /// Size class that the defaults are of.
+    /// Size class of the defaults.
     pub class: Class,
     /// Outputs of the log that drive rotors, from 1.
     pub outputs: Vec<usize>,

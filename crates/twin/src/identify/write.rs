@@ -128,7 +128,7 @@ fn vehicle(found: &Identified, name: &str) -> String {
         short(numbers.drag),
         note("body.linear_drag_kg_s")
     ));
-    line("angular_drag_nms = 0.0 # a flight hardly tells it apart from the controller's damping".to_owned());
+    line("angular_drag_nms = 0.0 # a flight can hardly separate it from the controller's damping".to_owned());
     line(String::new());
     line("[rotors]".to_owned());
     line(format!("blades = {}", quoted(&format!("{name}.blades.toml"))));

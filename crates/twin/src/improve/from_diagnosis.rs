@@ -143,7 +143,7 @@ pub fn check_base(diagnosis: &Value, line: &[ModelVersion]) -> Result<(), String
         return Ok(());
     }
     Err(format!(
-        "this diagnosis was made on {name} with the content hash {hash}, and {} stands at {}: diagnose against that, or add to a branch \
+        "this diagnosis was made on {name} with the content hash {hash}, and {} is at {}: diagnose against that, or add to a branch \
          of the version that was diagnosed",
         head.name,
         head.hash()

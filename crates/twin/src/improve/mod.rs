@@ -492,7 +492,7 @@ fn reason(end: End, label: &str, diagnosis: Option<&Diagnosis>) -> String {
     let sentence = diagnosis.map_or("", |d| d.sentence.as_str());
     match end {
         End::Agrees => format!("{label} agrees: no effect of the catalogue is missing at a size that would show."),
-        End::LogFault => format!("Ended, mend the log and not the model. {sentence}"),
+        End::LogFault => format!("Ended: fix the log, not the model. {sentence}"),
         End::OutsideCatalogue => {
             let proposal = diagnosis.and_then(|d| d.proposal.as_ref());
             let proposal = proposal.map_or_else(String::new, |p| format!(" {}", p.sentence()));

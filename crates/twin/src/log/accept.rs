@@ -242,7 +242,7 @@ fn refuse_time(path: &Path, time_s: &[f64]) -> Result<(), LogError> {
             path,
             row + 1,
             names::TIME,
-            "empty; every row needs its time",
+            "empty; every row needs a time",
         ));
     }
     for (index, pair) in time_s.windows(2).enumerate() {
@@ -252,7 +252,7 @@ fn refuse_time(path: &Path, time_s: &[f64]) -> Result<(), LogError> {
                 path,
                 row,
                 names::TIME,
-                format!("{} s stands in the row before as well; time must increase", pair[1]),
+                format!("the previous row has {} s as well; time must increase", pair[1]),
             ));
         }
         if pair[1] < pair[0] {

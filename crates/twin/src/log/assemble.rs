@@ -153,7 +153,7 @@ fn serve<'a>(log: &SourceLog, mapping: &'a MappingFile, report: &mut ImportRepor
         };
         if !fields.iter().any(measured) {
             report.notes.push(format!(
-                "{}: the autopilot says that nothing measures it, left out",
+                "{}: the autopilot reports that it is not measured: left out",
                 row.from
             ));
             continue;
@@ -611,7 +611,7 @@ fn list_unused(log: &SourceLog, served: &[Served<'_>], report: &mut ImportReport
             report.unused_columns.push(UnusedColumn {
                 column: stream.label(),
                 reason: format!(
-                    "no row of the mapping names this topic ({} samples)",
+                    "no row of the mapping uses this topic ({} samples)",
                     stream.time_s.len()
                 ),
             });

@@ -150,7 +150,7 @@ fn header_columns(path: &Path, header: &str) -> Result<Vec<RawColumn>, LogError>
             return Err(LogError::column(
                 path,
                 &column.name,
-                "this name stands twice in the header",
+                "duplicate column name in the header",
             ));
         }
     }

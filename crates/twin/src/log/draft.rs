@@ -267,9 +267,9 @@ pub fn draft(path: &Path, bytes: &[u8]) -> Result<Draft, LogError> {
         }
         None => {
             let question = match rising(&table.columns)[..] {
-                [] => "no column rises from row to row as a time does: how many rows are there in a second? 100 is written here".to_owned(),
+                [] => "no column rises from row to row as a time does: how many rows are there per second? 100 is written here".to_owned(),
                 ref names => format!(
-                    "which column is the time? {} {} from row to row, but the name does not say so. Write it as `clock`, or else the rows in a second: 100 is written here",
+                    "which column is the time? {} {} from row to row, but the name does not say so. Write it as `clock`, or else the rows per second: 100 is written here",
                     names.join(", "),
                     if names.len() == 1 { "rises" } else { "rise" }
                 ),
@@ -286,7 +286,7 @@ pub fn draft(path: &Path, bytes: &[u8]) -> Result<Draft, LogError> {
         .collect();
     let mut toml = head + &writer.rows;
     if !left_out.is_empty() {
-        toml += "\n# No row takes these columns:\n";
+        toml += "\n# No row uses these columns:\n";
         for name in &left_out {
             toml += &format!("#   {name}\n");
         }
@@ -846,7 +846,7 @@ fn rotors(columns: &mut [Column], out: &mut Writer) {
             _ => (0.0, 65_535.0),
         };
         out.ask(format!(
-            "{}: which number is no throttle and which is full? They reach from {low} to {high} in the rows looked at, so {from} and {until} are written here",
+            "{}: which number is zero throttle and which is full? They range from {low} to {high} in the rows read here, so {from} and {until} are written here",
             names.join(", ")
         ));
         out.row(

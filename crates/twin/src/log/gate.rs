@@ -57,7 +57,7 @@ impl FlightLog {
             ),
             (false, false) => (
                 "the log is at fault, not the physics",
-                "mend it (a mapping of 'rotortwin log import' turns axes and units) and try again",
+                "fix it (a mapping for 'rotortwin log import' converts axes and units) and try again",
             ),
         };
         Some(format!("{}: {blame}: {}; {advice}", self.name, list.join("; and ")))

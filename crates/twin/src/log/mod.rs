@@ -82,7 +82,7 @@ pub struct ReadOptions {
     pub mapping: Option<PathBuf>,
     /// Of a simulated run, the truth (`true_…` columns) in the place of what was sensed.
     pub truth: bool,
-    /// Take what can be read of a file whose checksum is wrong.
+    /// Import the readable part of a file whose checksum is wrong.
     pub accept_damaged: bool,
     /// Most cells of a table, below [`MAX_CELLS`]; for files of strangers.
     pub most_cells: Option<usize>,

@@ -6,23 +6,17 @@
 use super::stored::Kept;
 use super::table::{RawColumn, Table};
 use super::{FlightLog, LogError, MAX_COLUMNS, error, names};
-use parquet::basic::{Compression, Encoding, Repetition, Type as Physical, ZstdLevel};
 use parquet::column::reader::ColumnReader;
-use parquet::data_type::DoubleType;
 use parquet::errors::ParquetError;
-use parquet::file::metadata::KeyValue;
-use parquet::file::properties::WriterProperties;
 use parquet::file::reader::{FileReader, SerializedFileReader};
-use parquet::file::writer::SerializedFileWriter;
-use parquet::schema::types::Type;
+use rotortwin_store::column_file::{ColumnFileWriter, Content, Field, Layout, Packing, Values};
 use std::path::Path;
-use std::sync::Arc;
 
 /// Rows asked for at a time.
 const BATCH: usize = 16_384;
 
 /// Key of what a stored import keeps of its source.
-const KEPT: &str = "rotortwin.import";
+const KEPT: &str = "import";
 
 /// Reads the table of a Parquet file, and what a stored import kept of its source.
 ///
@@ -63,7 +57,7 @@ fn decode(path: &Path, bytes: Vec<u8>, most_cells: usize) -> Result<(Table, Opti
     if grouped != Some(promised) {
         return Err(LogError::format(
             path,
-            "the file is damaged: its row groups do not have the rows that it says",
+            "the file is damaged: its row groups do not have the declared number of rows",
         ));
     }
     if promised > most_cells / schema.num_columns() {
@@ -79,14 +73,10 @@ fn decode(path: &Path, bytes: Vec<u8>, most_cells: usize) -> Result<(Table, Opti
     for (index, column) in schema.columns().iter().enumerate() {
         let name = column.path().string();
         if column.max_rep_level() > 0 {
-            return Err(LogError::column(
-                path,
-                &name,
-                "lists are not expected; one number a row is",
-            ));
+            return Err(LogError::column(path, &name, "expected one number per row, got a list"));
         }
         if columns.iter().any(|other: &RawColumn| other.name == name) {
-            return Err(LogError::column(path, &name, "this name stands twice in the schema"));
+            return Err(LogError::column(path, &name, "duplicate column name in the schema"));
         }
         let mut raw = RawColumn::new(&name);
         for group in 0..reader.num_row_groups() {
@@ -105,14 +95,20 @@ fn decode(path: &Path, bytes: Vec<u8>, most_cells: usize) -> Result<(Table, Opti
                 return Err(LogError::column(
                     path,
                     &name,
-                    "the file is damaged: it has fewer rows than it says",
+                    "the file is damaged: it has fewer rows than it declares",
                 ));
             }
         }
         columns.push(raw);
     }
     let facts = metadata.file_metadata().key_value_metadata();
-    let kept = facts.and_then(|facts| facts.iter().find(|fact| fact.key == KEPT)?.value.clone());
+    let kept = facts.and_then(|facts| {
+        facts
+            .iter()
+            .find(|fact| fact.key.strip_prefix("rotortwin.") == Some(KEPT))?
+            .value
+            .clone()
+    });
     Ok((Table { columns }, kept))
 }
 
@@ -186,48 +182,31 @@ impl FlightLog {
     fn write_parquet_to(&self, file: std::fs::File) -> Result<(), ParquetError> {
         let mut columns = vec![(names::TIME, self.time_s.as_slice())];
         columns.extend(self.columns_in_order());
-        let fields = columns
-            .iter()
-            .map(|(name, _)| {
-                Type::primitive_type_builder(name, Physical::DOUBLE)
-                    .with_repetition(Repetition::OPTIONAL)
-                    .build()
-                    .map(Arc::new)
-            })
-            .collect::<Result<_, _>>()?;
-        let schema = Arc::new(Type::group_type_builder("flight_log").with_fields(fields).build()?);
         let units = columns
             .iter()
             .filter_map(|(name, _)| Some(format!("{name}: {}", names::unit(name)?)))
             .collect::<Vec<_>>();
         let mut metadata = vec![
-            KeyValue::new("rotortwin.log".to_owned(), self.name.clone()),
-            KeyValue::new("rotortwin.source_hash".to_owned(), self.source.content_hash.clone()),
-            KeyValue::new("rotortwin.units".to_owned(), units.join("; ")),
+            ("log".to_owned(), self.name.clone()),
+            ("source_hash".to_owned(), self.source.content_hash.clone()),
+            ("units".to_owned(), units.join("; ")),
         ];
-        metadata.extend(Kept::of(self).map(|kept| KeyValue::new(KEPT.to_owned(), kept)));
-        let properties = WriterProperties::builder()
-            .set_created_by(format!("rotortwin-twin {}", env!("CARGO_PKG_VERSION")))
-            .set_compression(Compression::ZSTD(ZstdLevel::try_new(1)?))
-            .set_dictionary_enabled(false)
-            .set_encoding(Encoding::BYTE_STREAM_SPLIT)
-            .set_key_value_metadata(Some(metadata))
-            .build();
-        let mut writer = SerializedFileWriter::new(file, schema, Arc::new(properties))?;
-        let mut group = writer.next_row_group()?;
-        for (_, values) in &columns {
-            let mut column = group
-                .next_column()?
-                .ok_or_else(|| ParquetError::General("the schema lacks a column".to_owned()))?;
-            let levels: Vec<i16> = values.iter().map(|value| i16::from(!value.is_nan())).collect();
-            let present: Vec<f64> = values.iter().copied().filter(|value| !value.is_nan()).collect();
-            column
-                .typed::<DoubleType>()
-                .write_batch(&present, Some(&levels), None)?;
-            column.close()?;
-        }
-        group.close()?;
-        writer.close()?;
+        metadata.extend(Kept::of(self).map(|kept| (KEPT.to_owned(), kept)));
+        let fields = columns.iter().map(|(name, _)| Field {
+            name: (*name).to_owned(),
+            content: Content::OptionalF64,
+            packing: Packing::ByteStreams,
+        });
+        let layout = Layout {
+            name: "flight_log",
+            created_by: format!("rotortwin-twin {}", env!("CARGO_PKG_VERSION")),
+            fields: fields.collect(),
+            metadata,
+            coarse_statistics: false,
+        };
+        let mut writer = ColumnFileWriter::new(file, &layout)?;
+        writer.push(columns.iter().map(|(_, values)| Values::F64((*values).into())))?;
+        writer.finish()?;
         Ok(())
     }
 }

@@ -45,7 +45,7 @@ pub struct ImportReport {
     pub noise: Vec<ColumnNoise>,
     /// Conversions that were applied (units, frames, quaternion to Euler angles), in words.
     pub conversions: Vec<String>,
-    /// Anything else that a reader of the result must know.
+    /// Further notes for the reader of the result.
     pub notes: Vec<String>,
 }
 

@@ -20,7 +20,7 @@ const LEAST_SPREAD: f64 = 0.15;
 const SAME_FACTOR: f64 = 0.01;
 
 fn note(by: &str) -> String {
-    format!("A SIMULATOR WROTE THIS LOG ({by}): it tells how a model compares with another one, not with a vehicle")
+    format!("A SIMULATOR WROTE THIS LOG ({by}): it shows how a model compares with another model, not with a vehicle")
 }
 
 /// What the streams of an autopilot's log say.

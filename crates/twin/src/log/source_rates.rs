@@ -31,7 +31,7 @@ pub struct SensorRate {
     pub source_hz: f64,
     /// Deviation of the noise between neighbouring new values, in the unit of the column.
     pub noise: f64,
-    /// Root mean square error of what stands between the new values, in the unit of the column; 0 if every row is new.
+    /// Root mean square error of the rows between new values, in the unit of the column; 0 if every row is new.
     pub between: f64,
     /// Values are held between the new ones, not joined by lines.
     pub held: bool,

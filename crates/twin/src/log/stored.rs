@@ -76,9 +76,9 @@ impl Kept {
             Ok(_) => log
                 .report
                 .notes
-                .push("what the file says of its source cannot be: not used".to_owned()),
+                .push("the stored description of the source is impossible: ignored".to_owned()),
             Err(reason) => log.report.notes.push(format!(
-                "what the file says of its source cannot be read ({reason}): not used"
+                "the stored description of the source cannot be read ({reason}): ignored"
             )),
         }
     }

@@ -75,7 +75,7 @@ pub struct ConstantInterval {
     pub low: f64,
     /// Upper end.
     pub high: f64,
-    /// Where it came from.
+    /// Its origin.
     pub source: Source,
     /// How it was found.
     pub how: String,

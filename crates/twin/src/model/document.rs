@@ -326,10 +326,7 @@ impl ModelEffect {
             let key = format!("deviations.{name}");
             if !self.parameters.contains_key(name) {
                 let known = self.parameters.keys().cloned().collect::<Vec<_>>().join(", ");
-                return Err(Refusal::new(
-                    key,
-                    format!("expected a name that stands in `parameters`: {known}"),
-                ));
+                return Err(Refusal::new(key, format!("expected a name from `parameters`: {known}")));
             }
             if !(deviation.is_finite() && deviation >= 0.0) {
                 return Err(Refusal::new(

@@ -260,8 +260,8 @@ impl ModelVersion {
     pub fn guesses(&self) -> Option<String> {
         if self.lacks_intervals() {
             return Some(format!(
-                "{0}: this vehicle was identified from a log, and the intervals of its constants ({0}.intervals.toml) are not beside it: all are taken as \
-                 exact, guesses of its class, too",
+                "{0}: this vehicle was identified from a log, and the intervals of its constants ({0}.intervals.toml) are missing from its folder: all are taken \
+                 as exact, even guesses of its class",
                 self.name
             ));
         }

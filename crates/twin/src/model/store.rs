@@ -215,7 +215,7 @@ impl ModelStore {
             let nearest = names::nearest_of(Kind::Vehicle, text)
                 .map_or_else(String::new, |name| format!("; did you mean the vehicle '{name}'?"));
             return refused(format!(
-                "{text}: expected a model in {}, a model version or a vehicle file, there is none of this name{known}{nearest}",
+                "{text}: expected a model in {}, a model version or a vehicle file; none has this name{known}{nearest}",
                 self.root.display()
             ));
         }
@@ -247,7 +247,7 @@ impl ModelStore {
         let model = &version.name;
         if self.has(model) {
             return refused(format!(
-                "{}: there is a model of this name already",
+                "{}: a model with this name already exists",
                 self.root.join(model).display()
             ));
         }
@@ -269,7 +269,7 @@ impl ModelStore {
         let head = self.find(&format!("{model}@{branch}"))?;
         if version.parent.as_deref() != Some(head.version.hash().as_str()) {
             return refused(format!(
-                "{model}@{branch}: the branch stands at {}, which is not the version that the new one was made from; nothing was written",
+                "{model}@{branch}: the branch is at {}, which is not the version that the new one was made from; nothing was written",
                 head.label()
             ));
         }
@@ -305,7 +305,7 @@ impl ModelStore {
                 Ok((head, parent))
             }
             None => refused(format!(
-                "{model}@{branch}: v{head} is the first version, there is nothing to undo"
+                "{model}@{branch}: v{head} is the first version; there is nothing to undo"
             )),
         }
     }
@@ -314,11 +314,11 @@ impl ModelStore {
     pub fn branch(&self, model: &str, branch: &str, at: u32) -> Result<(), StoreError> {
         let path = self.branch_path(model, branch)?;
         if path.exists() {
-            return refused(format!("{}: there is a branch of this name already", path.display()));
+            return refused(format!("{}: a branch with this name already exists", path.display()));
         }
         if version_number(branch).is_some() {
             return refused(format!(
-                "branch {branch}: expected a name that cannot be taken for a version"
+                "branch {branch}: expected a name that cannot be mistaken for a version"
             ));
         }
         let version = self.version_path(model, at);
@@ -347,7 +347,7 @@ impl ModelStore {
         match version_number(text.trim()) {
             Some(number) if self.version_path(model, number).is_file() => Ok(number),
             Some(number) => refused(format!(
-                "{}: expected an existing version, there is no v{number}.toml beside it",
+                "{}: expected an existing version; there is no v{number}.toml in its folder",
                 path.display()
             )),
             None => refused(format!(
@@ -363,7 +363,7 @@ impl ModelStore {
             return Ok(self.root.join(model));
         }
         refused(format!(
-            "{model}: expected a model in {}, there is none of this name",
+            "{model}: expected a model in {}; none has this name",
             self.root.display()
         ))
     }

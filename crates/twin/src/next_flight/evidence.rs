@@ -114,7 +114,7 @@ impl Sensitivity {
             }
         }));
         Posterior::log_evidence_of(expected, &deviations)
-            .ok_or_else(|| "the flight holds numbers that make no evidence".to_owned())
+            .ok_or_else(|| "the flight holds numbers that give no evidence".to_owned())
     }
 
     /// What data with `truth` in them say about it, against `other` and against everything else.

@@ -158,23 +158,23 @@ impl SlowNoise {
         }
         if !told.is_empty() {
             notes.push(format!(
-                "slower than the rows ({:.1} Hz), so taken with the noise of their source and of what stands between its samples: {}",
+                "slower than the rows ({:.1} Hz), so their noise includes that of the source and of the interpolation between its samples: {}",
                 log.sample_rate_hz(),
                 told.join(", ")
             ));
         }
         if slow.corrections > 0.0 {
             notes.push(format!(
-                "position is an estimator's: its corrections beside its own velocity (a random walk of {:.2} m/√s) count as noise, so that position tells nothing \
-                 smaller of the vehicle",
+                "position comes from an estimator: its corrections relative to its own velocity (a random walk of {:.2} m/√s) count as noise, so position shows nothing \
+                 smaller about the vehicle",
                 slow.corrections
             ));
         }
         let most = slow.turns.into_iter().fold(0.0, f64::max);
         if most > 0.0 {
             notes.push(format!(
-                "attitude is an estimator's, or slower than the rates: its corrections beside them (a random walk of {most:.1e} rad/√s) count as noise, so that \
-                 attitude tells nothing smaller of the vehicle"
+                "attitude comes from an estimator, or is slower than the rates: its corrections relative to them (a random walk of {most:.1e} rad/√s) count as noise, so \
+                 attitude shows nothing smaller about the vehicle"
             ));
         }
         slow

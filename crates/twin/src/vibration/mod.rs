@@ -84,9 +84,9 @@ pub struct Line {
     pub amplitude: Option<f64>,
     /// 95 % interval of it.
     pub interval_95: Option<[f64; 2]>,
-    /// True if the line stands out of the noise.
+    /// True if the line exceeds the noise.
     pub seen: bool,
-    /// Half seconds in which the rotor is told apart from the others.
+    /// Half-second blocks in which the rotor can be separated from the others.
     pub blocks: usize,
 }
 
@@ -98,7 +98,7 @@ pub struct Strongest {
     pub rotor: usize,
     /// Its power as the best of the other rotors explains it, over that: near 1 where all rotors turn alike, as in a hover.
     pub rival: f64,
-    /// True if the rotor is told apart from the others.
+    /// True if the rotor can be separated from the others.
     pub told_apart: bool,
 }
 
@@ -125,7 +125,7 @@ pub struct Vibration {
     /// ln of the amplitude of all over Ω².
     #[serde(skip)]
     level: f64,
-    /// ln of amplitude over Ω² and its variance; none for a rotor that is not told apart.
+    /// ln of amplitude over Ω² and its variance; none for a rotor that is not separable.
     #[serde(skip)]
     levels: Vec<Option<Level>>,
 }
@@ -150,11 +150,11 @@ pub struct Growth {
 pub struct Change {
     /// In words.
     pub sentence: String,
-    /// Rotors that shake more with a probability of 95 %, strongest first. Of speeds from duty and voltage one at most, with the growth of all lines together.
+    /// Rotors that vibrate more with a probability of 95 %, strongest first. With speeds from duty and voltage at most one, with the growth of all lines together.
     pub named: Vec<Growth>,
     /// Growth of all lines together: factor, 95 % interval, posterior.
     pub together: Growth,
-    /// Every rotor that is told apart in all flights; empty where speeds are from duty and voltage.
+    /// Every rotor that can be separated in all flights; empty if speeds are from duty and voltage.
     pub rotors: Vec<Growth>,
     /// Each of the logs.
     pub flights: Vec<Vibration>,
@@ -191,7 +191,7 @@ pub fn vibration(log: &FlightLog, model: Option<&ModelVersion>) -> Result<Vibrat
         let fastest = if from_telemetry { mean / TAU } else { speeds::SLOWEST_HZ };
         if fastest > speeds::FASTEST * rate_hz {
             reasons.push(format!(
-                "the {} comes at {rate_hz:.0} Hz, which shows no turn of rotors at {fastest:.0} Hz{}",
+                "the {} comes at {rate_hz:.0} Hz, too slow for rotors at {fastest:.0} Hz{}",
                 sensor.name(),
                 if from_telemetry { "" } else { " and above" }
             ));
@@ -213,10 +213,7 @@ pub fn vibration(log: &FlightLog, model: Option<&ModelVersion>) -> Result<Vibrat
             Err(reason) => reasons.push(reason),
         }
     }
-    Err(problem(format!(
-        "no vibration of single rotors: {}",
-        reasons.join("; ")
-    )))
+    Err(problem(format!("no vibration by rotor: {}", reasons.join("; "))))
 }
 
 /// Blocks in which all rotors turn.
@@ -235,7 +232,7 @@ fn of_sensor(
 ) -> Result<Vibration, String> {
     if shaken.blocks.len() < LEAST_BLOCKS {
         return Err(format!(
-            "{} half seconds of the {} in the air with all rotors turning, {LEAST_BLOCKS} are needed",
+            "{} half-second blocks of the {} in the air with all rotors turning; {LEAST_BLOCKS} are needed",
             shaken.blocks.len(),
             sensor.name()
         ));
@@ -293,7 +290,7 @@ fn of_sensor(
         .collect();
     if from_telemetry && !rotors.iter().any(|line| line.seen) {
         return Err(format!(
-            "no line of any rotor stands out of the noise of the {}",
+            "no line of any rotor exceeds the noise of the {}",
             sensor.name()
         ));
     }
@@ -338,7 +335,7 @@ fn line(rotor: usize, speed_hz: f64, power: Option<Power>) -> Line {
 pub fn change(logs: &[FlightLog], healthy: &[FlightLog], model: Option<&ModelVersion>) -> Result<Change, PredictError> {
     if healthy.len() < LEAST_BASELINE || logs.is_empty() {
         return Err(PredictError(format!(
-            "expected a log and at least {LEAST_BASELINE} healthy flights, because their spread is what tells a change, got {} and {}",
+            "expected a log and at least {LEAST_BASELINE} healthy flights, because their spread is needed to detect a change, got {} and {}",
             logs.len(),
             healthy.len()
         )));
@@ -429,15 +426,15 @@ fn sentence(change: &Change, healthy: usize, told: bool) -> String {
         .filter_map(|one| Some(format!("rotor {} ({})", one.rotor?, one.words())))
         .collect();
     match (named.is_empty(), change.together.is_certain()) {
-        (true, false) => format!("{against} no rotor shakes more for certain."),
+        (true, false) => format!("{against} no rotor vibrates significantly more."),
         (true, true) => format!(
-            "{against} the rotors together shake more at their own speeds ({}); which of them, these flights do not show. Logged rotor \
+            "{against} the rotors together vibrate more at their own speeds ({}); these flights do not show which of them. Logged rotor \
              speeds would, or manoeuvres in which the rotors turn at different speeds.",
             change.together.words()
         ),
-        (false, _) if told => format!("{against} these shake more at their own speed: {}.", named.join(", ")),
+        (false, _) if told => format!("{against} these vibrate more at their own speed: {}.", named.join(", ")),
         (false, _) => format!(
-            "{against} the rotors together shake more at their own speeds ({}), and the strongest line is that of rotor {}.",
+            "{against} the rotors together vibrate more at their own speeds ({}), and the strongest line is that of rotor {}.",
             change.together.words(),
             change.named[0].rotor.unwrap_or(0)
         ),

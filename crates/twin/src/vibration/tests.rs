@@ -134,7 +134,7 @@ fn val_a_sensor_that_is_too_slow_says_so() {
     let slow = FlightLog::from_columns("slow", every(&fast.time_s), columns).unwrap();
     let error = vibration(&slow, None).unwrap_err().to_string();
     assert!(
-        error.contains("the accelerometer comes at 100 Hz, which shows no turn of rotors at 10"),
+        error.contains("the accelerometer comes at 100 Hz, too slow for rotors at 10"),
         "{error}"
     );
 }

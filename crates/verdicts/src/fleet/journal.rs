@@ -152,7 +152,7 @@ impl History {
     }
 }
 
-/// Folder with a file of each vehicle.
+/// Folder with a file for each vehicle.
 #[derive(Debug, Clone)]
 pub struct Fleet {
     folder: PathBuf,
@@ -274,7 +274,7 @@ impl Fleet {
             known.join(", ")
         };
         format!(
-            "{name}: no vehicle of this name in {}; expected one of: {known}; a new one begins with `rotortwin fleet add {name} LOG… --model MODEL`",
+            "{name}: vehicle not found in {}; expected one of: {known}; add a new one with `rotortwin fleet add {name} LOG… --model MODEL`",
             self.folder.display()
         )
     }
@@ -285,7 +285,7 @@ impl Fleet {
     /// Invalid file, a different model from the earlier flights, or a file that cannot be written or is locked by another process.
     pub fn add(&self, vehicle: &VehicleEntry, flight: FlightEntry) -> Result<Added, String> {
         std::fs::create_dir_all(&self.folder)
-            .map_err(|error| format!("{}: the folder cannot be made: {error}", self.folder.display()))?;
+            .map_err(|error| format!("{}: the folder cannot be created: {error}", self.folder.display()))?;
         let path = self.file_of(&vehicle.name);
         let mut file = File::options()
             .create(true)
@@ -358,8 +358,8 @@ fn same_model(path: &Path, known: &VehicleEntry, (name, hash): (&str, &str)) -> 
         return Ok(());
     }
     Err(format!(
-        "{}: its flights were held against {} (version {}), and {} (version {}) is another model, from which biases count anew; expected the same \
-         one, or another name for the vehicle",
+        "{}: its flights were compared with {} (version {}), and {} (version {}) is another model, relative to which biases start anew; expected the \
+         same one, or another name for the vehicle",
         path.display(),
         known.model,
         known.model_hash,
@@ -414,7 +414,7 @@ fn parse(name: &str, path: &Path, text: &str) -> Result<Option<History>, String>
         if !line.ends_with('\n') {
             return Err(at(
                 k,
-                "incomplete: a write was cut off; expected a line that ends; remove this one, and repeat what it was to say".to_owned(),
+                "incomplete line: a write was interrupted; remove this line and repeat the entry".to_owned(),
             ));
         }
         let event: Event = serde_json::from_str(line)

@@ -380,7 +380,7 @@ fn rotor_view(
         let all: Vec<String> = found.suspects.iter().map(|i| (i + 1).to_string()).collect();
         reasons.push((
             format!(
-                "thrust was lost over the flights, and these cannot tell by which of rotors {}",
+                "thrust was lost over the flights, and these do not show by which of rotors {}",
                 all.join(", ")
             ),
             acknowledged.is_some_and(|place| place == flights.len()),
@@ -410,7 +410,7 @@ fn rotor_view(
     if let Some(bias) = bias.filter(|bias| bias.low > OUTSTANDING_BIAS) {
         reasons.push((
             format!(
-                "is asked for {} more than the model has it, beside what all rotors are: the propeller, or a centre of mass that is not the model's",
+                "needs {} more thrust command than the model, apart from what all rotors have in common: the propeller, or a centre of mass that differs from the model",
                 percent(&bias)
             ),
             acknowledged.is_some(),
@@ -448,7 +448,7 @@ fn over_flights(
             let more = match (grown, since) {
                 (Some(grown), Some(since)) if grown >= LEAST_LOSS => {
                     format!(
-                        "; {:.1} % of it in the {since:.0} flights since somebody looked",
+                        "; {:.1} % of it in the {since:.0} flights since it was acknowledged",
                         100.0 * grown
                     )
                 }
@@ -466,7 +466,7 @@ fn over_flights(
         }
         None => (
             format!(
-                "has {} less thrust from flight {} on than before",
+                "has had {} less thrust since flight {}",
                 percent(&loss.lost),
                 loss.from_flight
             ),

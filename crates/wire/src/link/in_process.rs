@@ -62,13 +62,15 @@ impl<C: ControllerPeer, F: FdiPeer> PlantLink for InProcessLink<C, F> {
     fn exchange(&mut self, sensors: &SensorFrame) -> Result<CommandFrame, LinkError> {
         let step = sensors.stamp.step;
         let sensors = sensors.canonical();
-        convert::check_sensors(&sensors).map_err(|error| nonsense(Role::Plant, step, &error))?;
+        convert::check_sensors(&sensors).map_err(|error| protocol_violation(Role::Plant, step, &error))?;
         let mut command = self.controller.step(&sensors).canonical();
         command.stamp = sensors.stamp;
-        convert::check_command(&command, self.rotor_count).map_err(|error| nonsense(Role::Controller, step, &error))?;
+        convert::check_command(&command, self.rotor_count)
+            .map_err(|error| protocol_violation(Role::Controller, step, &error))?;
         let mut report = self.fdi.step(&sensors, &command).canonical();
         report.stamp = sensors.stamp;
-        convert::check_report(&report, self.rotor_count).map_err(|error| nonsense(Role::Fdi, step, &error))?;
+        convert::check_report(&report, self.rotor_count)
+            .map_err(|error| protocol_violation(Role::Fdi, step, &error))?;
         self.reports.push_back(report);
         Ok(command)
     }
@@ -86,8 +88,8 @@ impl<C: ControllerPeer, F: FdiPeer> PlantLink for InProcessLink<C, F> {
 }
 
 #[cold]
-fn nonsense(role: Role, step: u64, error: &convert::ConvertError) -> LinkError {
-    LinkError::Nonsense {
+fn protocol_violation(role: Role, step: u64, error: &convert::ConvertError) -> LinkError {
+    LinkError::ProtocolViolation {
         role,
         step,
         reason: error.to_string(),

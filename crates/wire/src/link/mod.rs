@@ -184,7 +184,7 @@ pub enum LinkError {
     },
     /// Protocol violation by a peer.
     #[error("the {} answered step {step} wrongly: {reason}", role_name(*role))]
-    Nonsense {
+    ProtocolViolation {
         /// Which peer.
         role: Role,
         /// Step that was answered.

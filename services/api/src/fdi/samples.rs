@@ -122,7 +122,7 @@ impl Form {
 /// 400: not text. 422, with the first unreadable sample.
 pub(crate) fn read(form: Form, body: &[u8], rotor_count: usize) -> Result<Vec<Sample>, Problem> {
     let text = std::str::from_utf8(body)
-        .map_err(|error| Problem::bad_request(format!("the chunk is no UTF-8 text: {error}")))?;
+        .map_err(|error| Problem::bad_request(format!("the chunk is not UTF-8 text: {error}")))?;
     let samples = match form {
         Form::Json => from_json(text).and_then(|bodies| taken(bodies, rotor_count)),
         Form::Lines => from_lines(text).and_then(|bodies| taken(bodies, rotor_count)),
@@ -134,7 +134,7 @@ pub(crate) fn read(form: Form, body: &[u8], rotor_count: usize) -> Result<Vec<Sa
 fn from_json(text: &str) -> Result<Vec<SampleBody>, String> {
     serde_json::from_str(text).map_err(|error| match first_unreadable(text) {
         Some((sample, error)) => format!("sample {sample}: {error}"),
-        None => format!("the chunk is no array of samples: {error}"),
+        None => format!("the chunk is not an array of samples: {error}"),
     })
 }
 
@@ -257,7 +257,7 @@ mod tests {
         let null = JSON.replace("15.5", "null");
         for (form, body, words) in [
             (Form::Json, format!("[{JSON},{null}]"), "sample 2: invalid type: null"),
-            (Form::Json, "{}".to_owned(), "no array of samples"),
+            (Form::Json, "{}".to_owned(), "not an array of samples"),
             (Form::Lines, format!("{JSON}\n{null}\n"), "sample 2: invalid type: null"),
             (
                 Form::Lines,

@@ -59,8 +59,8 @@ fn topics(address: &LinkAddress) -> Result<TopicSession, String> {
         LinkAddress::ZenohConnect { endpoint, config: None } => ZenohOptions::connect(endpoint.clone()),
         LinkAddress::ZenohListen { .. } | LinkAddress::ZenohConnect { .. } => {
             return Err(
-                "--fdi-link: topics of FDI sessions have no access control yet; expected an endpoint without config=FILE, in a network \
-                 that you trust"
+                "--fdi-link: topics of FDI sessions have no access control yet; expected an endpoint without config=FILE, on a \
+                 trusted network"
                     .to_owned(),
             );
         }
@@ -91,7 +91,7 @@ pub(crate) struct Entry {
 /// A session and its state.
 #[derive(Debug, Serialize, ToSchema)]
 pub(crate) struct SessionView {
-    /// To be used in addresses; it cannot be guessed.
+    /// Used in URLs; cannot be guessed.
     id: String,
     /// The detectors in effect.
     detectors: DetectorsView,
@@ -105,9 +105,9 @@ pub(crate) struct SessionView {
     calibration: CalibrationState,
     /// Step from which on verdicts come, unless a gap is too long.
     verdicts_from_step: u64,
-    /// Samples with values that no flight can have; the engine left them out.
+    /// Samples with impossible values, ignored by the engine.
     rejected_samples: u64,
-    /// Lost steps that the engine coasted over.
+    /// Lost steps over which the engine extrapolated.
     bridged_steps: u64,
     /// Calibrations begun again: after longer gaps, on the ground or upset, after motions that the model does not explain.
     restarts: u64,
@@ -119,7 +119,7 @@ pub(crate) struct SessionView {
     last: Option<WindowView>,
     /// Verdicts of the sequential detector, each time that it changed; the latest 1000.
     changes: Vec<ChangeView>,
-    /// The session ends when it has been idle for so long, s.
+    /// Idle time after which the session ends, s.
     idle_limit_s: f64,
 }
 
@@ -241,14 +241,14 @@ impl FdiSessions {
         let own = open.values().filter(|entry| entry.tenant == caller.tenant).count();
         if caller.is_one_of_several && own >= self.limits.tenant_sessions {
             return Err(Problem::too_many(format!(
-                "'{}' has {own} FDI sessions open, its share (`--tenant-fdi-sessions`); expected one to be deleted, or to end after {idle_s} s \
+                "'{}' has {own} FDI sessions open, the limit per tenant (`--tenant-fdi-sessions`); delete one, or wait until one ends after {idle_s} s \
                  of silence",
                 caller.tenant
             )));
         }
         if open.len() >= self.limits.sessions {
             return Err(Problem::unavailable(format!(
-                "{} FDI sessions are open, no more are allowed; expected one to be deleted, or to end after {idle_s} s of silence",
+                "{} FDI sessions are open, the limit of this server; delete one, or wait until one ends after {idle_s} s of silence",
                 open.len()
             )));
         }
@@ -276,7 +276,7 @@ impl FdiSessions {
         let his = |entry: &&Arc<Entry>| caller.sees_all || entry.tenant == caller.tenant;
         open.get(id).filter(his).cloned().ok_or_else(|| {
             Problem::not_found(format!(
-                "there is no FDI session '{id}'; sessions end after {} s of silence and with the server",
+                "FDI session '{id}' not found; sessions end after {} s of silence and when the server stops",
                 self.limits.idle.as_secs_f64()
             ))
         })

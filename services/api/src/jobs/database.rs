@@ -228,7 +228,7 @@ impl Database {
             .execute(&self.pool)
             .await;
         if let Err(error) = told {
-            tracing::debug!(%error, "a live sample cannot be told");
+            tracing::debug!(%error, "a live sample cannot be published");
         }
     }
 
@@ -272,7 +272,7 @@ async fn listen(url: String, hub: Arc<Hub>) {
         match connected.unwrap_or(Err(sqlx::Error::PoolTimedOut)) {
             Ok(mut listener) => {
                 if let Err(error) = listener.listen_all([CHANNEL, LIVE_CHANNEL]).await {
-                    tracing::warn!(%error, "other processes' words cannot be listened to");
+                    tracing::warn!(%error, "notifications of other processes cannot be received");
                 }
                 hub.wake_all();
                 while let Some(notice) = next_notice(&mut listener).await {
@@ -288,7 +288,7 @@ async fn listen(url: String, hub: Arc<Hub>) {
                     }
                 }
             }
-            Err(error) => tracing::warn!(%error, "other processes' words cannot be listened to"),
+            Err(error) => tracing::warn!(%error, "notifications of other processes cannot be received"),
         }
         tokio::time::sleep(Duration::from_secs(1)).await;
     }

@@ -92,7 +92,7 @@ pub(crate) enum JobKind {
     Improvement,
     /// A vehicle that is identified from logs.
     Identification,
-    /// The manoeuvre that would tell two effects apart.
+    /// The manoeuvre that would distinguish two effects.
     NextFlight,
     /// A classifier that is trained.
     Classifier,
@@ -288,9 +288,7 @@ impl std::str::FromStr for EventPlace {
                     position: number(position)?,
                 })
             })
-            .ok_or_else(|| {
-                format!("'{text}' is no place in the stream of events; expected the id of one, such as 0.17")
-            })
+            .ok_or_else(|| format!("'{text}' is not the id of an event; expected one such as 0.17"))
     }
 }
 

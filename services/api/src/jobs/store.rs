@@ -238,7 +238,8 @@ impl Database {
         rows.iter()
             .map(|row| {
                 let kind: String = row.try_get("job_kind")?;
-                let unknown = || sqlx::Error::Decode(format!("this version knows no jobs of kind '{kind}'").into());
+                let unknown =
+                    || sqlx::Error::Decode(format!("this version does not know jobs of kind '{kind}'").into());
                 Ok(PlacedEvent {
                     place: EventPlace {
                         written: row.try_get("written")?,

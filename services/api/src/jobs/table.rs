@@ -15,7 +15,7 @@ pub(super) use super::timed::Transaction;
 
 pub(super) fn job_of(row: &AnyRow) -> Result<Job, sqlx::Error> {
     let (kind, status): (String, String) = (row.try_get("kind")?, row.try_get("status")?);
-    let unknown = || sqlx::Error::Decode(format!("this version knows no jobs of kind '{kind}'").into());
+    let unknown = || sqlx::Error::Decode(format!("this version does not know jobs of kind '{kind}'").into());
     Ok(Job {
         id: row.try_get("id")?,
         status: Status::parse(&status),

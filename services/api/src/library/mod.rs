@@ -45,7 +45,7 @@ impl DocumentKind {
     }
 }
 
-/// What is wrong with a document.
+/// An error in a document.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, ToSchema)]
 pub(crate) struct Complaint {
     /// Dotted path of the key; none: the document as a whole.
@@ -356,7 +356,7 @@ fn paths_inside(kind: DocumentKind, document: &toml::Table) -> Result<(), Proble
         DocumentKind::Scenario => PATHS.iter().try_for_each(|key| inside(document.get(*key))),
         DocumentKind::Vehicle => inside(document.get("rotors").and_then(|rotors| rotors.get("blades"))),
         DocumentKind::Model if document.contains_key("vehicle_file") => Err(Problem::unprocessable(
-            "key `vehicle_file`: expected a version that stands alone, with `[vehicle]` and `[blades]`, as `rotortwin model export` writes it",
+            "key `vehicle_file`: expected a self-contained version, with `[vehicle]` and `[blades]`, as `rotortwin model export` writes it",
         )),
         DocumentKind::Model | DocumentKind::Blades | DocumentKind::Effect => Ok(()),
     }

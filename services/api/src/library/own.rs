@@ -226,7 +226,7 @@ impl App {
                 .map_err(|error| {
                     Problem::unwritten(
                         &error,
-                        "your documents cannot be laid out: the disk of the data folder is full",
+                        "your documents cannot be written: the disk of the data folder is full",
                     )
                 })?;
             clear_away(&folder, &digest);
@@ -282,7 +282,7 @@ fn clear_away(folder: &Path, current: &str) {
             && age.is_some_and(|age| age > KEPT)
             && let Err(error) = std::fs::remove_dir_all(entry.path())
         {
-            tracing::debug!(path = %entry.path().display(), %error, "a library of before cannot be removed");
+            tracing::debug!(path = %entry.path().display(), %error, "an old copy of a library cannot be removed");
         }
     }
 }

@@ -54,7 +54,7 @@ fn inside(path: &str) -> Result<(), Problem> {
         return Ok(());
     }
     Err(Problem::unprocessable(format!(
-        "'{path}' leads out of the library; expected a path such as ../vehicles/f550.toml"
+        "'{path}' is outside the library; expected a path such as ../vehicles/f550.toml"
     )))
 }
 

@@ -30,7 +30,7 @@ const LOOK: Duration = Duration::from_secs(1);
 #[into_params(parameter_in = Query)]
 #[serde(deny_unknown_fields)]
 pub(crate) struct StreamQuery {
-    /// Go on after this one (an `id` of the stream), as with `Last-Event-ID`.
+    /// Resume after this event (an `id` of the stream), as with `Last-Event-ID`.
     #[param(pattern = "^[0-9]{1,18}[.][0-9]{1,18}$")]
     after: Option<String>,
     /// `false`: without the kind `progress`.
@@ -55,13 +55,13 @@ pub(crate) struct AnyEvent {
 
 /// The events of all jobs of the caller as they happen (server-sent), whatever their kind.
 ///
-/// It begins with `open`, whose id is the place of now: what is listed after that has missed nothing. With `Last-Event-ID` it goes on after
-/// that event, without gaps and without repetition, also over restarts of the server. Parts of campaigns and benches are not told; their wholes are.
+/// The first event is `open`, whose id is the current position: a list fetched after it misses nothing. With `Last-Event-ID` the
+/// stream resumes after that event, without gaps or repetition, even across restarts of the server. Parts of campaigns and benches are left out.
 #[utoipa::path(get, path = "/api/v1/events", tag = "server", operation_id = "all_events",
-    params(StreamQuery, ("Last-Event-ID" = Option<String>, Header, pattern = "^[0-9]{1,18}[.][0-9]{1,18}$", description = "id of the last event that was seen")),
+    params(StreamQuery, ("Last-Event-ID" = Option<String>, Header, pattern = "^[0-9]{1,18}[.][0-9]{1,18}$", description = "id of the last event received")),
     responses(
-        (status = 200, description = "a stream", body = AnyEvent, content_type = "text/event-stream"),
-        (status = 400, description = "no id of an event, or no such parameter", body = Problem, content_type = "application/problem+json")
+        (status = 200, description = "stream of events", body = AnyEvent, content_type = "text/event-stream"),
+        (status = 400, description = "invalid event id, or unknown parameter", body = Problem, content_type = "application/problem+json")
     ))]
 pub(crate) async fn events(
     app: Shared,
@@ -85,7 +85,7 @@ pub(crate) async fn events(
     };
     let watcher = Watcher {
         news,
-        ending: app.shop.ending.subscribe(),
+        ending: app.context.ending.subscribe(),
         tenant: caller.tenant_filter().map(str::to_owned),
         app: Arc::clone(&app),
         place,
@@ -133,7 +133,7 @@ impl Watcher {
                     continue;
                 }
                 Err(error) => {
-                    tracing::error!(%error, "events cannot be read; a watcher is let go, and may come again");
+                    tracing::error!(%error, "events cannot be read; the stream is closed, the client may reconnect");
                     return None;
                 }
             }

@@ -32,11 +32,11 @@ pub(crate) struct Artifacts {
     items: Vec<Artifact>,
 }
 
-/// What files a run has left.
+/// Lists the files of a run.
 #[utoipa::path(get, path = "/api/v1/runs/{id}/artifacts", tag = "runs", operation_id = "list_run_files", params(("id" = String, Path)), responses(
-    (status = 200, description = "its files; none before it has ended", body = Artifacts),
-    (status = 400, description = "no id", body = Problem, content_type = "application/problem+json"),
-    (status = 404, description = "no such run", body = Problem, content_type = "application/problem+json")
+    (status = 200, description = "its files; none until the job has ended", body = Artifacts),
+    (status = 400, description = "invalid id", body = Problem, content_type = "application/problem+json"),
+    (status = 404, description = "run not found", body = Problem, content_type = "application/problem+json")
 ))]
 pub(crate) async fn list(
     app: Shared,
@@ -77,10 +77,10 @@ pub(super) async fn of(app: &App, job: &Job) -> Result<Json<Artifacts>, Problem>
     params(("id" = String, Path), ("path" = String, Path, description = "path in the run's folder, such as report.html")),
     responses(
         (status = 200, description = "the file", body = serde_json::Value, content_type = "*/*"),
-        (status = 206, description = "the range", body = serde_json::Value, content_type = "*/*"),
-        (status = 304, description = "unchanged"),
-        (status = 400, description = "no path", body = Problem, content_type = "application/problem+json"),
-        (status = 404, description = "no such run or file", body = Problem, content_type = "application/problem+json"),
+        (status = 206, description = "the requested range", body = serde_json::Value, content_type = "*/*"),
+        (status = 304, description = "not modified"),
+        (status = 400, description = "invalid path", body = Problem, content_type = "application/problem+json"),
+        (status = 404, description = "run or file not found", body = Problem, content_type = "application/problem+json"),
         (status = 416, description = "range not satisfiable")
     ))]
 pub(crate) async fn get(

@@ -20,13 +20,13 @@ pub(crate) struct ListedAutopilot {
     name: String,
     /// `ardupilot`, `px4`, `betaflight`.
     kind: String,
-    /// It waits for the plant in each of its steps. Two flights of one seed with one that does not differ.
+    /// True if it waits for the plant in each of its steps. Without this, two flights with the same seed differ.
     lockstep: bool,
-    /// `free`; `busy`: a run has it; `away`: the process that lists it is not there.
+    /// `free`; `busy`: a run has it; `away`: the process that offers it is not running.
     state: AutopilotState,
-    /// The run that has it, if the caller may see that one.
+    /// The run that uses it, if the caller may see that run.
     run: Option<String>,
-    /// The process that lists it, or did.
+    /// Process that offers it, or did.
     worker: String,
     /// What it called itself in its last flight.
     version: Option<String>,
@@ -34,7 +34,7 @@ pub(crate) struct ListedAutopilot {
     flown_ms: Option<i64>,
 }
 
-/// Whether it can be flown with now.
+/// Whether it is available now.
 #[derive(Debug, Clone, Copy, Serialize, ToSchema)]
 #[serde(rename_all = "lowercase")]
 pub(crate) enum AutopilotState {
@@ -79,9 +79,9 @@ fn seen_run(listed: &Listed, caller: &Caller) -> Option<String> {
     sees.then(|| run.clone())
 }
 
-/// The autopilots that operators have listed (`rotortwin serve --autopilot NAME=ADDRESS`), by name.
+/// The autopilots that operators have configured (`rotortwin serve --autopilot NAME=ADDRESS`), by name.
 #[utoipa::path(get, path = "/api/v1/autopilots", tag = "autopilots", operation_id = "list_autopilots", responses(
-    (status = 200, description = "all of them", body = Autopilots)
+    (status = 200, description = "the complete list", body = Autopilots)
 ))]
 pub(crate) async fn list(app: Shared, caller: Caller) -> Result<Json<Autopilots>, Problem> {
     let listed = app.database.autopilots().await?;
@@ -96,7 +96,7 @@ pub(super) async fn waits_because(app: &App, caller: &Caller, run: &Job) -> Resu
     };
     let listed = app.database.autopilots().await?;
     let Some(listed) = listed.into_iter().find(|one| one.name == *name) else {
-        return Ok(Some(format!("no autopilot '{name}' is listed any more")));
+        return Ok(Some(format!("autopilot '{name}' is no longer configured")));
     };
     if listed.run.is_some() {
         let who =
@@ -105,7 +105,7 @@ pub(super) async fn waits_because(app: &App, caller: &Caller, run: &Job) -> Resu
     }
     Ok((!listed.offered).then(|| {
         format!(
-            "the autopilot '{name}' is away: the worker that lists it ({}) is not there",
+            "the autopilot '{name}' is away: its worker ({}) is not running",
             listed.worker
         )
     }))
@@ -131,22 +131,22 @@ pub(super) async fn check(
             format!("expected one of: {}", names.join(", "))
         };
         let hint = if name.contains([':', '/']) {
-            "; an address is not taken from a request, the operator lists it with `--autopilot NAME=ADDRESS`"
+            "; a request cannot give an address, the operator configures it with `--autopilot NAME=ADDRESS`"
         } else {
             ""
         };
         return Err(Problem::unprocessable(format!(
-            "`controller` names the autopilot '{name}', which nobody has listed; {expected}{hint}"
+            "`controller` names the autopilot '{name}', which is not configured; {expected}{hint}"
         )));
     };
     if link == Link::Zenoh || fdi != Place::Beside {
         return Err(Problem::unprocessable(
-            "with an autopilot plant and FDI engine are one process; expected no `link`, and `fdi` = beside",
+            "with an autopilot, plant and FDI engine are one process; expected no `link`, and `fdi` = beside",
         ));
     }
     if pace != Pace::Fast {
         return Err(Problem::unprocessable(
-            "an autopilot has a pace of its own; expected `pace` = fast",
+            "an autopilot sets its own pace; expected `pace` = fast",
         ));
     }
     let kind = match one.protocol.as_str() {

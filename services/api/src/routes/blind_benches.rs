@@ -73,18 +73,18 @@ pub(crate) struct BlindBenchSubmission {
     /// Of the draws.
     #[serde(default = "usual_seed")]
     seed: u64,
-    /// They are taken in turn; none: `f550`.
+    /// Used in turn; none: `f550`.
     #[serde(default)]
     vehicles: Vec<BenchVehicle>,
     /// Length of a flight, s.
     #[serde(default = "usual_duration_s")]
     #[schema(minimum = 1, maximum = 3600)]
     duration_s: f64,
-    /// From −100 to 100; larger goes first.
+    /// From −100 to 100; larger values run first.
     #[serde(default)]
     #[schema(minimum = -100, maximum = 100)]
     priority: i64,
-    /// An attempt at a part fails when it takes longer, s of wall time; by default 6 h.
+    /// Time limit of an attempt at a part, s of wall time; default 6 h.
     #[serde(default)]
     #[schema(minimum = 1, maximum = 86_400)]
     max_wall_s: Option<u64>,
@@ -115,20 +115,20 @@ fn presets_schema() -> Array {
 
 /// Submits a blind bench.
 #[utoipa::path(post, path = "/api/v1/blind-benches", tag = "blind_benches", operation_id = "submit_blind_bench", request_body = BlindBenchSubmission,
-    params(("Idempotency-Key" = Option<String>, Header, description = "the same key and body again give the blind bench that is there")),
+    params(("Idempotency-Key" = Option<String>, Header, description = "a retry with the same key and body returns the existing blind bench")),
     responses(
-        (status = 202, description = "accepted: it is on disk, and will end as done, failed or canceled", body = JobView,
-         headers(("Location" = String, description = "address of the blind bench"))),
-        (status = 200, description = "accepted before under this key", body = JobView),
-        (status = 400, description = "unreadable", body = Problem, content_type = "application/problem+json"),
-        (status = 404, description = "no such vehicle", body = Problem, content_type = "application/problem+json"),
-        (status = 409, description = "another body was submitted under this key", body = Problem, content_type = "application/problem+json"),
-        (status = 413, description = "too large", body = Problem, content_type = "application/problem+json"),
-        (status = 415, description = "not JSON", body = Problem, content_type = "application/problem+json"),
-        (status = 422, description = "it cannot be run", body = Problem, content_type = "application/problem+json"),
-        (status = 429, description = "too many jobs", body = Problem, content_type = "application/problem+json"),
-        (status = 503, description = "the server is ending", body = Problem, content_type = "application/problem+json"),
-        (status = 507, description = "the disk is full", body = Problem, content_type = "application/problem+json")
+        (status = 202, description = "accepted and stored; the job will end as done, failed or canceled", body = JobView,
+         headers(("Location" = String, description = "URL of the blind bench"))),
+        (status = 200, description = "already accepted under this Idempotency-Key", body = JobView),
+        (status = 400, description = "malformed request", body = Problem, content_type = "application/problem+json"),
+        (status = 404, description = "vehicle not found", body = Problem, content_type = "application/problem+json"),
+        (status = 409, description = "this Idempotency-Key was used with a different body", body = Problem, content_type = "application/problem+json"),
+        (status = 413, description = "request body too large", body = Problem, content_type = "application/problem+json"),
+        (status = 415, description = "the body is not JSON", body = Problem, content_type = "application/problem+json"),
+        (status = 422, description = "the blind bench cannot be run with these settings", body = Problem, content_type = "application/problem+json"),
+        (status = 429, description = "quota of queued jobs exceeded", body = Problem, content_type = "application/problem+json"),
+        (status = 503, description = "the server is shutting down", body = Problem, content_type = "application/problem+json"),
+        (status = 507, description = "disk full", body = Problem, content_type = "application/problem+json")
     ))]
 pub(crate) async fn submit(
     app: Shared,
@@ -156,7 +156,7 @@ pub(crate) async fn submit(
     } else {
         let (library, folder) = library
             .with_files(&app.config.work.data, &files)
-            .map_err(|error| Problem::unwritten(&error, "the vehicles cannot be laid out: the disk is full"))?;
+            .map_err(|error| Problem::unwritten(&error, "the vehicles cannot be written: the disk is full"))?;
         (library, Some(folder))
     };
     for vehicle in &vehicles {
@@ -302,7 +302,7 @@ fn own_files(library: &Library, vehicles: &[BenchVehicle]) -> Result<Vec<(String
 /// The vehicle with another path of its blades.
 fn with_blades(text: &str, name: &str, path: &str) -> Result<String, Problem> {
     let mut document: toml::Table = toml::from_str(text)
-        .map_err(|error| Problem::unprocessable(format!("vehicle '{name}' is no TOML: {}", error.message())))?;
+        .map_err(|error| Problem::unprocessable(format!("vehicle '{name}' is not valid TOML: {}", error.message())))?;
     let rotors = document.get_mut("rotors").and_then(toml::Value::as_table_mut);
     let rotors =
         rotors.ok_or_else(|| Problem::unprocessable(format!("vehicle '{name}', key `rotors`: expected a table")))?;
@@ -377,7 +377,7 @@ mod tests {
             ),
             (
                 json!({ "n": 1, "vehicles": [{ "vehicle": "../a", "text": "" }] }),
-                "no name for a document",
+                "not a valid document name",
             ),
             (
                 json!({ "n": 1, "vehicles": [{ "vehicle": "a" }, { "vehicle": "a" }] }),

@@ -8,7 +8,7 @@
 //! The logs themselves are not kept: they would be a hundred times as large as all else, and the generator writes the same one again.
 
 use super::facts::{ExampleFacts, JobFacts};
-use super::jobs::{self, JobView, LARGEST_PAGE, Shared, Terms};
+use super::jobs::{self, JobView, Shared, Terms};
 use super::log_examples::HiddenTruth;
 use super::results::DiagnosisResult;
 use super::tasks::{Draft, OUT, done};
@@ -49,14 +49,14 @@ pub(crate) struct CasesQuery {
     /// Only cases of this column of the confusion matrix, such as `nothing`.
     #[param(max_length = 1000)]
     named: Option<String>,
-    /// Only cases that ended so.
+    /// Only cases with this outcome.
     outcome: Option<Outcome>,
     /// Only cases of this preset.
     preset: Option<Preset>,
-    /// `next` of the page before.
+    /// `next` of the previous page.
     #[param(minimum = 0)]
     cursor: Option<usize>,
-    /// Items a page, 1 to 1000.
+    /// Items per page, 1 to 1000.
     #[param(minimum = 1, maximum = 1000, default = 50)]
     limit: Option<i64>,
 }
@@ -169,10 +169,10 @@ struct Score {
 
 /// Cases of a bench that is done: all of them, or those in a cell of its confusion matrix.
 #[utoipa::path(get, path = "/api/v1/blind-benches/{id}/cases", tag = "blind_benches", operation_id = "blind_bench_cases", params(("id" = String, Path), CasesQuery), responses(
-    (status = 200, description = "a page", body = BlindCasePage),
-    (status = 400, description = "a filter that is none", body = Problem, content_type = "application/problem+json"),
-    (status = 404, description = "no such bench", body = Problem, content_type = "application/problem+json"),
-    (status = 409, description = "it is not done", body = Problem, content_type = "application/problem+json")
+    (status = 200, description = "one page of the list", body = BlindCasePage),
+    (status = 400, description = "invalid filter", body = Problem, content_type = "application/problem+json"),
+    (status = 404, description = "blind bench not found", body = Problem, content_type = "application/problem+json"),
+    (status = 409, description = "the job is not done", body = Problem, content_type = "application/problem+json")
 ))]
 pub(crate) async fn list(
     app: Shared,
@@ -182,13 +182,7 @@ pub(crate) async fn list(
 ) -> Result<Json<BlindCasePage>, Problem> {
     let Path(id) = id?;
     let Query(query) = query?;
-    let limit = query.limit.unwrap_or(50);
-    if !(1..=LARGEST_PAGE).contains(&limit) {
-        return Err(Problem::bad_request(format!(
-            "`limit` is {limit}; expected 1 to {LARGEST_PAGE}"
-        )));
-    }
-    let limit = usize::try_from(limit).unwrap_or(usize::MAX);
+    let limit = usize::from(jobs::page_size(query.limit)?);
     let bench = done(&app, &caller, JobKind::BlindBench, &id).await?;
     let wanted = rows_of(&app, &bench).await?.into_iter().filter(|row| {
         let (hidden, named) = cell(row);
@@ -206,9 +200,9 @@ pub(crate) async fn list(
 #[utoipa::path(get, path = "/api/v1/blind-benches/{id}/cases/{case}", tag = "blind_benches", operation_id = "blind_bench_case",
     params(("id" = String, Path), ("case" = usize, Path, description = "number of the case, from 0")), responses(
     (status = 200, description = "the case", body = BlindCaseWithAnswer),
-    (status = 400, description = "no number of a case", body = Problem, content_type = "application/problem+json"),
-    (status = 404, description = "no such bench or case", body = Problem, content_type = "application/problem+json"),
-    (status = 409, description = "it is not done", body = Problem, content_type = "application/problem+json")
+    (status = 400, description = "invalid case number", body = Problem, content_type = "application/problem+json"),
+    (status = 404, description = "blind bench or case not found", body = Problem, content_type = "application/problem+json"),
+    (status = 409, description = "the job is not done", body = Problem, content_type = "application/problem+json")
 ))]
 pub(crate) async fn get(
     app: Shared,
@@ -234,21 +228,21 @@ pub(crate) async fn get(
     }))
 }
 
-/// Flies a case of a bench again, as a log: the one that the diagnosis was given. `parent` of the log is the bench.
+/// Flies a case of a bench again, as a log: the one that the diagnosis received. `parent` of the log is the bench.
 ///
-/// Asked for again, it gives the log that is there.
+/// A repeated request returns the existing log.
 #[utoipa::path(post, path = "/api/v1/blind-benches/{id}/cases/{case}/log", tag = "blind_benches", operation_id = "log_blind_bench_case",
     params(("id" = String, Path), ("case" = usize, Path, description = "number of the case, from 0")), responses(
-    (status = 202, description = "accepted: it is on disk, and will end as done, failed or canceled", body = JobView,
-     headers(("Location" = String, description = "address of the log"))),
-    (status = 200, description = "the log that is there", body = JobView),
-    (status = 400, description = "no number of a case", body = Problem, content_type = "application/problem+json"),
-    (status = 404, description = "no such bench or case", body = Problem, content_type = "application/problem+json"),
-    (status = 409, description = "it is not done", body = Problem, content_type = "application/problem+json"),
-    (status = 422, description = "it was never flown, or another version of the server made the bench", body = Problem, content_type = "application/problem+json"),
-    (status = 429, description = "too many jobs", body = Problem, content_type = "application/problem+json"),
-    (status = 503, description = "the server is ending", body = Problem, content_type = "application/problem+json"),
-    (status = 507, description = "the disk is full", body = Problem, content_type = "application/problem+json")
+    (status = 202, description = "accepted and stored; the job will end as done, failed or canceled", body = JobView,
+     headers(("Location" = String, description = "URL of the log"))),
+    (status = 200, description = "the existing log", body = JobView),
+    (status = 400, description = "invalid case number", body = Problem, content_type = "application/problem+json"),
+    (status = 404, description = "blind bench or case not found", body = Problem, content_type = "application/problem+json"),
+    (status = 409, description = "the job is not done", body = Problem, content_type = "application/problem+json"),
+    (status = 422, description = "the case was never flown, or the bench was made by another version of the server", body = Problem, content_type = "application/problem+json"),
+    (status = 429, description = "quota of queued jobs exceeded", body = Problem, content_type = "application/problem+json"),
+    (status = 503, description = "the server is shutting down", body = Problem, content_type = "application/problem+json"),
+    (status = 507, description = "disk full", body = Problem, content_type = "application/problem+json")
 ))]
 pub(crate) async fn log(
     app: Shared,
@@ -281,8 +275,9 @@ pub(crate) async fn log(
 
 /// The job that flies a case again, with the library of its bench.
 fn flown_again(bench: &Job, row: Row, truth: &Truth) -> Result<Draft, Problem> {
-    let other_version =
-        || Problem::unprocessable("this version cannot read the bench that another one accepted; submit it again");
+    let other_version = || {
+        Problem::unprocessable("this version cannot read the bench, which another version accepted; submit it again")
+    };
     let stored = StoredJob::parse(&bench.new.spec).map_err(|_unreadable| other_version())?;
     let rotortwin_jobs::Job::BlindBench(spec) = stored.job else {
         return Err(other_version());
@@ -355,7 +350,7 @@ async fn rows_of(app: &App, bench: &Job) -> Result<Vec<Row>, Problem> {
     let file = app.artifacts.file(folder, SCORE).await;
     let file = file
         .map_err(|error| Problem::of_files(&error))?
-        .ok_or_else(|| Problem::not_found(format!("{SCORE} of the bench is gone")))?;
+        .ok_or_else(|| Problem::not_found(format!("{SCORE} of the bench was deleted")))?;
     // 10,000 cases are 15 MB of text.
     let rows = tokio::task::spawn_blocking(move || {
         let text = std::fs::read(file).map_err(|error| error.to_string())?;
@@ -371,7 +366,7 @@ async fn row_of(app: &App, bench: &Job, case: usize) -> Result<Row, Problem> {
     let count = rows.len();
     rows.into_iter().find(|row| row.case.index == case).ok_or_else(|| {
         Problem::not_found(format!(
-            "there is no case {case} in this bench; expected 0 to {}",
+            "case {case} not found in this bench; expected 0 to {}",
             count.saturating_sub(1)
         ))
     })

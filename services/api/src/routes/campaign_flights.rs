@@ -5,7 +5,7 @@
 //!                                       POST …/flights/{n}/run ───▶ a run with the seed and scenario of flight n: the same run hash
 //! ```
 
-use super::jobs::{self, LARGEST_PAGE, Shared};
+use super::jobs::{self, Shared};
 use super::runs::Run;
 use super::submissions;
 use super::tasks::{LIBRARY, done};
@@ -77,12 +77,12 @@ pub(crate) struct FlightsQuery {
     /// fault, −3 ambiguous.
     #[param(pattern = "^ *-?[0-9]{1,9} *(, *-?[0-9]{1,9} *){0,99}$")]
     verdict: Option<String>,
-    /// Only flights that ended so.
+    /// Only flights with this outcome.
     status: Option<FlightStatus>,
-    /// `next` of the page before.
+    /// `next` of the previous page.
     #[param(minimum = 0)]
     cursor: Option<u64>,
-    /// Items a page, 1 to 1000.
+    /// Items per page, 1 to 1000.
     #[param(minimum = 1, maximum = 1000, default = 50)]
     limit: Option<i64>,
 }
@@ -208,10 +208,10 @@ impl Wanted {
 
 /// Flights of a campaign that is done: all of them, or those with windows in a cell of a detector's confusion matrix.
 #[utoipa::path(get, path = "/api/v1/campaigns/{id}/flights", tag = "campaigns", operation_id = "campaign_flights", params(("id" = String, Path), FlightsQuery), responses(
-    (status = 200, description = "a page", body = CampaignFlightPage),
-    (status = 400, description = "a filter that is none", body = Problem, content_type = "application/problem+json"),
-    (status = 404, description = "no such campaign", body = Problem, content_type = "application/problem+json"),
-    (status = 409, description = "it is not done", body = Problem, content_type = "application/problem+json")
+    (status = 200, description = "one page of the list", body = CampaignFlightPage),
+    (status = 400, description = "invalid filter", body = Problem, content_type = "application/problem+json"),
+    (status = 404, description = "campaign not found", body = Problem, content_type = "application/problem+json"),
+    (status = 409, description = "the job is not done", body = Problem, content_type = "application/problem+json")
 ))]
 pub(crate) async fn list(
     app: Shared,
@@ -221,15 +221,9 @@ pub(crate) async fn list(
 ) -> Result<Json<CampaignFlightPage>, Problem> {
     let Path(id) = id?;
     let Query(query) = query?;
-    let limit = query.limit.unwrap_or(50);
-    if !(1..=LARGEST_PAGE).contains(&limit) {
-        return Err(Problem::bad_request(format!(
-            "`limit` is {limit}; expected 1 to {LARGEST_PAGE}"
-        )));
-    }
+    let limit = usize::from(jobs::page_size(query.limit)?);
     let wanted = Wanted::of(&query)?;
     let campaign = done(&app, &caller, JobKind::Campaign, &id).await?;
-    let limit = usize::try_from(limit).unwrap_or(usize::MAX);
     let (mut items, next) = page_of(&app, &campaign, wanted, query.cursor.unwrap_or(0), limit).await?;
     let runs = runs_of(&app, &caller, &id).await?;
     for item in &mut items {
@@ -266,7 +260,7 @@ async fn page_of(
         let file = app.artifacts.file(folder, &name).await;
         let file = file
             .map_err(|error| Problem::of_files(&error))?
-            .ok_or_else(|| Problem::not_found(format!("{name} of the campaign is gone")))?;
+            .ok_or_else(|| Problem::not_found(format!("{name} of the campaign was deleted")))?;
         let records = tokio::task::spawn_blocking(move || {
             let file = std::fs::File::open(file).map_err(|error| error.to_string())?;
             read_records(file)
@@ -307,19 +301,19 @@ fn key(campaign: &str, flight: u64) -> String {
 
 /// Submits a flight of a campaign as a run, with its seed and scenario: the run hash is that of the flight. `parent` of the run is the campaign.
 ///
-/// Asked for again, it gives the run that is there.
+/// A repeated request returns the existing run.
 #[utoipa::path(post, path = "/api/v1/campaigns/{id}/flights/{flight}/run", tag = "campaigns", operation_id = "fly_campaign_flight",
     params(("id" = String, Path), ("flight" = u64, Path, description = "number of the flight, from 0")), responses(
-    (status = 202, description = "accepted: it is on disk, and will end as done, failed or canceled", body = Run,
-     headers(("Location" = String, description = "address of the run"))),
-    (status = 200, description = "the run that is there", body = Run),
-    (status = 400, description = "no number of a flight", body = Problem, content_type = "application/problem+json"),
-    (status = 404, description = "no such campaign or flight", body = Problem, content_type = "application/problem+json"),
-    (status = 409, description = "another run was submitted under the key of this flight", body = Problem, content_type = "application/problem+json"),
-    (status = 422, description = "it cannot be flown", body = Problem, content_type = "application/problem+json"),
-    (status = 429, description = "too many jobs", body = Problem, content_type = "application/problem+json"),
-    (status = 503, description = "the server is ending", body = Problem, content_type = "application/problem+json"),
-    (status = 507, description = "the disk is full", body = Problem, content_type = "application/problem+json")
+    (status = 202, description = "accepted and stored; the job will end as done, failed or canceled", body = Run,
+     headers(("Location" = String, description = "URL of the run"))),
+    (status = 200, description = "the existing run", body = Run),
+    (status = 400, description = "invalid flight number", body = Problem, content_type = "application/problem+json"),
+    (status = 404, description = "campaign or flight not found", body = Problem, content_type = "application/problem+json"),
+    (status = 409, description = "a different run was submitted under the key of this flight", body = Problem, content_type = "application/problem+json"),
+    (status = 422, description = "the scenario cannot be flown", body = Problem, content_type = "application/problem+json"),
+    (status = 429, description = "quota of queued jobs exceeded", body = Problem, content_type = "application/problem+json"),
+    (status = 503, description = "the server is shutting down", body = Problem, content_type = "application/problem+json"),
+    (status = 507, description = "disk full", body = Problem, content_type = "application/problem+json")
 ))]
 pub(crate) async fn fly(
     app: Shared,
@@ -345,7 +339,7 @@ pub(crate) async fn fly(
 async fn flight_of(app: &App, job: &Job, flight: u64) -> Result<(Scenario, u64), Problem> {
     let other_version = |what: String| {
         Problem::unprocessable(format!(
-            "this version cannot read the campaign that another one accepted: {what}"
+            "this version cannot read the campaign, which another version accepted: {what}"
         ))
     };
     let stored = StoredJob::parse(&job.new.spec).map_err(|error| other_version(error.to_string()))?;
@@ -367,9 +361,7 @@ async fn flight_of(app: &App, job: &Job, flight: u64) -> Result<(Scenario, u64),
     let files = app.artifacts.list(&library).await;
     let files = files.map_err(|error| Problem::of_files(&error))?;
     if files.is_empty() {
-        return Err(Problem::not_found(
-            "the documents that the campaign was flown with are gone",
-        ));
+        return Err(Problem::not_found("the documents of the campaign were deleted"));
     }
     for file in files {
         let copy = app.artifacts.file(&library, &file.path).await;
@@ -398,7 +390,7 @@ async fn flight_of(app: &App, job: &Job, flight: u64) -> Result<(Scenario, u64),
     };
     planned.map_err(refused)?.map_err(|flights| {
         Problem::not_found(format!(
-            "there is no flight {flight} in this campaign; expected 0 to {}",
+            "flight {flight} not found in this campaign; expected 0 to {}",
             flights - 1
         ))
     })

@@ -47,11 +47,11 @@ pub(crate) struct CampaignSubmission {
     /// Id of a classifier that was trained here: the network of the FDI engine in every flight, instead of the scenario's.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     classifier: Option<String>,
-    /// From −100 to 100; larger goes first.
+    /// From −100 to 100; larger values run first.
     #[serde(default)]
     #[schema(minimum = -100, maximum = 100)]
     priority: i64,
-    /// An attempt at a part fails when it takes longer, s of wall time; by default 6 h.
+    /// Time limit of an attempt at a part, s of wall time; default 6 h.
     #[serde(default)]
     #[schema(minimum = 1, maximum = 86_400)]
     max_wall_s: Option<u64>,
@@ -59,20 +59,20 @@ pub(crate) struct CampaignSubmission {
 
 /// Submits a campaign.
 #[utoipa::path(post, path = "/api/v1/campaigns", tag = "campaigns", operation_id = "submit_campaign", request_body = CampaignSubmission,
-    params(("Idempotency-Key" = Option<String>, Header, description = "the same key and body again give the campaign that is there")),
+    params(("Idempotency-Key" = Option<String>, Header, description = "a retry with the same key and body returns the existing campaign")),
     responses(
-        (status = 202, description = "accepted: it is on disk, and will end as done, failed or canceled", body = JobView,
-         headers(("Location" = String, description = "address of the campaign"))),
-        (status = 200, description = "accepted before under this key", body = JobView),
-        (status = 400, description = "unreadable", body = Problem, content_type = "application/problem+json"),
-        (status = 404, description = "no such campaign", body = Problem, content_type = "application/problem+json"),
-        (status = 409, description = "another body was submitted under this key", body = Problem, content_type = "application/problem+json"),
-        (status = 413, description = "too large", body = Problem, content_type = "application/problem+json"),
-        (status = 415, description = "not JSON", body = Problem, content_type = "application/problem+json"),
-        (status = 422, description = "it cannot be flown", body = Problem, content_type = "application/problem+json"),
-        (status = 429, description = "too many jobs", body = Problem, content_type = "application/problem+json"),
-        (status = 503, description = "the server is ending", body = Problem, content_type = "application/problem+json"),
-        (status = 507, description = "the disk is full", body = Problem, content_type = "application/problem+json")
+        (status = 202, description = "accepted and stored; the job will end as done, failed or canceled", body = JobView,
+         headers(("Location" = String, description = "URL of the campaign"))),
+        (status = 200, description = "already accepted under this Idempotency-Key", body = JobView),
+        (status = 400, description = "malformed request", body = Problem, content_type = "application/problem+json"),
+        (status = 404, description = "campaign not found", body = Problem, content_type = "application/problem+json"),
+        (status = 409, description = "this Idempotency-Key was used with a different body", body = Problem, content_type = "application/problem+json"),
+        (status = 413, description = "request body too large", body = Problem, content_type = "application/problem+json"),
+        (status = 415, description = "the body is not JSON", body = Problem, content_type = "application/problem+json"),
+        (status = 422, description = "the campaign cannot be flown", body = Problem, content_type = "application/problem+json"),
+        (status = 429, description = "quota of queued jobs exceeded", body = Problem, content_type = "application/problem+json"),
+        (status = 503, description = "the server is shutting down", body = Problem, content_type = "application/problem+json"),
+        (status = 507, description = "disk full", body = Problem, content_type = "application/problem+json")
     ))]
 pub(crate) async fn submit(
     app: Shared,
@@ -181,7 +181,7 @@ pub(super) async fn accept(
 /// The campaign with a classifier of the library in every flight.
 fn with_network(text: &str, name: &str) -> Result<String, Problem> {
     let mut document: toml::Table = toml::from_str(text)
-        .map_err(|error| Problem::unprocessable(format!("the campaign is no TOML: {}", error.message())))?;
+        .map_err(|error| Problem::unprocessable(format!("the campaign is not valid TOML: {}", error.message())))?;
     let mut table = &mut document;
     for key in ["set", "fdi"] {
         table = table
@@ -206,7 +206,7 @@ fn find(library: &Library, body: &CampaignSubmission) -> Result<String, Problem>
         }
     };
     let table: toml::Table = toml::from_str(&text)
-        .map_err(|error| Problem::unprocessable(format!("the campaign is no TOML: {}", error.message())))?;
+        .map_err(|error| Problem::unprocessable(format!("the campaign is not valid TOML: {}", error.message())))?;
     Library::check_paths(&table)?;
     Ok(text)
 }

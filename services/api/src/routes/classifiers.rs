@@ -50,7 +50,7 @@ pub(crate) struct Training {
     /// First seed; the others follow.
     #[serde(default = "one")]
     first_seed: u64,
-    /// From −100 to 100; larger goes first.
+    /// From −100 to 100; larger values run first.
     #[serde(default)]
     #[schema(minimum = -100, maximum = 100)]
     priority: i64,
@@ -70,19 +70,19 @@ const fn one() -> u64 {
 
 /// Trains a classifier: the same seeds give the same bits.
 #[utoipa::path(post, path = "/api/v1/classifiers", tag = "classifiers", operation_id = "submit_classifier", request_body = Training,
-    params(("Idempotency-Key" = Option<String>, Header, description = "the same key and body again give the one that is there")),
+    params(("Idempotency-Key" = Option<String>, Header, description = "a retry with the same key and body returns the existing job")),
     responses(
-        (status = 202, description = "accepted: it is on disk, and will end as done, failed or canceled", body = JobView,
-         headers(("Location" = String, description = "its address"))),
-        (status = 200, description = "accepted before under this key", body = JobView),
-        (status = 400, description = "unreadable", body = Problem, content_type = "application/problem+json"),
-        (status = 404, description = "no such scenario", body = Problem, content_type = "application/problem+json"),
-        (status = 409, description = "another body was submitted under this key", body = Problem, content_type = "application/problem+json"),
-        (status = 413, description = "too large", body = Problem, content_type = "application/problem+json"),
-        (status = 415, description = "not JSON", body = Problem, content_type = "application/problem+json"),
-        (status = 422, description = "it cannot be trained so", body = Problem, content_type = "application/problem+json"),
-        (status = 503, description = "the server is ending", body = Problem, content_type = "application/problem+json"),
-        (status = 507, description = "the disk is full", body = Problem, content_type = "application/problem+json")
+        (status = 202, description = "accepted and stored; the job will end as done, failed or canceled", body = JobView,
+         headers(("Location" = String, description = "URL of the job"))),
+        (status = 200, description = "already accepted under this Idempotency-Key", body = JobView),
+        (status = 400, description = "malformed request", body = Problem, content_type = "application/problem+json"),
+        (status = 404, description = "scenario not found", body = Problem, content_type = "application/problem+json"),
+        (status = 409, description = "this Idempotency-Key was used with a different body", body = Problem, content_type = "application/problem+json"),
+        (status = 413, description = "request body too large", body = Problem, content_type = "application/problem+json"),
+        (status = 415, description = "the body is not JSON", body = Problem, content_type = "application/problem+json"),
+        (status = 422, description = "the classifier cannot be trained with these settings", body = Problem, content_type = "application/problem+json"),
+        (status = 503, description = "the server is shutting down", body = Problem, content_type = "application/problem+json"),
+        (status = 507, description = "disk full", body = Problem, content_type = "application/problem+json")
     ))]
 pub(crate) async fn submit(
     app: Shared,
@@ -147,7 +147,7 @@ pub(crate) struct Evaluation {
     /// Of all draws.
     #[serde(default = "fresh")]
     seed: u64,
-    /// From −100 to 100; larger goes first.
+    /// From −100 to 100; larger values run first.
     #[serde(default)]
     #[schema(minimum = -100, maximum = 100)]
     priority: i64,
@@ -160,19 +160,19 @@ const fn fresh() -> u64 {
 
 /// Flies fresh flights of the protocol with a classifier: a campaign, whose result holds its confusions, delays and false alarms.
 #[utoipa::path(post, path = "/api/v1/classifiers/{id}/evaluations", tag = "classifiers", operation_id = "evaluate_classifier", request_body = Evaluation,
-    params(("id" = String, Path), ("Idempotency-Key" = Option<String>, Header, description = "the same key and body again give the one that is there")),
+    params(("id" = String, Path), ("Idempotency-Key" = Option<String>, Header, description = "a retry with the same key and body returns the existing job")),
     responses(
-        (status = 202, description = "accepted: a campaign that will end as done, failed or canceled", body = JobView,
-         headers(("Location" = String, description = "address of the campaign"))),
-        (status = 200, description = "accepted before under this key", body = JobView),
-        (status = 400, description = "unreadable", body = Problem, content_type = "application/problem+json"),
-        (status = 404, description = "no such classifier, no such scenario", body = Problem, content_type = "application/problem+json"),
-        (status = 409, description = "another body was submitted under this key, or the classifier is not done", body = Problem, content_type = "application/problem+json"),
-        (status = 413, description = "too large", body = Problem, content_type = "application/problem+json"),
-        (status = 415, description = "not JSON", body = Problem, content_type = "application/problem+json"),
-        (status = 422, description = "it cannot be flown so", body = Problem, content_type = "application/problem+json"),
-        (status = 503, description = "the server is ending", body = Problem, content_type = "application/problem+json"),
-        (status = 507, description = "the disk is full", body = Problem, content_type = "application/problem+json")
+        (status = 202, description = "accepted and stored; the campaign will end as done, failed or canceled", body = JobView,
+         headers(("Location" = String, description = "URL of the campaign"))),
+        (status = 200, description = "already accepted under this Idempotency-Key", body = JobView),
+        (status = 400, description = "malformed request", body = Problem, content_type = "application/problem+json"),
+        (status = 404, description = "classifier or scenario not found", body = Problem, content_type = "application/problem+json"),
+        (status = 409, description = "this Idempotency-Key was used with a different body, or the classifier is not done", body = Problem, content_type = "application/problem+json"),
+        (status = 413, description = "request body too large", body = Problem, content_type = "application/problem+json"),
+        (status = 415, description = "the body is not JSON", body = Problem, content_type = "application/problem+json"),
+        (status = 422, description = "the example cannot be flown with these settings", body = Problem, content_type = "application/problem+json"),
+        (status = 503, description = "the server is shutting down", body = Problem, content_type = "application/problem+json"),
+        (status = 507, description = "disk full", body = Problem, content_type = "application/problem+json")
     ))]
 pub(crate) async fn evaluate(
     app: Shared,

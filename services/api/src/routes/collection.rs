@@ -36,8 +36,8 @@ macro_rules! collection {
 
             #[doc = concat!("Every ", $word, ", latest first.")]
             #[utoipa::path(get, path = $all, summary = concat!("Every ", $word, ", latest first."), tag = stringify!($module), operation_id = concat!("list_", stringify!($module)), params(ListQuery), responses(
-                (status = 200, description = "a page", body = JobPage),
-                (status = 400, description = "a filter that is none", body = Problem, content_type = "application/problem+json")
+                (status = 200, description = "one page of the list", body = JobPage),
+                (status = 400, description = "invalid filter", body = Problem, content_type = "application/problem+json")
             ))]
             pub(crate) async fn list(
                 app: Shared,
@@ -49,9 +49,9 @@ macro_rules! collection {
 
             #[doc = concat!("One ", $word, " with its result.")]
             #[utoipa::path(get, path = $one, summary = concat!("One ", $word, " with its result."), tag = stringify!($module), operation_id = concat!("get_", stringify!($module)), params(("id" = String, Path)), responses(
-                (status = 200, description = "its state", body = JobWithResult<$result>),
-                (status = 400, description = "no id", body = Problem, content_type = "application/problem+json"),
-                (status = 404, description = "there is none", body = Problem, content_type = "application/problem+json")
+                (status = 200, description = "the job", body = JobWithResult<$result>),
+                (status = 400, description = "invalid id", body = Problem, content_type = "application/problem+json"),
+                (status = 404, description = "not found", body = Problem, content_type = "application/problem+json")
             ))]
             pub(crate) async fn get(
                 app: Shared,
@@ -61,13 +61,13 @@ macro_rules! collection {
                 Ok(Json(jobs::find(&app, &caller, KIND, id).await?.into()))
             }
 
-            /// Stops it: a queued one at once with its parts, a running one within about a second.
+            /// Cancels it: a queued job at once with its parts, a running one within about a second.
             #[utoipa::path(post, path = $cancel, tag = stringify!($module), operation_id = concat!("cancel_", stringify!($module)), params(("id" = String, Path)), responses(
-                (status = 202, description = "it ends", body = JobView),
-                (status = 400, description = "no id", body = Problem, content_type = "application/problem+json"),
-                (status = 404, description = "there is none", body = Problem, content_type = "application/problem+json"),
-                (status = 409, description = "it has ended already", body = Problem, content_type = "application/problem+json"),
-                (status = 507, description = "the disk is full", body = Problem, content_type = "application/problem+json")
+                (status = 202, description = "the job is being stopped", body = JobView),
+                (status = 400, description = "invalid id", body = Problem, content_type = "application/problem+json"),
+                (status = 404, description = "not found", body = Problem, content_type = "application/problem+json"),
+                (status = 409, description = "the job has already ended", body = Problem, content_type = "application/problem+json"),
+                (status = 507, description = "disk full", body = Problem, content_type = "application/problem+json")
             ))]
             pub(crate) async fn cancel(
                 app: Shared,
@@ -81,10 +81,10 @@ macro_rules! collection {
             /// Deletes it once it has ended, with its parts and files.
             #[utoipa::path(delete, path = $one, tag = stringify!($module), operation_id = concat!("delete_", stringify!($module)), params(("id" = String, Path)), responses(
                 (status = 204, description = "deleted"),
-                (status = 400, description = "no id", body = Problem, content_type = "application/problem+json"),
-                (status = 404, description = "there is none", body = Problem, content_type = "application/problem+json"),
-                (status = 409, description = "it has not ended, or a job that waits or runs needs it", body = Problem, content_type = "application/problem+json"),
-                (status = 507, description = "the disk is full", body = Problem, content_type = "application/problem+json")
+                (status = 400, description = "invalid id", body = Problem, content_type = "application/problem+json"),
+                (status = 404, description = "not found", body = Problem, content_type = "application/problem+json"),
+                (status = 409, description = "the job has not ended, or a queued or running job needs its files", body = Problem, content_type = "application/problem+json"),
+                (status = 507, description = "disk full", body = Problem, content_type = "application/problem+json")
             ))]
             pub(crate) async fn delete(
                 app: Shared,
@@ -97,10 +97,10 @@ macro_rules! collection {
 
             /// All its events (server-sent), from the first or after `Last-Event-ID`, without gaps; ends after `ended`.
             #[utoipa::path(get, path = $events, tag = stringify!($module), operation_id = concat!("events_of_", stringify!($module)),
-                params(("id" = String, Path), ("Last-Event-ID" = Option<u64>, Header, description = "number of the last event that was seen")), responses(
-                (status = 200, description = "a stream", body = events::StreamEvent, content_type = "text/event-stream"),
-                (status = 400, description = "Last-Event-ID is no number", body = Problem, content_type = "application/problem+json"),
-                (status = 404, description = "there is none", body = Problem, content_type = "application/problem+json")
+                params(("id" = String, Path), ("Last-Event-ID" = Option<u64>, Header, description = "number of the last event received")), responses(
+                (status = 200, description = "stream of events", body = events::StreamEvent, content_type = "text/event-stream"),
+                (status = 400, description = "Last-Event-ID is not a number", body = Problem, content_type = "application/problem+json"),
+                (status = 404, description = "not found", body = Problem, content_type = "application/problem+json")
             ))]
             pub(crate) async fn events(
                 app: Shared,
@@ -112,11 +112,11 @@ macro_rules! collection {
                 events::of(&app, &job, &headers)
             }
 
-            /// What files it has left.
+            /// Lists its files.
             #[utoipa::path(get, path = $files, tag = stringify!($module), operation_id = concat!("files_of_", stringify!($module)), params(("id" = String, Path)), responses(
-                (status = 200, description = "its files; none before it has ended", body = artifacts::Artifacts),
-                (status = 400, description = "no id", body = Problem, content_type = "application/problem+json"),
-                (status = 404, description = "there is none", body = Problem, content_type = "application/problem+json")
+                (status = 200, description = "its files; none until the job has ended", body = artifacts::Artifacts),
+                (status = 400, description = "invalid id", body = Problem, content_type = "application/problem+json"),
+                (status = 404, description = "not found", body = Problem, content_type = "application/problem+json")
             ))]
             pub(crate) async fn files(
                 app: Shared,
@@ -127,14 +127,14 @@ macro_rules! collection {
                 artifacts::of(&app, &job).await
             }
 
-            /// A file; with ETag, conditional and range requests.
+            /// Downloads a file; with ETag, conditional and range requests.
             #[utoipa::path(get, path = $file, tag = stringify!($module), operation_id = concat!("file_of_", stringify!($module)),
                 params(("id" = String, Path), ("path" = String, Path, description = "path of the file, such as report.html")), responses(
                 (status = 200, description = "the file", body = serde_json::Value, content_type = "*/*"),
-                (status = 206, description = "the range", body = serde_json::Value, content_type = "*/*"),
-                (status = 304, description = "unchanged"),
-                (status = 400, description = "no path", body = Problem, content_type = "application/problem+json"),
-                (status = 404, description = "no such job or file", body = Problem, content_type = "application/problem+json"),
+                (status = 206, description = "the requested range", body = serde_json::Value, content_type = "*/*"),
+                (status = 304, description = "not modified"),
+                (status = 400, description = "invalid path", body = Problem, content_type = "application/problem+json"),
+                (status = 404, description = "job or file not found", body = Problem, content_type = "application/problem+json"),
                 (status = 416, description = "range not satisfiable")
             ))]
             pub(crate) async fn file(

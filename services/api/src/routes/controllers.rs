@@ -21,9 +21,9 @@ const MOST_RUNS: usize = 100;
 #[into_params(parameter_in = Query)]
 #[serde(deny_unknown_fields)]
 pub(crate) struct ComparedRuns {
-    /// Ids with commas between them, at most 100.
+    /// Comma-separated ids, at most 100.
     runs: String,
-    /// A vehicle has recovered from a fault when it stays so close to its reference, m; 0.5 without it.
+    /// A vehicle has recovered from a fault when it stays this close to its reference, m; 0.5 without it.
     #[param(exclusive_minimum = 0)]
     within_m: Option<f64>,
 }
@@ -39,14 +39,14 @@ pub(crate) struct ComparedControllers {
     differences: Vec<String>,
 }
 
-/// Compares controllers on runs that have ended: tracking, energy, what the fault did, what was seen of it. The same numbers as
+/// Compares controllers on runs that have ended: tracking, energy, response to the fault, and its detection. The same numbers as
 /// `rotortwin controllers`.
 #[utoipa::path(get, path = "/api/v1/controllers", tag = "runs", operation_id = "compare_controllers", params(ComparedRuns), responses(
     (status = 200, description = "the table", body = ComparedControllers),
-    (status = 400, description = "a parameter that is none", body = Problem, content_type = "application/problem+json"),
-    (status = 404, description = "no such run, or its files are gone", body = Problem, content_type = "application/problem+json"),
-    (status = 409, description = "one has not ended", body = Problem, content_type = "application/problem+json"),
-    (status = 422, description = "too many runs; a bound that is none", body = Problem, content_type = "application/problem+json")
+    (status = 400, description = "invalid parameter", body = Problem, content_type = "application/problem+json"),
+    (status = 404, description = "run not found, or its files were deleted", body = Problem, content_type = "application/problem+json"),
+    (status = 409, description = "one of the runs has not ended", body = Problem, content_type = "application/problem+json"),
+    (status = 422, description = "too many runs, or invalid bound", body = Problem, content_type = "application/problem+json")
 ))]
 pub(crate) async fn compare(
     app: Shared,

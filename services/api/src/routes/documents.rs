@@ -17,13 +17,13 @@ const LONGEST_NAME: usize = 64;
 /// Names, in order.
 #[derive(Debug, Serialize, ToSchema)]
 pub(crate) struct Names {
-    /// All that can be named.
+    /// All names.
     items: Vec<String>,
-    /// Those of them that the caller has left there.
+    /// Those that belong to the caller.
     own: Vec<String>,
 }
 
-/// A document that was left in the library.
+/// A document stored in the library.
 #[derive(Debug, Serialize, ToSchema)]
 pub(crate) struct StoredDocument {
     name: String,
@@ -65,7 +65,7 @@ pub(super) async fn put(
     }
     if kind == DocumentKind::Model && app.database.has_model(&caller.tenant, name).await? {
         return Err(Problem::conflict(format!(
-            "the model '{name}' has versions that are kept; expected additions to it, or another name"
+            "the model '{name}' has versions that would be lost; add a version to it, or choose another name"
         )));
     }
     let library = app.library(caller).await?;
@@ -91,13 +91,13 @@ pub(super) async fn put(
         }
         Written::Replaced => Ok(([(header::ETAG, tag)], Json(stored)).into_response()),
         Written::Refused if precondition == Precondition::Absent => Err(Problem::precondition_failed(format!(
-            "you have left '{name}' there already; expected none (`If-None-Match: *`)"
+            "you already have a '{name}'; expected none (`If-None-Match: *`)"
         ))),
         Written::Refused => Err(Problem::precondition_failed(format!(
-            "'{name}' is not there, or was changed since; expected the text of `If-Match`"
+            "'{name}' does not exist or has changed; expected the text of `If-Match`"
         ))),
         Written::Full => Err(Problem::disk_full(format!(
-            "'{}' has as many documents as one may have; delete some that are done with",
+            "'{}' has reached its quota of documents; delete some that are no longer needed",
             caller.tenant
         ))),
     }
@@ -109,7 +109,7 @@ pub(super) async fn delete(app: &App, caller: &Caller, kind: DocumentKind, name:
         return Ok(StatusCode::NO_CONTENT);
     }
     Err(Problem::not_found(format!(
-        "you have left no '{name}' under {}; what the server has itself cannot be deleted",
+        "you have no '{name}' under {}; the server's own documents cannot be deleted",
         kind.folder()
     )))
 }
@@ -125,7 +125,7 @@ pub(super) fn checked_name(name: &str) -> Result<(), Problem> {
         return Ok(());
     }
     Err(Problem::bad_request(format!(
-        "'{name}' is no name for a document; expected 1 to {LONGEST_NAME} of a-z, 0-9, '.', '_' and '-', beginning with a letter or digit"
+        "'{name}' is not a valid document name; expected 1 to {LONGEST_NAME} of a-z, 0-9, '.', '_' and '-', beginning with a letter or digit"
     )))
 }
 
@@ -139,7 +139,7 @@ fn check_form(headers: &HeaderMap) -> Result<(), Problem> {
         return Ok(());
     }
     Err(Problem::unsupported(format!(
-        "the document comes as {}; expected `Content-Type: application/toml`",
+        "unsupported content type {}; expected `Content-Type: application/toml`",
         kind.unwrap_or("nothing in particular")
     )))
 }
@@ -197,19 +197,19 @@ macro_rules! documents {
                 OpenApiRouter::new().routes(routes!(list)).routes(routes!(get, put, delete))
             }
 
-            #[doc = concat!("Names of every ", $word, ".")]
-            #[utoipa::path(get, path = $all, summary = concat!("Names of every ", $word, "."), tag = "library", operation_id = concat!("list_", stringify!($module)), responses(
-                (status = 200, description = "names", body = Names)
+            #[doc = concat!("Names of all ", stringify!($module), ".")]
+            #[utoipa::path(get, path = $all, summary = concat!("Names of all ", stringify!($module), "."), tag = "library", operation_id = concat!("list_", stringify!($module)), responses(
+                (status = 200, description = "the names", body = Names)
             ))]
             pub(crate) async fn list(app: Shared, caller: Caller) -> Result<Json<Names>, Problem> {
                 documents::list(&app, &caller, KIND).await.map(Json)
             }
 
-            #[doc = concat!("The text of a ", $word, ".")]
-            #[utoipa::path(get, path = $one, summary = concat!("The text of a ", $word, "."), tag = "library", operation_id = concat!("get_", stringify!($module)), params(("name" = String, Path)), responses(
-                (status = 200, description = "TOML", body = String, content_type = "application/toml", headers(("ETag" = String, description = "changes with the text"))),
-                (status = 400, description = "no name", body = Problem, content_type = "application/problem+json"),
-                (status = 404, description = "there is none", body = Problem, content_type = "application/problem+json")
+            #[doc = concat!("The text of ", $word, ".")]
+            #[utoipa::path(get, path = $one, summary = concat!("The text of ", $word, "."), tag = "library", operation_id = concat!("get_", stringify!($module)), params(("name" = String, Path)), responses(
+                (status = 200, description = "TOML", body = String, content_type = "application/toml", headers(("ETag" = String, description = "changes whenever the text does"))),
+                (status = 400, description = "invalid name", body = Problem, content_type = "application/problem+json"),
+                (status = 404, description = "not found", body = Problem, content_type = "application/problem+json")
             ))]
             pub(crate) async fn get(
                 app: Shared,
@@ -220,23 +220,23 @@ macro_rules! documents {
                 documents::get(&app, &caller, KIND, &name).await
             }
 
-            #[doc = concat!("Stores a ", $word, " in the library, for your tenant.")]
+            #[doc = concat!("Stores ", $word, " in the library, for your tenant.")]
             ///
-            /// It is checked as if it were there already. Your own hides the server's of the same name. `If-None-Match: *` only creates,
-            /// `If-Match: ETAG` only replaces what one has seen.
-            #[utoipa::path(put, path = $one, summary = concat!("Stores a ", $word, " in the library, for your tenant."), tag = "library", operation_id = concat!("put_", stringify!($module)),
+            /// It is checked before it is stored. A document of your own hides the server's with the same name. `If-None-Match: *` only
+            /// creates, `If-Match: ETAG` only replaces that version.
+            #[utoipa::path(put, path = $one, summary = concat!("Stores ", $word, " in the library, for your tenant."), tag = "library", operation_id = concat!("put_", stringify!($module)),
                 params(
                     ("name" = String, Path, max_length = 64, pattern = "^[a-z0-9][a-z0-9._-]*$"), ("If-Match" = Option<String>, Header), ("If-None-Match" = Option<String>, Header)),
                 request_body(content = String, content_type = "application/toml"), responses(
-                (status = 201, description = "created", body = StoredDocument, headers(("Location" = String, description = "its address"), ("ETag" = String, description = "changes with the text"))),
-                (status = 200, description = "replaced", body = StoredDocument, headers(("ETag" = String, description = "changes with the text"))),
-                (status = 400, description = "no name, or no text", body = Problem, content_type = "application/problem+json"),
-                (status = 409, description = "a model of this name has versions that are kept", body = Problem, content_type = "application/problem+json"),
-                (status = 412, description = "it is not as `If-Match` or `If-None-Match` expect", body = Problem, content_type = "application/problem+json"),
-                (status = 413, description = "too large", body = Problem, content_type = "application/problem+json"),
-                (status = 415, description = "not TOML", body = Problem, content_type = "application/problem+json"),
-                (status = 422, description = "it is refused: `complaints` lists all that is wrong", body = Problem, content_type = "application/problem+json"),
-                (status = 507, description = "the disk is full, or there are too many", body = Problem, content_type = "application/problem+json")
+                (status = 201, description = "created", body = StoredDocument, headers(("Location" = String, description = "URL of the document"), ("ETag" = String, description = "changes whenever the text does"))),
+                (status = 200, description = "replaced", body = StoredDocument, headers(("ETag" = String, description = "changes whenever the text does"))),
+                (status = 400, description = "invalid name, or empty text", body = Problem, content_type = "application/problem+json"),
+                (status = 409, description = "a model with this name has versions that would be lost", body = Problem, content_type = "application/problem+json"),
+                (status = 412, description = "`If-Match` or `If-None-Match` does not hold", body = Problem, content_type = "application/problem+json"),
+                (status = 413, description = "request body too large", body = Problem, content_type = "application/problem+json"),
+                (status = 415, description = "the body is not TOML", body = Problem, content_type = "application/problem+json"),
+                (status = 422, description = "rejected: `complaints` lists every error", body = Problem, content_type = "application/problem+json"),
+                (status = 507, description = "disk full, or quota of documents exceeded", body = Problem, content_type = "application/problem+json")
             ))]
             pub(crate) async fn put(
                 app: Shared,
@@ -249,12 +249,12 @@ macro_rules! documents {
                 documents::put(&app, &caller, KIND, &name, &headers, &text?).await
             }
 
-            #[doc = concat!("Removes a ", $word, " of your own from the library.")]
-            #[utoipa::path(delete, path = $one, summary = concat!("Removes a ", $word, " of your own from the library."), tag = "library", operation_id = concat!("delete_", stringify!($module)), params(("name" = String, Path)), responses(
+            #[doc = concat!("Removes ", $word, " of your own from the library.")]
+            #[utoipa::path(delete, path = $one, summary = concat!("Removes ", $word, " of your own from the library."), tag = "library", operation_id = concat!("delete_", stringify!($module)), params(("name" = String, Path)), responses(
                 (status = 204, description = "deleted"),
-                (status = 400, description = "no name", body = Problem, content_type = "application/problem+json"),
-                (status = 404, description = "you have no document of this name", body = Problem, content_type = "application/problem+json"),
-                (status = 507, description = "the disk is full", body = Problem, content_type = "application/problem+json")
+                (status = 400, description = "invalid name", body = Problem, content_type = "application/problem+json"),
+                (status = 404, description = "you have no document with this name", body = Problem, content_type = "application/problem+json"),
+                (status = 507, description = "disk full", body = Problem, content_type = "application/problem+json")
             ))]
             pub(crate) async fn delete(
                 app: Shared,

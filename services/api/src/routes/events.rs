@@ -35,13 +35,13 @@ pub(crate) struct StreamEvent {
 
 /// All events of a run, from the first or after `Last-Event-ID`, without gaps; ends after `ended`.
 ///
-/// Kinds: `queued`, `started`, `waiting`, `join` (parts from elsewhere are waited for), `progress`, `change` (truth or verdict), `recording`, `finished`, `requeued`, `ended`.
+/// Kinds: `queued`, `started`, `waiting`, `join` (waiting for external peers), `progress`, `change` (truth or verdict), `recording`, `finished`, `requeued`, `ended`.
 #[utoipa::path(get, path = "/api/v1/runs/{id}/events", tag = "runs", operation_id = "run_events",
-    params(("id" = String, Path), ("Last-Event-ID" = Option<u64>, Header, description = "number of the last event that was seen")),
+    params(("id" = String, Path), ("Last-Event-ID" = Option<u64>, Header, description = "number of the last event received")),
     responses(
-        (status = 200, description = "a stream", body = StreamEvent, content_type = "text/event-stream"),
-        (status = 400, description = "Last-Event-ID is no number", body = Problem, content_type = "application/problem+json"),
-        (status = 404, description = "no such run", body = Problem, content_type = "application/problem+json")
+        (status = 200, description = "stream of events", body = StreamEvent, content_type = "text/event-stream"),
+        (status = 400, description = "Last-Event-ID is not a number", body = Problem, content_type = "application/problem+json"),
+        (status = 404, description = "run not found", body = Problem, content_type = "application/problem+json")
     ))]
 pub(crate) async fn events(
     app: Shared,
@@ -70,7 +70,7 @@ pub(super) fn of(app: &Arc<App>, job: &Job, headers: &HeaderMap) -> Result<Respo
     let watcher = Watcher {
         // Subscribed before the first look: what comes between is seen by one or the other.
         news: app.database.hub.watch(&job.id),
-        ending: app.shop.ending.subscribe(),
+        ending: app.context.ending.subscribe(),
         app: Arc::clone(app),
         id: job.id.clone(),
         last,
@@ -111,7 +111,7 @@ impl Watcher {
                     continue;
                 }
                 Err(error) => {
-                    tracing::error!(%error, "events cannot be read; a watcher is let go, and may come again");
+                    tracing::error!(%error, "events cannot be read; the stream is closed, the client may reconnect");
                     return None;
                 }
             }

@@ -75,13 +75,13 @@ impl Drop for Unnamed {
 #[utoipa::path(get, path = "/api/v1/runs/{id}/export", tag = "telemetry", operation_id = "export_run", params(("id" = String, Path), ExportQuery), responses(
     (status = 200, description = "the file", content(
         (Vec<u8> = "application/octet-stream"), (Vec<u8> = "application/vnd.apache.parquet"), (String = "text/csv"))),
-    (status = 206, description = "the range", content(
+    (status = 206, description = "the requested range", content(
         (Vec<u8> = "application/octet-stream"), (Vec<u8> = "application/vnd.apache.parquet"), (String = "text/csv"))),
-    (status = 400, description = "no such format", body = Problem, content_type = "application/problem+json"),
-    (status = 404, description = "no such run, or it recorded nothing", body = Problem, content_type = "application/problem+json"),
-    (status = 409, description = "it has not ended", body = Problem, content_type = "application/problem+json"),
+    (status = 400, description = "unknown format", body = Problem, content_type = "application/problem+json"),
+    (status = 404, description = "run not found, or it recorded nothing", body = Problem, content_type = "application/problem+json"),
+    (status = 409, description = "the run has not ended", body = Problem, content_type = "application/problem+json"),
     (status = 416, description = "range not satisfiable"),
-    (status = 507, description = "the disk is full", body = Problem, content_type = "application/problem+json")
+    (status = 507, description = "disk full", body = Problem, content_type = "application/problem+json")
 ))]
 pub(crate) async fn export(
     State(app): State<Arc<App>>,

@@ -169,7 +169,7 @@ pub(crate) struct FeedView {
     report_topic: Option<String>,
     /// Fields of a sample.
     fields: Vec<FieldView>,
-    /// Samples of a chunk, at most.
+    /// Maximum number of samples in a chunk.
     longest_chunk: usize,
     /// Chunks that may be sent again; they get the same answer.
     remembered_chunks: usize,
@@ -210,13 +210,13 @@ pub(crate) fn detectors(
 
 /// Opens a session.
 #[utoipa::path(post, path = "/api/v1/fdi/sessions", tag = "fdi", operation_id = "open_fdi_session", request_body = SessionBody, responses(
-    (status = 201, description = "open, until it has been idle for its idle time or the server ends", body = OpenedSession,
-     headers(("Location" = String, description = "address of the session"))),
-    (status = 400, description = "unreadable", body = Problem, content_type = "application/problem+json"),
-    (status = 404, description = "no such vehicle or classifier", body = Problem, content_type = "application/problem+json"),
-    (status = 413, description = "too large", body = Problem, content_type = "application/problem+json"),
-    (status = 415, description = "not JSON", body = Problem, content_type = "application/problem+json"),
-    (status = 422, description = "no detectors can be made of it", body = Problem, content_type = "application/problem+json"),
+    (status = 201, description = "opened; closes after its idle time or when the server shuts down", body = OpenedSession,
+     headers(("Location" = String, description = "URL of the session"))),
+    (status = 400, description = "malformed request", body = Problem, content_type = "application/problem+json"),
+    (status = 404, description = "vehicle or classifier not found", body = Problem, content_type = "application/problem+json"),
+    (status = 413, description = "request body too large", body = Problem, content_type = "application/problem+json"),
+    (status = 415, description = "the body is not JSON", body = Problem, content_type = "application/problem+json"),
+    (status = 422, description = "no detectors can be built for this model", body = Problem, content_type = "application/problem+json"),
     (status = 503, description = "too many sessions are open, or the server is ending", body = Problem, content_type = "application/problem+json")
 ))]
 pub(crate) async fn open(
@@ -237,7 +237,7 @@ pub(crate) async fn open(
     )?;
     if body.topic && !app.fdi.has_link() {
         return Err(Problem::unprocessable(
-            "`topic` is true, but this server takes no measurements over zenoh; expected it to be started with --fdi-link",
+            "`topic` is true, but this server accepts no measurements over zenoh; start it with --fdi-link",
         ));
     }
     let entry = app.fdi.open(&caller, &detectors)?;
@@ -280,7 +280,7 @@ pub(crate) struct OpenSessions {
     items: Vec<SessionView>,
 }
 
-/// Your open sessions. Reading them keeps none alive.
+/// Your open sessions. Listing them does not keep them alive.
 #[utoipa::path(get, path = "/api/v1/fdi/sessions", tag = "fdi", operation_id = "list_fdi_sessions", responses(
     (status = 200, description = "the sessions", body = OpenSessions)
 ))]
@@ -293,8 +293,8 @@ pub(crate) async fn list(State(app): State<Arc<App>>, caller: Caller) -> Json<Op
 /// A session and its state.
 #[utoipa::path(get, path = "/api/v1/fdi/sessions/{id}", tag = "fdi", operation_id = "get_fdi_session", params(("id" = String, Path)), responses(
     (status = 200, description = "the session", body = SessionView),
-    (status = 400, description = "no id", body = Problem, content_type = "application/problem+json"),
-    (status = 404, description = "no such session", body = Problem, content_type = "application/problem+json")
+    (status = 400, description = "invalid id", body = Problem, content_type = "application/problem+json"),
+    (status = 404, description = "session not found", body = Problem, content_type = "application/problem+json")
 ))]
 pub(crate) async fn get(
     State(app): State<Arc<App>>,
@@ -308,8 +308,8 @@ pub(crate) async fn get(
 /// Closes a session.
 #[utoipa::path(delete, path = "/api/v1/fdi/sessions/{id}", tag = "fdi", operation_id = "close_fdi_session", params(("id" = String, Path)), responses(
     (status = 204, description = "closed"),
-    (status = 400, description = "no id", body = Problem, content_type = "application/problem+json"),
-    (status = 404, description = "no such session", body = Problem, content_type = "application/problem+json")
+    (status = 400, description = "invalid id", body = Problem, content_type = "application/problem+json"),
+    (status = 404, description = "session not found", body = Problem, content_type = "application/problem+json")
 ))]
 pub(crate) async fn close(
     State(app): State<Arc<App>>,
@@ -332,7 +332,7 @@ pub(crate) async fn close(
 pub(crate) struct Place {
     /// Step of the chunk's first sample; each chunk continues where the one before ended.
     first_step: u64,
-    /// The steps between the last chunk and this one are lost for good. Without it a gap is refused.
+    /// The steps between the last chunk and this one are permanently lost. Without it a gap is rejected.
     #[serde(default)]
     #[param(default = false)]
     after_gap: bool,
@@ -346,20 +346,20 @@ fn problem(refusal: &Refusal) -> Problem {
     }
 }
 
-/// Takes a chunk of measurements and gives the verdicts of the windows that end in it.
+/// Accepts a chunk of measurements and returns the verdicts of the windows that end in it.
 ///
-/// The chunk is taken as a whole or refused as a whole. The last chunks may be sent again: they get the same answer.
+/// A chunk is accepted or rejected as a whole. Recent chunks may be sent again: they get the same response.
 #[utoipa::path(post, path = "/api/v1/fdi/sessions/{id}/measurements", tag = "fdi", operation_id = "feed_fdi_session", params(("id" = String, Path), Place),
-    request_body(description = "samples, 2.5 ms apart", content(
+    request_body(description = "samples at 400 Hz", content(
         (Vec<SampleBody> = "application/json"), (String = "application/x-ndjson"), (String = "text/csv"))),
     responses(
-        (status = 200, description = "taken", body = ChunkAnswer),
-        (status = 400, description = "no text, or a parameter that is none", body = Problem, content_type = "application/problem+json"),
-        (status = 404, description = "no such session", body = Problem, content_type = "application/problem+json"),
-        (status = 409, description = "not the step that was to come", body = Problem, content_type = "application/problem+json"),
-        (status = 413, description = "too large", body = Problem, content_type = "application/problem+json"),
-        (status = 415, description = "neither JSON, lines of JSON nor CSV", body = Problem, content_type = "application/problem+json"),
-        (status = 422, description = "a sample that cannot be read, a number that cannot be, or another rate", body = Problem, content_type = "application/problem+json")
+        (status = 200, description = "accepted", body = ChunkAnswer),
+        (status = 400, description = "empty text, or invalid parameter", body = Problem, content_type = "application/problem+json"),
+        (status = 404, description = "session not found", body = Problem, content_type = "application/problem+json"),
+        (status = 409, description = "not the next expected step", body = Problem, content_type = "application/problem+json"),
+        (status = 413, description = "request body too large", body = Problem, content_type = "application/problem+json"),
+        (status = 415, description = "neither JSON, JSON lines nor CSV", body = Problem, content_type = "application/problem+json"),
+        (status = 422, description = "malformed sample, impossible value, or another rate", body = Problem, content_type = "application/problem+json")
     ))]
 pub(crate) async fn feed(
     State(app): State<Arc<App>>,

@@ -52,22 +52,22 @@ pub(crate) struct Which {
     flight: bool,
 }
 
-/// Judges a flight log, uploaded or imported before: verdicts over time, the last word, what the log lacks.
+/// Runs the detectors on a flight log, uploaded or already imported: verdicts over time, final verdict, what the log lacks.
 ///
-/// The body is a log: canonical CSV or Parquet (what `rotortwin log import` writes), or an autopilot's. It is resampled to 400 Hz if it has
-/// another rate, and not kept.
+/// The body is a log: canonical CSV or Parquet (as written by `rotortwin log import`), or an autopilot's. A log with another rate is resampled
+/// to 400 Hz. It is not stored.
 #[utoipa::path(post, path = "/api/v1/fdi/reports", tag = "fdi", operation_id = "judge_log", params(Which),
-    request_body(description = "the log, 128 MiB at most", content(
+    request_body(description = "the log, at most 128 MiB", content(
         (String = "text/csv"), (Vec<u8> = "application/vnd.apache.parquet"), (Vec<u8> = "application/octet-stream"))),
     responses(
-        (status = 200, description = "what the detectors say", body = LogReport),
-        (status = 400, description = "unreadable", body = Problem, content_type = "application/problem+json"),
-        (status = 404, description = "no such vehicle, classifier, log or run", body = Problem, content_type = "application/problem+json"),
+        (status = 200, description = "the verdicts of the detectors", body = LogReport),
+        (status = 400, description = "malformed request", body = Problem, content_type = "application/problem+json"),
+        (status = 404, description = "vehicle, classifier, log or run not found", body = Problem, content_type = "application/problem+json"),
         (status = 409, description = "the log or run is not done", body = Problem, content_type = "application/problem+json"),
-        (status = 413, description = "too large", body = Problem, content_type = "application/problem+json"),
-        (status = 422, description = "no log, or another vehicle's", body = Problem, content_type = "application/problem+json"),
-        (status = 503, description = "too many logs at once", body = Problem, content_type = "application/problem+json"),
-        (status = 507, description = "the disk is full", body = Problem, content_type = "application/problem+json")
+        (status = 413, description = "request body too large", body = Problem, content_type = "application/problem+json"),
+        (status = 422, description = "not a flight log, or the log of another vehicle", body = Problem, content_type = "application/problem+json"),
+        (status = 503, description = "too many logs are being judged; retry later", body = Problem, content_type = "application/problem+json"),
+        (status = 507, description = "disk full", body = Problem, content_type = "application/problem+json")
     ))]
 pub(crate) async fn judge(
     State(app): State<Arc<App>>,
@@ -87,7 +87,7 @@ pub(crate) struct KnownTruth {
     /// Column of the log with the truth: 0 healthy, the damaged rotor, −1 several; `fault_label` of a run.
     truth_column: Option<String>,
     /// The truth as rows `time_s,rotor,loss`, several with `;` between them, such as `31.2,3,0.08;52,3,0`: from this time of the log on the rotor
-    /// has lost this share of its thrust; 0 is healed, nothing "unknown how much". A healthy log has `0,0,`.
+    /// has lost this share of its thrust; 0: recovered, empty: unknown size. A healthy log has `0,0,`.
     truth: Option<String>,
 }
 
@@ -97,25 +97,25 @@ pub(crate) struct ScoredReport {
     /// What the detectors say.
     #[schema(value_type = LogReport)]
     report: serde_json::Value,
-    /// How right that is.
+    /// Score of these verdicts.
     score: LogScore,
 }
 
-/// Judges a flight log whose truth is known, and scores the verdicts of all detectors.
+/// Runs the detectors on a flight log whose truth is known, and scores the verdicts of all detectors.
 ///
 /// As `POST /api/v1/fdi/reports`, with either `truth` or `truth_column`; definitions: docs/campaigns.md.
 #[utoipa::path(post, path = "/api/v1/fdi/scores", tag = "fdi", operation_id = "score_log", params(Which, KnownTruth),
-    request_body(description = "the log, 128 MiB at most", content(
+    request_body(description = "the log, at most 128 MiB", content(
         (String = "text/csv"), (Vec<u8> = "application/vnd.apache.parquet"), (Vec<u8> = "application/octet-stream"))),
     responses(
-        (status = 200, description = "what the detectors say, and how right it is", body = ScoredReport),
-        (status = 400, description = "unreadable", body = Problem, content_type = "application/problem+json"),
-        (status = 404, description = "no such vehicle, classifier, log or run", body = Problem, content_type = "application/problem+json"),
+        (status = 200, description = "the verdicts of the detectors, and their score", body = ScoredReport),
+        (status = 400, description = "malformed request", body = Problem, content_type = "application/problem+json"),
+        (status = 404, description = "vehicle, classifier, log or run not found", body = Problem, content_type = "application/problem+json"),
         (status = 409, description = "the log or run is not done", body = Problem, content_type = "application/problem+json"),
-        (status = 413, description = "too large", body = Problem, content_type = "application/problem+json"),
-        (status = 422, description = "no log, another vehicle's, or no truth", body = Problem, content_type = "application/problem+json"),
-        (status = 503, description = "too many logs at once", body = Problem, content_type = "application/problem+json"),
-        (status = 507, description = "the disk is full", body = Problem, content_type = "application/problem+json")
+        (status = 413, description = "request body too large", body = Problem, content_type = "application/problem+json"),
+        (status = 422, description = "not a flight log, the log of another vehicle, or no truth in it", body = Problem, content_type = "application/problem+json"),
+        (status = 503, description = "too many logs are being judged; retry later", body = Problem, content_type = "application/problem+json"),
+        (status = 507, description = "disk full", body = Problem, content_type = "application/problem+json")
     ))]
 pub(crate) async fn score(
     State(app): State<Arc<App>>,
@@ -275,7 +275,7 @@ async fn stored(app: &App, caller: &Caller, id: &str) -> Result<PathBuf, Problem
         Err(problem) if problem.status == 404 => {
             let run = stored_as(app, caller, JobKind::Run, id).await;
             run.map_err(|problem| match problem.status {
-                404 => Problem::not_found(format!("there is no log and no run {id}")),
+                404 => Problem::not_found(format!("log or run {id} not found")),
                 _ => problem,
             })
         }
@@ -300,7 +300,7 @@ pub(super) async fn stored_as(app: &App, caller: &Caller, kind: JobKind, id: &st
         let file = app.artifacts.file(&key, &name).await;
         found = file.map_err(|error| Problem::of_files(&error))?;
     }
-    let file = found.ok_or_else(|| Problem::not_found(format!("the file of {id} is gone")))?;
+    let file = found.ok_or_else(|| Problem::not_found(format!("the file of {id} was deleted")))?;
     Ok(match file.parent() {
         Some(folder) if is_run => folder.to_owned(),
         _ => file,
@@ -319,7 +319,7 @@ async fn received(app: &App, body: Body) -> Result<tempfile::NamedTempFile, Prob
     let upload = Upload {
         most: LARGEST_LOG,
         too_large: &format!("the log has more than {LARGEST_LOG} bytes; expected a shorter part of it"),
-        broken: "the log did not arrive whole",
+        broken: "the log arrived incomplete",
         full,
     };
     let size = upload.write(body, out, |_| {}).await?;

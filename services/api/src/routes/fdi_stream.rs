@@ -30,8 +30,8 @@ const LARGEST_MESSAGE: usize = 2 << 20;
     (status = 101, description = "WebSocket"),
     (status = 400, description = "not a WebSocket request", body = Problem, content_type = "application/problem+json"),
     (status = 403, description = "the token does not allow this", body = Problem, content_type = "application/problem+json"),
-    (status = 404, description = "no such session", body = Problem, content_type = "application/problem+json"),
-    (status = 426, description = "this connection cannot be upgraded", body = Problem, content_type = "application/problem+json")
+    (status = 404, description = "session not found", body = Problem, content_type = "application/problem+json"),
+    (status = 426, description = "the connection cannot be upgraded", body = Problem, content_type = "application/problem+json")
 ))]
 pub(crate) async fn stream(
     State(app): State<Arc<App>>,
@@ -48,7 +48,7 @@ pub(crate) async fn stream(
 }
 
 async fn serve(app: Arc<App>, entry: Arc<Entry>, mut socket: WebSocket) {
-    let mut ending = app.shop.ending.subscribe();
+    let mut ending = app.context.ending.subscribe();
     loop {
         let (code, reason) = tokio::select! {
             message = tokio::time::timeout(app.fdi.idle(), socket.recv()) => match message {
@@ -64,7 +64,7 @@ async fn serve(app: Arc<App>, entry: Arc<Entry>, mut socket: WebSocket) {
                 Ok(None | Some(Err(_))) => return,
                 // Another way may have fed it meanwhile.
                 Err(_silence) if app.fdi.has(&entry.id) => continue,
-                Err(_silence) => (close_code::POLICY, "the session ended: nothing was asked of it for its idle time"),
+                Err(_silence) => (close_code::POLICY, "the session ended: idle for too long"),
             },
             () = ended(&mut ending) => (close_code::RESTART, "the server is ending"),
         };
@@ -73,7 +73,7 @@ async fn serve(app: Arc<App>, entry: Arc<Entry>, mut socket: WebSocket) {
             reason: reason.into(),
         }));
         if let Err(error) = socket.send(close).await {
-            tracing::debug!(%error, "a stream was gone before it was closed");
+            tracing::debug!(%error, "a stream was dropped before it was closed");
         }
         return;
     }
@@ -107,7 +107,7 @@ fn answer(app: &App, entry: &Entry, message: Message) -> Result<Option<Message>,
 
 fn text_answer(entry: &Entry, text: &str) -> String {
     let fed = serde_json::from_str::<ChunkBody>(text)
-        .map_err(|error| format!("the message is no chunk of samples: {error}"))
+        .map_err(|error| format!("the message is not a chunk of samples: {error}"))
         .and_then(|body| body.chunk(entry.rotor_count))
         .and_then(|chunk| entry.feed(&chunk).map_err(|(refusal, _)| refusal.to_string()));
     let json = match fed {

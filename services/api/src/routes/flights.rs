@@ -20,11 +20,11 @@ const PATIENCE: Duration = Duration::from_secs(60);
 /// A flight over time, of an imported log.
 #[utoipa::path(get, path = "/api/v1/logs/{id}/flight", tag = "logs", operation_id = "log_flight", params(("id" = String, Path)), responses(
     (status = 200, description = "the flight", body = FlightPicture),
-    (status = 400, description = "no id", body = Problem, content_type = "application/problem+json"),
-    (status = 404, description = "no such log", body = Problem, content_type = "application/problem+json"),
-    (status = 409, description = "it is not imported", body = Problem, content_type = "application/problem+json"),
-    (status = 422, description = "it takes too much memory or time", body = Problem, content_type = "application/problem+json"),
-    (status = 503, description = "too many logs at once", body = Problem, content_type = "application/problem+json")
+    (status = 400, description = "invalid id", body = Problem, content_type = "application/problem+json"),
+    (status = 404, description = "log not found", body = Problem, content_type = "application/problem+json"),
+    (status = 409, description = "the log is not imported", body = Problem, content_type = "application/problem+json"),
+    (status = 422, description = "the query needs too much memory or time", body = Problem, content_type = "application/problem+json"),
+    (status = 503, description = "too many logs are being read; retry later", body = Problem, content_type = "application/problem+json")
 ))]
 pub(crate) async fn of_log(
     app: Shared,
@@ -37,11 +37,11 @@ pub(crate) async fn of_log(
 /// A flight over time, of a run: what its sensors said, not the truth.
 #[utoipa::path(get, path = "/api/v1/runs/{id}/flight", tag = "telemetry", operation_id = "run_flight", params(("id" = String, Path)), responses(
     (status = 200, description = "the flight", body = FlightPicture),
-    (status = 400, description = "no id", body = Problem, content_type = "application/problem+json"),
-    (status = 404, description = "no such run", body = Problem, content_type = "application/problem+json"),
-    (status = 409, description = "it is not done", body = Problem, content_type = "application/problem+json"),
-    (status = 422, description = "it takes too much memory or time", body = Problem, content_type = "application/problem+json"),
-    (status = 503, description = "too many logs at once", body = Problem, content_type = "application/problem+json")
+    (status = 400, description = "invalid id", body = Problem, content_type = "application/problem+json"),
+    (status = 404, description = "run not found", body = Problem, content_type = "application/problem+json"),
+    (status = 409, description = "the job is not done", body = Problem, content_type = "application/problem+json"),
+    (status = 422, description = "the query needs too much memory or time", body = Problem, content_type = "application/problem+json"),
+    (status = 503, description = "too many logs are being read; retry later", body = Problem, content_type = "application/problem+json")
 ))]
 pub(crate) async fn of_run(
     app: Shared,

@@ -143,10 +143,10 @@ fn hover(documents: &VehicleDocuments, charge: f64) -> Result<Option<Hover>, Pro
 
 /// What a vehicle of the library looks like.
 #[utoipa::path(get, path = "/api/v1/vehicles/{name}/geometry", tag = "library", operation_id = "vehicle_geometry", params(("name" = String, Path)), responses(
-    (status = 200, description = "its geometry", body = VehicleGeometry),
-    (status = 400, description = "no name", body = Problem, content_type = "application/problem+json"),
-    (status = 404, description = "there is none", body = Problem, content_type = "application/problem+json"),
-    (status = 422, description = "the document is none", body = Problem, content_type = "application/problem+json")
+    (status = 200, description = "the geometry", body = VehicleGeometry),
+    (status = 400, description = "invalid name", body = Problem, content_type = "application/problem+json"),
+    (status = 404, description = "not found", body = Problem, content_type = "application/problem+json"),
+    (status = 422, description = "the document is invalid", body = Problem, content_type = "application/problem+json")
 ))]
 pub(crate) async fn of_vehicle(
     app: Shared,
@@ -160,10 +160,10 @@ pub(crate) async fn of_vehicle(
 
 /// What the vehicle of a run looks like.
 #[utoipa::path(get, path = "/api/v1/runs/{id}/geometry", tag = "runs", operation_id = "run_geometry", params(("id" = String, Path)), responses(
-    (status = 200, description = "its geometry; hover at the charge with which the run begins", body = VehicleGeometry),
-    (status = 400, description = "no id", body = Problem, content_type = "application/problem+json"),
-    (status = 404, description = "no such run", body = Problem, content_type = "application/problem+json"),
-    (status = 422, description = "this version cannot fly it", body = Problem, content_type = "application/problem+json")
+    (status = 200, description = "the geometry; hover at the initial charge of the run", body = VehicleGeometry),
+    (status = 400, description = "invalid id", body = Problem, content_type = "application/problem+json"),
+    (status = 404, description = "run not found", body = Problem, content_type = "application/problem+json"),
+    (status = 422, description = "this version cannot fly the scenario", body = Problem, content_type = "application/problem+json")
 ))]
 pub(crate) async fn of_run(
     app: Shared,
@@ -174,7 +174,9 @@ pub(crate) async fn of_run(
     let scenario = Documents::from_toml("the recorded scenario", &super::runs::flight_of(&run)?.documents)
         .and_then(|documents| Scenario::from_documents(&documents))
         .map_err(|error| {
-            Problem::unprocessable(format!("this version cannot fly what another one accepted: {error}"))
+            Problem::unprocessable(format!(
+                "this version cannot fly a run that another version accepted: {error}"
+            ))
         })?;
     let documents = VehicleDocuments {
         vehicle: scenario.vehicle().clone(),
@@ -194,10 +196,10 @@ pub(crate) struct At {
 
 /// What the vehicle of a model looks like, without its effects.
 #[utoipa::path(get, path = "/api/v1/models/{name}/geometry", tag = "models", operation_id = "model_geometry", params(("name" = String, Path), At), responses(
-    (status = 200, description = "its geometry", body = VehicleGeometry),
-    (status = 400, description = "a parameter that is none", body = Problem, content_type = "application/problem+json"),
-    (status = 404, description = "no such model or version", body = Problem, content_type = "application/problem+json"),
-    (status = 422, description = "the document is none", body = Problem, content_type = "application/problem+json")
+    (status = 200, description = "the geometry", body = VehicleGeometry),
+    (status = 400, description = "invalid parameter", body = Problem, content_type = "application/problem+json"),
+    (status = 404, description = "model or version not found", body = Problem, content_type = "application/problem+json"),
+    (status = 422, description = "the document is invalid", body = Problem, content_type = "application/problem+json")
 ))]
 pub(crate) async fn of_model(
     app: Shared,

@@ -44,13 +44,13 @@ pub(crate) struct IdentificationSubmission {
     /// With battery, kg.
     #[schema(exclusive_minimum = 0)]
     mass_kg: f64,
-    /// From the centre of the vehicle to the furthest rotor, m.
+    /// Distance from the centre of the vehicle to the furthest rotor, m.
     #[schema(exclusive_minimum = 0)]
     arm_m: f64,
     /// Frame, where the log does not say it, such as `quad-x` (numbers as in ArduPilot).
     #[schema(max_length = 40)]
     frame: Option<String>,
-    /// Take this frame also where the motion contradicts it; else it is refused, with the evidence.
+    /// Use this frame even if the motion contradicts it; otherwise it is rejected, with the evidence.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     trust_frame: bool,
     /// Capacity of the battery, A h.
@@ -149,19 +149,19 @@ impl IdentificationSubmission {
 ///
 /// The result is each value with its 95 % interval and where it comes from, and the documents of the vehicle and its blades.
 #[utoipa::path(post, path = "/api/v1/identifications", tag = "identifications", operation_id = "submit_identification", request_body = IdentificationSubmission,
-    params(("Idempotency-Key" = Option<String>, Header, description = "the same key and body again give the one that is there")),
+    params(("Idempotency-Key" = Option<String>, Header, description = "a retry with the same key and body returns the existing job")),
     responses(
-        (status = 202, description = "accepted: it is on disk, and will end as done, failed or canceled", body = JobView,
-         headers(("Location" = String, description = "its address"))),
-        (status = 200, description = "accepted before under this key", body = JobView),
-        (status = 400, description = "unreadable, or no name", body = Problem, content_type = "application/problem+json"),
-        (status = 404, description = "no such log or run", body = Problem, content_type = "application/problem+json"),
-        (status = 409, description = "another body was submitted under this key, or a flight is not done", body = Problem, content_type = "application/problem+json"),
-        (status = 413, description = "too large", body = Problem, content_type = "application/problem+json"),
-        (status = 415, description = "not JSON", body = Problem, content_type = "application/problem+json"),
-        (status = 422, description = "it cannot be done so", body = Problem, content_type = "application/problem+json"),
-        (status = 503, description = "the server is ending", body = Problem, content_type = "application/problem+json"),
-        (status = 507, description = "the disk is full", body = Problem, content_type = "application/problem+json")
+        (status = 202, description = "accepted and stored; the job will end as done, failed or canceled", body = JobView,
+         headers(("Location" = String, description = "URL of the job"))),
+        (status = 200, description = "already accepted under this Idempotency-Key", body = JobView),
+        (status = 400, description = "malformed request, or invalid name", body = Problem, content_type = "application/problem+json"),
+        (status = 404, description = "log or run not found", body = Problem, content_type = "application/problem+json"),
+        (status = 409, description = "this Idempotency-Key was used with a different body, or a flight is not done", body = Problem, content_type = "application/problem+json"),
+        (status = 413, description = "request body too large", body = Problem, content_type = "application/problem+json"),
+        (status = 415, description = "the body is not JSON", body = Problem, content_type = "application/problem+json"),
+        (status = 422, description = "the job cannot be done with these inputs", body = Problem, content_type = "application/problem+json"),
+        (status = 503, description = "the server is shutting down", body = Problem, content_type = "application/problem+json"),
+        (status = 507, description = "disk full", body = Problem, content_type = "application/problem+json")
     ))]
 pub(crate) async fn submit(
     app: Shared,
@@ -208,7 +208,7 @@ pub(crate) async fn submit(
     draft.submit(&app, &caller, &headers, &body, Vec::new()).await
 }
 
-/// A vehicle that was left in the library.
+/// A vehicle stored in the library.
 #[derive(Debug, Serialize, ToSchema)]
 pub(crate) struct KeptVehicle {
     /// Its name under `/api/v1/vehicles`, and that of its blades under `/api/v1/blades`.
@@ -225,12 +225,12 @@ struct Texts {
 /// Stores the identified vehicle and its blades in the library, for your tenant; an earlier one of the same name is replaced.
 #[utoipa::path(post, path = "/api/v1/identifications/{id}/keep", tag = "identifications", operation_id = "keep_identification",
     params(("id" = String, Path)), responses(
-    (status = 201, description = "left there", body = KeptVehicle, headers(("Location" = String, description = "address of the vehicle"))),
-    (status = 400, description = "no id", body = Problem, content_type = "application/problem+json"),
-    (status = 404, description = "no such identification", body = Problem, content_type = "application/problem+json"),
-    (status = 409, description = "it is not done", body = Problem, content_type = "application/problem+json"),
-    (status = 422, description = "the documents are refused", body = Problem, content_type = "application/problem+json"),
-    (status = 507, description = "the disk is full, or there are too many documents", body = Problem, content_type = "application/problem+json")
+    (status = 201, description = "stored in the library", body = KeptVehicle, headers(("Location" = String, description = "URL of the vehicle"))),
+    (status = 400, description = "invalid id", body = Problem, content_type = "application/problem+json"),
+    (status = 404, description = "identification not found", body = Problem, content_type = "application/problem+json"),
+    (status = 409, description = "the job is not done", body = Problem, content_type = "application/problem+json"),
+    (status = 422, description = "the documents were rejected", body = Problem, content_type = "application/problem+json"),
+    (status = 507, description = "disk full, or quota of documents exceeded", body = Problem, content_type = "application/problem+json")
 ))]
 pub(crate) async fn keep(
     app: Shared,

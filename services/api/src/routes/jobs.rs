@@ -17,7 +17,7 @@ use std::sync::Arc;
 use utoipa::{IntoParams, ToSchema};
 
 /// A page has this many jobs at most.
-pub(super) const LARGEST_PAGE: i64 = 1000;
+const LARGEST_PAGE: u16 = 1000;
 /// The key of a submission is not longer.
 const LONGEST_KEY: usize = 200;
 /// An attempt takes at most this long, s.
@@ -34,11 +34,11 @@ pub(crate) struct JobView {
     kind: JobKind,
     /// Of the campaign, of the log, …
     name: String,
-    /// On whose account.
+    /// Its tenant.
     tenant: String,
     /// Its state.
     status: Status,
-    /// Larger goes first among the jobs of a tenant.
+    /// Jobs of a tenant with larger values run first.
     priority: i64,
     /// The request, in short.
     #[schema(value_type = JobFacts)]
@@ -53,9 +53,9 @@ pub(crate) struct JobView {
     started_ms: Option<i64>,
     /// ms since 1970, UTC.
     finished_ms: Option<i64>,
-    /// How often it was begun.
+    /// Number of attempts.
     attempts: i64,
-    /// Who has or had it.
+    /// Worker that does or did the job.
     worker: Option<String>,
     /// A cancellation has been requested.
     cancel_requested: bool,
@@ -110,20 +110,20 @@ pub(crate) struct ListQuery {
     pub(super) status: Option<Status>,
     /// Only those of this name.
     pub(super) name: Option<String>,
-    /// Only those made from this one: forks of a run, flights of a campaign, …
+    /// Only those derived from this one: forks of a run, flights of a campaign, …
     pub(super) parent: Option<String>,
-    /// Only those of this vehicle: runs by its name, logs by the name that was given when they were submitted.
+    /// Only those of this vehicle: runs by its name, logs by the name given on submission.
     pub(super) vehicle: Option<String>,
-    /// Only runs that the sequential detector ended with this verdict: 0 healthy, a rotor from 1, 100 i + j two rotors, −1 unknown fault,
+    /// Only runs with this final verdict of the sequential detector: 0 healthy, a rotor from 1, 100 i + j two rotors, −1 unknown fault,
     /// −2 not ready, −3 ambiguous.
     pub(super) verdict: Option<i32>,
-    /// Only those submitted then or later, ms since 1970, UTC.
+    /// Only those submitted at or after this time, ms since 1970, UTC.
     pub(super) from_ms: Option<i64>,
-    /// Only those submitted before, ms since 1970, UTC.
+    /// Only those submitted before this time, ms since 1970, UTC.
     pub(super) to_ms: Option<i64>,
-    /// `next` of the page before.
+    /// `next` of the previous page.
     pub(super) cursor: Option<String>,
-    /// Items a page, 1 to 1000.
+    /// Items per page, 1 to 1000.
     #[param(minimum = 1, maximum = 1000, default = 50)]
     pub(super) limit: Option<i64>,
 }
@@ -274,25 +274,25 @@ pub(super) async fn admit(app: &App, mut new: NewJob) -> Result<(Job, bool), Pro
             upload => format!(", and the file that was sent has {upload}"),
         };
         return Err(Problem::disk_full(format!(
-            "'{}' has {bytes} bytes of files{more}; expected at most {most}: delete jobs that are done with",
+            "'{}' has {bytes} bytes of files{more}; expected at most {most}: delete jobs that are no longer needed",
             new.tenant
         )));
     }
     if open + 1 + new.parts.len() as i64 > i64::from(app.config.most_open) {
         return Err(Problem::too_many(format!(
-            "'{}' has {open} jobs that wait or run; expected at most {} with this one's {}",
+            "'{}' has {open} jobs queued or running; expected at most {} including the {} of this one",
             new.tenant,
             app.config.most_open,
             1 + new.parts.len()
         )));
     }
-    app.shop.traces.carry(&mut new);
+    app.context.traces.carry(&mut new);
     match app.database.submit(&new).await? {
         Submitted::New(job) => Ok((*job, true)),
         Submitted::Before(job) => Ok((*job, false)),
         Submitted::Other => Err(another_body()),
         Submitted::InputGone(id) => Err(Problem::not_found(format!(
-            "the job {id}, whose files this one reads, was deleted meanwhile"
+            "the job {id}, whose files this one reads, was deleted in the meantime"
         ))),
     }
 }
@@ -315,6 +315,18 @@ pub(super) async fn find(
         .ok_or_else(|| Problem::not_found(format!("there is no {} {id}", kind.as_str())))
 }
 
+/// Items per page: `limit`, or 50.
+///
+/// # Errors
+/// 400: it is not from 1 to [`LARGEST_PAGE`].
+pub(super) fn page_size(limit: Option<i64>) -> Result<u16, Problem> {
+    let limit = limit.unwrap_or(50);
+    u16::try_from(limit)
+        .ok()
+        .filter(|size| (1..=LARGEST_PAGE).contains(size))
+        .ok_or_else(|| Problem::bad_request(format!("`limit` is {limit}; expected 1 to {LARGEST_PAGE}")))
+}
+
 /// A page of jobs.
 ///
 /// # Errors
@@ -326,12 +338,7 @@ pub(super) async fn page(
     query: Result<axum::extract::Query<ListQuery>, QueryRejection>,
 ) -> Result<(Vec<Job>, Option<String>), Problem> {
     let axum::extract::Query(query) = query?;
-    let limit = query.limit.unwrap_or(50);
-    if !(1..=LARGEST_PAGE).contains(&limit) {
-        return Err(Problem::bad_request(format!(
-            "`limit` is {limit}; expected 1 to {LARGEST_PAGE}"
-        )));
-    }
+    let limit = i64::from(page_size(query.limit)?);
     let mut jobs = app.database.list(&query.filter(caller, kind), limit + 1).await?;
     let more = jobs.len() as i64 > limit;
     jobs.truncate(usize::try_from(limit).unwrap_or(usize::MAX));
@@ -382,13 +389,13 @@ pub(super) async fn delete(app: &App, job: &Job) -> Result<StatusCode, Problem> 
         Deleted::Gone(ids) => ids,
         Deleted::NotEnded => {
             return Err(Problem::conflict(format!(
-                "the {kind} is {}; cancel it before it is deleted",
+                "the {kind} is {}; cancel it before deleting it",
                 job.status.as_str()
             )));
         }
         Deleted::Needed(by) => {
             return Err(Problem::in_use(format!(
-                "the {} {} is {} and reads the files of this {kind}; expected it to end or to be canceled first",
+                "the {} {} is {} and reads the files of this {kind}; wait until it ends, or cancel it first",
                 by.new.kind.as_str(),
                 by.id,
                 by.status.as_str()

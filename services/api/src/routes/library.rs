@@ -14,35 +14,35 @@ use utoipa::ToSchema;
 super::documents!(
     scenarios,
     crate::library::DocumentKind::Scenario,
-    "scenario",
+    "a scenario",
     "/api/v1/scenarios",
     "/api/v1/scenarios/{name}"
 );
 super::documents!(
     vehicles,
     crate::library::DocumentKind::Vehicle,
-    "vehicle",
+    "a vehicle",
     "/api/v1/vehicles",
     "/api/v1/vehicles/{name}"
 );
 super::documents!(
     blades,
     crate::library::DocumentKind::Blades,
-    "blade set",
+    "a blade set",
     "/api/v1/blades",
     "/api/v1/blades/{name}"
 );
 super::documents!(
     effects,
     crate::library::DocumentKind::Effect,
-    "effect document",
+    "an effect document",
     "/api/v1/effects",
     "/api/v1/effects/{name}"
 );
 super::documents!(
     models,
     crate::library::DocumentKind::Model,
-    "version of a model",
+    "a version of a model",
     "/api/v1/models",
     "/api/v1/models/{name}"
 );
@@ -67,7 +67,7 @@ pub(crate) struct Validation {
     valid: bool,
     /// Why not, one sentence: the first of the complaints.
     refusal: Option<String>,
-    /// All that is wrong. Each later one was found with the values of the earlier ones put right or left out.
+    /// All errors. Later ones were found after earlier ones had been corrected or left out.
     complaints: Vec<Complaint>,
     /// What is allowed and most likely not meant.
     warnings: Vec<String>,
@@ -87,14 +87,14 @@ impl Validation {
     }
 }
 
-/// Checks a scenario without flying it: all that is wrong with it, or every setting in effect.
+/// Checks a scenario without flying it: lists every error, or all settings in effect.
 #[utoipa::path(post, path = "/api/v1/scenarios/validate", tag = "library", operation_id = "validate_scenario", request_body = ToValidate, responses(
-    (status = 200, description = "what was found", body = Validation),
-    (status = 400, description = "unreadable", body = Problem, content_type = "application/problem+json"),
-    (status = 404, description = "no such scenario", body = Problem, content_type = "application/problem+json"),
-    (status = 413, description = "too large", body = Problem, content_type = "application/problem+json"),
-    (status = 415, description = "not JSON", body = Problem, content_type = "application/problem+json"),
-    (status = 422, description = "unreadable", body = Problem, content_type = "application/problem+json")
+    (status = 200, description = "the findings", body = Validation),
+    (status = 400, description = "malformed request", body = Problem, content_type = "application/problem+json"),
+    (status = 404, description = "scenario not found", body = Problem, content_type = "application/problem+json"),
+    (status = 413, description = "request body too large", body = Problem, content_type = "application/problem+json"),
+    (status = 415, description = "the body is not JSON", body = Problem, content_type = "application/problem+json"),
+    (status = 422, description = "malformed request", body = Problem, content_type = "application/problem+json")
 ))]
 pub(crate) async fn validate_scenario(
     app: Shared,
@@ -141,13 +141,13 @@ pub(crate) struct TextToValidate {
 
 macro_rules! validation {
     ($function:ident, $kind:expr, $word:literal, $path:literal) => {
-        #[doc = concat!("Checks a ", $word, ": all that is wrong with it.")]
-        #[utoipa::path(post, path = $path, summary = concat!("Checks a ", $word, ": all that is wrong with it."), tag = "library", operation_id = stringify!($function), request_body = TextToValidate, responses(
-            (status = 200, description = "what was found", body = Validation),
-            (status = 400, description = "unreadable", body = Problem, content_type = "application/problem+json"),
-            (status = 413, description = "too large", body = Problem, content_type = "application/problem+json"),
-            (status = 415, description = "not JSON", body = Problem, content_type = "application/problem+json"),
-            (status = 422, description = "unreadable", body = Problem, content_type = "application/problem+json")
+        #[doc = concat!("Checks ", $word, " and lists every error.")]
+        #[utoipa::path(post, path = $path, summary = concat!("Checks ", $word, " and lists every error."), tag = "library", operation_id = stringify!($function), request_body = TextToValidate, responses(
+            (status = 200, description = "the findings", body = Validation),
+            (status = 400, description = "malformed request", body = Problem, content_type = "application/problem+json"),
+            (status = 413, description = "request body too large", body = Problem, content_type = "application/problem+json"),
+            (status = 415, description = "the body is not JSON", body = Problem, content_type = "application/problem+json"),
+            (status = 422, description = "malformed request", body = Problem, content_type = "application/problem+json")
         ))]
         pub(crate) async fn $function(
             app: Shared,
@@ -168,25 +168,25 @@ macro_rules! validation {
 validation!(
     validate_vehicle,
     DocumentKind::Vehicle,
-    "vehicle",
+    "a vehicle",
     "/api/v1/vehicles/validate"
 );
 validation!(
     validate_blades,
     DocumentKind::Blades,
-    "blade set",
+    "a blade set",
     "/api/v1/blades/validate"
 );
 validation!(
     validate_effect,
     DocumentKind::Effect,
-    "effect document",
+    "an effect document",
     "/api/v1/effects/validate"
 );
 validation!(
     validate_model,
     DocumentKind::Model,
-    "version of a model",
+    "a version of a model",
     "/api/v1/models/validate"
 );
 
@@ -200,7 +200,7 @@ pub(crate) struct EffectCatalogue {
 /// The catalogue of effects: the built-in ones and the documents of the library, as the diagnosis knows them.
 #[utoipa::path(get, path = "/api/v1/catalogue", tag = "library", operation_id = "catalogue", responses(
     (status = 200, description = "declarations", body = EffectCatalogue),
-    (status = 422, description = "a document of the library is no effect", body = Problem, content_type = "application/problem+json")
+    (status = 422, description = "a document in the library is not a valid effect", body = Problem, content_type = "application/problem+json")
 ))]
 pub(crate) async fn catalogue(app: Shared, caller: Caller) -> Result<Json<EffectCatalogue>, Problem> {
     let catalogue = app.library(&caller).await?.catalogue()?;
@@ -228,7 +228,7 @@ pub(crate) struct LibraryCampaigns {
 
 /// Campaigns of the library that can be submitted by name.
 #[utoipa::path(get, path = "/api/v1/library/campaigns", tag = "library", operation_id = "list_library_campaigns", responses(
-    (status = 200, description = "names and what they try", body = LibraryCampaigns)
+    (status = 200, description = "names, and what each campaign tests", body = LibraryCampaigns)
 ))]
 pub(crate) async fn campaigns(app: Shared, caller: Caller) -> Result<Json<LibraryCampaigns>, Problem> {
     let library = app.library(&caller).await?;

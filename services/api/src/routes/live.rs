@@ -51,13 +51,13 @@ const ROWS: usize = 1000;
 #[into_params(parameter_in = Query)]
 #[serde(deny_unknown_fields)]
 pub(crate) struct Subscription {
-    /// Names with commas between them; one `*` in a name stands for anything (`duty_*`). All without it.
+    /// Comma-separated names; one `*` per name matches anything (`duty_*`). Default: all.
     #[param(example = "roll_rad,duty_*")]
     channels: Option<String>,
-    /// Most samples a second of wall clock, up to 100; 20 without it.
+    /// Maximum samples per second of wall clock, up to 100; default 20.
     #[param(minimum = 0.01, maximum = 100)]
     rate_hz: Option<f64>,
-    /// Begin with what is kept of the flight after this simulated time, s; 0: with all of it. Without it, with the next sample.
+    /// Start with the recorded samples after this simulated time, s; 0: all of them. Default: the next sample.
     from_s: Option<f64>,
 }
 
@@ -74,7 +74,7 @@ pub(crate) enum LiveMessage {
         status: String,
         /// In the order of the columns of the telemetry.
         channels: Vec<LiveChannel>,
-        /// Most samples a second of wall clock.
+        /// Maximum samples per second of wall clock.
         rate_hz: f64,
     },
     /// What was before, some rows at a time; `sample` continues after it without a gap.
@@ -85,7 +85,7 @@ pub(crate) enum LiveMessage {
         step: Vec<u64>,
         /// Values by channel, one a row; `null`: none.
         values: BTreeMap<String, Vec<Option<f64>>>,
-        /// The flight is long: only every so many samples were kept, evenly.
+        /// Thinning factor of a long flight: one of this many samples was kept.
         thinned: bool,
     },
     /// A row.
@@ -99,10 +99,10 @@ pub(crate) enum LiveMessage {
     },
     /// The client was too slow for some samples.
     Lost {
-        /// How many since the last such message.
+        /// Number since the last such message.
         count: u64,
     },
-    /// A message of the client makes no sense; all stays as it was.
+    /// A message of the client is invalid; the state is unchanged.
     Error {
         /// One sentence.
         detail: String,
@@ -204,10 +204,10 @@ impl Selection {
 
 /// Live telemetry by WebSocket: `start`, then `sample` while the run flies, then `end`. A client that is too slow gets `lost`.
 #[utoipa::path(get, path = "/api/v1/runs/{id}/live", tag = "telemetry", operation_id = "run_live", params(("id" = String, Path), Subscription), responses(
-    (status = 101, description = "a WebSocket on which JSON text messages come", body = LiveMessage),
+    (status = 101, description = "a WebSocket that delivers JSON text messages", body = LiveMessage),
     (status = 400, description = "not a WebSocket request, or an invalid parameter", body = Problem, content_type = "application/problem+json"),
-    (status = 404, description = "no such run", body = Problem, content_type = "application/problem+json"),
-    (status = 422, description = "no such channel, no such rate", body = Problem, content_type = "application/problem+json"),
+    (status = 404, description = "run not found", body = Problem, content_type = "application/problem+json"),
+    (status = 422, description = "unknown channel or rate", body = Problem, content_type = "application/problem+json"),
     (status = 426, description = "not a WebSocket request", body = Problem, content_type = "application/problem+json")
 ))]
 pub(crate) async fn live(
@@ -223,7 +223,7 @@ pub(crate) async fn live(
     selection.change(&wish).map_err(Problem::unprocessable)?;
     let upgrade = upgrade?;
     if wish.from_s.is_some_and(f64::is_nan) {
-        return Err(Problem::unprocessable("`from_s` is no number; expected seconds"));
+        return Err(Problem::unprocessable("`from_s` is not a number; expected seconds"));
     }
     // Before it is looked whether the run has ended: an end in between is seen.
     let (past, samples) = app.database.hub.live.watch(&run.id);
@@ -249,7 +249,11 @@ fn rotors(run: &Job) -> Result<usize, Problem> {
     Documents::from_toml("the recorded scenario", &super::runs::flight_of(run)?.documents)
         .and_then(|documents| Scenario::from_documents(&documents))
         .map(|scenario| scenario.vehicle().rotor_count())
-        .map_err(|error| Problem::unprocessable(format!("this version cannot fly what another one accepted: {error}")))
+        .map_err(|error| {
+            Problem::unprocessable(format!(
+                "this version cannot fly a run that another version accepted: {error}"
+            ))
+        })
 }
 
 struct Watcher {
@@ -287,7 +291,7 @@ impl Watcher {
         past: Past,
         mut samples: Receiver<Arc<LiveSample>>,
     ) -> Result<(), Gone> {
-        let mut ending = self.app.shop.ending.subscribe();
+        let mut ending = self.app.context.ending.subscribe();
         let mut look = tokio::time::interval(LOOK);
         send(socket, &self.selection.start(&self.run)).await?;
         self.catch_up(socket, &past).await?;
@@ -376,7 +380,7 @@ impl Watcher {
             // Deleted.
             Ok(None) => true,
             Err(error) => {
-                tracing::error!(%error, "a run cannot be looked up for a watcher");
+                tracing::error!(%error, "a run cannot be looked up for a client of its live samples");
                 false
             }
         }

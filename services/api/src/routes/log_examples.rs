@@ -38,7 +38,7 @@ pub(crate) enum ExamplePreset {
     HiddenEffect,
     /// One rotor that loses some of its thrust in mid-flight.
     DamagedBlade,
-    /// A vehicle as its model says.
+    /// A vehicle that agrees with its model.
     Healthy,
 }
 
@@ -70,23 +70,23 @@ pub(crate) struct ExampleSubmission {
     duration_s: Option<f64>,
 }
 
-/// Has an example log flown by the independent simulator, with something hidden in it or nothing: a log like any other.
+/// Generates an example log with the independent simulator, with or without a hidden effect: a log like any other.
 ///
 /// Nothing of the job says what is hidden; `GET /api/v1/logs/{id}/truth` reveals it.
 #[utoipa::path(post, path = "/api/v1/logs/generate", tag = "logs", operation_id = "generate_log", request_body = ExampleSubmission,
-    params(("Idempotency-Key" = Option<String>, Header, description = "the same key and body again give the log that is there")),
+    params(("Idempotency-Key" = Option<String>, Header, description = "a retry with the same key and body returns the existing log")),
     responses(
-        (status = 202, description = "accepted: it is on disk, and will end as done, failed or canceled", body = JobView,
-         headers(("Location" = String, description = "address of the log"))),
-        (status = 200, description = "accepted before under this key", body = JobView),
-        (status = 400, description = "unreadable", body = Problem, content_type = "application/problem+json"),
-        (status = 404, description = "no such vehicle", body = Problem, content_type = "application/problem+json"),
-        (status = 409, description = "another body was submitted under this key", body = Problem, content_type = "application/problem+json"),
-        (status = 413, description = "too large", body = Problem, content_type = "application/problem+json"),
-        (status = 415, description = "not JSON", body = Problem, content_type = "application/problem+json"),
-        (status = 422, description = "it cannot be flown so", body = Problem, content_type = "application/problem+json"),
-        (status = 503, description = "the server is ending", body = Problem, content_type = "application/problem+json"),
-        (status = 507, description = "the disk is full", body = Problem, content_type = "application/problem+json")
+        (status = 202, description = "accepted and stored; the job will end as done, failed or canceled", body = JobView,
+         headers(("Location" = String, description = "URL of the log"))),
+        (status = 200, description = "already accepted under this Idempotency-Key", body = JobView),
+        (status = 400, description = "malformed request", body = Problem, content_type = "application/problem+json"),
+        (status = 404, description = "vehicle not found", body = Problem, content_type = "application/problem+json"),
+        (status = 409, description = "this Idempotency-Key was used with a different body", body = Problem, content_type = "application/problem+json"),
+        (status = 413, description = "request body too large", body = Problem, content_type = "application/problem+json"),
+        (status = 415, description = "the body is not JSON", body = Problem, content_type = "application/problem+json"),
+        (status = 422, description = "the example cannot be flown with these settings", body = Problem, content_type = "application/problem+json"),
+        (status = 503, description = "the server is shutting down", body = Problem, content_type = "application/problem+json"),
+        (status = 507, description = "disk full", body = Problem, content_type = "application/problem+json")
     ))]
 pub(crate) async fn generate(
     app: Shared,
@@ -176,12 +176,12 @@ impl From<Truth> for HiddenTruth {
     }
 }
 
-/// Reveals what was hidden in an example log.
+/// Returns the hidden effects of an example log.
 #[utoipa::path(get, path = "/api/v1/logs/{id}/truth", tag = "logs", operation_id = "log_truth", params(("id" = String, Path)), responses(
     (status = 200, description = "the truth", body = HiddenTruth),
-    (status = 400, description = "no id", body = Problem, content_type = "application/problem+json"),
-    (status = 404, description = "no such log, or its truth is not known", body = Problem, content_type = "application/problem+json"),
-    (status = 409, description = "it is not done", body = Problem, content_type = "application/problem+json")
+    (status = 400, description = "invalid id", body = Problem, content_type = "application/problem+json"),
+    (status = 404, description = "log not found, or its truth is not known", body = Problem, content_type = "application/problem+json"),
+    (status = 409, description = "the job is not done", body = Problem, content_type = "application/problem+json")
 ))]
 pub(crate) async fn truth(
     app: Shared,
@@ -194,7 +194,7 @@ pub(crate) async fn truth(
     let file = app.artifacts.file(&folder, TRUTH).await;
     let file = file.map_err(|error| Problem::of_files(&error))?.ok_or_else(|| {
         Problem::not_found(format!(
-            "the log {id} is no example: what is hidden in it is for the diagnosis to say"
+            "the log {id} is not an example: its hidden effects are not known"
         ))
     })?;
     let truth = Truth::load(&file).map_err(|error| Problem::internal(&error))?;

@@ -17,10 +17,10 @@ use std::path::PathBuf;
 
 /// What an imported log holds.
 #[utoipa::path(get, path = "/api/v1/logs/{id}/channels", tag = "logs", operation_id = "log_channels", params(("id" = String, Path)), responses(
-    (status = 200, description = "its channels", body = Channels),
-    (status = 400, description = "no id", body = Problem, content_type = "application/problem+json"),
-    (status = 404, description = "no such log", body = Problem, content_type = "application/problem+json"),
-    (status = 409, description = "it is not imported", body = Problem, content_type = "application/problem+json")
+    (status = 200, description = "the channels", body = Channels),
+    (status = 400, description = "invalid id", body = Problem, content_type = "application/problem+json"),
+    (status = 404, description = "log not found", body = Problem, content_type = "application/problem+json"),
+    (status = 409, description = "the log is not imported", body = Problem, content_type = "application/problem+json")
 ))]
 pub(crate) async fn channels(
     app: Shared,
@@ -39,12 +39,12 @@ pub(crate) async fn channels(
 
 /// Samples of an imported log, decimated so that a picture shows the same.
 #[utoipa::path(get, path = "/api/v1/logs/{id}/telemetry", tag = "logs", operation_id = "log_telemetry", params(("id" = String, Path), Selection), responses(
-    (status = 200, description = "the samples; `run` is the log's id", content(
+    (status = 200, description = "the samples; `run` holds the id of the log", content(
         (Telemetry = "application/json"), (String = "text/csv"), (Vec<u8> = "application/vnd.apache.parquet"))),
-    (status = 400, description = "a parameter that is none", body = Problem, content_type = "application/problem+json"),
-    (status = 404, description = "no such log", body = Problem, content_type = "application/problem+json"),
-    (status = 409, description = "it is not imported", body = Problem, content_type = "application/problem+json"),
-    (status = 422, description = "no such channel; no interval; too many values", body = Problem, content_type = "application/problem+json")
+    (status = 400, description = "invalid parameter", body = Problem, content_type = "application/problem+json"),
+    (status = 404, description = "log not found", body = Problem, content_type = "application/problem+json"),
+    (status = 409, description = "the log is not imported", body = Problem, content_type = "application/problem+json"),
+    (status = 422, description = "unknown channel, empty interval, or too many values", body = Problem, content_type = "application/problem+json")
 ))]
 pub(crate) async fn telemetry(
     app: Shared,
@@ -71,5 +71,5 @@ async fn file_of(app: &App, caller: &Caller, id: &str) -> Result<PathBuf, Proble
         .file(job.folder.as_deref().unwrap_or_default(), &format!("{STEM}.parquet"))
         .await
         .map_err(|error| Problem::of_files(&error))?;
-    file.ok_or_else(|| Problem::not_found(format!("the file of log {id} is gone")))
+    file.ok_or_else(|| Problem::not_found(format!("the file of log {id} was deleted")))
 }

@@ -49,15 +49,15 @@ const ENDINGS: [&str; 11] = [
 pub(crate) struct Import {
     /// The file's name: its ending says what it is (`csv`, `parquet`, PX4 `ulg`, ArduPilot `bin` or `log`; none: Crazyflie micro-SD log).
     name: String,
-    /// Bring every column to this constant rate, Hz.
+    /// Resample every column to this constant rate, Hz.
     rate_hz: Option<f64>,
-    /// Take the estimated delays out of attitude, velocity and position.
+    /// Remove the estimated delays from attitude, velocity and position.
     #[serde(default)]
     align: bool,
-    /// Take what can be read of a file whose checksum is wrong.
+    /// Import the readable part of a file whose checksum is wrong.
     #[serde(default)]
     damaged: bool,
-    /// Name of one of the server's vehicles to hold the log against: number and order of the rotors.
+    /// Name of one of the server's vehicles to check the log against: number and order of the rotors.
     vehicle: Option<String>,
 }
 
@@ -67,18 +67,18 @@ pub(crate) struct Import {
 /// gaps, delays, what is missing and what that makes untestable.
 #[utoipa::path(post, path = "/api/v1/logs", tag = "logs", operation_id = "submit_log",
     request_body(content = Vec<u8>, content_type = "application/octet-stream"),
-    params(Import, ("Idempotency-Key" = Option<String>, Header, description = "the same key and file again give the log that is there")),
+    params(Import, ("Idempotency-Key" = Option<String>, Header, description = "a retry with the same key and file returns the existing log")),
     responses(
-        (status = 202, description = "accepted: it is on disk, and will end as done, failed or canceled", body = JobView,
-         headers(("Location" = String, description = "address of the log"))),
-        (status = 200, description = "accepted before under this key", body = JobView),
-        (status = 400, description = "unreadable", body = Problem, content_type = "application/problem+json"),
-        (status = 404, description = "no such vehicle", body = Problem, content_type = "application/problem+json"),
-        (status = 409, description = "another file was submitted under this key", body = Problem, content_type = "application/problem+json"),
-        (status = 413, description = "too large", body = Problem, content_type = "application/problem+json"),
-        (status = 422, description = "it cannot be imported so", body = Problem, content_type = "application/problem+json"),
-        (status = 503, description = "the server is ending", body = Problem, content_type = "application/problem+json"),
-        (status = 507, description = "the disk is full", body = Problem, content_type = "application/problem+json")
+        (status = 202, description = "accepted and stored; the job will end as done, failed or canceled", body = JobView,
+         headers(("Location" = String, description = "URL of the log"))),
+        (status = 200, description = "already accepted under this Idempotency-Key", body = JobView),
+        (status = 400, description = "malformed request", body = Problem, content_type = "application/problem+json"),
+        (status = 404, description = "vehicle not found", body = Problem, content_type = "application/problem+json"),
+        (status = 409, description = "this Idempotency-Key was used with a different file", body = Problem, content_type = "application/problem+json"),
+        (status = 413, description = "request body too large", body = Problem, content_type = "application/problem+json"),
+        (status = 422, description = "the log cannot be imported with these settings", body = Problem, content_type = "application/problem+json"),
+        (status = 503, description = "the server is shutting down", body = Problem, content_type = "application/problem+json"),
+        (status = 507, description = "disk full", body = Problem, content_type = "application/problem+json")
     ))]
 pub(crate) async fn submit(
     app: Shared,
@@ -152,35 +152,35 @@ fn facts(import: &Import, size: u64, hash: &str, key: &str) -> UploadFacts {
 #[derive(Debug, Default, Deserialize, Serialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub(crate) struct ImportAgain {
-    /// Bring every column to this constant rate, Hz.
+    /// Resample every column to this constant rate, Hz.
     rate_hz: Option<f64>,
-    /// Take the estimated delays out of attitude, velocity and position.
+    /// Remove the estimated delays from attitude, velocity and position.
     #[serde(default)]
     align: bool,
-    /// Take what can be read of a file whose checksum is wrong.
+    /// Import the readable part of a file whose checksum is wrong.
     #[serde(default)]
     damaged: bool,
-    /// Name of one of the library's vehicles to hold the log against: number and order of the rotors.
+    /// Name of one of the library's vehicles to check the log against: number and order of the rotors.
     vehicle: Option<String>,
-    /// A mapping (TOML) whose rows go before the built-in ones of PX4, ArduPilot and Crazyflie logs: columns, units, axes, order of the motors.
+    /// A mapping (TOML) whose rows override the built-in ones of PX4, ArduPilot and Crazyflie logs: columns, units, axes, order of the motors.
     #[schema(max_length = 65_536)]
     mapping: Option<String>,
 }
 
 /// Imports an uploaded log once more, in another way: another log, with the first one as its parent.
 #[utoipa::path(post, path = "/api/v1/logs/{id}/import", tag = "logs", operation_id = "import_log_again", request_body = ImportAgain,
-    params(("id" = String, Path), ("Idempotency-Key" = Option<String>, Header, description = "the same key and body again give the log that is there")),
+    params(("id" = String, Path), ("Idempotency-Key" = Option<String>, Header, description = "a retry with the same key and body returns the existing log")),
     responses(
-        (status = 202, description = "accepted: it is on disk, and will end as done, failed or canceled", body = JobView,
-         headers(("Location" = String, description = "address of the log"))),
-        (status = 200, description = "accepted before under this key", body = JobView),
-        (status = 400, description = "unreadable", body = Problem, content_type = "application/problem+json"),
-        (status = 404, description = "no such log or vehicle, or its upload is gone", body = Problem, content_type = "application/problem+json"),
-        (status = 409, description = "another body was submitted under this key", body = Problem, content_type = "application/problem+json"),
-        (status = 413, description = "too large", body = Problem, content_type = "application/problem+json"),
-        (status = 422, description = "it cannot be imported so", body = Problem, content_type = "application/problem+json"),
-        (status = 503, description = "the server is ending", body = Problem, content_type = "application/problem+json"),
-        (status = 507, description = "the disk is full", body = Problem, content_type = "application/problem+json")
+        (status = 202, description = "accepted and stored; the job will end as done, failed or canceled", body = JobView,
+         headers(("Location" = String, description = "URL of the log"))),
+        (status = 200, description = "already accepted under this Idempotency-Key", body = JobView),
+        (status = 400, description = "malformed request", body = Problem, content_type = "application/problem+json"),
+        (status = 404, description = "log or vehicle not found, or the uploaded file was deleted", body = Problem, content_type = "application/problem+json"),
+        (status = 409, description = "this Idempotency-Key was used with a different body", body = Problem, content_type = "application/problem+json"),
+        (status = 413, description = "request body too large", body = Problem, content_type = "application/problem+json"),
+        (status = 422, description = "the log cannot be imported with these settings", body = Problem, content_type = "application/problem+json"),
+        (status = 503, description = "the server is shutting down", body = Problem, content_type = "application/problem+json"),
+        (status = 507, description = "disk full", body = Problem, content_type = "application/problem+json")
     ))]
 pub(crate) async fn again(
     app: Shared,
@@ -199,10 +199,15 @@ pub(crate) async fn again(
     check_rate(body.rate_hz)?;
     if body.mapping.as_ref().is_some_and(|text| text.len() > LONGEST_MAPPING) {
         return Err(Problem::unprocessable(format!(
-            "`mapping` is longer than {LONGEST_MAPPING} bytes; expected the rows that differ"
+            "`mapping` is longer than {LONGEST_MAPPING} bytes; give only the rows that differ"
         )));
     }
-    let gone = || Problem::not_found(format!("the log {} has no upload that could be read again", log.id));
+    let gone = || {
+        Problem::not_found(format!(
+            "the uploaded file of log {} was deleted, so it cannot be imported again",
+            log.id
+        ))
+    };
     let facts = UploadFacts::of(&log.new.facts).ok_or_else(gone)?;
     let (upload, file) = (&facts.upload, file_name(&facts.file)?);
     // A copy of its own: the first log may be deleted.
@@ -324,7 +329,7 @@ async fn receive(app: &App, body: Body, file: &str) -> Result<(Incoming, u64, St
     let upload = Upload {
         most,
         too_large: &format!("the file has more than {most} bytes (`--largest-upload`)"),
-        broken: "the file did not come whole",
+        broken: "the file arrived incomplete",
         full,
     };
     // A disk that is full is told once the body has come, also where no mark can be written.

@@ -76,27 +76,27 @@ const LARGEST_BODY: usize = 2 << 20;
 #[openapi(
     info(
         title = "rotortwin",
-        description = "Submit flights of multirotors, watch them, fetch results. Every refusal is `application/problem+json`."
+        description = "Submit multirotor flights, follow their progress and fetch results. Every error is `application/problem+json`."
     ),
     tags(
-        (name = "runs", description = "Flights: submit, list, watch, stop, compare"),
-        (name = "autopilots", description = "Autopilots that operators have listed: runs name them"),
-        (name = "telemetry", description = "What was recorded: channels, intervals, decimated so that a picture is true"),
+        (name = "runs", description = "Flights: submit, list, follow, cancel, compare"),
+        (name = "autopilots", description = "Autopilots that operators have configured; runs select them by name"),
+        (name = "telemetry", description = "Recorded data: channels and intervals, decimated without hiding extremes"),
         (name = "queries", description = "SQL over the files of runs, campaigns and blind benches"),
-        (name = "campaigns", description = "Many flights with statistics"),
-        (name = "blind_benches", description = "Does the diagnosis find what is missing? Logs with hidden effects, diagnosed and scored"),
-        (name = "classifiers", description = "Networks, trained on the server"),
+        (name = "campaigns", description = "Many flights, with statistics of the detectors"),
+        (name = "blind_benches", description = "Tests of the diagnosis: logs with hidden effects, diagnosed and scored"),
+        (name = "classifiers", description = "Neural networks trained on the server"),
         (name = "logs", description = "Flight logs: upload and import"),
-        (name = "comparisons", description = "A model compared with flights"),
+        (name = "comparisons", description = "A model compared with flight logs"),
         (name = "diagnoses", description = "Which physical effect a model lacks"),
-        (name = "improvements", description = "Compare, diagnose, add, compare again"),
-        (name = "next_flights", description = "The manoeuvre that would tell two effects apart"),
-        (name = "identifications", description = "A vehicle from flight logs, mass and arm"),
-        (name = "models", description = "Models that grow: versions, additions, undo, branches, differences"),
-        (name = "fdi", description = "Fault detection as a service: sessions that are fed with measurements, and logs that are judged"),
-        (name = "library", description = "Scenarios, vehicles, blades, effects and models that can be named: the server's, and your own"),
-        (name = "verifications", description = "Runs that are flown again, to compare their hashes"),
-        (name = "server", description = "How the server is")
+        (name = "improvements", description = "Compare, diagnose, extend the model, compare again"),
+        (name = "next_flights", description = "The manoeuvre that would distinguish two effects"),
+        (name = "identifications", description = "A vehicle identified from flight logs, its mass and its arm length"),
+        (name = "models", description = "Versioned models: add, undo, branch, compare versions"),
+        (name = "fdi", description = "Fault detection as a service: sessions that take measurements, and verdicts on whole logs"),
+        (name = "library", description = "Scenarios, vehicles, blades, effects and models that jobs can name: the server's and your own"),
+        (name = "verifications", description = "Runs flown a second time to compare their hashes"),
+        (name = "server", description = "Health, limits and metrics of the server")
     ),
     components(schemas(rotortwin_jobs::JobFile, rotortwin_jobs::JobEvent, rotortwin_wire::events::RunEvent)),
     modifiers(&SignIn),
@@ -258,7 +258,7 @@ pub(crate) fn router(app: Arc<App>) -> Router {
             crate::browsers::guard,
         ))
         .layer(axum::middleware::from_fn(crate::browsers::mark));
-    let router = if app.shop.traces.are_on() {
+    let router = if app.context.traces.are_on() {
         let traced = axum::middleware::from_fn_with_state(Arc::clone(&app), crate::traces::request);
         router.layer(traced)
     } else {
@@ -297,5 +297,5 @@ fn cors(app: &App) -> CorsLayer {
 }
 
 async fn wrong_method(method: Method, uri: Uri) -> Problem {
-    Problem::method_not_allowed(format!("{method} does not belong to {}", uri.path()))
+    Problem::method_not_allowed(format!("method {method} is not allowed for {}", uri.path()))
 }

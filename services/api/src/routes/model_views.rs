@@ -12,7 +12,7 @@ use utoipa::ToSchema;
 pub(crate) struct ModelHistory {
     /// Under which submissions name it.
     name: String,
-    /// It has versions that are kept; else it is a vehicle or a single version of the library, with which it would begin.
+    /// True if its versions are stored; otherwise it is a vehicle or a single version of the library, which would become version 0.
     begun: bool,
     /// Name of the vehicle.
     vehicle: String,
@@ -165,7 +165,7 @@ pub(crate) struct AddedVersion {
     pub(crate) difference: DifferenceView,
 }
 
-/// What an undoing did. No version goes: a branch can be made at the one that was left.
+/// Result of an undo. No version is deleted: a branch can be made at the one left behind.
 #[derive(Debug, Serialize, ToSchema)]
 pub(crate) struct UndoneVersion {
     /// Name of the model.
@@ -190,7 +190,7 @@ impl ModelHistory {
             .ok_or_else(|| Problem::internal(&format!("the model {name} has no version")))?;
         let branches = history.branches.iter().map(|(branch, number)| {
             let version = history.versions.get(number);
-            let version = version.ok_or_else(|| Problem::internal(&format!("{name}@{branch} stands nowhere")))?;
+            let version = version.ok_or_else(|| Problem::internal(&format!("{name}@{branch} has no version")))?;
             Ok(BranchView {
                 name: branch.clone(),
                 version: *number,

@@ -56,7 +56,7 @@ pub(crate) struct Addition {
     proposal: bool,
     /// An effect by hand.
     effect: Option<HandEffect>,
-    /// Why, for people.
+    ///    /// Reason, as a note for readers.
     #[serde(default)]
     #[schema(max_length = 1000)]
     note: String,
@@ -91,7 +91,7 @@ pub(crate) struct Undo {
 #[derive(Debug, Deserialize, Serialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub(crate) struct NewBranch {
-    /// Its name: as of a document, and none that could be taken for a version.
+    /// Its name: a valid document name that cannot be mistaken for a version.
     #[schema(min_length = 1, max_length = 64, pattern = "^[a-z0-9][a-z0-9._-]*$")]
     name: String,
     /// Where it begins: `v1`, or a branch; `main` without it.
@@ -128,13 +128,13 @@ pub(crate) enum VersionFormat {
 
 /// Begins a model: a vehicle, or a version from elsewhere, becomes its version 0.
 #[utoipa::path(post, path = "/api/v1/models", tag = "models", operation_id = "create_model", request_body = NewModel, responses(
-    (status = 201, description = "begun", body = ModelHistory, headers(("Location" = String, description = "its history"))),
-    (status = 400, description = "unreadable, or no name", body = Problem, content_type = "application/problem+json"),
-    (status = 404, description = "no such vehicle, model or improvement", body = Problem, content_type = "application/problem+json"),
-    (status = 409, description = "there is one of this name, or the improvement is not done", body = Problem, content_type = "application/problem+json"),
-    (status = 413, description = "too large", body = Problem, content_type = "application/problem+json"),
-    (status = 422, description = "it makes no model", body = Problem, content_type = "application/problem+json"),
-    (status = 507, description = "the disk is full, or there are too many", body = Problem, content_type = "application/problem+json")
+    (status = 201, description = "created", body = ModelHistory, headers(("Location" = String, description = "URL of the history of the model"))),
+    (status = 400, description = "malformed request, or invalid name", body = Problem, content_type = "application/problem+json"),
+    (status = 404, description = "vehicle, model or improvement not found", body = Problem, content_type = "application/problem+json"),
+    (status = 409, description = "a model with this name already exists, or the improvement is not done", body = Problem, content_type = "application/problem+json"),
+    (status = 413, description = "request body too large", body = Problem, content_type = "application/problem+json"),
+    (status = 422, description = "the document is not a valid model", body = Problem, content_type = "application/problem+json"),
+    (status = 507, description = "disk full, or quota of documents exceeded", body = Problem, content_type = "application/problem+json")
 ))]
 pub(crate) async fn create(
     app: Shared,
@@ -146,7 +146,7 @@ pub(crate) async fn create(
     checked_name(name)?;
     let mut version = body.model.read(&app, &caller).await?;
     version.name.clone_from(name);
-    let taken = || Problem::conflict(format!("there is a model '{name}' already; expected another name"));
+    let taken = || Problem::conflict(format!("model '{name}' already exists; choose another name"));
     if app
         .database
         .has_document(&caller.tenant, DocumentKind::Model, name)
@@ -166,12 +166,12 @@ pub(crate) async fn create(
     Ok((StatusCode::CREATED, [(header::LOCATION, location)], Json(history)).into_response())
 }
 
-/// All versions and branches of a model. A vehicle, or a single version that was left in the library, is version 0 of itself.
+/// All versions and branches of a model. A vehicle, or a single version in the library, is its own version 0.
 #[utoipa::path(get, path = "/api/v1/models/{name}/history", tag = "models", operation_id = "model_history", params(("name" = String, Path)), responses(
     (status = 200, description = "oldest first", body = ModelHistory),
-    (status = 400, description = "no name", body = Problem, content_type = "application/problem+json"),
-    (status = 404, description = "there is none", body = Problem, content_type = "application/problem+json"),
-    (status = 422, description = "the file of the library is no model", body = Problem, content_type = "application/problem+json")
+    (status = 400, description = "invalid name", body = Problem, content_type = "application/problem+json"),
+    (status = 404, description = "not found", body = Problem, content_type = "application/problem+json"),
+    (status = 422, description = "the document in the library is not a valid model", body = Problem, content_type = "application/problem+json")
 ))]
 pub(crate) async fn history(
     app: Shared,
@@ -185,19 +185,19 @@ pub(crate) async fn history(
 
 /// Makes the next version of a model: with what a diagnosis found, or with an effect by hand.
 ///
-/// A vehicle of the library begins a model of its name by this. `If-Match: "HASH"` of the version that was looked at: who comes second gets
-/// 412, and has changed nothing.
+/// For a vehicle of the library, this starts a model with its name. With `If-Match: "HASH"` of the base version, a concurrent
+/// change is rejected with 412.
 #[utoipa::path(post, path = "/api/v1/models/{name}/versions", tag = "models", operation_id = "add_to_model", request_body = Addition,
     params(("name" = String, Path), ("If-Match" = Option<String>, Header, description = "content hash of the head of the branch")), responses(
-    (status = 201, description = "made", body = AddedVersion, headers(
-        ("Location" = String, description = "address of the version"), ("ETag" = String, description = "its content hash"))),
-    (status = 400, description = "unreadable", body = Problem, content_type = "application/problem+json"),
-    (status = 404, description = "no such model, branch or diagnosis", body = Problem, content_type = "application/problem+json"),
+    (status = 201, description = "created", body = AddedVersion, headers(
+        ("Location" = String, description = "URL of the version"), ("ETag" = String, description = "content hash"))),
+    (status = 400, description = "malformed request", body = Problem, content_type = "application/problem+json"),
+    (status = 404, description = "model, branch or diagnosis not found", body = Problem, content_type = "application/problem+json"),
     (status = 409, description = "the diagnosis is not done", body = Problem, content_type = "application/problem+json"),
-    (status = 412, description = "the branch is at another version", body = Problem, content_type = "application/problem+json"),
-    (status = 413, description = "too large", body = Problem, content_type = "application/problem+json"),
-    (status = 422, description = "it cannot be added: nothing was found, it was found on another model, or the values make no vehicle", body = Problem, content_type = "application/problem+json"),
-    (status = 507, description = "the disk is full, or there are too many", body = Problem, content_type = "application/problem+json")
+    (status = 412, description = "the branch has moved to another version", body = Problem, content_type = "application/problem+json"),
+    (status = 413, description = "request body too large", body = Problem, content_type = "application/problem+json"),
+    (status = 422, description = "nothing to add: nothing was found, it was found on another model, or the values yield an invalid vehicle", body = Problem, content_type = "application/problem+json"),
+    (status = 507, description = "disk full, or quota of documents exceeded", body = Problem, content_type = "application/problem+json")
 ))]
 pub(crate) async fn add(
     app: Shared,
@@ -258,17 +258,17 @@ pub(crate) async fn add(
     Ok((StatusCode::CREATED, headers, Json(added)).into_response())
 }
 
-/// Puts a branch back to the version before. No version goes: a branch can be made at the one that was left.
+/// Moves a branch back to the previous version. No version is deleted: a branch can be made at the one left behind.
 #[utoipa::path(post, path = "/api/v1/models/{name}/undo", tag = "models", operation_id = "undo_model", request_body = Undo,
     params(("name" = String, Path), ("If-Match" = Option<String>, Header, description = "content hash of the head of the branch")), responses(
-    (status = 200, description = "put back", body = UndoneVersion, headers(("ETag" = String, description = "content hash of its present version"))),
-    (status = 400, description = "unreadable", body = Problem, content_type = "application/problem+json"),
-    (status = 404, description = "no such model or branch", body = Problem, content_type = "application/problem+json"),
-    (status = 409, description = "it is at the first version", body = Problem, content_type = "application/problem+json"),
-    (status = 412, description = "the branch is at another version", body = Problem, content_type = "application/problem+json"),
-    (status = 413, description = "too large", body = Problem, content_type = "application/problem+json"),
-    (status = 422, description = "the body makes no sense", body = Problem, content_type = "application/problem+json"),
-    (status = 507, description = "the disk is full", body = Problem, content_type = "application/problem+json")
+    (status = 200, description = "restored", body = UndoneVersion, headers(("ETag" = String, description = "content hash of its current version"))),
+    (status = 400, description = "malformed request", body = Problem, content_type = "application/problem+json"),
+    (status = 404, description = "model or branch not found", body = Problem, content_type = "application/problem+json"),
+    (status = 409, description = "the branch is at its first version", body = Problem, content_type = "application/problem+json"),
+    (status = 412, description = "the branch has moved to another version", body = Problem, content_type = "application/problem+json"),
+    (status = 413, description = "request body too large", body = Problem, content_type = "application/problem+json"),
+    (status = 422, description = "invalid body", body = Problem, content_type = "application/problem+json"),
+    (status = 507, description = "disk full", body = Problem, content_type = "application/problem+json")
 ))]
 pub(crate) async fn undo(
     app: Shared,
@@ -293,7 +293,7 @@ pub(crate) async fn undo(
     });
     let Some(parent) = parent else {
         return Err(Problem::conflict(format!(
-            "{name}@{branch} stands at v{left}, the first version; there is nothing to undo"
+            "{name}@{branch} is at v{left}, the first version; there is nothing to undo"
         )));
     };
     let database = &app.database;
@@ -317,13 +317,13 @@ pub(crate) async fn undo(
 /// Makes a branch at a version of a model.
 #[utoipa::path(post, path = "/api/v1/models/{name}/branches", tag = "models", operation_id = "branch_model", request_body = NewBranch,
     params(("name" = String, Path)), responses(
-    (status = 201, description = "made", body = ModelHistory),
-    (status = 400, description = "unreadable, or no name", body = Problem, content_type = "application/problem+json"),
-    (status = 404, description = "no such model or version", body = Problem, content_type = "application/problem+json"),
-    (status = 409, description = "there is a branch of this name", body = Problem, content_type = "application/problem+json"),
-    (status = 413, description = "too large", body = Problem, content_type = "application/problem+json"),
-    (status = 422, description = "the name could be taken for a version", body = Problem, content_type = "application/problem+json"),
-    (status = 507, description = "the disk is full, or there are too many", body = Problem, content_type = "application/problem+json")
+    (status = 201, description = "created", body = ModelHistory),
+    (status = 400, description = "malformed request, or invalid name", body = Problem, content_type = "application/problem+json"),
+    (status = 404, description = "model or version not found", body = Problem, content_type = "application/problem+json"),
+    (status = 409, description = "a branch with this name already exists", body = Problem, content_type = "application/problem+json"),
+    (status = 413, description = "request body too large", body = Problem, content_type = "application/problem+json"),
+    (status = 422, description = "the name could be mistaken for a version", body = Problem, content_type = "application/problem+json"),
+    (status = 507, description = "disk full, or quota of documents exceeded", body = Problem, content_type = "application/problem+json")
 ))]
 pub(crate) async fn branch(
     app: Shared,
@@ -336,7 +336,7 @@ pub(crate) async fn branch(
     checked_name(&body.name)?;
     if version_number(&body.name).is_some() {
         return Err(Problem::unprocessable(format!(
-            "'{}' could be taken for a version; expected another name",
+            "'{}' could be mistaken for a version; choose another name",
             body.name
         )));
     }
@@ -360,7 +360,7 @@ pub(crate) async fn branch(
         Changed::To(_) => {}
         Changed::Moved => {
             return Err(Problem::conflict(format!(
-                "there is a branch {name}@{} already; expected another name",
+                "branch {name}@{} already exists; choose another name",
                 body.name
             )));
         }
@@ -374,9 +374,9 @@ pub(crate) async fn branch(
 /// What differs between two versions of a model.
 #[utoipa::path(get, path = "/api/v1/models/{name}/diff", tag = "models", operation_id = "diff_model", params(("name" = String, Path), Between), responses(
     (status = 200, description = "the differences", body = DifferenceView),
-    (status = 400, description = "a parameter that is none", body = Problem, content_type = "application/problem+json"),
-    (status = 404, description = "no such model or version", body = Problem, content_type = "application/problem+json"),
-    (status = 422, description = "the file of the library is no model", body = Problem, content_type = "application/problem+json")
+    (status = 400, description = "invalid parameter", body = Problem, content_type = "application/problem+json"),
+    (status = 404, description = "model or version not found", body = Problem, content_type = "application/problem+json"),
+    (status = 422, description = "the document in the library is not a valid model", body = Problem, content_type = "application/problem+json")
 ))]
 pub(crate) async fn diff(
     app: Shared,
@@ -398,10 +398,10 @@ pub(crate) async fn diff(
 #[utoipa::path(get, path = "/api/v1/models/{name}/versions/{at}", tag = "models", operation_id = "get_model_version",
     params(("name" = String, Path), ("at" = String, Path), VersionQuery), responses(
     (status = 200, description = "the version", content((String = "application/toml"), (VersionView = "application/json")),
-     headers(("ETag" = String, description = "its content hash"))),
-    (status = 400, description = "a parameter that is none", body = Problem, content_type = "application/problem+json"),
-    (status = 404, description = "no such model or version", body = Problem, content_type = "application/problem+json"),
-    (status = 422, description = "the file of the library is no model", body = Problem, content_type = "application/problem+json")
+     headers(("ETag" = String, description = "content hash"))),
+    (status = 400, description = "invalid parameter", body = Problem, content_type = "application/problem+json"),
+    (status = 404, description = "model or version not found", body = Problem, content_type = "application/problem+json"),
+    (status = 422, description = "the document in the library is not a valid model", body = Problem, content_type = "application/problem+json")
 ))]
 pub(crate) async fn version(
     app: Shared,
@@ -454,7 +454,7 @@ impl Base {
             ModelVersion::first(name, library.vehicle_documents(name)?)
         } else {
             return Err(Problem::not_found(format!(
-                "there is no model and no vehicle '{name}'; /api/v1/models and /api/v1/vehicles list what is"
+                "model or vehicle '{name}' not found; /api/v1/models and /api/v1/vehicles list those that exist"
             )));
         };
         let history = History {
@@ -492,7 +492,7 @@ impl Base {
         let number = history.branches.get(branch).copied().ok_or_else(|| {
             let known: Vec<&str> = history.branches.keys().map(String::as_str).collect();
             Problem::not_found(format!(
-                "there is no {name}@{branch}; expected a version such as v0, or one of the branches {}",
+                "{name}@{branch} not found; expected a version such as v0, or one of the branches {}",
                 known.join(", ")
             ))
         })?;
@@ -546,7 +546,7 @@ impl Addition {
         let refused = |sentence: String| Problem::unprocessable(format!("diagnosis {id}: {sentence}"));
         let job = done(app, caller, JobKind::Diagnosis, id).await?;
         let text = job.result.unwrap_or_default();
-        let json = serde_json::from_str(&text).map_err(|error| refused(format!("its result is no JSON: {error}")))?;
+        let json = serde_json::from_str(&text).map_err(|error| refused(format!("its result is not JSON: {error}")))?;
         from_diagnosis::check_base(&json, line).map_err(refused)?;
         if self.proposal {
             if self.pick.is_some() {
@@ -605,20 +605,20 @@ fn check_match(headers: &HeaderMap, name: &str, branch: &str, head: &ModelVersio
         Precondition::Hash(hash) if hash == head.hash() => Ok(()),
         Precondition::Hash(_) => Err(moved(name, branch)),
         Precondition::Absent => Err(Problem::bad_request(
-            "expected no `If-None-Match`; `If-Match` says which version was looked at",
+            "unexpected `If-None-Match`; `If-Match` states the version that the change is based on",
         )),
     }
 }
 
 fn moved(name: &str, branch: &str) -> Problem {
     Problem::precondition_failed(format!(
-        "{name}@{branch} stands at another version by now: somebody has added or undone; nothing was changed"
+        "{name}@{branch} has changed in the meantime: another client added or undid a version; nothing was written"
     ))
 }
 
 fn full(caller: &Caller) -> Problem {
     Problem::disk_full(format!(
-        "'{}' has as many models, versions or branches as one may have; delete some that are done with",
+        "'{}' has reached its quota of models, versions or branches; delete some that are no longer needed",
         caller.tenant
     ))
 }

@@ -32,7 +32,7 @@ const SCENARIO: &str = "next-flight.toml";
 /// Where no models of a folder are named.
 const MODELS: &str = "models";
 
-/// Two effects that a flight could not tell apart.
+/// Two effects that a flight could not distinguish.
 #[derive(Debug, Deserialize, Serialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub(crate) struct NextFlightSubmission {
@@ -47,19 +47,19 @@ pub(crate) struct NextFlightSubmission {
 ///
 /// The result lists manoeuvres, the best one first; `artifacts/next-flight.toml` is the best one as a scenario.
 #[utoipa::path(post, path = "/api/v1/next-flights", tag = "next_flights", operation_id = "submit_next_flight", request_body = NextFlightSubmission,
-    params(("Idempotency-Key" = Option<String>, Header, description = "the same key and body again give the one that is there")),
+    params(("Idempotency-Key" = Option<String>, Header, description = "a retry with the same key and body returns the existing job")),
     responses(
-        (status = 202, description = "accepted: it is on disk, and will end as done, failed or canceled", body = JobView,
-         headers(("Location" = String, description = "its address"))),
-        (status = 200, description = "accepted before under this key", body = JobView),
-        (status = 400, description = "unreadable", body = Problem, content_type = "application/problem+json"),
-        (status = 404, description = "no such model", body = Problem, content_type = "application/problem+json"),
-        (status = 409, description = "another body was submitted under this key, or the improvement is not done", body = Problem, content_type = "application/problem+json"),
-        (status = 413, description = "too large", body = Problem, content_type = "application/problem+json"),
-        (status = 415, description = "not JSON", body = Problem, content_type = "application/problem+json"),
-        (status = 422, description = "it cannot be done so", body = Problem, content_type = "application/problem+json"),
-        (status = 503, description = "the server is ending", body = Problem, content_type = "application/problem+json"),
-        (status = 507, description = "the disk is full", body = Problem, content_type = "application/problem+json")
+        (status = 202, description = "accepted and stored; the job will end as done, failed or canceled", body = JobView,
+         headers(("Location" = String, description = "URL of the job"))),
+        (status = 200, description = "already accepted under this Idempotency-Key", body = JobView),
+        (status = 400, description = "malformed request", body = Problem, content_type = "application/problem+json"),
+        (status = 404, description = "model not found", body = Problem, content_type = "application/problem+json"),
+        (status = 409, description = "this Idempotency-Key was used with a different body, or the improvement is not done", body = Problem, content_type = "application/problem+json"),
+        (status = 413, description = "request body too large", body = Problem, content_type = "application/problem+json"),
+        (status = 415, description = "the body is not JSON", body = Problem, content_type = "application/problem+json"),
+        (status = 422, description = "the job cannot be done with these inputs", body = Problem, content_type = "application/problem+json"),
+        (status = 503, description = "the server is shutting down", body = Problem, content_type = "application/problem+json"),
+        (status = 507, description = "disk full", body = Problem, content_type = "application/problem+json")
     ))]
 pub(crate) async fn submit(
     app: Shared,

@@ -87,15 +87,15 @@ fn add_refusals_of_access(item: &mut PathItem) {
     let writes = [&mut item.post, &mut item.delete, &mut item.put];
     let writes = writes.into_iter().flatten().map(|operation| (operation, true));
     for (operation, writes) in reads.chain(writes) {
-        let of_writes = writes.then_some(("415", "a body in a form that is not taken"));
+        let of_writes = writes.then_some(("415", "unsupported media type"));
         let of_all = [
-            ("401", "no token, or one that is worth nothing"),
+            ("401", "no access token, or an invalid one"),
             (
                 "403",
                 "the token does not allow this, or the request comes from a web page of another origin",
             ),
-            ("421", "this server does not go by that name"),
-            ("429", "more than is allowed"),
+            ("421", "the Host header names another server"),
+            ("429", "rate limit or quota exceeded"),
         ];
         for (status, description) in of_all.into_iter().chain(of_writes) {
             let content = Content::builder()

@@ -43,10 +43,10 @@ async fn order(
     Path((id, attempt)): Attempt,
     headers: HeaderMap,
 ) -> Result<Json<PartOrder>, Problem> {
-    let (job, _) = handed::find(&app.shop, &id, attempt, ticket(&headers)?).await?;
-    let cpus = app.shop.ray.as_ref().map_or(1.0, |ray| ray.config.cpus);
+    let (job, _) = handed::find(&app.context, &id, attempt, ticket(&headers)?).await?;
+    let cpus = app.context.ray.as_ref().map_or(1.0, |ray| ray.config.cpus);
     let threads = NonZeroUsize::new(cpus as usize).unwrap_or(NonZeroUsize::MIN);
-    Ok(Json(handed::order(&app.shop, &job, threads).await?))
+    Ok(Json(handed::order(&app.context, &job, threads).await?))
 }
 
 async fn input(
@@ -54,8 +54,8 @@ async fn input(
     Path((id, attempt, path)): FileOfAttempt,
     headers: HeaderMap,
 ) -> Result<Vec<u8>, Problem> {
-    let (job, _) = handed::find(&app.shop, &id, attempt, ticket(&headers)?).await?;
-    let file = handed::input(&app.shop, &job, &path).await?;
+    let (job, _) = handed::find(&app.context, &id, attempt, ticket(&headers)?).await?;
+    let file = handed::input(&app.context, &job, &path).await?;
     tokio::fs::read(file).await.map_err(|error| Problem::of_files(&error))
 }
 
@@ -66,12 +66,12 @@ async fn file(
     body: Body,
 ) -> Result<StatusCode, Problem> {
     let secret = ticket(&headers)?;
-    let (job, _) = handed::find(&app.shop, &id, attempt, secret).await?;
-    let delivery = Delivery::begin(&app.shop, &job, &path)?;
+    let (job, _) = handed::find(&app.context, &id, attempt, secret).await?;
+    let delivery = Delivery::begin(&app.context, &job, &path)?;
     let upload = Upload {
         most: handed::LARGEST_DELIVERY,
-        too_large: "the file is larger than what a part may leave",
-        broken: "the file did not come whole",
+        too_large: "the file is larger than a part may deliver",
+        broken: "the file arrived incomplete",
         full: "the file cannot be kept: the disk is full",
     };
     let written = upload
@@ -79,7 +79,7 @@ async fn file(
         .await;
     // The attempt may have ended meanwhile, and its files count or are gone.
     let still = match written {
-        Ok(_) => handed::find(&app.shop, &id, attempt, secret).await.map(drop),
+        Ok(_) => handed::find(&app.context, &id, attempt, secret).await.map(drop),
         Err(problem) => Err(problem),
     };
     match still {
@@ -97,9 +97,9 @@ async fn events(
     headers: HeaderMap,
     body: Result<JsonObject<PartEvents>, Problem>,
 ) -> Result<StatusCode, Problem> {
-    let (job, claim) = handed::find(&app.shop, &id, attempt, ticket(&headers)?).await?;
+    let (job, claim) = handed::find(&app.context, &id, attempt, ticket(&headers)?).await?;
     let JsonObject(body) = body?;
-    handed::events(&app.shop, &job, &claim, &body.lines).await?;
+    handed::events(&app.context, &job, &claim, &body.lines).await?;
     Ok(StatusCode::NO_CONTENT)
 }
 
@@ -111,10 +111,10 @@ async fn end(
 ) -> Result<Json<PartAccepted>, Problem> {
     let secret = ticket(&headers)?;
     let JsonObject(body) = body?;
-    let ticket = handed::end(&app.shop, &id, attempt, secret, &body).await?;
-    let next = match &app.shop.ray {
+    let ticket = handed::end(&app.context, &id, attempt, secret, &body).await?;
+    let next = match &app.context.ray {
         Some(ray) if body.wants_more && matches!(body.how, PartHow::Done { .. }) => {
-            ray::hand_on(&app.shop, ray, &ticket).await
+            ray::hand_on(&app.context, ray, &ticket).await
         }
         _ => None,
     };

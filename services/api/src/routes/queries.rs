@@ -34,8 +34,8 @@ const MEMORY_MB: u64 = 512;
 /// How the sentence begins that says that this host has no engine (`MISSING` of the command).
 const NO_ENGINE: &str = "SQL over results needs";
 /// How the sentences begin that say that it took too long, or more memory than it may.
-const TOO_LONG: &str = "the query took longer than";
-const TOO_LARGE: &str = "the process of the query ended without an answer";
+const TOO_LONG: &str = "the query exceeded";
+const TOO_LARGE: &str = "the query process ended without a result";
 
 /// A query, and whose files it is about.
 #[derive(Debug, Deserialize, ToSchema)]
@@ -54,7 +54,7 @@ pub(crate) struct SqlQuery {
     /// Ids of blind benches.
     #[serde(default)]
     blind_benches: Vec<String>,
-    /// Rows of the answer, at most.
+    /// Maximum number of rows in the result.
     #[schema(minimum = 1, maximum = 100_000, default = 1000)]
     rows: Option<u32>,
 }
@@ -79,16 +79,16 @@ pub(crate) struct QueryAnswer {
     more: bool,
 }
 
-/// Answers SQL about the Parquet files of jobs that are done: 30 s (`--query-time`) and 32 MiB at most.
+/// Runs an SQL query over the Parquet files of done jobs: at most 30 s (`--query-time`) and 32 MiB.
 #[utoipa::path(post, path = "/api/v1/queries", tag = "queries", operation_id = "query", request_body = SqlQuery, responses(
     (status = 200, description = "the answer", body = QueryAnswer),
-    (status = 400, description = "a body that is none", body = Problem, content_type = "application/problem+json"),
-    (status = 404, description = "no such job", body = Problem, content_type = "application/problem+json"),
-    (status = 409, description = "a job is not done", body = Problem, content_type = "application/problem+json"),
-    (status = 413, description = "too much", body = Problem, content_type = "application/problem+json"),
-    (status = 422, description = "SQL that cannot be answered, or not within the limits", body = Problem, content_type = "application/problem+json"),
-    (status = 501, description = "this server has no engine for SQL", body = Problem, content_type = "application/problem+json"),
-    (status = 503, description = "too many queries at once", body = Problem, content_type = "application/problem+json")
+    (status = 400, description = "invalid body", body = Problem, content_type = "application/problem+json"),
+    (status = 404, description = "job not found", body = Problem, content_type = "application/problem+json"),
+    (status = 409, description = "one of the jobs is not done", body = Problem, content_type = "application/problem+json"),
+    (status = 413, description = "limit exceeded", body = Problem, content_type = "application/problem+json"),
+    (status = 422, description = "invalid SQL, or a query beyond the limits", body = Problem, content_type = "application/problem+json"),
+    (status = 501, description = "this server has no SQL engine", body = Problem, content_type = "application/problem+json"),
+    (status = 503, description = "too many queries at the same time", body = Problem, content_type = "application/problem+json")
 ))]
 pub(crate) async fn query(
     app: Shared,
@@ -111,9 +111,7 @@ pub(crate) async fn query(
     let folders = folders(&app, &caller, &query).await?;
     let turn = tokio::time::timeout(PATIENCE, app.queries.acquire()).await;
     let Ok(Ok(_turn)) = turn else {
-        return Err(Problem::unavailable(
-            "other queries are being answered; expected a later try",
-        ));
+        return Err(Problem::unavailable("too many queries at the same time; retry later"));
     };
     let longest = app.config.query_time;
     // What begins with a dash is SQL, too.
@@ -146,13 +144,13 @@ pub(crate) async fn query(
     }
     if complaint.starts_with(TOO_LONG) {
         return Err(Problem::unprocessable(format!(
-            "the query took longer than {} s and was stopped; expected a smaller one (`--query-time`)",
+            "the query exceeded {} s and was stopped; expected a smaller query (`--query-time`)",
             longest.as_secs()
         )));
     }
     if complaint.starts_with(TOO_LARGE) {
         return Err(Problem::unprocessable(format!(
-            "the query ended without an answer; expected one that takes less than {memory} MB of memory"
+            "the query ended without a result; expected one that needs less than {memory} MB of memory"
         )));
     }
     // As it is: 32 MiB of JSON as values would be several times as much memory of this process.
@@ -189,7 +187,7 @@ async fn folders(app: &App, caller: &Caller, query: &SqlQuery) -> Result<Vec<(St
                 .collect();
             if tables.is_empty() {
                 return Err(Problem::unprocessable(format!(
-                    "the {} {id} has no Parquet files; expected one that has",
+                    "the {} {id} has no Parquet files",
                     kind.as_str()
                 )));
             }

@@ -34,11 +34,11 @@ pub(crate) struct Interval {
     #[serde(default)]
     #[param(default = 0)]
     log: usize,
-    /// First time that counts, s.
+    /// Start of the interval, s.
     from_s: Option<f64>,
-    /// Last time that counts, s.
+    /// End of the interval, s.
     to_s: Option<f64>,
-    /// Most buckets of the answer; 900 without it. With as many as samples, each bucket is one.
+    /// Maximum number of buckets; default 900. With as many as samples, each bucket is one sample.
     #[param(minimum = 1, maximum = 20_000)]
     points: Option<usize>,
 }
@@ -54,11 +54,11 @@ pub(crate) struct OfChannel {
     #[serde(default)]
     #[param(default = 0)]
     log: usize,
-    /// First time that counts, s.
+    /// Start of the interval, s.
     from_s: Option<f64>,
-    /// Last time that counts, s.
+    /// End of the interval, s.
     to_s: Option<f64>,
-    /// Most buckets of the answer; 900 without it. With as many as samples, each bucket is one.
+    /// Maximum number of buckets; default 900. With as many as samples, each bucket is one sample.
     #[param(minimum = 1, maximum = 20_000)]
     points: Option<usize>,
 }
@@ -156,10 +156,10 @@ pub(crate) struct ConditionMeans {
 /// One channel of a compared log: measured, predicted by each model, and residual, in buckets with mean, lowest and highest sample.
 #[utoipa::path(get, path = "/api/v1/comparisons/{id}/series", tag = "comparisons", operation_id = "comparison_series", params(("id" = String, Path), OfChannel), responses(
     (status = 200, description = "the series", body = ChannelSeries),
-    (status = 400, description = "a parameter that is none", body = Problem, content_type = "application/problem+json"),
-    (status = 404, description = "no such comparison, or no such log in it", body = Problem, content_type = "application/problem+json"),
-    (status = 409, description = "it is not done", body = Problem, content_type = "application/problem+json"),
-    (status = 422, description = "no such channel, or the log lacks it; no interval", body = Problem, content_type = "application/problem+json")
+    (status = 400, description = "invalid parameter", body = Problem, content_type = "application/problem+json"),
+    (status = 404, description = "comparison not found, or it has no such log", body = Problem, content_type = "application/problem+json"),
+    (status = 409, description = "the job is not done", body = Problem, content_type = "application/problem+json"),
+    (status = 422, description = "unknown channel, channel missing from the log, or empty interval", body = Problem, content_type = "application/problem+json")
 ))]
 pub(crate) async fn series(
     app: Shared,
@@ -170,7 +170,7 @@ pub(crate) async fn series(
     let (Path(id), Query(query)) = (id?, query?);
     let channel = NAMES.iter().position(|name| *name == query.channel).ok_or_else(|| {
         Problem::unprocessable(format!(
-            "there is no channel '{}'; expected one of {}",
+            "unknown channel '{}'; expected one of {}",
             query.channel,
             NAMES.join(", ")
         ))
@@ -196,10 +196,10 @@ pub(crate) async fn series(
 /// The flight conditions of a compared log, in the same buckets as a channel's series.
 #[utoipa::path(get, path = "/api/v1/comparisons/{id}/conditions", tag = "comparisons", operation_id = "comparison_conditions", params(("id" = String, Path), Interval), responses(
     (status = 200, description = "the conditions", body = ConditionSeries),
-    (status = 400, description = "a parameter that is none", body = Problem, content_type = "application/problem+json"),
-    (status = 404, description = "no such comparison, or no such log in it", body = Problem, content_type = "application/problem+json"),
-    (status = 409, description = "it is not done", body = Problem, content_type = "application/problem+json"),
-    (status = 422, description = "no interval", body = Problem, content_type = "application/problem+json")
+    (status = 400, description = "invalid parameter", body = Problem, content_type = "application/problem+json"),
+    (status = 404, description = "comparison not found, or it has no such log", body = Problem, content_type = "application/problem+json"),
+    (status = 409, description = "the job is not done", body = Problem, content_type = "application/problem+json"),
+    (status = 422, description = "empty interval", body = Problem, content_type = "application/problem+json")
 ))]
 pub(crate) async fn conditions(
     app: Shared,
@@ -227,7 +227,7 @@ impl Interval {
         );
         if from.is_nan() || to.is_nan() || from > to {
             return Err(Problem::unprocessable(format!(
-                "from {from} s to {to} s is no interval; expected `from_s` before `to_s`"
+                "from {from} s to {to} s is not an interval; expected `from_s` before `to_s`"
             )));
         }
         Ok(())
@@ -284,7 +284,7 @@ impl Source {
         let path = path.map_err(|error| Problem::of_files(&error))?;
         Ok(Self {
             path: path
-                .ok_or_else(|| Problem::not_found(format!("the residuals of comparison {id} are gone: {file}")))?,
+                .ok_or_else(|| Problem::not_found(format!("the residuals of comparison {id} were deleted: {file}")))?,
             place,
             name: (*name).to_owned(),
             labels: result.models.into_iter().map(|model| model.label).collect(),

@@ -27,7 +27,7 @@ pub(crate) struct NextFlightResult(Vec<rotortwin_twin::next_flight::Proposal>);
 
 pub(crate) type ClassifierResult = rotortwin_scenario::classifier::TrainedClassifier<'static>;
 
-/// A job with what came out of it.
+/// A job with its result.
 #[derive(Serialize, ToSchema)]
 pub(crate) struct JobWithResult<R: ToSchema> {
     #[serde(flatten)]

@@ -40,7 +40,7 @@ pub(crate) struct Run {
     name: String,
     /// Of the vehicle.
     vehicle: String,
-    /// On whose account.
+    /// Its tenant.
     tenant: String,
     /// Its state.
     status: Status,
@@ -64,11 +64,11 @@ pub(crate) struct Run {
     started_ms: Option<i64>,
     /// ms since 1970, UTC.
     finished_ms: Option<i64>,
-    /// How often it was begun.
+    /// Number of attempts.
     attempts: i64,
-    /// Who has or had it.
+    /// Worker that does or did the job.
     worker: Option<String>,
-    /// What the run waits for in the queue, apart from a free worker: its autopilot is busy or away. Not in lists.
+    /// What a queued run waits for besides a free worker: its autopilot is busy or away. Not in lists.
     waits_because: Option<String>,
     /// A cancellation has been requested.
     cancel_requested: bool,
@@ -132,8 +132,8 @@ pub(crate) struct RunPage {
 
 /// Runs, latest first.
 #[utoipa::path(get, path = "/api/v1/runs", tag = "runs", operation_id = "list_runs", params(ListQuery), responses(
-    (status = 200, description = "a page", body = RunPage),
-    (status = 400, description = "a filter that is none", body = Problem, content_type = "application/problem+json")
+    (status = 200, description = "one page of the list", body = RunPage),
+    (status = 400, description = "invalid filter", body = Problem, content_type = "application/problem+json")
 ))]
 pub(crate) async fn list(
     app: Shared,
@@ -155,8 +155,8 @@ pub(super) async fn find(app: &App, caller: &Caller, id: Result<Path<String>, Pa
 /// A run with its summary.
 #[utoipa::path(get, path = "/api/v1/runs/{id}", tag = "runs", operation_id = "get_run", params(("id" = String, Path)), responses(
     (status = 200, description = "the run", body = Run),
-    (status = 400, description = "no id", body = Problem, content_type = "application/problem+json"),
-    (status = 404, description = "no such run", body = Problem, content_type = "application/problem+json")
+    (status = 400, description = "invalid id", body = Problem, content_type = "application/problem+json"),
+    (status = 404, description = "run not found", body = Problem, content_type = "application/problem+json")
 ))]
 pub(crate) async fn get(
     app: Shared,
@@ -174,10 +174,10 @@ pub(crate) async fn get(
 /// Deletes a run that has ended, with its files.
 #[utoipa::path(delete, path = "/api/v1/runs/{id}", tag = "runs", operation_id = "delete_run", params(("id" = String, Path)), responses(
     (status = 204, description = "deleted"),
-    (status = 400, description = "no id", body = Problem, content_type = "application/problem+json"),
-    (status = 404, description = "no such run", body = Problem, content_type = "application/problem+json"),
-    (status = 409, description = "it has not ended, or a job that waits or runs needs it", body = Problem, content_type = "application/problem+json"),
-    (status = 507, description = "the disk is full", body = Problem, content_type = "application/problem+json")
+    (status = 400, description = "invalid id", body = Problem, content_type = "application/problem+json"),
+    (status = 404, description = "run not found", body = Problem, content_type = "application/problem+json"),
+    (status = 409, description = "the job has not ended, or a queued or running job needs its files", body = Problem, content_type = "application/problem+json"),
+    (status = 507, description = "disk full", body = Problem, content_type = "application/problem+json")
 ))]
 pub(crate) async fn delete(
     app: Shared,
@@ -188,13 +188,13 @@ pub(crate) async fn delete(
     jobs::delete(&app, &run).await
 }
 
-/// Stops a run: a queued one at once, a running one within about a second. What it has flown is kept.
+/// Cancels a run: a queued one at once, a running one within about a second. The part flown so far is kept.
 #[utoipa::path(post, path = "/api/v1/runs/{id}/cancel", tag = "runs", operation_id = "cancel_run", params(("id" = String, Path)), responses(
-    (status = 202, description = "it ends", body = Run),
-    (status = 400, description = "no id", body = Problem, content_type = "application/problem+json"),
-    (status = 404, description = "no such run", body = Problem, content_type = "application/problem+json"),
-    (status = 409, description = "it has ended already", body = Problem, content_type = "application/problem+json"),
-    (status = 507, description = "the disk is full", body = Problem, content_type = "application/problem+json")
+    (status = 202, description = "the job is being stopped", body = Run),
+    (status = 400, description = "invalid id", body = Problem, content_type = "application/problem+json"),
+    (status = 404, description = "run not found", body = Problem, content_type = "application/problem+json"),
+    (status = 409, description = "the job has already ended", body = Problem, content_type = "application/problem+json"),
+    (status = 507, description = "disk full", body = Problem, content_type = "application/problem+json")
 ))]
 pub(crate) async fn cancel(
     app: Shared,
@@ -213,12 +213,12 @@ pub(super) fn flight_of(run: &Job) -> Result<Flight, Problem> {
         }) => Ok(flight),
         Ok(_) => Err(Problem::unprocessable("the run is no flight")),
         Err(error) => Err(Problem::unprocessable(format!(
-            "this version cannot read what another one accepted: {error}"
+            "this version cannot read a job that another version accepted: {error}"
         ))),
     }
 }
 
-/// How one part of a run joins it from elsewhere.
+/// How an external peer joins a run.
 #[derive(Debug, Serialize, Deserialize, ToSchema)]
 pub(crate) struct Ticket {
     /// `controller` or `fdi`.
@@ -229,9 +229,9 @@ pub(crate) struct Ticket {
     run_id: String,
     /// Version of the messages of `proto/` that the plant speaks.
     messages: u32,
-    /// The plant waits this long for all parts to join, ms from the event `join`.
+    /// Longest wait of the plant for all peers to join, ms from the event `join`.
     join_timeout_ms: u64,
-    /// The plant waits this long for the answer of a part that lives, ms.
+    /// Longest wait of the plant for the reply of a running peer, ms.
     step_timeout_ms: u64,
     /// What starts our own part there.
     command: String,
@@ -243,14 +243,14 @@ pub(crate) struct Tickets {
     peers: Vec<Ticket>,
 }
 
-/// How parts from elsewhere join a run: endpoint, run id, message version, time-outs. There once the plant waits (event `join`). For tokens
-/// with the scope `write`: whoever has a ticket can fly the run.
+/// How external peers join a run: endpoint, run id, message version, time-outs. Available once the plant is waiting (event `join`).
+/// Requires the scope `write`: anyone with a ticket can fly the run.
 #[utoipa::path(get, path = "/api/v1/runs/{id}/ticket", tag = "runs", operation_id = "get_run_ticket", params(("id" = String, Path)), responses(
-    (status = 200, description = "how they join", body = Tickets),
-    (status = 400, description = "no id", body = Problem, content_type = "application/problem+json"),
+    (status = 200, description = "how the peers join", body = Tickets),
+    (status = 400, description = "invalid id", body = Problem, content_type = "application/problem+json"),
     (status = 403, description = "the token does not allow this", body = Problem, content_type = "application/problem+json"),
-    (status = 404, description = "no such run", body = Problem, content_type = "application/problem+json"),
-    (status = 409, description = "the run waits for no peer, or not yet", body = Problem, content_type = "application/problem+json")
+    (status = 404, description = "run not found", body = Problem, content_type = "application/problem+json"),
+    (status = 409, description = "the run is not waiting for a peer, or not yet", body = Problem, content_type = "application/problem+json")
 ))]
 pub(crate) async fn ticket(
     app: Shared,
@@ -262,12 +262,12 @@ pub(crate) async fn ticket(
     let facts: Facts = serde_json::from_str(&run.new.facts).unwrap_or_default();
     if matches!(facts.controller, Controller::Beside | Controller::Autopilot(_)) && facts.fdi == Place::Beside {
         return Err(Problem::conflict(
-            "all parts of this run are started beside its plant; submit it with `controller` or `fdi` = `external`",
+            "all parts of this run are started by the server; submit it with `controller` or `fdi` = `external`",
         ));
     }
     let text = run.ticket.ok_or_else(|| {
         Problem::conflict(format!(
-            "the run is {}, and its plant does not wait for anybody; ask again after the event `join`",
+            "the run is {}, and its plant is not waiting for a peer; retry after the event `join`",
             run.status.as_str()
         ))
     })?;

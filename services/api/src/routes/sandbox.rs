@@ -25,21 +25,21 @@ pub(crate) struct Asked {
     vehicle: String,
     /// Rotor, from 1, of an effect of one rotor; 1 without it.
     rotor: Option<usize>,
-    /// Values as `name:value` with commas between them; typical ones without them.
+    /// Comma-separated `name:value`; default: typical values.
     #[param(example = "drag_n_s_m:0.3")]
     parameters: Option<String>,
-    /// Manoeuvre to fly; without it all are flown, and the one that shows the effect best is taken.
+    /// Manoeuvre to fly; without it all are flown and the one that shows the effect best is used.
     #[param(example = "speed-runs")]
     flight: Option<String>,
 }
 
 /// What an effect does to the channels of a simulated flight, over time and over the conditions that excite it.
 #[utoipa::path(get, path = "/api/v1/catalogue/{effect}/picture", tag = "library", operation_id = "effect_picture", params(("effect" = String, Path), Asked), responses(
-    (status = 200, description = "the channels that it moves most", body = EffectPicture),
-    (status = 400, description = "a parameter that is none", body = Problem, content_type = "application/problem+json"),
-    (status = 404, description = "no such effect or vehicle", body = Problem, content_type = "application/problem+json"),
-    (status = 422, description = "no such parameter, rotor or manoeuvre; the vehicle cannot fly it", body = Problem, content_type = "application/problem+json"),
-    (status = 503, description = "too many questions at once", body = Problem, content_type = "application/problem+json")
+    (status = 200, description = "the channels that the effect changes most", body = EffectPicture),
+    (status = 400, description = "invalid parameter", body = Problem, content_type = "application/problem+json"),
+    (status = 404, description = "effect or vehicle not found", body = Problem, content_type = "application/problem+json"),
+    (status = 422, description = "unknown parameter, rotor or manoeuvre, or the vehicle cannot fly it", body = Problem, content_type = "application/problem+json"),
+    (status = 503, description = "too many checks at the same time", body = Problem, content_type = "application/problem+json")
 ))]
 pub(crate) async fn picture(
     app: Shared,
@@ -51,7 +51,7 @@ pub(crate) async fn picture(
     let library = app.library(&caller).await?;
     if library.catalogue()?.find(&effect).is_none() {
         return Err(Problem::not_found(format!(
-            "there is no effect '{effect}' in the catalogue"
+            "effect '{effect}' not found in the catalogue"
         )));
     }
     // Only to be refused by name.

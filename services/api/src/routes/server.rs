@@ -24,10 +24,10 @@ pub(crate) async fn healthz() -> &'static str {
     "alive\n"
 }
 
-/// Database and store of files answer, the disk has room, and runs are accepted.
+/// The database and the file store respond, the disk has room, and runs are accepted.
 #[utoipa::path(get, path = "/readyz", tag = "server", responses(
     (status = 200, description = "ready", body = String),
-    (status = 503, description = "the server ends, its disk is full, or its database or store of files does not answer", body = Problem, content_type = "application/problem+json")
+    (status = 503, description = "the server is shutting down, its disk is full, or its database or file store does not respond", body = Problem, content_type = "application/problem+json")
 ))]
 pub(crate) async fn readyz(State(app): State<Arc<App>>) -> Result<String, Problem> {
     if app.is_ending() {
@@ -36,23 +36,23 @@ pub(crate) async fn readyz(State(app): State<Arc<App>>) -> Result<String, Proble
     app.database
         .ping()
         .await
-        .map_err(|error| Problem::unavailable(format!("the database does not answer: {error}")))?;
+        .map_err(|error| Problem::unavailable(format!("the database does not respond: {error}")))?;
     let data = app.config.work.data.clone();
     let written = tokio::task::spawn_blocking(move || has_room(&data)).await;
     written
         .map_err(|error| Problem::internal(&error))?
-        .map_err(|error| Problem::unavailable(format!("nothing can be written to the data folder: {error}")))?;
+        .map_err(|error| Problem::unavailable(format!("the data folder is not writable: {error}")))?;
     match tokio::time::timeout(STORE_PATIENCE, app.artifacts.ping()).await {
         // A cluster that does not answer keeps only parts waiting, and their nodes have to find this server all the same.
-        Ok(Ok(())) => Ok(match &app.shop.ray {
+        Ok(Ok(())) => Ok(match &app.context.ray {
             None => "ready\n".to_owned(),
             Some(ray) => format!("ready\n{}\n", ray.in_short()),
         }),
         Ok(Err(error)) => Err(Problem::unavailable(format!(
-            "the store of files does not answer: {error}"
+            "the file store does not respond: {error}"
         ))),
         Err(_) => Err(Problem::unavailable(format!(
-            "the store of files does not answer within {} s",
+            "the file store does not respond within {} s",
             STORE_PATIENCE.as_secs()
         ))),
     }
@@ -67,28 +67,28 @@ fn has_room(data: &std::path::Path) -> std::io::Result<()> {
     file.sync_data()
 }
 
-/// What the caller's account may have, and has.
+/// Limits and usage of the caller's tenant.
 #[derive(Debug, Serialize, ToSchema)]
 pub(crate) struct Limits {
-    /// Bytes of a flight log that is uploaded, at most.
+    /// Maximum size of an uploaded flight log, bytes.
     largest_log: u64,
-    /// Bytes of a flight log that is judged at once and not kept, at most.
+    /// Maximum size of a flight log that is judged directly and not stored, bytes.
     largest_judged_log: u64,
-    /// Bytes of all files, at most.
+    /// Maximum size of all files, bytes.
     most_bytes: u64,
-    /// Bytes of all files now.
+    /// Current size of all files, bytes.
     bytes: i64,
-    /// Jobs that wait or run, at most.
+    /// Maximum number of queued and running jobs.
     most_open_jobs: u32,
-    /// Jobs that wait or run now.
+    /// Jobs queued or running now.
     open_jobs: i64,
-    /// Length of a flight, s of simulated time, at most.
+    /// Longest flight, s of simulated time.
     longest_flight_s: f64,
 }
 
-/// What is refused, so that a client need not send it.
+/// Limits of this server, so that clients can check before sending.
 #[utoipa::path(get, path = "/api/v1/limits", tag = "server", operation_id = "limits", responses(
-    (status = 200, description = "of the caller's account", body = Limits)
+    (status = 200, description = "of the caller's tenant", body = Limits)
 ))]
 pub(crate) async fn limits(State(app): State<Arc<App>>, caller: Caller) -> Result<Json<Limits>, Problem> {
     let (open_jobs, bytes) = app.database.account(&caller.tenant).await?;
@@ -108,16 +108,16 @@ pub(crate) async fn limits(State(app): State<Arc<App>>, caller: Caller) -> Resul
 #[into_params(parameter_in = Query)]
 #[serde(deny_unknown_fields)]
 pub(crate) struct Counted {
-    /// Open jobs by account, too; for tokens that see everybody's jobs.
+    /// Include open jobs by tenant; requires a token that sees the jobs of all tenants.
     #[serde(default)]
     tenants: bool,
 }
 
-/// Numbers for Prometheus: jobs, the age of the queue, and how long requests took.
+/// Metrics for Prometheus: jobs, the age of the queue, and request durations.
 #[utoipa::path(get, path = "/metrics", tag = "server", params(Counted), responses(
     (status = 200, description = "Prometheus text format", body = String),
-    (status = 400, description = "unreadable", body = Problem, content_type = "application/problem+json"),
-    (status = 403, description = "`tenants` is for tokens that see everybody's jobs", body = Problem, content_type = "application/problem+json")
+    (status = 400, description = "malformed request", body = Problem, content_type = "application/problem+json"),
+    (status = 403, description = "`tenants` requires a token that sees the jobs of all tenants", body = Problem, content_type = "application/problem+json")
 ))]
 pub(crate) async fn metrics(
     State(app): State<Arc<App>>,
@@ -127,7 +127,7 @@ pub(crate) async fn metrics(
     let Query(counted) = counted?;
     if counted.tenants && !caller.sees_all {
         return Err(Problem::forbidden(
-            "`tenants` tells of other accounts; expected a token that sees everybody's jobs",
+            "`tenants` shows other tenants; expected a token that sees the jobs of all tenants",
         ));
     }
     let jobs = app.database.count().await?;
@@ -154,7 +154,7 @@ fn numbers(
         writeln!(text, "rotortwin_jobs{{kind=\"{kind}\",status=\"{status}\"}} {count}")?;
     }
     if !by_tenant.is_empty() {
-        text += "# HELP rotortwin_tenant_jobs Open jobs by account and state.\n# TYPE rotortwin_tenant_jobs gauge\n";
+        text += "# HELP rotortwin_tenant_jobs Open jobs by tenant and state.\n# TYPE rotortwin_tenant_jobs gauge\n";
     }
     for (tenant, status, count) in by_tenant {
         let tenant = tenant.replace('\\', "\\\\").replace('"', "\\\"").replace('\n', "\\n");
@@ -166,19 +166,19 @@ fn numbers(
     let workers = app.config.work.workers;
     writeln!(
         text,
-        "# HELP rotortwin_queue_age_seconds How long the oldest job waits that nobody has begun.\n\
+        "# HELP rotortwin_queue_age_seconds Age of the oldest queued job, in seconds.\n\
          # TYPE rotortwin_queue_age_seconds gauge\nrotortwin_queue_age_seconds {queue_age_s}\n\
-         # HELP rotortwin_workers Jobs that this process does at the same time at most.\n\
+         # HELP rotortwin_workers Maximum number of jobs that this process does at the same time.\n\
          # TYPE rotortwin_workers gauge\nrotortwin_workers {workers}"
     )?;
-    if let Some(ray) = &app.shop.ray {
+    if let Some(ray) = &app.context.ray {
         let (pending, running) = ray.parts();
         let up = u8::from(ray.is_up());
         writeln!(
             text,
-            "# HELP rotortwin_ray_up Whether the Ray cluster answered when it was asked last.\n# TYPE rotortwin_ray_up gauge\n\
+            "# HELP rotortwin_ray_up Whether the Ray cluster answered the last request.\n# TYPE rotortwin_ray_up gauge\n\
              rotortwin_ray_up {up}\n\
-             # HELP rotortwin_ray_parts Parts that are handed to Ray and that this server looks after.\n# TYPE rotortwin_ray_parts gauge\n\
+             # HELP rotortwin_ray_parts Parts handed to Ray and supervised by this server.\n# TYPE rotortwin_ray_parts gauge\n\
              rotortwin_ray_parts{{state=\"pending\"}} {pending}\nrotortwin_ray_parts{{state=\"running\"}} {running}"
         )?;
     }

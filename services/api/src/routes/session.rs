@@ -28,11 +28,11 @@ pub(crate) struct SignIn {
 /// The caller, and whether authentication is required.
 #[derive(Debug, Serialize, ToSchema)]
 pub(crate) struct SignedIn {
-    /// Everybody needs a token.
+    /// True if every request needs a token.
     needs_token: bool,
     /// The caller is known.
     signed_in: bool,
-    /// On whose account.
+    /// Its tenant.
     tenant: Option<String>,
     /// `read`, `write`, `admin`.
     scopes: Vec<&'static str>,
@@ -85,9 +85,9 @@ pub(crate) async fn get(app: Shared, headers: HeaderMap) -> Result<Json<SignedIn
 /// Signs in: turns a token into a cookie that browsers send by themselves, also with event streams and WebSockets.
 #[utoipa::path(post, path = "/api/v1/session", tag = "server", operation_id = "sign_in", request_body = SignIn, responses(
     (status = 200, description = "signed in", body = SignedIn, headers(("Set-Cookie" = Option<String>, description = "the session"))),
-    (status = 400, description = "unreadable", body = Problem, content_type = "application/problem+json"),
-    (status = 413, description = "too large", body = Problem, content_type = "application/problem+json"),
-    (status = 422, description = "the body makes no sense", body = Problem, content_type = "application/problem+json")
+    (status = 400, description = "malformed request", body = Problem, content_type = "application/problem+json"),
+    (status = 413, description = "request body too large", body = Problem, content_type = "application/problem+json"),
+    (status = 422, description = "invalid body", body = Problem, content_type = "application/problem+json")
 ))]
 pub(crate) async fn sign_in(app: Shared, body: Result<JsonObject<SignIn>, Problem>) -> Result<Response, Problem> {
     let JsonObject(body) = body?;
@@ -109,9 +109,9 @@ pub(crate) async fn sign_in(app: Shared, body: Result<JsonObject<SignIn>, Proble
     Ok(([set], Json(SignedIn::of(&token))).into_response())
 }
 
-/// Signs out: the session is over, here and in the browser.
+/// Signs out: ends the session on the server and in the browser.
 #[utoipa::path(delete, path = "/api/v1/session", tag = "server", operation_id = "sign_out", responses(
-    (status = 204, description = "no one is signed in")
+    (status = 204, description = "nobody is signed in")
 ))]
 pub(crate) async fn sign_out(app: Shared, headers: HeaderMap) -> Result<Response, Problem> {
     if let Some(secret) = secret(&headers) {

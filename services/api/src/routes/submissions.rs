@@ -57,7 +57,7 @@ pub(crate) struct Submission {
     /// As fast as possible, or 400 steps per second of wall clock.
     #[serde(default)]
     pace: Pace,
-    /// From −100 to 100; larger goes first.
+    /// From −100 to 100; larger values run first.
     #[serde(default)]
     #[schema(minimum = -100, maximum = 100)]
     priority: i64,
@@ -68,15 +68,15 @@ pub(crate) struct Submission {
     /// Who detects: as for the controller.
     #[serde(default)]
     fdi: Place,
-    /// Parts that are not with the plant are awaited this long, ms.
+    /// Longest wait for external peers, ms.
     #[serde(default = "join_timeout")]
     #[schema(minimum = 1, maximum = 3_600_000)]
     join_timeout_ms: u64,
-    /// It fails when an attempt takes longer, s of wall time; by default 6 h.
+    /// Time limit of an attempt, s of wall time; default 6 h.
     #[serde(default)]
     #[schema(minimum = 1, maximum = 86_400)]
     max_wall_s: Option<u64>,
-    /// It is refused when the flight would take longer, s of simulated time.
+    /// Longest flight to accept, s of simulated time.
     #[serde(default)]
     max_sim_s: Option<f64>,
 }
@@ -115,7 +115,7 @@ pub(crate) fn find_scenario(
     match (name, text) {
         (Some(name), None) => library.scenario(name, set),
         (None, Some(_)) if !set.is_empty() => Err(Problem::unprocessable(
-            "`set` belongs to a named `scenario`; a `text` says everything itself",
+            "`set` applies to a named `scenario`; a `text` is complete by itself",
         )),
         (None, Some(text)) => library.parse(text),
         _ => Err(Problem::unprocessable(
@@ -129,7 +129,7 @@ fn submitted_scenario(library: &Library, body: &Submission) -> Result<Scenario, 
         None => find_scenario(library, body.scenario.as_deref(), body.text.as_deref(), &body.set),
         Some(_) if body.scenario.is_some() || body.text.is_some() || !body.set.is_empty() => {
             Err(Problem::unprocessable(
-                "`documents` say everything themselves; expected them without `scenario`, `text` and `set`",
+                "`documents` are complete by themselves; expected them without `scenario`, `text` and `set`",
             ))
         }
         Some(text) => Documents::from_toml("`documents`", text)
@@ -179,19 +179,19 @@ async fn with_classifier(app: &App, caller: &Caller, scenario: &Scenario, id: &s
 
 /// Submits a flight.
 #[utoipa::path(post, path = "/api/v1/runs", tag = "runs", operation_id = "submit_run", request_body = Submission,
-    params(("Idempotency-Key" = Option<String>, Header, description = "the same key and body again give the run that is there")),
+    params(("Idempotency-Key" = Option<String>, Header, description = "a retry with the same key and body returns the existing run")),
     responses(
-        (status = 202, description = "accepted: it is on disk, and will end as done, failed or canceled", body = Run,
-         headers(("Location" = String, description = "address of the run"))),
-        (status = 200, description = "accepted before under this key", body = Run),
-        (status = 400, description = "unreadable", body = Problem, content_type = "application/problem+json"),
-        (status = 404, description = "no such scenario", body = Problem, content_type = "application/problem+json"),
-        (status = 409, description = "another body was submitted under this key", body = Problem, content_type = "application/problem+json"),
-        (status = 413, description = "too large", body = Problem, content_type = "application/problem+json"),
-        (status = 415, description = "not JSON", body = Problem, content_type = "application/problem+json"),
-        (status = 422, description = "it cannot be flown", body = Problem, content_type = "application/problem+json"),
-        (status = 503, description = "the server is ending", body = Problem, content_type = "application/problem+json"),
-        (status = 507, description = "the disk is full", body = Problem, content_type = "application/problem+json")
+        (status = 202, description = "accepted and stored; the job will end as done, failed or canceled", body = Run,
+         headers(("Location" = String, description = "URL of the run"))),
+        (status = 200, description = "already accepted under this Idempotency-Key", body = Run),
+        (status = 400, description = "malformed request", body = Problem, content_type = "application/problem+json"),
+        (status = 404, description = "scenario not found", body = Problem, content_type = "application/problem+json"),
+        (status = 409, description = "this Idempotency-Key was used with a different body", body = Problem, content_type = "application/problem+json"),
+        (status = 413, description = "request body too large", body = Problem, content_type = "application/problem+json"),
+        (status = 415, description = "the body is not JSON", body = Problem, content_type = "application/problem+json"),
+        (status = 422, description = "the scenario cannot be flown", body = Problem, content_type = "application/problem+json"),
+        (status = 503, description = "the server is shutting down", body = Problem, content_type = "application/problem+json"),
+        (status = 507, description = "disk full", body = Problem, content_type = "application/problem+json")
     ))]
 pub(crate) async fn submit(
     app: Shared,
@@ -315,7 +315,7 @@ fn check_places(body: &Submission) -> Result<(), Problem> {
     ] {
         if place != Place::Beside && body.link != Link::Zenoh {
             return Err(Problem::unprocessable(format!(
-                "`{name}` is not beside the plant, and `link` is {}; expected `link: zenoh`",
+                "`{name}` runs outside this server, and `link` is {}; expected `link: zenoh`",
                 body.link.as_str()
             )));
         }
@@ -323,7 +323,7 @@ fn check_places(body: &Submission) -> Result<(), Problem> {
     Ok(())
 }
 
-/// What is to be different in a fork.
+/// Changes for a fork.
 #[derive(Debug, Default, Deserialize, Serialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub(crate) struct Fork {
@@ -333,25 +333,25 @@ pub(crate) struct Fork {
     /// Seed of all noise; by default that of the run.
     #[serde(default)]
     seed: Option<u64>,
-    /// From −100 to 100; larger goes first.
+    /// From −100 to 100; larger values run first.
     #[serde(default)]
     #[schema(minimum = -100, maximum = 100)]
     priority: i64,
 }
 
-/// Submits the same flight again with a difference.
+/// Submits the same flight with changed settings.
 #[utoipa::path(post, path = "/api/v1/runs/{id}/fork", tag = "runs", operation_id = "fork_run", request_body = Fork,
     params(("id" = String, Path), ("Idempotency-Key" = Option<String>, Header)), responses(
     (status = 202, description = "accepted", body = Run),
-    (status = 200, description = "accepted before under this key", body = Run),
-    (status = 400, description = "unreadable", body = Problem, content_type = "application/problem+json"),
-    (status = 404, description = "no such run", body = Problem, content_type = "application/problem+json"),
-    (status = 409, description = "another body was submitted under this key", body = Problem, content_type = "application/problem+json"),
-    (status = 413, description = "too large", body = Problem, content_type = "application/problem+json"),
-    (status = 415, description = "not JSON", body = Problem, content_type = "application/problem+json"),
-    (status = 422, description = "it cannot be flown", body = Problem, content_type = "application/problem+json"),
-    (status = 503, description = "the server is ending", body = Problem, content_type = "application/problem+json"),
-    (status = 507, description = "the disk is full", body = Problem, content_type = "application/problem+json")
+    (status = 200, description = "already accepted under this Idempotency-Key", body = Run),
+    (status = 400, description = "malformed request", body = Problem, content_type = "application/problem+json"),
+    (status = 404, description = "run not found", body = Problem, content_type = "application/problem+json"),
+    (status = 409, description = "this Idempotency-Key was used with a different body", body = Problem, content_type = "application/problem+json"),
+    (status = 413, description = "request body too large", body = Problem, content_type = "application/problem+json"),
+    (status = 415, description = "the body is not JSON", body = Problem, content_type = "application/problem+json"),
+    (status = 422, description = "the scenario cannot be flown", body = Problem, content_type = "application/problem+json"),
+    (status = 503, description = "the server is shutting down", body = Problem, content_type = "application/problem+json"),
+    (status = 507, description = "disk full", body = Problem, content_type = "application/problem+json")
 ))]
 pub(crate) async fn fork(
     app: Shared,
@@ -435,5 +435,9 @@ pub(super) async fn again(
 fn recorded(flight: &Flight) -> Result<Scenario, Problem> {
     Documents::from_toml("the recorded scenario", &flight.documents)
         .and_then(|documents| Scenario::from_documents(&documents))
-        .map_err(|error| Problem::unprocessable(format!("this version cannot fly what another one accepted: {error}")))
+        .map_err(|error| {
+            Problem::unprocessable(format!(
+                "this version cannot fly a run that another version accepted: {error}"
+            ))
+        })
 }

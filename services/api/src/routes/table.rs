@@ -67,9 +67,9 @@ pub(crate) struct Table {
 
 /// Compares runs: a row for each, with the requested numbers of its summary.
 #[utoipa::path(get, path = "/api/v1/table", tag = "runs", operation_id = "compare_runs", params(TableQuery), responses(
-    (status = 200, description = "the table; without `columns`, one row: the names of the columns of the latest runs", body = Table),
-    (status = 400, description = "a query that is none", body = Problem, content_type = "application/problem+json"),
-    (status = 422, description = "none of these runs has such a column", body = Problem, content_type = "application/problem+json")
+    (status = 200, description = "the table; without `columns`, one row with the column names of the latest runs", body = Table),
+    (status = 400, description = "invalid query", body = Problem, content_type = "application/problem+json"),
+    (status = 422, description = "none of these runs has this column", body = Problem, content_type = "application/problem+json")
 ))]
 pub(crate) async fn table(
     app: Shared,

@@ -207,7 +207,7 @@ pub(super) fn checked_part(part: &str) -> Result<&str, Problem> {
         return Ok(part);
     }
     Err(Problem::unprocessable(format!(
-        "'{part}' is no part of a log; expected seconds such as 35:65, or the name of a segment"
+        "'{part}' is not a part of a log; expected seconds such as 35:65, or the name of a segment"
     )))
 }
 
@@ -287,7 +287,9 @@ impl ModelChoice {
     /// 404, 409, 422.
     pub(super) async fn read(&self, app: &App, caller: &Caller) -> Result<ModelVersion, Problem> {
         if self.label.is_some() {
-            return Err(Problem::unprocessable("`label` belongs to the model of a comparison"));
+            return Err(Problem::unprocessable(
+                "`label` applies to the models of a comparison only",
+            ));
         }
         let library = app.library(caller).await?;
         match (&self.vehicle, &self.improvement, &self.version, &self.model) {
@@ -299,7 +301,7 @@ impl ModelChoice {
                     .file(job.folder.as_deref().unwrap_or_default(), FINAL_MODEL)
                     .await
                     .map_err(|error| Problem::of_files(&error))?
-                    .ok_or_else(|| Problem::not_found(format!("the model of improvement {id} is gone")))?;
+                    .ok_or_else(|| Problem::not_found(format!("the model of improvement {id} was deleted")))?;
                 ModelVersion::load(file).map_err(|error| Problem::internal(&error))
             }
             (None, None, Some(text), None) => library.parse_model(text),
@@ -347,7 +349,7 @@ pub(super) async fn trained(app: &App, caller: &Caller, id: &str) -> Result<Path
         .file(job.folder.as_deref().unwrap_or_default(), CLASSIFIER)
         .await
         .map_err(|error| Problem::of_files(&error))?
-        .ok_or_else(|| Problem::not_found(format!("the file of classifier {id} is gone")))
+        .ok_or_else(|| Problem::not_found(format!("the file of classifier {id} was deleted")))
 }
 
 #[cfg(test)]

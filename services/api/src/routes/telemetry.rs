@@ -97,10 +97,10 @@ impl Channels {
 
 /// What was recorded of a run.
 #[utoipa::path(get, path = "/api/v1/runs/{id}/channels", tag = "telemetry", operation_id = "run_channels", params(("id" = String, Path)), responses(
-    (status = 200, description = "its channels", body = Channels),
-    (status = 400, description = "no id", body = Problem, content_type = "application/problem+json"),
-    (status = 404, description = "no such run, or it recorded nothing", body = Problem, content_type = "application/problem+json"),
-    (status = 409, description = "it has not ended", body = Problem, content_type = "application/problem+json")
+    (status = 200, description = "the channels", body = Channels),
+    (status = 400, description = "invalid id", body = Problem, content_type = "application/problem+json"),
+    (status = 404, description = "run not found, or it recorded nothing", body = Problem, content_type = "application/problem+json"),
+    (status = 409, description = "the run has not ended", body = Problem, content_type = "application/problem+json")
 ))]
 pub(crate) async fn channels(
     State(app): State<Arc<App>>,
@@ -121,15 +121,15 @@ pub(crate) async fn channels(
 #[derive(Debug, Deserialize, IntoParams)]
 #[into_params(parameter_in = Query)]
 pub(crate) struct Selection {
-    /// Names with commas between them; one `*` in a name stands for anything (`duty_*`). The time is always given.
+    /// Comma-separated names; one `*` per name matches anything (`duty_*`). The time is always included.
     #[param(example = "roll_rad,duty_*")]
     channels: String,
-    /// First time that counts, s; from the start without it.
+    /// Start of the interval, s; default: the start of the flight.
     from_s: Option<f64>,
-    /// Last time that counts, s; to the end without it.
+    /// End of the interval, s; default: the end of the flight.
     to_s: Option<f64>,
-    /// Most rows of the answer, from 2; 2000 without it. If the interval has more, each two rows stand for a bucket of samples: least and
-    /// largest value in the order in which they came.
+    /// Maximum number of rows, at least 2; default 2000. If the interval has more, each pair of rows represents a bucket of samples: its smallest and
+    /// largest value in the order in which they occurred.
     #[param(minimum = 2)]
     points: Option<usize>,
     /// By default what `Accept` says, or JSON.
@@ -187,10 +187,10 @@ pub(crate) struct ManyTelemetry {
 #[utoipa::path(get, path = "/api/v1/runs/{id}/telemetry", tag = "telemetry", operation_id = "run_telemetry", params(("id" = String, Path), Selection), responses(
     (status = 200, description = "the samples", content(
         (Telemetry = "application/json"), (String = "text/csv"), (Vec<u8> = "application/vnd.apache.parquet"))),
-    (status = 400, description = "a parameter that is none", body = Problem, content_type = "application/problem+json"),
-    (status = 404, description = "no such run, or it recorded nothing", body = Problem, content_type = "application/problem+json"),
-    (status = 409, description = "it has not ended", body = Problem, content_type = "application/problem+json"),
-    (status = 422, description = "no such channel; no interval; too many values", body = Problem, content_type = "application/problem+json")
+    (status = 400, description = "invalid parameter", body = Problem, content_type = "application/problem+json"),
+    (status = 404, description = "run not found, or it recorded nothing", body = Problem, content_type = "application/problem+json"),
+    (status = 409, description = "the run has not ended", body = Problem, content_type = "application/problem+json"),
+    (status = 422, description = "unknown channel, empty interval, or too many values", body = Problem, content_type = "application/problem+json")
 ))]
 pub(crate) async fn telemetry(
     State(app): State<Arc<App>>,
@@ -214,7 +214,7 @@ pub(crate) async fn telemetry(
 #[derive(Debug, Deserialize, IntoParams)]
 #[into_params(parameter_in = Query)]
 pub(crate) struct Runs {
-    /// Ids with commas between them, at most 100.
+    /// Comma-separated ids, at most 100.
     runs: String,
 }
 
@@ -222,10 +222,10 @@ pub(crate) struct Runs {
 #[utoipa::path(get, path = "/api/v1/telemetry", tag = "telemetry", operation_id = "compare_telemetry", params(Runs, Selection), responses(
     (status = 200, description = "the samples", content(
         (ManyTelemetry = "application/json"), (String = "text/csv"), (Vec<u8> = "application/vnd.apache.parquet"))),
-    (status = 400, description = "a parameter that is none", body = Problem, content_type = "application/problem+json"),
-    (status = 404, description = "no such run, or it recorded nothing", body = Problem, content_type = "application/problem+json"),
-    (status = 409, description = "one has not ended", body = Problem, content_type = "application/problem+json"),
-    (status = 422, description = "no such channel; no interval; too many runs or values", body = Problem, content_type = "application/problem+json")
+    (status = 400, description = "invalid parameter", body = Problem, content_type = "application/problem+json"),
+    (status = 404, description = "run not found, or it recorded nothing", body = Problem, content_type = "application/problem+json"),
+    (status = 409, description = "one of the runs has not ended", body = Problem, content_type = "application/problem+json"),
+    (status = 422, description = "unknown channel, empty interval, or too many runs or values", body = Problem, content_type = "application/problem+json")
 ))]
 pub(crate) async fn compare(
     State(app): State<Arc<App>>,
@@ -269,7 +269,7 @@ pub(crate) async fn compare(
 pub(super) async fn file_of(app: &App, run: &Job, name: &str) -> Result<PathBuf, Problem> {
     if !run.status.is_final() {
         return Err(Problem::conflict(format!(
-            "run {} is {}; its {name} is there once it has ended",
+            "run {} is {}; its {name} is available once it has ended",
             run.id,
             run.status.as_str()
         )));

@@ -80,11 +80,11 @@ pub(crate) struct TwinSubmission {
     /// Improvement: flights that no fit sees, as proof.
     #[serde(default)]
     held_out: Option<Flights>,
-    /// From −100 to 100; larger goes first.
+    /// From −100 to 100; larger values run first.
     #[serde(default)]
     #[schema(minimum = -100, maximum = 100)]
     priority: i64,
-    /// It fails when an attempt takes longer, s of wall time; by default 6 h.
+    /// Time limit of an attempt, s of wall time; default 6 h.
     #[serde(default)]
     #[schema(minimum = 1, maximum = 86_400)]
     max_wall_s: Option<u64>,
@@ -94,19 +94,19 @@ macro_rules! submission {
     ($function:ident, $path:literal, $tag:literal, $operation:literal, $summary:literal, $kind:expr) => {
         #[doc = $summary]
         #[utoipa::path(post, path = $path, summary = $summary, tag = $tag, operation_id = $operation, request_body = TwinSubmission,
-            params(("Idempotency-Key" = Option<String>, Header, description = "the same key and body again give the one that is there")),
+            params(("Idempotency-Key" = Option<String>, Header, description = "a retry with the same key and body returns the existing job")),
             responses(
-                (status = 202, description = "accepted: it is on disk, and will end as done, failed or canceled", body = JobView,
-                 headers(("Location" = String, description = "its address"))),
-                (status = 200, description = "accepted before under this key", body = JobView),
-                (status = 400, description = "unreadable", body = Problem, content_type = "application/problem+json"),
-                (status = 404, description = "no such log, run, vehicle or improvement", body = Problem, content_type = "application/problem+json"),
-                (status = 409, description = "another body was submitted under this key, or a flight is not done", body = Problem, content_type = "application/problem+json"),
-                (status = 413, description = "too large", body = Problem, content_type = "application/problem+json"),
-                (status = 415, description = "not JSON", body = Problem, content_type = "application/problem+json"),
-                (status = 422, description = "it cannot be done so", body = Problem, content_type = "application/problem+json"),
-                (status = 503, description = "the server is ending", body = Problem, content_type = "application/problem+json"),
-                (status = 507, description = "the disk is full", body = Problem, content_type = "application/problem+json")
+                (status = 202, description = "accepted and stored; the job will end as done, failed or canceled", body = JobView,
+                 headers(("Location" = String, description = "URL of the job"))),
+                (status = 200, description = "already accepted under this Idempotency-Key", body = JobView),
+                (status = 400, description = "malformed request", body = Problem, content_type = "application/problem+json"),
+                (status = 404, description = "log, run, vehicle or improvement not found", body = Problem, content_type = "application/problem+json"),
+                (status = 409, description = "this Idempotency-Key was used with a different body, or a flight is not done", body = Problem, content_type = "application/problem+json"),
+                (status = 413, description = "request body too large", body = Problem, content_type = "application/problem+json"),
+                (status = 415, description = "the body is not JSON", body = Problem, content_type = "application/problem+json"),
+                (status = 422, description = "the job cannot be done with these inputs", body = Problem, content_type = "application/problem+json"),
+                (status = 503, description = "the server is shutting down", body = Problem, content_type = "application/problem+json"),
+                (status = 507, description = "disk full", body = Problem, content_type = "application/problem+json")
             ))]
         pub(crate) async fn $function(
             app: Shared,
@@ -125,7 +125,7 @@ submission!(
     "/api/v1/comparisons",
     "comparisons",
     "submit_comparison",
-    "Holds a model against flights: where, when and how much they disagree.",
+    "Compares a model with flights: where, when and by how much they differ.",
     JobKind::Comparison
 );
 submission!(
@@ -244,7 +244,7 @@ fn check_belongings(body: &TwinSubmission, kind: JobKind) -> Result<(), Problem>
     }
     if kind == JobKind::Improvement && !body.model.is_a_vehicle() && !body.model.is_a_version() {
         return Err(Problem::unprocessable(
-            "an improvement begins with a vehicle's nominal model; expected `model: {\"vehicle\": …}`, or a `version` without effects",
+            "an improvement starts from the nominal model of a vehicle; expected `model: {\"vehicle\": …}`, or a `version` without effects",
         ));
     }
     if kind != JobKind::Comparison && !body.more_models.is_empty() {

@@ -63,7 +63,7 @@ impl Upload<'_> {
             }
         };
         if tokio::time::timeout(DRAIN, rest).await.is_err() {
-            tracing::debug!("a client that was refused sends for too long");
+            tracing::debug!("a rejected client keeps sending for too long");
         }
         Err(problem)
     }

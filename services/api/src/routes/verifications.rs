@@ -50,7 +50,7 @@ pub(crate) struct Verification {
     recorded: String,
     /// Of the second execution, in one process.
     again: String,
-    /// Why they need not be equal: an external controller flew the run, and ours flew it again. Absent where nobody else flew.
+    /// Why the hashes may differ: an external controller flew the run, and ours the second execution. Absent otherwise.
     #[serde(skip_serializing_if = "Option::is_none")]
     note: Option<String>,
     /// How long it took with its time in the queue, ms.
@@ -59,16 +59,16 @@ pub(crate) struct Verification {
     job: String,
 }
 
-/// Flies a run that was done again, in one process, and compares the run hash: a job in the queue; the answer comes when it has ended.
+/// Flies a done run a second time, in one process, and compares the run hash. This is a queued job; the response comes when it has ended.
 #[utoipa::path(post, path = "/api/v1/runs/{id}/verify", tag = "runs", operation_id = "verify_run",
-    params(("id" = String, Path), ("Idempotency-Key" = Option<String>, Header, description = "the same key again waits for the same job")), responses(
+    params(("id" = String, Path), ("Idempotency-Key" = Option<String>, Header, description = "a retry with the same key waits for the same job")), responses(
     (status = 200, description = "compared", body = Verification),
-    (status = 400, description = "no id", body = Problem, content_type = "application/problem+json"),
-    (status = 404, description = "no such run", body = Problem, content_type = "application/problem+json"),
-    (status = 409, description = "it was not done", body = Problem, content_type = "application/problem+json"),
-    (status = 422, description = "this version cannot fly it", body = Problem, content_type = "application/problem+json"),
-    (status = 503, description = "it has not ended within 10 minutes, or the server is shutting down; the job continues", body = Problem, content_type = "application/problem+json"),
-    (status = 507, description = "the disk is full", body = Problem, content_type = "application/problem+json")
+    (status = 400, description = "invalid id", body = Problem, content_type = "application/problem+json"),
+    (status = 404, description = "run not found", body = Problem, content_type = "application/problem+json"),
+    (status = 409, description = "the run is not done", body = Problem, content_type = "application/problem+json"),
+    (status = 422, description = "this version cannot fly the scenario", body = Problem, content_type = "application/problem+json"),
+    (status = 503, description = "not finished within 10 minutes, or the server is shutting down; the job continues", body = Problem, content_type = "application/problem+json"),
+    (status = 507, description = "disk full", body = Problem, content_type = "application/problem+json")
 ))]
 pub(crate) async fn verify(
     app: Shared,
@@ -79,7 +79,7 @@ pub(crate) async fn verify(
     let run = runs::find(&app, &caller, id).await?;
     let (Some(recorded), Some(folder), Status::Done) = (run.run_hash.clone(), &run.folder, run.status) else {
         return Err(Problem::conflict(format!(
-            "the run is {}; only a run that was done can be flown again and compared",
+            "the run is {}; only a run that is done can be flown again and compared",
             run.status.as_str()
         )));
     };
@@ -96,7 +96,7 @@ pub(crate) async fn verify(
             .await
             .map_err(|error| Problem::of_files(&error))?;
         if there.is_none() {
-            return Err(Problem::not_found(format!("the files of run {} are gone", run.id)));
+            return Err(Problem::not_found(format!("the files of run {} were deleted", run.id)));
         }
         inputs.push(Input::file(format!("{RUN}/{file}"), format!("{folder}/{file}")));
     }
@@ -161,8 +161,8 @@ fn note_of_others(run: &Job) -> Option<String> {
         _ => return None,
     };
     Some(format!(
-        "{who} the run, and our own did in the second execution, as that one is not here: the hashes say nothing about whether the run can be \
-         repeated"
+        "{who} the run, and our own did in the second execution, because the external one is not available here: the hashes do not show whether the run is \
+         reproducible"
     ))
 }
 
@@ -170,7 +170,7 @@ fn note_of_others(run: &Job) -> Option<String> {
 async fn ended(app: &App, id: &str) -> Result<Job, Problem> {
     let begun = tokio::time::Instant::now();
     let mut news = app.database.hub.watch(id);
-    let mut ending = app.shop.ending.subscribe();
+    let mut ending = app.context.ending.subscribe();
     loop {
         let gone = || Problem::not_found(format!("the verification {id} was deleted"));
         let job = app.database.get(id).await?.ok_or_else(gone)?;
@@ -178,12 +178,12 @@ async fn ended(app: &App, id: &str) -> Result<Job, Problem> {
             return Ok(job);
         }
         let left =
-            |why: &str| Problem::unavailable(format!("{why}; the verification goes on: /api/v1/verifications/{id}"));
+            |why: &str| Problem::unavailable(format!("{why}; the verification continues: /api/v1/verifications/{id}"));
         if *ending.borrow_and_update() {
             return Err(left("the server is ending"));
         }
         if begun.elapsed() > PATIENCE {
-            return Err(left(&format!("it has not ended within {} s", PATIENCE.as_secs())));
+            return Err(left(&format!("not finished within {} s", PATIENCE.as_secs())));
         }
         tokio::select! {
             _ = news.changed() => {}

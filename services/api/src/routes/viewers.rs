@@ -30,10 +30,10 @@ const PATIENCE: Duration = Duration::from_secs(10);
 
 /// A run live in Foxglove and Lichtblick, by Foxglove's WebSocket protocol.
 #[utoipa::path(get, path = "/api/v1/runs/{id}/foxglove", tag = "telemetry", operation_id = "run_foxglove", params(("id" = String, Path)), responses(
-    (status = 101, description = "a WebSocket of the protocol foxglove.sdk.v1 or foxglove.websocket.v1"),
-    (status = 400, description = "not a WebSocket request of that protocol", body = Problem, content_type = "application/problem+json"),
-    (status = 404, description = "no such run", body = Problem, content_type = "application/problem+json"),
-    (status = 422, description = "the run cannot be shown by this version", body = Problem, content_type = "application/problem+json"),
+    (status = 101, description = "a WebSocket with the subprotocol foxglove.sdk.v1 or foxglove.websocket.v1"),
+    (status = 400, description = "not a WebSocket request with one of these subprotocols", body = Problem, content_type = "application/problem+json"),
+    (status = 404, description = "run not found", body = Problem, content_type = "application/problem+json"),
+    (status = 422, description = "this version cannot show the run", body = Problem, content_type = "application/problem+json"),
     (status = 426, description = "not a WebSocket request", body = Problem, content_type = "application/problem+json")
 ))]
 pub(crate) async fn view(
@@ -46,12 +46,14 @@ pub(crate) async fn view(
     let scenario = Documents::from_toml("the recorded scenario", &super::runs::flight_of(&run)?.documents)
         .and_then(|documents| Scenario::from_documents(&documents))
         .map_err(|error| {
-            Problem::unprocessable(format!("this version cannot show what another one accepted: {error}"))
+            Problem::unprocessable(format!(
+                "this version cannot show a run that another version accepted: {error}"
+            ))
         })?;
     let upgrade = upgrade?.protocols(SUBPROTOCOLS);
     if upgrade.selected_protocol().is_none() {
         return Err(Problem::bad_request(format!(
-            "no protocol of Foxglove's is offered in `Sec-WebSocket-Protocol`; expected {}",
+            "`Sec-WebSocket-Protocol` offers no Foxglove protocol; expected {}",
             SUBPROTOCOLS.join(" or ")
         )));
     }
@@ -96,7 +98,7 @@ impl Show {
         past: Past,
         mut samples: Receiver<Arc<LiveSample>>,
     ) -> Result<(), Gone> {
-        let mut ending = self.app.shop.ending.subscribe();
+        let mut ending = self.app.context.ending.subscribe();
         let mut look = tokio::time::interval(LOOK);
         send(socket, Message::text(protocol::server_info(name, &self.run.id))).await?;
         send(socket, Message::text(protocol::advertise())).await?;
@@ -111,7 +113,7 @@ impl Show {
                         self.show(socket, &sample).await?;
                     }
                     Err(RecvError::Lagged(count)) => {
-                        let sentence = format!("{count} rows are lost: this viewer is too slow");
+                        let sentence = format!("{count} rows were dropped: this viewer is too slow");
                         send(socket, Message::text(protocol::status(&sentence))).await?;
                     }
                     Err(RecvError::Closed) => {
@@ -126,7 +128,7 @@ impl Show {
                 message = socket.recv() => match message {
                     Some(Ok(Message::Text(text))) => self.hear(socket, text.as_str()).await?,
                     Some(Ok(Message::Binary(_))) => {
-                        send(socket, Message::text(protocol::status("messages of a viewer are not taken here"))).await?;
+                        send(socket, Message::text(protocol::status("messages from viewers are not accepted"))).await?;
                     }
                     Some(Ok(Message::Close(_)) | Err(_)) | None => return Err(Gone),
                     Some(Ok(_)) => {}

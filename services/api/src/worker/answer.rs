@@ -45,7 +45,7 @@ pub(crate) async fn answered<W: AsRef<OsStr>>(
     let turn = tokio::time::timeout(QUEUE, app.fdi.reports.acquire()).await;
     let Ok(Ok(_turn)) = turn else {
         return Err(Problem::unavailable(
-            "other logs and effects are being looked at; expected a later try",
+            "too many logs and effects are being processed; retry later",
         ));
     };
     let patience = Patience {
@@ -98,7 +98,7 @@ impl Said {
         let ended = tokio::time::timeout(patience.wall, started.wait_with_output()).await;
         let Ok(output) = ended else {
             return Err(Problem::unprocessable(format!(
-                "it took longer than {} s and was stopped; expected a shorter part of it",
+                "the time limit of {} s was exceeded; expected a shorter part",
                 patience.wall.as_secs()
             )));
         };

@@ -3,7 +3,7 @@
 //! A job reads third-party files. Its process, and each of its children, has limited memory, processor time and disk, so that a malicious
 //! file can only break this one job. It gets none of our secrets.
 
-use super::{LEASE, Workshop};
+use super::{LEASE, WorkerContext};
 use crate::jobs::Job;
 use rustix::process::{Pid, Resource, Rlimit, Signal, kill_process, kill_process_group, prlimit};
 use serde_json::Value;
@@ -54,12 +54,12 @@ pub(super) struct Limits {
 }
 
 impl Limits {
-    pub(super) fn of(shop: &Workshop, job: &Job) -> Self {
+    pub(super) fn of(context: &WorkerContext, job: &Job) -> Self {
         // Applies to each of its threads: it ends even if no process is left to enforce the wall-clock limit.
         let wall_s = u64::try_from(job.new.wall_limit_ms / 1000).unwrap_or(0) + 1;
         Self {
-            memory: shop.job_memory,
-            cpu_s: wall_s.saturating_mul(shop.threads as u64 + 2),
+            memory: context.job_memory,
+            cpu_s: wall_s.saturating_mul(context.threads as u64 + 2),
         }
     }
 
@@ -106,23 +106,23 @@ pub(super) fn without_secrets(command: &mut Command) {
 }
 
 /// The limit that ended a process, as an error message; a retry would fail the same way.
-pub(super) fn limit_reached(shop: &Workshop, status: Option<ExitStatus>, complaints: &Path) -> Option<String> {
+pub(super) fn limit_reached(context: &WorkerContext, status: Option<ExitStatus>, complaints: &Path) -> Option<String> {
     let said = std::fs::read_to_string(complaints).unwrap_or_default();
-    limit_of(status?, &said, shop.job_memory)
+    limit_of(status?, &said, context.job_memory)
 }
 
 /// As [`limit_reached`], for a process with `memory` bytes that `said` this.
 pub(super) fn limit_of(status: ExitStatus, said: &str, memory: u64) -> Option<String> {
     let signal = status.signal()?;
     if signal == Signal::XCPU.as_raw() {
-        return Some("it took more processor time than a job may".to_owned());
+        return Some("the job exceeded its limit of processor time".to_owned());
     }
     if signal == Signal::XFSZ.as_raw() {
-        return Some(format!("it wrote a file of more than {} GiB", LARGEST_FILE >> 30));
+        return Some(format!("the job wrote a file of more than {} GiB", LARGEST_FILE >> 30));
     }
     (signal == Signal::ABORT.as_raw() && said.contains(NO_MEMORY)).then(|| {
         format!(
-            "it needs more than the {} MB of memory that a job may take (`--job-memory`)",
+            "the job needs more than the {} MB of memory allowed (`--job-memory`)",
             memory / 1_000_000
         )
     })
@@ -179,7 +179,7 @@ pub(super) fn start(mut command: Command, limits: Limits, complaints: &Path) -> 
 
 /// Reads a process's output until it has ended, and ends it on request.
 pub(super) async fn watch(
-    shop: &Workshop,
+    context: &WorkerContext,
     job: &Job,
     token: &str,
     mut child: Child,
@@ -197,17 +197,17 @@ pub(super) async fn watch(
     let _stdin = child.stdin.take();
     let mut lines = BufReader::new(stdout).lines();
     let mut heartbeat = tokio::time::interval(HEARTBEAT);
-    let mut ending = shop.ending.subscribe();
+    let mut ending = context.ending.subscribe();
     let limit = Duration::from_millis(u64::try_from(job.new.wall_limit_ms).unwrap_or(0));
     let (mut kill_at, begun, mut told) = (None::<Instant>, Instant::now(), Instant::now());
     loop {
-        shop.pulse.beat();
+        context.pulse.beat();
         tokio::select! {
             line = lines.next_line() => match line {
-                Ok(Some(line)) if shop.database.hub.live.take(&job.id, &line) => {
-                    if shop.database.is_shared() && told.elapsed() >= LIVE_NOTICE {
+                Ok(Some(line)) if context.database.hub.live.take(&job.id, &line) => {
+                    if context.database.is_shared() && told.elapsed() >= LIVE_NOTICE {
                         told = Instant::now();
-                        shop.database.tell_live(&job.id, &line).await;
+                        context.database.tell_live(&job.id, &line).await;
                     }
                 }
                 Ok(Some(line)) => {
@@ -216,7 +216,7 @@ pub(super) async fn watch(
                     match (kind, &event) {
                         (Some(kind), Some(event)) => {
                             listener.event(kind, event).await;
-                            let claim_holds = write_event(shop, job, token, kind, &line).await;
+                            let claim_holds = write_event(context, job, token, kind, &line).await;
                             end.reason = if claim_holds { end.reason } else { Reason::Lost };
                         }
                         _ if end.words.len() + line.len() < MOST_WORDS => {
@@ -228,11 +228,11 @@ pub(super) async fn watch(
                 }
                 Ok(None) | Err(_) => break,
             },
-            _ = heartbeat.tick() => match shop.database.heartbeat(&job.id, token, LEASE).await {
+            _ = heartbeat.tick() => match context.database.heartbeat(&job.id, token, LEASE).await {
                 Ok(Some(true)) if end.reason == Reason::Itself => end.reason = Reason::Canceled,
                 Ok(Some(_)) => {}
                 Ok(None) => end.reason = Reason::Lost,
-                Err(error) => tracing::error!(job = job.id, %error, "a sign of life cannot be written"),
+                Err(error) => tracing::error!(job = job.id, %error, "a lease cannot be renewed"),
             },
             _ = ending.changed() => {}
         }
@@ -254,21 +254,21 @@ pub(super) async fn watch(
             }
         }
     }
-    shop.database.hub.live.end(&job.id);
+    context.database.hub.live.end(&job.id);
     match child.wait().await {
         Ok(status) => end.status = Some(status),
-        Err(error) => tracing::error!(job = job.id, %error, "a process cannot be waited for"),
+        Err(error) => tracing::error!(job = job.id, %error, "waiting for a process failed"),
     }
     end
 }
 
 /// `false`: the claim is lost. A temporarily unavailable database loses no event.
-async fn write_event(shop: &Workshop, job: &Job, token: &str, kind: &str, line: &str) -> bool {
+async fn write_event(context: &WorkerContext, job: &Job, token: &str, kind: &str, line: &str) -> bool {
     let begun = Instant::now();
     loop {
-        match shop.database.event(&job.id, token, kind, line).await {
+        match context.database.event(&job.id, token, kind, line).await {
             Ok(held) => {
-                tell_whole(shop, job, token, kind, line).await;
+                tell_whole(context, job, token, kind, line).await;
                 return held;
             }
             Err(error) if begun.elapsed() < EVENT_PATIENCE => {
@@ -284,11 +284,11 @@ async fn write_event(shop: &Workshop, job: &Job, token: &str, kind: &str, line: 
 }
 
 /// Shows the progress of a part to watchers of the whole. A failure to write it has no other effect.
-pub(super) async fn tell_whole(shop: &Workshop, job: &Job, token: &str, kind: &str, line: &str) {
+pub(super) async fn tell_whole(context: &WorkerContext, job: &Job, token: &str, kind: &str, line: &str) {
     let Some(whole) = job.part_of.as_deref().filter(|_| TOLD_TO_WHOLE.contains(&kind)) else {
         return;
     };
-    let told = shop.database.event_of_whole(&job.id, token, whole, kind, line).await;
+    let told = context.database.event_of_whole(&job.id, token, whole, kind, line).await;
     if let Err(error) = told {
         tracing::warn!(job = whole, %error, "the progress of a part cannot be written");
     }

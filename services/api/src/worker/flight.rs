@@ -1,7 +1,7 @@
 //! A flight: a job like any other, whose process starts plant, controller and FDI engine, or waits for external ones or an autopilot.
 
 use super::child::{self, Limits, Listener, Reason};
-use super::{Ended, Meeting, Workshop, files_key, job_command};
+use super::{Ended, Meeting, WorkerContext, files_key, job_command};
 use crate::jobs::{Job, Outcome, Status};
 use rotortwin_jobs::flight::{Controller, Flight, Link, Place};
 use rotortwin_jobs::{AutopilotHere, FlightHere, Here, JobFile};
@@ -15,17 +15,22 @@ const LIVE_HZ: f64 = 100.0;
 /// Log of the flight's processes, next to its files.
 const COMPLAINTS: &str = "fly.log";
 
-pub(super) async fn fly(shop: &Workshop, job: &Job, token: &str, spec: &Flight, folder: &Path) -> Ended {
-    let out = shop.artifacts.place(&files_key(job));
+pub(super) async fn fly(context: &WorkerContext, job: &Job, token: &str, spec: &Flight, folder: &Path) -> Ended {
+    let out = context.artifacts.place(&files_key(job));
     let complaints = folder.join(COMPLAINTS);
     let child =
-        command(shop, spec, folder).and_then(|command| child::start(command, Limits::of(shop, job), &complaints));
+        command(context, spec, folder).and_then(|command| child::start(command, Limits::of(context, job), &complaints));
     let child = match child {
         Ok(child) => child,
         Err(error) => return Ended::Failed(format!("the flight could not be started: {error}")),
     };
-    let mut desk = Desk { shop, job, token, spec };
-    let end = child::watch(shop, job, token, child, &mut desk).await;
+    let mut issuer = TicketIssuer {
+        context,
+        job,
+        token,
+        spec,
+    };
+    let end = child::watch(context, job, token, child, &mut issuer).await;
     match end.reason {
         Reason::Lost => return Ended::Lost,
         Reason::WorkerEnds => return Ended::WorkerEnds,
@@ -33,7 +38,7 @@ pub(super) async fn fly(shop: &Workshop, job: &Job, token: &str, spec: &Flight, 
     }
     let too_long = || {
         format!(
-            "it took longer than {} s of wall time and was stopped",
+            "the limit of {} s of wall time was exceeded",
             job.new.wall_limit_ms / 1000
         )
     };
@@ -62,13 +67,16 @@ pub(super) async fn fly(shop: &Workshop, job: &Job, token: &str, spec: &Flight, 
     {
         return Ended::Failed(failure.sentence.clone());
     }
-    let bytes = match shop.artifacts.publish(&files_key(job)).await {
+    let bytes = match context.artifacts.publish(&files_key(job)).await {
         Ok(bytes) => bytes,
         Err(error) => return Ended::Failed(format!("the flight's files cannot be kept: {error}")),
     };
     if let (Some(name), Some(controller)) = (spec.controller.autopilot(), &summary.controller) {
         // For display next to its name only.
-        let noted = shop.database.autopilot_flew(name, controller.version.as_deref()).await;
+        let noted = context
+            .database
+            .autopilot_flew(name, controller.version.as_deref())
+            .await;
         if let Err(error) = noted {
             tracing::warn!(autopilot = name, %error, "its version cannot be noted");
         }
@@ -108,12 +116,12 @@ fn outcome(summary: &Summary, folder: String, bytes: u64) -> Outcome {
     }
 }
 
-fn command(shop: &Workshop, spec: &Flight, folder: &Path) -> std::io::Result<Command> {
+fn command(context: &WorkerContext, spec: &Flight, folder: &Path) -> std::io::Result<Command> {
     let autopilot = match &spec.controller {
         Controller::Autopilot(name) => {
-            let listed = shop.autopilots.iter().find(|autopilot| autopilot.name == *name);
+            let listed = context.autopilots.iter().find(|autopilot| autopilot.name == *name);
             let listed =
-                listed.ok_or_else(|| std::io::Error::other(format!("no autopilot '{name}' is listed here")))?;
+                listed.ok_or_else(|| std::io::Error::other(format!("no autopilot '{name}' is configured here")))?;
             Some(AutopilotHere {
                 address: listed.address.clone(),
                 pilot: listed.pilot.clone(),
@@ -121,7 +129,7 @@ fn command(shop: &Workshop, spec: &Flight, folder: &Path) -> std::io::Result<Com
         }
         _ => None,
     };
-    let meeting = match &shop.zenoh {
+    let meeting = match &context.zenoh {
         _ if spec.link != Link::Zenoh => None,
         Meeting::Listen(endpoint) => Some(rotortwin_jobs::Meeting::Listen(with_port(endpoint)?)),
         Meeting::Router(endpoint) => Some(rotortwin_jobs::Meeting::Connect(endpoint.clone())),
@@ -138,7 +146,7 @@ fn command(shop: &Workshop, spec: &Flight, folder: &Path) -> std::io::Result<Com
             },
         },
     };
-    job_command(&shop.program, &file, folder)
+    job_command(&context.program, &file, folder)
 }
 
 /// Replaces port 0 of an endpoint by a currently free one. (If it is taken before the plant listens, the flight is retried.)
@@ -157,14 +165,14 @@ fn roles(spec: &Flight) -> impl Iterator<Item = (&'static str, Place)> {
 }
 
 /// Issues the tickets once the plant is waiting.
-struct Desk<'a> {
-    shop: &'a Workshop,
+struct TicketIssuer<'a> {
+    context: &'a WorkerContext,
     job: &'a Job,
     token: &'a str,
     spec: &'a Flight,
 }
 
-impl Listener for Desk<'_> {
+impl Listener for TicketIssuer<'_> {
     async fn event(&mut self, kind: &str, event: &Value) {
         if kind == "join" {
             self.hand_out(event).await;
@@ -172,7 +180,7 @@ impl Listener for Desk<'_> {
     }
 }
 
-impl Desk<'_> {
+impl TicketIssuer<'_> {
     async fn hand_out(&self, event: &Value) {
         let ticket = |role: &str| {
             event["peers"]
@@ -182,7 +190,7 @@ impl Desk<'_> {
                 .find(|peer| peer["role"] == role)
                 .map(Value::to_string)
         };
-        let database = &self.shop.database;
+        let database = &self.context.database;
         let seats: Vec<(&str, String)> = roles(self.spec)
             .filter(|(_, place)| *place == Place::Worker)
             .filter_map(|(role, _)| Some((role, ticket(role)?)))
@@ -195,7 +203,7 @@ impl Desk<'_> {
             other => other,
         };
         if let Err(error) = written {
-            tracing::error!(job = self.job.id, %error, "the run's tickets cannot be written; nobody will join");
+            tracing::error!(job = self.job.id, %error, "the run's tickets cannot be written; no peer can join");
         }
     }
 }

@@ -4,7 +4,7 @@
 //! server that shares it, even one restarted meanwhile.
 
 use super::child::{self, LARGEST_FILE};
-use super::{ATTEMPTS, Workshop, failed, files_key, pause_after_failure};
+use super::{ATTEMPTS, WorkerContext, failed, files_key, pause_after_failure};
 use crate::artifacts::files_below;
 use crate::jobs::queue::new_id;
 use crate::jobs::{Job, Outcome, Status};
@@ -60,15 +60,20 @@ pub(crate) fn path(job: &Job) -> String {
 }
 
 fn over() -> Problem {
-    Problem::gone("this attempt of the part is over: it has ended, was canceled, or somebody else has the part")
+    Problem::gone("this attempt of the part is over: it ended, was canceled, or another worker has the part")
 }
 
 /// The attempt that a ticket belongs to, with its claim.
 ///
 /// # Errors
 /// 410: it is over. 401: wrong ticket.
-pub(crate) async fn find(shop: &Workshop, id: &str, attempt: i64, secret: &str) -> Result<(Job, String), Problem> {
-    let found = shop.database.handed_over(id, attempt).await?;
+pub(crate) async fn find(
+    context: &WorkerContext,
+    id: &str,
+    attempt: i64,
+    secret: &str,
+) -> Result<(Job, String), Problem> {
+    let found = context.database.handed_over(id, attempt).await?;
     let (job, claim) = found.ok_or_else(over)?;
     let ticket = job.ticket.as_deref().and_then(Ticket::parse).ok_or_else(over)?;
     // Equal lengths, compared in constant time.
@@ -93,11 +98,11 @@ fn stored(job: &Job) -> Result<StoredJob, Problem> {
 ///
 /// # Errors
 /// 422: a job of a later version. 500, 507: files cannot be read.
-pub(crate) async fn order(shop: &Workshop, job: &Job, threads: NonZeroUsize) -> Result<PartOrder, Problem> {
+pub(crate) async fn order(context: &WorkerContext, job: &Job, threads: NonZeroUsize) -> Result<PartOrder, Problem> {
     let StoredJob { job: spec, inputs } = stored(job)?;
     let mut told = Vec::new();
     for input in &inputs {
-        told.extend(listed(shop, input).await?);
+        told.extend(listed(context, input).await?);
     }
     let leftovers = spec.leftovers().iter().map(|&name| name.to_owned()).collect();
     let file = JobFile {
@@ -116,13 +121,13 @@ pub(crate) async fn order(shop: &Workshop, job: &Job, threads: NonZeroUsize) -> 
         out: OUT.to_owned(),
         leftovers,
         wall_limit_s,
-        memory: shop.job_memory,
+        memory: context.job_memory,
         cpu_s: wall_limit_s.saturating_mul(threads.get() as u64 + 2),
     })
 }
 
 /// An input as files; short texts are included.
-async fn listed(shop: &Workshop, input: &Input) -> Result<Vec<PartInput>, Problem> {
+async fn listed(context: &WorkerContext, input: &Input) -> Result<Vec<PartInput>, Problem> {
     let of_files = |error: std::io::Error| Problem::of_files(&error);
     let mut all = Vec::new();
     match &input.content {
@@ -135,9 +140,9 @@ async fn listed(shop: &Workshop, input: &Input) -> Result<Vec<PartInput>, Proble
             text: None,
         }),
         Content::Folder(key) => {
-            for file in shop.artifacts.list(key).await.map_err(of_files)? {
+            for file in context.artifacts.list(key).await.map_err(of_files)? {
                 let text = if file.size <= INLINE {
-                    let local = shop.artifacts.file(key, &file.path).await.map_err(of_files)?;
+                    let local = context.artifacts.file(key, &file.path).await.map_err(of_files)?;
                     let local = local.ok_or_else(|| gone(&file.path))?;
                     let bytes = tokio::fs::read(local).await.map_err(of_files)?;
                     String::from_utf8(bytes).ok()
@@ -155,21 +160,21 @@ async fn listed(shop: &Workshop, input: &Input) -> Result<Vec<PartInput>, Proble
 }
 
 fn gone(path: &str) -> Problem {
-    Problem::not_found(format!("{path} is none of the inputs of this part, or is gone"))
+    Problem::not_found(format!("{path} is not an input of this part, or was deleted"))
 }
 
 /// A file that the order lists without its text.
 ///
 /// # Errors
 /// 404: not listed. 500, 507.
-pub(crate) async fn input(shop: &Workshop, job: &Job, path: &str) -> Result<PathBuf, Problem> {
+pub(crate) async fn input(context: &WorkerContext, job: &Job, path: &str) -> Result<PathBuf, Problem> {
     for input in stored(job)?.inputs {
         let (key, rest) = match (&input.content, path.strip_prefix(&input.path)) {
             (Content::File(key), Some("")) => key.rsplit_once('/').unwrap_or(("", key)),
             (Content::Folder(key), Some(rest)) if rest.starts_with('/') => (key.as_str(), &rest[1..]),
             _ => continue,
         };
-        let file = shop.artifacts.file(key, rest).await;
+        let file = context.artifacts.file(key, rest).await;
         if let Some(file) = file.map_err(|error| Problem::of_files(&error))? {
             return Ok(file);
         }
@@ -187,17 +192,17 @@ pub(crate) struct Delivery {
 impl Delivery {
     /// # Errors
     /// 422: the path leads elsewhere. 500, 507.
-    pub(crate) fn begin(shop: &Workshop, job: &Job, path: &str) -> Result<Self, Problem> {
+    pub(crate) fn begin(context: &WorkerContext, job: &Job, path: &str) -> Result<Self, Problem> {
         let plain = !path.is_empty()
             && Path::new(path)
                 .components()
                 .all(|part| matches!(part, Component::Normal(name) if !name.to_string_lossy().starts_with('.')));
         if !plain {
             return Err(Problem::unprocessable(format!(
-                "'{path}' is no file of a part; expected a relative path without dots at the beginning of a name"
+                "'{path}' is not a valid file of a part; expected a relative path without dots at the beginning of a name"
             )));
         }
-        let place = shop.artifacts.place(&files_key(job)).join(path);
+        let place = context.artifacts.place(&files_key(job)).join(path);
         let folder = place.parent().unwrap_or(&place).to_owned();
         std::fs::create_dir_all(&folder).map_err(|error| Problem::of_files(&error))?;
         Ok(Self {
@@ -226,17 +231,17 @@ pub(crate) const LARGEST_DELIVERY: u64 = LARGEST_FILE;
 ///
 /// # Errors
 /// 422: not an event. 410: the attempt is over.
-pub(crate) async fn events(shop: &Workshop, job: &Job, claim: &str, lines: &[String]) -> Result<(), Problem> {
+pub(crate) async fn events(context: &WorkerContext, job: &Job, claim: &str, lines: &[String]) -> Result<(), Problem> {
     for line in lines {
         let event: serde_json::Value = serde_json::from_str(line)
-            .map_err(|error| Problem::unprocessable(format!("a line is no JSON: {error}")))?;
+            .map_err(|error| Problem::unprocessable(format!("a line is not JSON: {error}")))?;
         let kind = event["event"].as_str().filter(|kind| !OF_QUEUE.contains(kind));
-        let kind = kind.ok_or_else(|| Problem::unprocessable("a line is no event of a part"))?;
-        if !shop.database.event(&job.id, claim, kind, line).await? {
+        let kind = kind.ok_or_else(|| Problem::unprocessable("a line is not an event of a part"))?;
+        if !context.database.event(&job.id, claim, kind, line).await? {
             // The claim has moved to another server; these are progress events, which may be lost.
             return Ok(());
         }
-        child::tell_whole(shop, job, claim, kind, line).await;
+        child::tell_whole(context, job, claim, kind, line).await;
     }
     Ok(())
 }
@@ -246,32 +251,32 @@ pub(crate) async fn events(shop: &Workshop, job: &Job, claim: &str, lines: &[Str
 /// # Errors
 /// 410: it is over already. 409: files are missing. 500, 503, 507.
 pub(crate) async fn end(
-    shop: &Workshop,
+    context: &WorkerContext,
     id: &str,
     attempt: i64,
     secret: &str,
     end: &PartEnd,
 ) -> Result<Ticket, Problem> {
     for _ in 0..LOOKS {
-        let (job, claim) = find(shop, id, attempt, secret).await?;
+        let (job, claim) = find(context, id, attempt, secret).await?;
         let node = &end.node;
         let written = match &end.how {
             PartHow::Done { result, files } => {
-                let outcome = delivered(shop, &job, result, files).await?;
-                shop.database.finish(&job.id, &claim, &outcome).await?
+                let outcome = delivered(context, &job, result, files).await?;
+                context.database.finish(&job.id, &claim, &outcome).await?
             }
             PartHow::Refused { why } => {
                 let outcome = failed(&job, format!("on node {node}: {why}"));
-                shop.database.finish(&job.id, &claim, &outcome).await?
+                context.database.finish(&job.id, &claim, &outcome).await?
             }
             PartHow::Failed { why } if job.failures + 1 >= ATTEMPTS => {
                 let outcome = failed(&job, format!("on node {node}: {why} ({} attempts)", job.failures + 1));
-                shop.database.finish(&job.id, &claim, &outcome).await?
+                context.database.finish(&job.id, &claim, &outcome).await?
             }
             PartHow::Failed { why } => {
                 let pause = pause_after_failure(&job);
                 let why = format!("on node {node}: {why}");
-                shop.database.release(&job.id, &claim, &why, Some(pause)).await?
+                context.database.release(&job.id, &claim, &why, Some(pause)).await?
             }
         };
         if written {
@@ -280,16 +285,16 @@ pub(crate) async fn end(
         // Another server has just taken over the attempt: its claim is equally valid.
         tokio::time::sleep(Duration::from_millis(50)).await;
     }
-    Err(Problem::unavailable("the part changes hands; expected a later try"))
+    Err(Problem::unavailable("the part is being handed over; retry later"))
 }
 
 /// The files of a part, if all have been delivered.
-async fn delivered(shop: &Workshop, job: &Job, result: &str, files: &[PartFile]) -> Result<Outcome, Problem> {
+async fn delivered(context: &WorkerContext, job: &Job, result: &str, files: &[PartFile]) -> Result<Outcome, Problem> {
     if serde_json::from_str::<serde::de::IgnoredAny>(result).is_err() {
         return Err(Problem::unprocessable("the result is no JSON"));
     }
     let key = files_key(job);
-    let mut there: BTreeMap<String, u64> = files_below(&shop.artifacts.place(&key))
+    let mut there: BTreeMap<String, u64> = files_below(&context.artifacts.place(&key))
         .map_err(|error| Problem::of_files(&error))?
         .into_iter()
         .map(|file| (file.path, file.size))
@@ -309,11 +314,11 @@ async fn delivered(shop: &Workshop, job: &Job, result: &str, files: &[PartFile])
     }
     for path in there.into_keys() {
         // Remains of an interrupted upload.
-        if let Err(error) = std::fs::remove_file(shop.artifacts.place(&key).join(&path)) {
-            tracing::warn!(job = job.id, path, %error, "a file that no part has left cannot be removed");
+        if let Err(error) = std::fs::remove_file(context.artifacts.place(&key).join(&path)) {
+            tracing::warn!(job = job.id, path, %error, "a file of no known part cannot be removed");
         }
     }
-    let bytes = shop
+    let bytes = context
         .artifacts
         .publish(&key)
         .await

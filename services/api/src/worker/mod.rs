@@ -47,7 +47,7 @@ const JOB_FILE: &str = "job.json";
 
 /// Context of the workers.
 #[derive(Debug)]
-pub(crate) struct Workshop {
+pub(crate) struct WorkerContext {
     /// The queue.
     pub(crate) database: Database,
     /// File store.
@@ -76,7 +76,7 @@ pub(crate) struct Workshop {
     pub(crate) ray: Option<Arc<ray::Ray>>,
 }
 
-impl Workshop {
+impl WorkerContext {
     /// Kinds of jobs taken by slots of this process.
     fn takes(&self) -> Takes {
         if self.ray.is_some() {
@@ -123,15 +123,18 @@ impl Ended {
 }
 
 /// Executes jobs until the process ends.
-pub(crate) async fn work(shop: Arc<Workshop>) {
-    let mut ending = shop.ending.subscribe();
+pub(crate) async fn work(context: Arc<WorkerContext>) {
+    let mut ending = context.ending.subscribe();
     while !*ending.borrow() {
-        shop.pulse.beat();
+        context.pulse.beat();
         // On a full disk a job would only use up its attempts.
-        let claimed = if shop.artifacts.has_room() {
-            shop.database.claim(&shop.name, LEASE, shop.share, shop.takes()).await
+        let claimed = if context.artifacts.has_room() {
+            context
+                .database
+                .claim(&context.name, LEASE, context.share, context.takes())
+                .await
         } else {
-            tracing::warn!("the disk with the files of jobs is full: none is begun");
+            tracing::warn!("the disk with the files of jobs is full: no job is started");
             Ok(None)
         };
         match claimed {
@@ -142,18 +145,18 @@ pub(crate) async fn work(shop: Arc<Workshop>) {
                     attempt = job.attempts,
                     "begun"
                 );
-                let span = shop.traces.attempt(&job, &shop.name);
-                let ended = attempt(&shop, &job, &token).await;
+                let span = context.traces.attempt(&job, &context.name);
+                let ended = attempt(&context, &job, &token).await;
                 let (outcome, error) = ended.in_short();
                 span.end(outcome, error);
-                write_down(&shop, &job, &token, ended).await;
+                write_down(&context, &job, &token, ended).await;
                 continue;
             }
             Ok(None) => {}
             Err(error) => tracing::error!(%error, "a worker cannot read the queue"),
         }
         tokio::select! {
-            () = shop.database.hub.queue.notified() => {}
+            () = context.database.hub.queue.notified() => {}
             _ = ending.changed() => {}
             () = tokio::time::sleep(LOOK) => {}
         }
@@ -174,19 +177,19 @@ pub fn limit_that_ended(status: std::process::ExitStatus, said: &str, memory: u6
 }
 
 /// Takes seats of runs flown elsewhere until the process ends.
-pub(crate) async fn sit(shop: Arc<Workshop>, roles: Vec<String>) {
-    let mut ending = shop.ending.subscribe();
+pub(crate) async fn serve_seats(context: Arc<WorkerContext>, roles: Vec<String>) {
+    let mut ending = context.ending.subscribe();
     while !*ending.borrow() {
-        match shop.database.take_seat(&roles).await {
+        match context.database.take_seat(&roles).await {
             Ok(Some(seat)) => {
-                seat::serve(&shop, &seat).await;
+                seat::serve(&context, &seat).await;
                 continue;
             }
             Ok(None) => {}
             Err(error) => tracing::error!(%error, "seats cannot be looked for"),
         }
         tokio::select! {
-            () = shop.database.hub.queue.notified() => {}
+            () = context.database.hub.queue.notified() => {}
             _ = ending.changed() => {}
             () = tokio::time::sleep(LOOK / 4) => {}
         }
@@ -197,12 +200,16 @@ pub(crate) async fn sit(shop: Arc<Workshop>, roles: Vec<String>) {
 ///
 /// # Errors
 /// The database.
-pub(crate) async fn offer_autopilots(shop: &Workshop) -> Result<(), sqlx::Error> {
-    for autopilot in &shop.autopilots {
-        if !shop.database.offer_autopilot(&shop.name, autopilot, LEASE).await? {
+pub(crate) async fn offer_autopilots(context: &WorkerContext) -> Result<(), sqlx::Error> {
+    for autopilot in &context.autopilots {
+        if !context
+            .database
+            .offer_autopilot(&context.name, autopilot, LEASE)
+            .await?
+        {
             tracing::warn!(
                 autopilot = autopilot.name,
-                "another worker lists an autopilot of this name and flies with it; this one's is not used"
+                "another worker offers an autopilot with this name and uses it; this worker's autopilot is ignored"
             );
         }
     }
@@ -210,29 +217,29 @@ pub(crate) async fn offer_autopilots(shop: &Workshop) -> Result<(), sqlx::Error>
 }
 
 /// [`offer_autopilots`] until the process ends.
-pub(crate) async fn keep_offering(shop: Arc<Workshop>) {
-    let mut ending = shop.ending.subscribe();
+pub(crate) async fn keep_offering(context: Arc<WorkerContext>) {
+    let mut ending = context.ending.subscribe();
     while !*ending.borrow() {
         tokio::select! {
             _ = ending.changed() => {}
             () = tokio::time::sleep(LEASE / 3) => {
-                if let Err(error) = offer_autopilots(&shop).await {
+                if let Err(error) = offer_autopilots(&context).await {
                     tracing::error!(%error, "autopilots cannot be offered");
                 }
             }
         }
     }
-    if let Err(error) = shop.database.withdraw_autopilots(Some(&shop.name)).await {
-        tracing::warn!(%error, "autopilots are offered until their time is over");
+    if let Err(error) = context.database.withdraw_autopilots(Some(&context.name)).await {
+        tracing::warn!(%error, "autopilots stay offered until their lease expires");
     }
 }
 
 /// Queues jobs of dead workers again.
-pub(crate) async fn look_after_claims(shop: Arc<Workshop>) {
-    let mut ending = shop.ending.subscribe();
+pub(crate) async fn look_after_claims(context: Arc<WorkerContext>) {
+    let mut ending = context.ending.subscribe();
     while !*ending.borrow() {
-        if let Err(error) = requeue(&shop.database, Left::Abandoned).await {
-            tracing::error!(%error, "abandoned jobs cannot be looked for");
+        if let Err(error) = requeue(&context.database, Left::Abandoned).await {
+            tracing::error!(%error, "the search for abandoned jobs failed");
         }
         tokio::select! {
             _ = ending.changed() => {}
@@ -247,7 +254,7 @@ pub(crate) async fn look_after_claims(shop: Arc<Workshop>) {
 /// The database.
 pub(crate) async fn requeue(database: &Database, left: Left) -> Result<(), sqlx::Error> {
     for id in database.requeue_abandoned(left, ATTEMPTS_OF_DEAD_WORKERS).await? {
-        tracing::warn!(job = id, "its worker is gone: queued again");
+        tracing::warn!(job = id, "its worker died: queued again");
     }
     Ok(())
 }
@@ -266,10 +273,10 @@ fn files_key(job: &Job) -> String {
     format!("{}/out", attempt_key(job))
 }
 
-async fn attempt(shop: &Workshop, job: &Job, token: &str) -> Ended {
-    forget_attempts_before(shop, job).await;
+async fn attempt(context: &WorkerContext, job: &Job, token: &str) -> Ended {
+    forget_attempts_before(context, job).await;
     // Such a folder can only exist if a worker was killed between claiming and starting; no other process writes there.
-    let folder = shop.artifacts.place(&attempt_key(job));
+    let folder = context.artifacts.place(&attempt_key(job));
     if let Err(error) = fresh_folder(&folder) {
         return Ended::Failed(format!("{}: cannot be made: {error}", folder.display()));
     }
@@ -277,18 +284,18 @@ async fn attempt(shop: &Workshop, job: &Job, token: &str) -> Ended {
         Ok(StoredJob {
             job: rotortwin_jobs::Job::Run(spec),
             ..
-        }) => flight::fly(shop, job, token, &spec, &folder).await,
-        Ok(stored) => task::perform(shop, job, token, stored, &folder).await,
+        }) => flight::fly(context, job, token, &spec, &folder).await,
+        Ok(stored) => task::perform(context, job, token, stored, &folder).await,
         Err(error) => Ended::Outcome(failed(job, error.to_string())),
     }
 }
 
 /// Results of earlier attempts are obsolete: the same seed gives identical results. (One may still be writing, on a disconnected host; it will
 /// find its folder gone, and its claim lost.)
-async fn forget_attempts_before(shop: &Workshop, job: &Job) {
+async fn forget_attempts_before(context: &WorkerContext, job: &Job) {
     for attempt in 1..job.attempts {
         let key = attempt_key_of(&job.id, attempt);
-        if let Err(error) = shop.artifacts.delete(&key).await {
+        if let Err(error) = context.artifacts.delete(&key).await {
             tracing::warn!(key, %error, "files of an attempt that failed cannot be deleted");
         }
     }
@@ -315,12 +322,12 @@ fn pause_after_failure(job: &Job) -> Duration {
     Duration::from_millis(500) * 4_u32.pow(u32::try_from(job.failures).unwrap_or(0))
 }
 
-async fn write_down(shop: &Workshop, job: &Job, token: &str, ended: Ended) {
+async fn write_down(context: &WorkerContext, job: &Job, token: &str, ended: Ended) {
     let begun = tokio::time::Instant::now();
     let ended = match ended {
         Ended::Failed(why) if job.failures + 1 >= ATTEMPTS => {
             let mut outcome = failed(job, format!("{why} ({} attempts)", job.failures + 1));
-            outcome.bytes = kept_of_failed(shop, job).await;
+            outcome.bytes = kept_of_failed(context, job).await;
             Ended::Outcome(outcome)
         }
         ended => ended,
@@ -330,27 +337,28 @@ async fn write_down(shop: &Workshop, job: &Job, token: &str, ended: Ended) {
             Ended::Lost => Ok(false),
             Ended::Failed(why) => {
                 let pause = pause_after_failure(job);
-                shop.database.release(&job.id, token, why, Some(pause)).await
+                context.database.release(&job.id, token, why, Some(pause)).await
             }
             Ended::WorkerEnds => {
-                shop.database
+                context
+                    .database
                     .release(&job.id, token, "its worker was stopped", None)
                     .await
             }
-            Ended::Outcome(outcome) => shop.database.finish(&job.id, token, outcome).await,
+            Ended::Outcome(outcome) => context.database.finish(&job.id, token, outcome).await,
         };
         match written {
             Ok(true) => {
                 if matches!(&ended, Ended::Outcome(outcome) if outcome.status == Status::Done) {
-                    forget_parts(shop, &job.id).await;
+                    forget_parts(context, &job.id).await;
                 }
                 return;
             }
             Ok(false) => {
                 tracing::warn!(job = job.id, "another worker has this job: its result counts");
                 let key = attempt_key(job);
-                if let Err(error) = shop.artifacts.delete(&key).await {
-                    tracing::warn!(key, %error, "files of an attempt that does not count cannot be deleted");
+                if let Err(error) = context.artifacts.delete(&key).await {
+                    tracing::warn!(key, %error, "files of a discarded attempt cannot be deleted");
                 }
                 return;
             }
@@ -360,7 +368,7 @@ async fn write_down(shop: &Workshop, job: &Job, token: &str, ended: Ended) {
             }
             // The claim expires and the job is started again: nothing is lost.
             Err(error) => {
-                tracing::error!(job = job.id, %error, "the end of a job cannot be written; it will be begun again");
+                tracing::error!(job = job.id, %error, "the end of a job cannot be written; it will be started again");
                 return;
             }
         }
@@ -368,13 +376,13 @@ async fn write_down(shop: &Workshop, job: &Job, token: &str, ended: Ended) {
 }
 
 /// Keeps the files of a job's last attempt for error analysis; returns their size, which counts for its tenant.
-async fn kept_of_failed(shop: &Workshop, job: &Job) -> i64 {
-    match shop.artifacts.publish(&files_key(job)).await {
+async fn kept_of_failed(context: &WorkerContext, job: &Job) -> i64 {
+    match context.artifacts.publish(&files_key(job)).await {
         Ok(bytes) => i64::try_from(bytes).unwrap_or(i64::MAX),
         Err(error) => {
             tracing::warn!(job = job.id, %error, "files of a job that failed cannot be kept; they are removed");
             let key = attempt_key(job);
-            if let Err(error) = shop.artifacts.delete(&key).await {
+            if let Err(error) = context.artifacts.delete(&key).await {
                 tracing::warn!(key, %error, "and cannot be removed");
             }
             0
@@ -383,20 +391,20 @@ async fn kept_of_failed(shop: &Workshop, job: &Job) -> i64 {
 }
 
 /// The files of a job's parts are in its own files now.
-async fn forget_parts(shop: &Workshop, job: &str) {
+async fn forget_parts(context: &WorkerContext, job: &str) {
     let forgotten = async {
-        for key in shop
+        for key in context
             .database
             .forget_files_of_parts(job)
             .await
             .map_err(std::io::Error::other)?
         {
-            shop.artifacts.delete(&key).await?;
+            context.artifacts.delete(&key).await?;
         }
         Ok::<(), std::io::Error>(())
     };
     if let Err(error) = forgotten.await {
-        tracing::warn!(job, %error, "files of its parts, which nobody needs, cannot be deleted");
+        tracing::warn!(job, %error, "files of its parts, no longer needed, cannot be deleted");
     }
 }
 

@@ -1,6 +1,6 @@
 //! A seat: `rotortwin controller` or `rotortwin fdi` for a run that is flown on another host.
 
-use super::Workshop;
+use super::WorkerContext;
 use super::child::{last_words, signal, without_secrets};
 use crate::jobs::seats::Seat;
 use rustix::process::Signal;
@@ -13,19 +13,21 @@ use tokio::process::Command;
 const GRACE: Duration = Duration::from_secs(1);
 
 /// Starts the process and waits for its end. However it ends, the plant notices and reports which peer is missing.
-pub(super) async fn serve(shop: &Workshop, seat: &Seat) {
+pub(super) async fn serve(context: &WorkerContext, seat: &Seat) {
     let Ok(ticket) = serde_json::from_str::<Value>(&seat.ticket) else {
         tracing::error!(run = seat.job, "its ticket cannot be read");
         return;
     };
     let text = |key: &str| ticket[key].as_str().unwrap_or_default().to_owned();
-    let complaints = shop.artifacts.place(&format!("seats/{}-{}.log", seat.job, seat.role));
+    let complaints = context
+        .artifacts
+        .place(&format!("seats/{}-{}.log", seat.job, seat.role));
     let child = complaints
         .parent()
         .map_or(Ok(()), std::fs::create_dir_all)
         .and_then(|()| std::fs::File::create(&complaints))
         .and_then(|file| {
-            let mut command = Command::new(&shop.program);
+            let mut command = Command::new(&context.program);
             without_secrets(&mut command);
             command
                 .arg(&seat.role)
@@ -42,12 +44,12 @@ pub(super) async fn serve(shop: &Workshop, seat: &Seat) {
     let mut child = match child {
         Ok(child) => child,
         Err(error) => {
-            tracing::error!(run = seat.job, role = seat.role, %error, "a seat was taken, and its process cannot be started");
+            tracing::error!(run = seat.job, role = seat.role, %error, "a seat was claimed, but its process cannot be started");
             return;
         }
     };
     tracing::info!(run = seat.job, role = seat.role, "seat taken");
-    let mut ending = shop.ending.subscribe();
+    let mut ending = context.ending.subscribe();
     let ended = tokio::select! {
         ended = child.wait() => ended,
         () = ends(&mut ending) => {
@@ -64,7 +66,7 @@ pub(super) async fn serve(shop: &Workshop, seat: &Seat) {
             tracing::warn!(run = seat.job, role = seat.role, %status, why = last_words(&complaints), "seat left early");
         }
         Err(error) => {
-            tracing::error!(run = seat.job, role = seat.role, %error, "a seat's process cannot be waited for")
+            tracing::error!(run = seat.job, role = seat.role, %error, "waiting for the process of a seat failed")
         }
     }
     if let Err(error) = std::fs::remove_file(&complaints) {

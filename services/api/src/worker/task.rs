@@ -1,7 +1,7 @@
 //! Any job but a flight: campaign, diagnosis, training.
 
 use super::child::{self, Everything, Limits, Reason};
-use super::{Ended, Workshop, files_key, job_command};
+use super::{Ended, WorkerContext, files_key, job_command};
 use crate::jobs::{Job, Outcome, Status};
 use rotortwin_jobs::{Content, Here, Input, JobFile, StoredJob};
 use std::io;
@@ -13,12 +13,18 @@ const COMPLAINTS: &str = "task.log";
 /// Exit code of a command with bad input: a retry would fail the same way.
 const BAD_INPUT: i32 = 2;
 
-pub(super) async fn perform(shop: &Workshop, job: &Job, token: &str, stored: StoredJob, folder: &Path) -> Ended {
+pub(super) async fn perform(
+    context: &WorkerContext,
+    job: &Job,
+    token: &str,
+    stored: StoredJob,
+    folder: &Path,
+) -> Ended {
     let complaints = folder.join(COMPLAINTS);
-    if let Err(error) = lay_out(shop, job, &stored.inputs, folder).await {
-        return Ended::Failed(format!("what the job needs cannot be laid out: {error}"));
+    if let Err(error) = lay_out(context, job, &stored.inputs, folder).await {
+        return Ended::Failed(format!("the inputs of the job cannot be written: {error}"));
     }
-    let threads = NonZeroUsize::new(shop.threads).unwrap_or(NonZeroUsize::MIN);
+    let threads = NonZeroUsize::new(context.threads).unwrap_or(NonZeroUsize::MIN);
     let StoredJob { job: spec, inputs } = stored;
     let spec = spec.with_threads(threads);
     let leftovers = spec.leftovers();
@@ -29,15 +35,15 @@ pub(super) async fn perform(shop: &Workshop, job: &Job, token: &str, stored: Sto
             ..Here::default()
         },
     };
-    let command = match job_command(&shop.program, &file, folder) {
+    let command = match job_command(&context.program, &file, folder) {
         Ok(command) => command,
         Err(error) => return Ended::Failed(format!("the job cannot be handed over: {error}")),
     };
-    let child = match child::start(command, Limits::of(shop, job), &complaints) {
+    let child = match child::start(command, Limits::of(context, job), &complaints) {
         Ok(child) => child,
         Err(error) => return Ended::Failed(format!("the job could not be started: {error}")),
     };
-    let end = child::watch(shop, job, token, child, &mut Everything).await;
+    let end = child::watch(context, job, token, child, &mut Everything).await;
     match end.reason {
         Reason::Lost => return Ended::Lost,
         Reason::WorkerEnds => return Ended::WorkerEnds,
@@ -49,13 +55,13 @@ pub(super) async fn perform(shop: &Workshop, job: &Job, token: &str, stored: Sto
         (Reason::TooLong, _) => (
             Status::Failed,
             Some(format!(
-                "it took longer than {} s of wall time and was stopped",
+                "the limit of {} s of wall time was exceeded",
                 job.new.wall_limit_ms / 1000
             )),
         ),
         (_, Some(0)) => (Status::Done, None),
         (_, Some(BAD_INPUT)) => (Status::Failed, Some(child::last_words(&complaints))),
-        _ => match child::limit_reached(shop, end.status, &complaints) {
+        _ => match child::limit_reached(context, end.status, &complaints) {
             Some(why) => (Status::Failed, Some(why)),
             None => return Ended::Failed(child::last_words(&complaints)),
         },
@@ -75,7 +81,7 @@ pub(super) async fn perform(shop: &Workshop, job: &Job, token: &str, stored: Sto
             remove(&folder.join(top));
         }
     }
-    match shop.artifacts.publish(&files_key(job)).await {
+    match context.artifacts.publish(&files_key(job)).await {
         Ok(bytes) => Ended::Outcome(Outcome {
             status,
             folder: Some(files_key(job)),
@@ -104,7 +110,7 @@ fn remove(path: &Path) {
     }
 }
 
-async fn lay_out(shop: &Workshop, job: &Job, inputs: &[Input], folder: &Path) -> io::Result<()> {
+async fn lay_out(context: &WorkerContext, job: &Job, inputs: &[Input], folder: &Path) -> io::Result<()> {
     std::fs::create_dir_all(folder.join("out"))?;
     for input in inputs {
         let path = folder.join(&input.path);
@@ -115,15 +121,15 @@ async fn lay_out(shop: &Workshop, job: &Job, inputs: &[Input], folder: &Path) ->
             Content::Text(text) => std::fs::write(&path, text)?,
             Content::File(key) => {
                 let (parent, name) = key.rsplit_once('/').unwrap_or(("", key));
-                let file = shop.artifacts.file(parent, name).await?;
+                let file = context.artifacts.file(parent, name).await?;
                 let file = file.ok_or_else(|| io::Error::other(format!("{key} is gone")))?;
                 std::fs::copy(file, &path)?;
             }
-            Content::Folder(key) => copy_folder(shop, key, &path).await?,
+            Content::Folder(key) => copy_folder(context, key, &path).await?,
             Content::Parts => {
-                for part in shop.database.parts(&job.id).await.map_err(io::Error::other)? {
+                for part in context.database.parts(&job.id).await.map_err(io::Error::other)? {
                     let key = part.folder.ok_or_else(|| io::Error::other("a part has left nothing"))?;
-                    copy_folder(shop, &key, &path).await?;
+                    copy_folder(context, &key, &path).await?;
                 }
             }
         }
@@ -131,9 +137,9 @@ async fn lay_out(shop: &Workshop, job: &Job, inputs: &[Input], folder: &Path) ->
     Ok(())
 }
 
-async fn copy_folder(shop: &Workshop, key: &str, to: &Path) -> io::Result<()> {
-    for file in shop.artifacts.list(key).await? {
-        let source = shop.artifacts.file(key, &file.path).await?;
+async fn copy_folder(context: &WorkerContext, key: &str, to: &Path) -> io::Result<()> {
+    for file in context.artifacts.list(key).await? {
+        let source = context.artifacts.file(key, &file.path).await?;
         let source = source.ok_or_else(|| io::Error::other(format!("{key}/{} is gone", file.path)))?;
         let target = to.join(&file.path);
         if let Some(parent) = target.parent() {

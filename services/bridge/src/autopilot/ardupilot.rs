@@ -66,7 +66,7 @@ impl ArduPilot {
     /// The port is in use, or not permitted.
     pub fn listen(address: SocketAddr, map: OutputMap, patience: Patience) -> Result<Self, String> {
         let socket = UdpSocket::bind(address)
-            .map_err(|error| format!("UDP {address}, where ArduPilot is waited for, cannot be opened: {error}"))?;
+            .map_err(|error| format!("cannot open UDP {address} to wait for ArduPilot: {error}"))?;
         Ok(Self {
             socket,
             map,
@@ -126,7 +126,7 @@ impl ArduPilot {
                 if self.unanswered > MOST_UNANSWERED {
                     let frame = self.frame().unwrap_or(0);
                     let sentence = format!(
-                        "{} does not wait for answers: frame {frame} is one of more than {MOST_UNANSWERED} that came before their \
+                        "{} does not wait for replies: frame {frame} is one of more than {MOST_UNANSWERED} that arrived before their \
                          predecessor was answered",
                         self.name()
                     );
@@ -220,7 +220,7 @@ impl ArduPilot {
             ahead if ahead > u32::MAX / 2 => Ok(Verdict::Nothing),
             _ => {
                 let sentence = format!(
-                    "{} sent frame {} after frame {}: it did not wait for the answers between them",
+                    "{} sent frame {} after frame {}: it did not wait for the replies between them",
                     self.name(),
                     packet.frame,
                     latest.frame

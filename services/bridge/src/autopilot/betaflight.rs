@@ -97,13 +97,13 @@ impl Betaflight {
         };
         let (Some(motors), Some(sticks)) = (port(-2), port(1)) else {
             return Err(format!(
-                "port {} leaves no ports beside it for motors and sticks",
+                "port {} leaves no adjacent ports for motors and sticks",
                 address.port()
             ));
         };
         let at = SocketAddr::new(address.ip(), motors);
         let socket = UdpSocket::bind(at)
-            .map_err(|error| format!("UDP {at}, where the motors of Betaflight come in, cannot be opened: {error}"))?;
+            .map_err(|error| format!("cannot open UDP {at} to receive the motors of Betaflight: {error}"))?;
         Ok(Self {
             socket,
             states_to: address,
@@ -364,7 +364,7 @@ impl Autopilot for Betaflight {
             longest,
         } = self.pace;
         self.words.push_back(format!(
-            "not lockstep: of {states} states in flight {late} went out late and {unanswered} found no motors in time; longest gap {:.1} ms",
+            "not lockstep: of {states} states in flight {late} were sent late and {unanswered} got no motors in time; longest gap {:.1} ms",
             1e3 * longest.as_secs_f64()
         ));
         match &mut self.sticks {

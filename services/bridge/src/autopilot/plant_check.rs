@@ -144,9 +144,9 @@ impl Player {
         let mut buffer = [0; 2048];
         let again = self.socket.recv(&mut buffer).is_ok();
         let sentence = if again {
-            "a frame that comes again is answered again: ArduPilot flies on stale samples from then on; expected no second answer"
+            "a repeated frame is answered again: ArduPilot flies on stale samples from then on; expected no second reply"
         } else {
-            "a frame that comes again is not answered again"
+            "a repeated frame is not answered again"
         };
         observe(seen, "answers", !again, sentence.to_owned());
         Ok(())
@@ -159,9 +159,9 @@ fn observe(seen: &mut Vec<Observation>, key: &'static str, right: bool, sentence
 
 /// Parses a line by searching for its keys; or what is wrong with it.
 fn read(bytes: &[u8]) -> Result<Answer, String> {
-    let text = std::str::from_utf8(bytes).map_err(|error| format!("bytes that are no text: {error}"))?;
+    let text = std::str::from_utf8(bytes).map_err(|error| format!("bytes that are not text: {error}"))?;
     if !text.ends_with('\n') {
-        return Err("a line without a newline at its end: ArduPilot waits for it for ever".to_owned());
+        return Err("a line without a newline at its end: ArduPilot waits for it forever".to_owned());
     }
     Ok(Answer {
         timestamp_s: number(text, "timestamp")?,
@@ -197,7 +197,7 @@ fn list(text: &str, key: &str) -> Result<Vec<f64>, String> {
     let rest = behind(text, key)?;
     let Some(rest) = rest.strip_prefix('[') else {
         return Err(format!(
-            "something between \"{key}\": and its [: ArduPilot fails to parse it and waits for ever; expected no space there"
+            "something between \"{key}\": and its [: ArduPilot fails to parse it and waits forever; expected no space there"
         ));
     };
     let end = rest.find(']').ok_or_else(|| format!("\"{key}\" without its ]"))?;
@@ -339,10 +339,10 @@ fn turning(before: &Answer, answers: &[Answer], axis: usize, seen: &mut Vec<Obse
     let (right, what) = if swapped {
         (
             false,
-            ": it turns about the other axis; expected the outputs where the table says that their motors stand, and p, q, r in FRD",
+            ": it turns about the other axis; expected the outputs at the motor positions of the table, and p, q, r in FRD",
         )
     } else if gained[axis] * expected < 0.0 {
-        (false, ": the wrong way round; expected FRD, or motors are mirrored")
+        (false, ": reversed; expected FRD, or motors are mirrored")
     } else if gained[axis] == 0.0 {
         (false, ": it does not turn")
     } else {

@@ -74,7 +74,7 @@ impl Px4 {
     pub fn listen(address: SocketAddr, map: OutputMap, patience: Patience) -> Result<Self, String> {
         let listener = TcpListener::bind(address)
             .and_then(|listener| listener.set_nonblocking(true).map(|()| listener))
-            .map_err(|error| format!("TCP {address}, where PX4 is waited for, cannot be opened: {error}"))?;
+            .map_err(|error| format!("cannot open TCP {address} to wait for PX4: {error}"))?;
         Ok(Self {
             listener,
             map,
@@ -119,7 +119,7 @@ impl Px4 {
             match self.listener.accept() {
                 Ok((stream, peer)) => return self.take(stream, peer),
                 Err(error) if matches!(error.kind(), ErrorKind::WouldBlock | ErrorKind::Interrupted) => {}
-                Err(error) => return Err(AutopilotError::wrong(format!("PX4 cannot be waited for: {error}"))),
+                Err(error) => return Err(AutopilotError::wrong(format!("waiting for PX4 failed: {error}"))),
             }
             let Some(slice) = wait.slice() else {
                 let address = self
@@ -299,7 +299,7 @@ impl Px4 {
         match self.connection.as_ref().map(|c| (c.decoder.noise, c.decoder.corrupt)) {
             None | Some((0, 0)) => String::new(),
             Some((noise, corrupt)) => {
-                format!("; {noise} bytes that are no MAVLink 2 and {corrupt} frames with a wrong checksum came")
+                format!("; {noise} bytes that are not MAVLink 2 and {corrupt} frames with a wrong checksum came")
             }
         }
     }

@@ -134,8 +134,8 @@ impl Sticks {
                         self.enter(Stage::Arm);
                     } else if !self.in_flight {
                         return Err(format!(
-                            "Betaflight has disarmed itself {MOST_DISARMED} times before the flight; where it was started it prints the reasons once a \
-                             second"
+                            "Betaflight has disarmed itself {MOST_DISARMED} times before the flight; it prints the reasons once per second on its \
+                             console"
                         ));
                     }
                 }
@@ -157,8 +157,8 @@ impl Sticks {
             self.enter(Stage::Fly);
         } else if self.time_s > ARM_S {
             return Err(format!(
-                "Betaflight does not arm: its motors have not turned {ARM_S} s after its arm switch (AUX1) was first moved; where it was started it prints \
-                 the reasons once a second"
+                "Betaflight does not arm: its motors have not turned {ARM_S} s after its arm switch (AUX1) was first moved; it prints the reasons once \
+                 per second on its console"
             ));
         }
         Ok(())

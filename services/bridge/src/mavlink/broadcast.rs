@@ -73,8 +73,8 @@ impl Broadcast {
         } else {
             ([0_u16; 8], 0).into()
         };
-        let socket = UdpSocket::bind(any)
-            .map_err(|error| format!("UDP, from which MAVLink goes to {to}, cannot be opened: {error}"))?;
+        let socket =
+            UdpSocket::bind(any).map_err(|error| format!("cannot open UDP to send MAVLink to {to}: {error}"))?;
         let vehicle = VEHICLES
             .iter()
             .find(|(count, _)| *count == rotors)

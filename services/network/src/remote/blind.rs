@@ -45,7 +45,7 @@ pub(super) fn run(server: &ServerArgs, args: &Args) -> ExitCode {
             let (RemoteError::BadInput(sentence) | RemoteError::Failed(sentence)) = error;
             let id = path.rsplit('/').next().unwrap_or_default();
             RemoteError::Failed(format!(
-                "{sentence}; blind bench {id} is the server's: 'rotortwin --server {} blind-benches fetch {id}' gets it",
+                "{sentence}; blind bench {id} continues on the server: 'rotortwin --server {} blind-benches fetch {id}' gets it",
                 remote.url()
             ))
         })
@@ -128,7 +128,7 @@ impl Cases {
             }
             "requeued" => {
                 let why = event.data["why"].as_str().unwrap_or("it did not say why");
-                self.bar.println(format!("the server puts it together again: {why}"));
+                self.bar.println(format!("the server merges it again: {why}"));
             }
             _ => {}
         }

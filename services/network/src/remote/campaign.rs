@@ -16,12 +16,10 @@ use std::process::ExitCode;
 pub(crate) fn run(server: &ServerArgs, args: &Args) -> ExitCode {
     rotortwin_process::start_logging();
     if args.is_in_a_store() {
-        return output::bad_input(
-            "s3://… is reached from this machine; expected it without --server, whose files are where it keeps them",
-        );
+        return output::bad_input("s3://… is accessed from this machine; leave out --server");
     }
     let Some(args) = args.flights() else {
-        return output::bad_input("merge puts folders of this machine together; expected it without --server");
+        return output::bad_input("merge combines folders on this machine; leave out --server");
     };
     if let Some(option) = args.only_here() {
         return output::bad_input(format!(
@@ -58,7 +56,7 @@ pub(crate) fn run(server: &ServerArgs, args: &Args) -> ExitCode {
         .map_err(|error| {
             let (RemoteError::BadInput(sentence) | RemoteError::Failed(sentence)) = error;
             RemoteError::Failed(format!(
-                "{sentence}; campaign {id} is the server's: 'rotortwin --server {} campaigns fetch {id}' gets it",
+                "{sentence}; campaign {id} continues on the server: 'rotortwin --server {} campaigns fetch {id}' gets it",
                 remote.url()
             ))
         })
@@ -123,7 +121,7 @@ async fn finish(
     }
     if let Err(sentence) = campaign::print_fetched(args, campaign, &folder) {
         // Of another version, or of vehicles other than this machine's.
-        tracing::debug!(sentence, "the folder cannot be read as one of ours");
+        tracing::debug!(sentence, "the folder is not a campaign folder");
         let number = |key: &str| summary[key].as_u64().unwrap_or(0);
         output::line(&format!(
             "{}: {} of {} flights, {} failed, {} could not be flown; hash {}\nFiles        {}",

@@ -33,7 +33,7 @@ pub(crate) async fn everything(remote: &Remote, job: &str, folder: &Path) -> Res
         let relative = Path::new(name);
         if name.is_empty() || !relative.components().all(|part| matches!(part, Component::Normal(_))) {
             return Err(RemoteError::Failed(format!(
-                "the server names a file '{name}' that would lie outside of {}",
+                "the server names a file '{name}' that would be outside {}",
                 folder.display()
             )));
         }

@@ -65,7 +65,7 @@ async fn kind_of(remote: &Remote, id: &str) -> Result<&'static str, RemoteError>
         }
     }
     Err(RemoteError::BadInput(format!(
-        "{id}: there is no such file here, and no such log or run on {}",
+        "{id}: not a file here, and not a log or run on {}",
         remote.url()
     )))
 }
@@ -90,7 +90,7 @@ fn as_file(path: &Path, part: Option<&str>) -> Result<(String, Vec<u8>, Option<S
             )),
         })
         .transpose()?;
-    let scratch = tempfile::tempdir().map_err(|error| format!("a temporary folder cannot be made: {error}"))?;
+    let scratch = tempfile::tempdir().map_err(|error| format!("a temporary folder cannot be created: {error}"))?;
     let stored = log.store(scratch.path(), "log").map_err(|error| error.to_string())?;
     let bytes = std::fs::read(&stored).map_err(|error| format!("{}: cannot be read: {error}", stored.display()))?;
     Ok((upload_name(path, Some("parquet")), bytes, part))
@@ -155,5 +155,5 @@ pub(super) async fn import(
 }
 
 fn no_json(error: reqwest::Error) -> RemoteError {
-    RemoteError::Failed(format!("the answer to an upload is no JSON: {error}"))
+    RemoteError::Failed(format!("the response to an upload is not JSON: {error}"))
 }

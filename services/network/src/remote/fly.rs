@@ -106,7 +106,7 @@ impl Flight<'_> {
         };
         fetched.map_err(|error| match error {
             RemoteError::BadInput(sentence) | RemoteError::Failed(sentence) => RemoteError::Failed(format!(
-                "{sentence}; run {id} is the server's: 'rotortwin --server {} runs fetch {id}' gets it",
+                "{sentence}; run {id} continues on the server: 'rotortwin --server {} runs fetch {id}' gets it",
                 remote.url()
             )),
         })
@@ -128,7 +128,7 @@ impl Flight<'_> {
                         return Err(RemoteError::Failed("given up".to_owned()));
                     }
                     canceled = true;
-                    self.screen.line("the server is asked to end the run; once more to leave it there");
+                    self.screen.line("asking the server to stop the run; Ctrl-C again leaves it running there");
                     match remote.call(&Ask::cancel(format!("{path}/cancel"))).await {
                         Ok(_) => {}
                         // Ended meanwhile.
@@ -145,8 +145,7 @@ impl Flight<'_> {
             Ok(known) => self.screen.show(&known),
             Err(_) if event.kind == "requeued" => {
                 let why = event.data["why"].as_str().unwrap_or("it did not say why");
-                self.screen
-                    .line(&format!("the server flies it again from the start: {why}"));
+                self.screen.line(&format!("the server restarts the flight: {why}"));
             }
             Err(_) => {}
         }
@@ -175,6 +174,10 @@ fn unfinished(run: &Value, files: usize) -> String {
         .as_str()
         .map(|error| format!(": {error}"))
         .unwrap_or_default();
-    let left = if files == 0 { "" } else { "; its files say no more" };
+    let left = if files == 0 {
+        ""
+    } else {
+        "; its files hold no further detail"
+    };
     format!("the run ended as {}{why}{left}", fetch::text(run, "status"))
 }

@@ -270,7 +270,7 @@ impl Remote {
                 Ok(value) => return Ok(value),
                 Err(error) if error.is_decode() => {
                     return Err(RemoteError::Failed(format!(
-                        "{}{} gives no JSON; expected a rotortwin server there",
+                        "{}{} does not return JSON; expected a rotortwin server there",
                         self.url, ask.path
                     )));
                 }

@@ -51,7 +51,7 @@ impl Jobs<'_> {
     fn path(&self, id: &str) -> Result<String, RemoteError> {
         if id.is_empty() || !id.bytes().all(|byte| byte.is_ascii_alphanumeric()) {
             return Err(RemoteError::BadInput(format!(
-                "'{id}' is no id; 'rotortwin {} list' prints them",
+                "'{id}' is not an id; 'rotortwin {} list' prints them",
                 self.kind
             )));
         }

@@ -84,7 +84,7 @@ async fn same_there(remote: &Remote, path: &Path) -> Result<String, RemoteError>
         Ok(there) => there,
         Err(RemoteError::BadInput(sentence)) => {
             return Err(RemoteError::BadInput(format!(
-                "{}: a server trains on scenarios of its own library only: {sentence}",
+                "{}: a server trains only on scenarios of its own library: {sentence}",
                 path.display()
             )));
         }
@@ -99,7 +99,7 @@ async fn same_there(remote: &Remote, path: &Path) -> Result<String, RemoteError>
     (documents.scenario.fdi.network, own.scenario.fdi.network) = (None, None);
     if documents.to_toml() != own.to_toml() {
         return Err(RemoteError::BadInput(format!(
-            "{}: the server's library has another scenario {name}; expected the same here and there, as a server trains on its own",
+            "{}: the server's library has a different scenario {name}; expected identical ones, because a server trains on its own",
             path.display()
         )));
     }

@@ -82,7 +82,7 @@ fn run_path(id: &Path) -> Result<String, RemoteError> {
     let id = id.to_string_lossy();
     if id.is_empty() || !id.bytes().all(|byte| byte.is_ascii_alphanumeric()) {
         return Err(RemoteError::BadInput(format!(
-            "'{id}' is no id of a run; 'rotortwin runs list' prints them"
+            "'{id}' is not the id of a run; 'rotortwin runs list' prints them"
         )));
     }
     Ok(format!("/api/v1/runs/{id}"))

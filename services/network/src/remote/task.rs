@@ -52,7 +52,7 @@ pub(super) async fn perform(
     let id = path.rsplit('/').next().unwrap_or_default().to_owned();
     done(remote, path, what, quiet).await.map_err(|error| {
         let (RemoteError::BadInput(sentence) | RemoteError::Failed(sentence)) = error;
-        RemoteError::Failed(format!("{sentence}; {what} {id} is the server's"))
+        RemoteError::Failed(format!("{sentence}; {what} {id} continues on the server"))
     })
 }
 
@@ -90,7 +90,7 @@ pub(super) async fn follow(
                     return Err(RemoteError::Failed("given up".to_owned()));
                 }
                 canceled = true;
-                bar.println("the server is asked to end it; once more to leave it there");
+                bar.println("asking the server to stop it; Ctrl-C again leaves it running there");
                 match remote.call(&Ask::cancel(format!("{path}/cancel"))).await {
                     Ok(_) => {}
                     // Ended meanwhile.
@@ -130,7 +130,7 @@ fn show(bar: &ProgressBar, event: &Event) {
         }
         "requeued" => {
             let why = event.data["why"].as_str().unwrap_or("it did not say why");
-            bar.println(format!("the server begins it again: {why}"));
+            bar.println(format!("the server restarts it: {why}"));
         }
         _ => {}
     }
@@ -142,7 +142,7 @@ impl Done {
         let answer = remote
             .call(&Ask::get(format!("{}/artifacts/{}", self.path, fetch::in_url(name))))
             .await?;
-        let told = |error: reqwest::Error| RemoteError::Failed(format!("{name} did not come whole: {error}"));
+        let told = |error: reqwest::Error| RemoteError::Failed(format!("{name} arrived incomplete: {error}"));
         answer.text().await.map_err(told)
     }
 

@@ -77,7 +77,7 @@ pub(super) fn diagnose(server: &ServerArgs, args: &diagnose::Args) -> ExitCode {
 /// Improves a model; its versions are stored here, as if they were found here.
 pub(super) fn improve(server: &ServerArgs, args: &improve::Args) -> ExitCode {
     if !args.yes {
-        return output::bad_input("a server asks nobody before its steps: expected --yes");
+        return output::bad_input("a server cannot ask before each step: expected --yes");
     }
     if args.truth.is_some() {
         return output::bad_input("--truth belongs to improvements on this machine; expected it without --server");
@@ -137,7 +137,7 @@ async fn keep(
         let next = ModelVersion::parse("the server's version", &text, Path::new("")).map_err(|error| told(&error))?;
         if next.parent.as_deref() != Some(parent.as_str()) {
             return Err(RemoteError::Failed(format!(
-                "version {number} of the server is not made from the one before it; nothing more was kept"
+                "version {number} of the server does not follow from the one before; no further version was kept"
             )));
         }
         let place = store.append(branch, &next).map_err(|error| told(&error))?;
@@ -150,7 +150,7 @@ async fn keep(
 /// Imports logs on the server, and downloads them in canonical form.
 pub(super) fn log(server: &ServerArgs, args: &log::Args) -> ExitCode {
     let log::Command::Import(args) = &args.command else {
-        return output::bad_input("log show reads a file of this machine; expected it without --server, or log import");
+        return output::bad_input("log show reads a file on this machine; leave out --server, or use log import");
     };
     if let Some(option) = args.only_here() {
         return output::bad_input(format!(

@@ -113,7 +113,7 @@ fn table_2(base: &Scenario) -> ResultTable {
                 format!("{:.1}", f64::from(vehicle.battery.cells) * full),
             ),
         ],
-        &["R_in is taken as 10 mΩ: with 10 Ω the 9.3 A of a hover would ask for more than the battery has"],
+        &["R_in is taken as 10 mΩ: with 10 Ω the 9.3 A of a hover would need more than the battery has"],
     )
 }
 
@@ -160,7 +160,7 @@ fn table_4(base: &Scenario) -> ResultTable {
                 format!("{:.4e}", sensors.attitude_noise_rad),
             ),
         ],
-        &["the detectors do not use the acceleration; it is recorded where a run asks for it"],
+        &["the detectors do not use the acceleration; it is recorded if a run requests it"],
     )
 }
 

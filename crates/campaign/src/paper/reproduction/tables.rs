@@ -217,7 +217,7 @@ fn table_6(reproduction: &Reproduction) -> ResultTable {
     let [.., waypoints] = tests;
     let mut notes = vec![
         reproduction.head_note(),
-        "± is the deviation over the four folds, not chance: that is what the interval over the seeds tells".to_owned(),
+        "± is the deviation over the four folds, not chance, which the interval over the seeds shows".to_owned(),
     ];
     if tests[..3].iter().all(|quiet| *quiet > waypoints + 0.05) {
         notes.push(
@@ -449,7 +449,7 @@ fn table_10(reproduction: &Reproduction) -> ResultTable {
                 "Trained as the paper says: learning rate 1e-6, 2000 epochs".to_owned()
             } else {
                 format!(
-                    "Learning rate {:e} × {epochs} epochs stands for the paper's 1e-6 × 2000: the product, which decides so slow a descent, is \
+                    "Learning rate {:e} × {epochs} epochs replaces the paper's 1e-6 × 2000: the product, which determines such a slow descent, is \
                      the same (--tracking-epochs 2000 trains as the paper says)",
                     super::TRACKING_LEARNING / f64::from(epochs)
                 )
@@ -502,7 +502,7 @@ fn improved(reproduction: &Reproduction) -> ResultTable {
         rows,
         notes: vec![
             format!(
-                "With {}, the scenario's noise, and a rotor lag that is known to the residuals as far as the vehicle document tells it. \
+                "With {}, the scenario's noise, and a rotor lag that the residuals know as far as the vehicle document states it. \
                  Trajectories held out as before",
                 reproduction.world
             ),

@@ -3,7 +3,7 @@
 use super::axis_filter::{BIAS, GAIN, LAG, LevelProbe, STATES};
 use super::defect::AXES;
 use super::estimate::{LossEstimate, Suspects};
-use super::onset::{ABREAST, Evidence, FreeEvidence};
+use super::onset::{Evidence, FreeEvidence, LANES};
 use super::sets::{Demands, Observation, SetFit, Sets};
 use super::{KnownFault, Phase, SequentialDecision, SequentialDetector, limited, within};
 use crate::MAX_ROTORS;
@@ -77,9 +77,9 @@ impl SequentialDetector {
     /// Evidence for every rotor; unused entries hold the evidence for no loss.
     fn evidence(&self) -> [Evidence; MAX_ROTORS] {
         let mut evidence = [Evidence::NONE; MAX_ROTORS];
-        let groups = evidence.as_chunks_mut::<ABREAST>().0.iter_mut();
-        for (group, place) in groups.enumerate().take(self.rotors().div_ceil(ABREAST)) {
-            let rotor = |k: usize| within(group * ABREAST + k);
+        let groups = evidence.as_chunks_mut::<LANES>().0.iter_mut();
+        for (group, place) in groups.enumerate().take(self.rotors().div_ceil(LANES)) {
+            let rotor = |k: usize| within(group * LANES + k);
             let column = core::array::from_fn(|axis| core::array::from_fn(|k| self.tuning.column[rotor(k)][axis]));
             let least = core::array::from_fn(|k| self.least_change(rotor(k)));
             *place = self.watch.onset.evidence(&column, &least);

@@ -19,7 +19,7 @@ use super::defect::AXES;
 use super::sets::Observation;
 
 /// Rotors evaluated at a time: as many `f32` as fit any vector register.
-pub(super) const ABREAST: usize = 4;
+pub(super) const LANES: usize = 4;
 
 /// Onset times under test.
 const MOMENTS: usize = 20;
@@ -298,20 +298,20 @@ impl OnsetHypotheses {
     /// * `column`: F of the rotors, divided by the levers; one row per axis   * `least`: smallest possible Δ of each, N: a rotor cannot
     ///   regain more than it lost
     #[inline]
-    pub(super) fn evidence(&self, column: &[[f32; ABREAST]; AXES], least: &[f32; ABREAST]) -> [Evidence; ABREAST] {
-        let (mut best, mut best_loss, mut best_index) = ([0.0; ABREAST], [0.0; ABREAST], [0u32; ABREAST]);
+    pub(super) fn evidence(&self, column: &[[f32; LANES]; AXES], least: &[f32; LANES]) -> [Evidence; LANES] {
+        let (mut best, mut best_loss, mut best_index) = ([0.0; LANES], [0.0; LANES], [0u32; LANES]);
         // From the oldest to the newest.
         for (index, moment) in self.moment.iter().take(self.count).enumerate() {
             let lead = if index == 0 { 0.0 } else { LATER_MARGIN };
-            let mut numerator = [0.0; ABREAST];
-            let mut information = [LEAST_INFORMATION; ABREAST];
+            let mut numerator = [0.0; LANES];
+            let mut information = [LEAST_INFORMATION; LANES];
             for axis in 0..AXES {
-                for k in 0..ABREAST {
+                for k in 0..LANES {
                     numerator[k] -= column[axis][k] * moment.loss.score[axis];
                     information[k] += column[axis][k] * column[axis][k] * moment.loss.information[axis];
                 }
             }
-            for k in 0..ABREAST {
+            for k in 0..LANES {
                 let loss = (numerator[k] / information[k]).max(least[k]);
                 let log_likelihood = loss * (numerator[k] - 0.5 * loss * information[k]);
                 let better = log_likelihood > best[k] + lead;
@@ -454,11 +454,11 @@ mod tests {
 
     /// Evidence for one rotor, in the last lane.
     fn evidence_of(hypotheses: &OnsetHypotheses, column: &[f32; AXES]) -> Evidence {
-        let mut columns = [[0.0; ABREAST]; AXES];
+        let mut columns = [[0.0; LANES]; AXES];
         for axis in 0..AXES {
-            columns[axis][ABREAST - 1] = column[axis];
+            columns[axis][LANES - 1] = column[axis];
         }
-        hypotheses.evidence(&columns, &[0.0; ABREAST])[ABREAST - 1]
+        hypotheses.evidence(&columns, &[0.0; LANES])[LANES - 1]
     }
 
     /// Runs one filter per axis over noiseless defects with a loss from block 100 on; the other axes see nothing.

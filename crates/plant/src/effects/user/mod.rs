@@ -307,9 +307,7 @@ impl EffectDocument {
             return Ok(declaration);
         }
         if known.len() >= MOST_KNOWN {
-            let reason = format!(
-                "this process has met {MOST_KNOWN} different effects, and keeps each: expected it to be started again"
-            );
+            let reason = format!("this process has loaded {MOST_KNOWN} different effects, its limit: restart it");
             return Err(Refusal::new("id", reason));
         }
         let declaration: &'static EffectDeclaration = Box::leak(Box::new(self.compile()?));

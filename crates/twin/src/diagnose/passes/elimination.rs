@@ -35,7 +35,7 @@ impl Pass for BackwardElimination {
             move_to(&mut state.problem, &fitted)?;
             settled(&mut state.problem)?;
             state.diagnosis.notes.push(format!(
-                "not believed: {label}, of a size that cannot be; what it was found in ({}) stays unexplained",
+                "rejected: {label}, of an impossible size; the channels it was found in ({}) stay unexplained",
                 channels.join(", ")
             ));
         }

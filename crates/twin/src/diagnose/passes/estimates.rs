@@ -28,7 +28,7 @@ impl Pass for Estimates {
         let unproved = calibration::without_proof(&mut found, &state.problem)?;
         if !unproved.is_empty() {
             state.diagnosis.notes.push(format!(
-                "not believed: an error by a factor of {}, which explains less than half of what was measured where it shows most",
+                "rejected: an error by a factor of {}, which explains less than half of what was measured where it shows most",
                 unproved.join(", ").to_lowercase()
             ));
         }
@@ -37,7 +37,7 @@ impl Pass for Estimates {
         state.diagnosis.calibrate = parted.calibrations;
         if !parted.withheld.is_empty() {
             state.diagnosis.notes.push(format!(
-                "not named before the guesses are known, because it may only make up for them: {}",
+                "not named before the guessed constants are known, because it may only compensate for them: {}",
                 parted.withheld.join(", ")
             ));
         }

@@ -13,7 +13,7 @@ use super::shapes::{SECANT, shapes, sharpen};
 use super::start::Trial;
 use super::variants::{Evidence, Variant, size_places, values_at, weighed};
 use crate::estimation::columns::Active;
-use crate::estimation::normal::{Posterior, sure_size};
+use crate::estimation::normal::{Posterior, detectable_size};
 use crate::estimation::problem::{Problem, fitted_residual};
 use crate::estimation::whiteness::channel_fits;
 use crate::predict::channels::{F, KA, KV, M};
@@ -132,7 +132,7 @@ impl Trials {
                 .push(trial(vec![at(other, &neutral, a), at(candidate, &variant.values, &b)]));
             return;
         }
-        let shown = sure_size(found.information, 0.02, threshold);
+        let shown = detectable_size(found.information, 0.02, threshold);
         let strategy = problem.library.candidates[candidate].declaration.search.strategy;
         if matches!(strategy, Strategy::Shapes(shapes) if shapes.is_surface()) && shown > 0.0 {
             match self.worst_minimum.iter_mut().find(|(of, _)| *of == candidate) {

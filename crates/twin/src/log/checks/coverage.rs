@@ -39,7 +39,7 @@ pub(super) fn thin_log(log: &FlightLog, findings: &mut Vec<Finding>) {
         push(
             findings,
             FindingKind::OneColumn,
-            format!("one canonical column with values ({found}) beside the time: nothing can be compared"),
+            format!("one canonical column with values ({found}) besides the time: nothing can be compared"),
         );
     }
 }
@@ -205,7 +205,7 @@ pub(super) fn missing(log: &FlightLog) -> Vec<Missing> {
     if !log.columns.keys().any(|name| names::speed_rotor(name).is_some()) {
         group(
             &["rotor_speed_1_rad_s"],
-            "motor lag, propeller and electronics cannot be told apart rotor by rotor",
+            "motor lag, propeller and electronics cannot be separated rotor by rotor",
         );
     }
     if !duty_or_wrench {

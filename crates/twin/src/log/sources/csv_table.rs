@@ -193,7 +193,8 @@ impl Layout {
             (None, Some(rate)) if rate > 0.0 && rate <= 1e5 => Ok(()),
             (None, Some(rate)) => Err(format!("csv.rate_hz = {rate}: expected a rate above 0, up to 100000")),
             _ => Err(
-                "expected csv.clock (the column that holds the time), or csv.rate_hz where there is none".to_owned(),
+                "expected csv.clock (the column that holds the time), or csv.rate_hz if there is no such column"
+                    .to_owned(),
             ),
         }
     }
@@ -333,7 +334,7 @@ pub(super) fn parse(bytes: &[u8], layout: &Layout, mut room: Room) -> Result<Sou
     for (index, count) in bad.iter().enumerate().filter(|(_, count)| **count > 0) {
         if clock.is_none_or(|(column, _)| column != index) {
             log.notes
-                .push(format!("{}: {count} cells are no numbers", names[index]));
+                .push(format!("{}: {count} cells are not numbers", names[index]));
         }
     }
     log.streams.push(RawStream {

@@ -13,6 +13,7 @@
 
 use super::{Cursor, Number, RawStream, Room, SourceLog};
 use super::{MOST_CHANGES, ParameterChange};
+use crc::Crc;
 use std::collections::BTreeMap;
 
 /// 2005 and 2100, µs since 1970: what a ground station's clock can say.
@@ -249,12 +250,15 @@ struct Frame<'a> {
     crc: u16,
 }
 
-/// CRC-16/MCRF4XX (X.25), one byte.
-fn crc_of(crc: u16, byte: u8) -> u16 {
-    let mut x = byte ^ (crc as u8);
-    x ^= x << 4;
-    let x = u16::from(x);
-    (crc >> 8) ^ (x << 8) ^ (x << 3) ^ (x >> 4)
+/// Checksum of MAVLink frames.
+const CHECKSUM: Crc<u16> = Crc::<u16>::new(&crc::CRC_16_MCRF4XX);
+
+/// Checksum of a frame with the extra byte of its message.
+fn checksum(checked: &[u8], extra: u8) -> u16 {
+    let mut digest = CHECKSUM.digest();
+    digest.update(checked);
+    digest.update(&[extra]);
+    digest.finalize()
 }
 
 impl<'a> Frame<'a> {
@@ -302,8 +306,7 @@ impl<'a> Frame<'a> {
     }
 
     fn is_intact(&self, kind: &Kind) -> bool {
-        let crc = self.checked.iter().fold(0xffff, |crc, byte| crc_of(crc, *byte));
-        crc_of(crc, kind.extra) == self.crc
+        checksum(self.checked, kind.extra) == self.crc
     }
 
     /// Values of the fields; MAVLink 2 leaves zeros at the end away.
@@ -408,7 +411,7 @@ pub(super) fn parse(bytes: &[u8], mut room: Room) -> Result<SourceLog, String> {
         ));
     }
     log.notes.push(
-        "a telemetry link: messages come late and some not at all; the log on the vehicle's memory card tells far more"
+        "a telemetry link: messages arrive late or not at all; the log on the vehicle's memory card holds far more"
             .to_owned(),
     );
     let (streams, unix_s) = streams(&samples);
@@ -475,8 +478,7 @@ pub(super) mod tests {
         let mut checked = vec![length, 0, 0, 7, sender.0, sender.1, a, b, c];
         checked.extend(payload);
         let extra = KINDS.iter().find(|kind| kind.id == id).map_or(0, |kind| kind.extra);
-        let crc = checked.iter().fold(0xffff, |crc, byte| crc_of(crc, *byte));
-        let crc = crc_of(crc, extra);
+        let crc = checksum(&checked, extra);
         out.push(0xfd);
         out.extend(checked);
         out.extend(crc.to_le_bytes());
@@ -521,7 +523,7 @@ pub(super) mod tests {
     #[test]
     fn val_the_checksum_is_that_of_the_standard() {
         // CRC-16/MCRF4XX of "123456789".
-        assert_eq!(b"123456789".iter().fold(0xffff, |crc, byte| crc_of(crc, *byte)), 0x6f91);
+        assert_eq!(CHECKSUM.checksum(b"123456789"), 0x6f91);
         // A heartbeat of a GCS in MAVLink 1, as recorded: sequence 0, system 255, component 0.
         let mut cursor = Cursor { bytes: &flight() };
         assert!(Frame::read(&mut cursor).is_some_and(|frame| frame.is_intact(&KINDS[0])));

@@ -7,6 +7,7 @@
 //! `c` is a character of Python's `struct`: b B h H i I l L q Q e f d. The CRC-32 (IEEE) is over everything before it.
 
 use super::{Cursor, MAX_COLUMNS, Number, RawStream, Room, SourceLog};
+use crc::Crc;
 use std::collections::BTreeMap;
 
 pub(super) const MAGIC: u8 = 0xbc;
@@ -37,31 +38,8 @@ fn number(code: &str) -> Option<Number> {
     })
 }
 
-/// CRC-32 (IEEE 802.3, reflected, as zlib's).
-pub(super) fn crc32(bytes: &[u8]) -> u32 {
-    const TABLE: [u32; 256] = {
-        let mut table = [0; 256];
-        let mut index = 0;
-        while index < 256 {
-            let mut value = index as u32;
-            let mut bit = 0;
-            while bit < 8 {
-                value = if value & 1 == 1 {
-                    0xedb8_8320 ^ (value >> 1)
-                } else {
-                    value >> 1
-                };
-                bit += 1;
-            }
-            table[index] = value;
-            index += 1;
-        }
-        table
-    };
-    !bytes.iter().fold(!0, |crc, byte| {
-        TABLE[usize::from((crc ^ u32::from(*byte)) as u8)] ^ (crc >> 8)
-    })
-}
+/// CRC-32 as zlib's.
+pub(super) const CRC_32: Crc<u32> = Crc::<u32>::new(&crc::CRC_32_ISO_HDLC);
 
 /// Parses a usdlog. With `accept_damaged`, a wrong CRC is a note instead of a refusal.
 pub(super) fn parse(bytes: &[u8], accept_damaged: bool, mut room: Room) -> Result<SourceLog, String> {
@@ -72,7 +50,7 @@ pub(super) fn parse(bytes: &[u8], accept_damaged: bool, mut room: Room) -> Resul
 
     let intact = bytes
         .split_last_chunk::<CRC_BYTES>()
-        .is_some_and(|(content, crc)| crc32(content) == u32::from_le_bytes(*crc));
+        .is_some_and(|(content, crc)| CRC_32.checksum(content) == u32::from_le_bytes(*crc));
     if intact {
         let records = cursor.bytes.len().saturating_sub(CRC_BYTES);
         cursor.bytes = &cursor.bytes[..records];

@@ -122,7 +122,7 @@ impl Client {
         while let Some(piece) = answer.chunk().await.map_err(away)? {
             bytes.extend_from_slice(&piece);
             if bytes.len() > LONGEST {
-                return Err(RayError::Refused(format!("its answer has more than {LONGEST} bytes")));
+                return Err(RayError::Refused(format!("its response has more than {LONGEST} bytes")));
             }
         }
         Ok((status, String::from_utf8_lossy(&bytes).into_owned()))
@@ -135,7 +135,8 @@ impl Client {
         match (status, answer["ray_version"].as_str()) {
             (StatusCode::OK, Some(version)) => Ok(version.to_owned()),
             (StatusCode::OK | StatusCode::NOT_FOUND | StatusCode::METHOD_NOT_ALLOWED, _) => Err(RayError::Refused(
-                "what answers there is not the dashboard of a Ray cluster; expected an address such as http://HEAD:8265".to_owned(),
+                "the responder is not the dashboard of a Ray cluster; expected an address such as http://HEAD:8265"
+                    .to_owned(),
             )),
             // Waiting does not help here; this is called when a server starts.
             (StatusCode::UNAUTHORIZED | StatusCode::FORBIDDEN, _) => Err(RayError::Refused(format!(
@@ -152,7 +153,7 @@ impl Client {
         match status {
             StatusCode::OK => serde_json::from_str(&text)
                 .map(Some)
-                .map_err(|error| RayError::Refused(format!("what it says of {id} cannot be read: {error}"))),
+                .map_err(|error| RayError::Refused(format!("its response about {id} cannot be read: {error}"))),
             StatusCode::NOT_FOUND => Ok(None),
             _ => Err(unexpected(status, &text)),
         }

@@ -19,7 +19,9 @@ mod config;
 pub use config::RayConfig;
 
 use super::handed::{self, Ticket};
-use super::{ATTEMPTS, ATTEMPTS_OF_DEAD_WORKERS, LEASE, LOOK, Workshop, failed, forget_attempts_before, fresh_folder};
+use super::{
+    ATTEMPTS, ATTEMPTS_OF_DEAD_WORKERS, LEASE, LOOK, WorkerContext, failed, forget_attempts_before, fresh_folder,
+};
 use crate::jobs::queue::Takes;
 use crate::jobs::{Job, Outcome, Status};
 use client::{Client, RayError, RayJob, RayStatus};
@@ -178,7 +180,7 @@ impl Ray {
     pub(crate) fn listens(&self, url: &str, everywhere: bool) -> Result<(), String> {
         if self.config.callback.is_none() && everywhere {
             return Err(format!(
-                "--executor ray={}: {url} is no address at which Ray's nodes find this server; expected --ray-callback URL, such as \
+                "--executor ray={}: Ray's nodes cannot reach this server at {url}; expected --ray-callback URL, such as \
                  https://bench.example:8443",
                 self.config.url
             ));
@@ -247,17 +249,14 @@ impl Ray {
             }
         };
         if tokio::time::timeout(STOP, asked).await.is_err() {
-            tracing::warn!(
-                submission,
-                "Ray was not told to stop a submission; its node ends it itself"
-            );
+            tracing::warn!(submission, "a submission could not be stopped in Ray; its node ends it");
         }
     }
 }
 
 /// Polls Ray until the process ends.
-pub(crate) async fn look_after(shop: Arc<Workshop>, ray: Arc<Ray>) {
-    let mut ending = shop.ending.subscribe();
+pub(crate) async fn look_after(context: Arc<WorkerContext>, ray: Arc<Ray>) {
+    let mut ending = context.ending.subscribe();
     while !*ending.borrow() {
         let state = match ray.client.version().await {
             Ok(version) => State::Up { version },
@@ -273,7 +272,7 @@ pub(crate) async fn look_after(shop: Arc<Workshop>, ray: Arc<Ray>) {
         *ray.state.lock().unwrap_or_else(PoisonError::into_inner) = state;
         if was_up != ray.is_up() {
             tracing::warn!("{}", ray.in_short());
-            shop.database.hub.queue.notify_waiters();
+            context.database.hub.queue.notify_waiters();
         }
         tokio::select! {
             _ = ending.changed() => {}
@@ -283,21 +282,21 @@ pub(crate) async fn look_after(shop: Arc<Workshop>, ray: Arc<Ray>) {
 }
 
 /// Submits one part at a time to Ray, and supervises it, until the process ends.
-pub(crate) async fn hand_over(shop: Arc<Workshop>, ray: Arc<Ray>) {
-    let mut ending = shop.ending.subscribe();
+pub(crate) async fn hand_over(context: Arc<WorkerContext>, ray: Arc<Ray>) {
+    let mut ending = context.ending.subscribe();
     while !*ending.borrow() {
-        shop.pulse.beat();
-        match next(&shop, &ray).await {
+        context.pulse.beat();
+        match next(&context, &ray).await {
             Ok(Some((job, token))) => {
-                let ended = attempt(&shop, &ray, &job, &token).await;
-                conclude(&shop, &job, &token, ended).await;
+                let ended = attempt(&context, &ray, &job, &token).await;
+                conclude(&context, &job, &token, ended).await;
                 continue;
             }
             Ok(None) => {}
             Err(error) => tracing::error!(%error, "the queue cannot be read for Ray"),
         }
         tokio::select! {
-            () = shop.database.hub.queue.notified() => {}
+            () = context.database.hub.queue.notified() => {}
             _ = ending.changed() => {}
             () = tokio::time::sleep(LOOK) => {}
         }
@@ -305,21 +304,28 @@ pub(crate) async fn hand_over(shop: Arc<Workshop>, ray: Arc<Ray>) {
 }
 
 /// The next part for a process in Ray that has delivered one.
-pub(crate) async fn hand_on(shop: &Workshop, ray: &Ray, done: &Ticket) -> Option<NextPart> {
-    if *shop.ending.borrow() || done.executor != ray.config.url || !shop.artifacts.has_room() {
+pub(crate) async fn hand_on(context: &WorkerContext, ray: &Ray, done: &Ticket) -> Option<NextPart> {
+    if *context.ending.borrow() || done.executor != ray.config.url || !context.artifacts.has_room() {
         return None;
     }
     let handed = async {
-        let Some((job, token)) = shop.database.claim(&shop.name, LEASE, shop.share, Takes::Parts).await? else {
+        let Some((job, token)) = context
+            .database
+            .claim(&context.name, LEASE, context.share, Takes::Parts)
+            .await?
+        else {
             return Ok(None);
         };
-        forget_attempts_before(shop, &job).await;
-        if let Err(error) = fresh_folder(&shop.artifacts.place(&super::attempt_key(&job))) {
-            shop.database.release(&job.id, &token, &error.to_string(), None).await?;
+        forget_attempts_before(context, &job).await;
+        if let Err(error) = fresh_folder(&context.artifacts.place(&super::attempt_key(&job))) {
+            context
+                .database
+                .release(&job.id, &token, &error.to_string(), None)
+                .await?;
             return Ok(None);
         }
         let ticket = Ticket::new(&ray.config.url, &done.submission);
-        let is_ours = shop.database.hand_on(&job.id, &token, &ticket.to_json()).await?;
+        let is_ours = context.database.hand_on(&job.id, &token, &ticket.to_json()).await?;
         Ok::<_, sqlx::Error>(is_ours.then(|| NextPart {
             path: handed::path(&job),
             ticket: ticket.secret,
@@ -327,42 +333,49 @@ pub(crate) async fn hand_on(shop: &Workshop, ray: &Ray, done: &Ticket) -> Option
     };
     handed.await.unwrap_or_else(|error| {
         // A claimed part is queued again when its claim expires.
-        tracing::error!(%error, "no further part can be handed to a process in Ray");
+        tracing::error!(%error, "no further part can be handed to Ray");
         None
     })
 }
 
 /// An unsupervised attempt, or else the next part of the queue.
-async fn next(shop: &Workshop, ray: &Ray) -> Result<Option<(Job, String)>, sqlx::Error> {
-    if let Some(adopted) = shop.database.adopt(&shop.name, LEASE).await? {
+async fn next(context: &WorkerContext, ray: &Ray) -> Result<Option<(Job, String)>, sqlx::Error> {
+    if let Some(adopted) = context.database.adopt(&context.name, LEASE).await? {
         tracing::info!(job = adopted.0.id, attempt = adopted.0.attempts, "taken up again");
         return Ok(Some(adopted));
     }
     // A part that cannot be submitted or stored would only use up its attempts.
-    if !ray.is_up() || !shop.artifacts.has_room() {
+    if !ray.is_up() || !context.artifacts.has_room() {
         return Ok(None);
     }
-    let claimed = shop.database.claim(&shop.name, LEASE, shop.share, Takes::Parts).await?;
+    let claimed = context
+        .database
+        .claim(&context.name, LEASE, context.share, Takes::Parts)
+        .await?;
     if let Some((job, _)) = &claimed {
         tracing::info!(job = job.id, attempt = job.attempts, "handed to Ray");
     }
     Ok(claimed)
 }
 
-async fn attempt(shop: &Workshop, ray: &Ray, job: &Job, token: &str) -> Ended {
+async fn attempt(context: &WorkerContext, ray: &Ray, job: &Job, token: &str) -> Ended {
     let ticket = match &job.ticket {
         Some(text) => match Ticket::parse(text) {
             Some(ticket) if ticket.executor == ray.config.url => ticket,
-            _ => return Ended::Released("it was handed to another cluster than this server has now".to_owned()),
+            _ => return Ended::Released("it was handed to a cluster that this server no longer uses".to_owned()),
         },
         None => {
-            forget_attempts_before(shop, job).await;
-            let folder = shop.artifacts.place(&super::attempt_key(job));
+            forget_attempts_before(context, job).await;
+            let folder = context.artifacts.place(&super::attempt_key(job));
             if let Err(error) = fresh_folder(&folder) {
                 return Ended::Failed(format!("{}: cannot be made: {error}", folder.display()));
             }
             let ticket = Ticket::new(&ray.config.url, &Ray::submission(job));
-            match shop.database.set_ticket(&job.id, token, Some(&ticket.to_json())).await {
+            match context
+                .database
+                .set_ticket(&job.id, token, Some(&ticket.to_json()))
+                .await
+            {
                 Ok(true) => ticket,
                 Ok(false) => return Ended::Gone,
                 // The claim expires, and the part is queued again.
@@ -374,13 +387,15 @@ async fn attempt(shop: &Workshop, ray: &Ray, job: &Job, token: &str) -> Ended {
         }
     };
     let submission = &ticket.submission;
-    let span = shop.traces.attempt(job, &format!("{} {submission}", ray.config.name()));
+    let span = context
+        .traces
+        .attempt(job, &format!("{} {submission}", ray.config.name()));
     let ended = tokio::select! {
         ended = follow(ray, job, &ticket) => ended,
-        reason = hold(shop, job, token) => match reason {
+        reason = hold(context, job, token) => match reason {
             Reason::Left => Ended::Left,
             Reason::Gone => {
-                let now = shop.database.get(&job.id).await;
+                let now = context.database.get(&job.id).await;
                 // Unless it has delivered, or another server supervises this attempt, it is useless.
                 let in_vain = now.is_ok_and(|now| {
                     now.is_none_or(|now| now.status != Status::Done && (now.status != Status::Running || now.attempts != job.attempts))
@@ -409,25 +424,25 @@ async fn attempt(shop: &Workshop, ray: &Ray, job: &Job, token: &str) -> Ended {
 
 /// Holds the claim. Many attempts are held at the same time, most of which are waiting: heartbeats are infrequent (SQLite makes each of them
 /// durable), checks for cancellation frequent.
-async fn hold(shop: &Workshop, job: &Job, token: &str) -> Reason {
-    let mut ending = shop.ending.subscribe();
+async fn hold(context: &WorkerContext, job: &Job, token: &str) -> Reason {
+    let mut ending = context.ending.subscribe();
     let mut lived = None::<Instant>;
     loop {
-        shop.pulse.beat();
+        context.pulse.beat();
         if *ending.borrow() {
             return Reason::Left;
         }
         let writes = lived.is_none_or(|lived| lived.elapsed() >= HEARTBEAT);
         let wanted = if writes {
-            shop.database.heartbeat(&job.id, token, LEASE).await
+            context.database.heartbeat(&job.id, token, LEASE).await
         } else {
-            shop.database.wants_end(&job.id, token).await
+            context.database.wants_end(&job.id, token).await
         };
         match wanted {
             Ok(Some(true)) => return Reason::Canceled,
             Ok(Some(false)) => lived = if writes { Some(Instant::now()) } else { lived },
             Ok(None) => return Reason::Gone,
-            Err(error) => tracing::error!(job = job.id, %error, "a sign of life cannot be written"),
+            Err(error) => tracing::error!(job = job.id, %error, "a lease cannot be renewed"),
         }
         tokio::select! {
             _ = ending.changed() => {}
@@ -448,7 +463,7 @@ async fn follow(ray: &Ray, job: &Job, ticket: &Ticket) -> Ended {
         let asked = match ray.client.job(submission).await {
             Ok(None) if seen || !own => {
                 return Ended::Released(format!(
-                    "{name} knows nothing of submission {submission} any more; was it started afresh?"
+                    "{name} no longer knows submission {submission}; was the cluster restarted?"
                 ));
             }
             Ok(None) => ray.submit(job, ticket).await.map(|()| None),
@@ -458,10 +473,7 @@ async fn follow(ray: &Ray, job: &Job, ticket: &Ticket) -> Ended {
         };
         match asked {
             Err(RayError::Refused(why)) => {
-                return Ended::Outcome(failed(
-                    job,
-                    format!("{name} does not take submission {submission}: {why}"),
-                ));
+                return Ended::Outcome(failed(job, format!("{name} rejected submission {submission}: {why}")));
             }
             Err(RayError::Away(why)) => {
                 let since = *away.get_or_insert_with(Instant::now);
@@ -480,7 +492,7 @@ async fn follow(ray: &Ray, job: &Job, ticket: &Ticket) -> Ended {
                         if running.get_or_insert_with(Instant::now).elapsed() > limit {
                             ray.stop(submission).await;
                             let why = format!(
-                                "{name}: it took longer than {} s of wall time and was stopped",
+                                "{name}: the limit of {} s of wall time was exceeded",
                                 job.new.wall_limit_ms / 1000
                             );
                             return Ended::Outcome(failed(job, why));
@@ -488,12 +500,12 @@ async fn follow(ray: &Ray, job: &Job, ticket: &Ticket) -> Ended {
                     }
                     RayStatus::Succeeded => {
                         if over.get_or_insert_with(Instant::now).elapsed() > DELIVERED {
-                            let why = format!("{name}: submission {submission} ended and has not delivered this part");
+                            let why = format!("{name}: submission {submission} ended without delivering this part");
                             return if own { Ended::Failed(why) } else { Ended::Released(why) };
                         }
                     }
                     RayStatus::Stopped => {
-                        let why = format!("{name}: somebody stopped submission {submission} there");
+                        let why = format!("{name}: submission {submission} was stopped in Ray");
                         return if own { Ended::Failed(why) } else { Ended::Released(why) };
                     }
                     RayStatus::Failed => return why_failed(ray, submission, &there),
@@ -519,7 +531,7 @@ fn why_failed(ray: &Ray, submission: &str, job: &RayJob) -> Ended {
             short(last.unwrap_or(first))
         )),
         (Some("JOB_SUPERVISOR_ACTOR_START_TIMEOUT" | "JOB_SUPERVISOR_ACTOR_UNSCHEDULABLE"), _) => Ended::Released(
-            format!("{name} found no place for submission {submission}: {}", short(first)),
+            format!("{name} could not schedule submission {submission}: {}", short(first)),
         ),
         (_, Some(126 | 127)) => Ended::Failed(format!(
             "{name}: the node {node} has no program '{}' that can be started; expected rotortwin on every node, or --ray-program PATH",
@@ -534,31 +546,31 @@ fn why_failed(ray: &Ray, submission: &str, job: &RayJob) -> Ended {
 }
 
 /// Stores the end of an attempt. Files stay: a delivery completed meanwhile counts, and the next attempt removes obsolete ones.
-async fn conclude(shop: &Workshop, job: &Job, token: &str, ended: Ended) {
+async fn conclude(context: &WorkerContext, job: &Job, token: &str, ended: Ended) {
     let written = match ended {
         Ended::Gone | Ended::Left => return,
-        Ended::Outcome(outcome) => shop.database.finish(&job.id, token, &outcome).await,
+        Ended::Outcome(outcome) => context.database.finish(&job.id, token, &outcome).await,
         Ended::Failed(why) if job.failures + 1 >= ATTEMPTS => {
             let outcome = failed(job, format!("{why} ({} attempts)", job.failures + 1));
-            shop.database.finish(&job.id, token, &outcome).await
+            context.database.finish(&job.id, token, &outcome).await
         }
         Ended::Failed(why) => {
             tracing::warn!(job = job.id, "{why}");
             let pause = super::pause_after_failure(job);
-            shop.database.release(&job.id, token, &why, Some(pause)).await
+            context.database.release(&job.id, token, &why, Some(pause)).await
         }
         Ended::Released(why) if job.attempts >= ATTEMPTS_OF_DEAD_WORKERS => {
             let outcome = failed(job, format!("{why} ({} attempts)", job.attempts));
-            shop.database.finish(&job.id, token, &outcome).await
+            context.database.finish(&job.id, token, &outcome).await
         }
         Ended::Released(why) => {
             tracing::warn!(job = job.id, "{why}");
-            shop.database.release(&job.id, token, &why, None).await
+            context.database.release(&job.id, token, &why, None).await
         }
     };
     match written {
         Ok(true) => {}
-        Ok(false) => tracing::debug!(job = job.id, "it was delivered, or somebody else has it"),
+        Ok(false) => tracing::debug!(job = job.id, "it was delivered, or another worker has it"),
         // Its claim expires, and it is taken over.
         Err(error) => tracing::error!(job = job.id, %error, "the end of a part cannot be written"),
     }

@@ -95,9 +95,7 @@ impl Line {
             PilotAddress::Udp(at) => {
                 let socket = UdpSocket::bind(at)
                     .and_then(|socket| socket.set_nonblocking(true).map(|()| socket))
-                    .map_err(|error| {
-                        format!("UDP {at}, where the pilot is sent to (--pilot), cannot be opened: {error}")
-                    })?;
+                    .map_err(|error| format!("cannot open UDP {at} for the pilot (--pilot): {error}"))?;
                 Kind::Udp(socket, None)
             }
         };

@@ -254,7 +254,7 @@ impl Pilot {
         if self.line.connected() {
             return String::new();
         }
-        format!("; the pilot has found nobody at {} (--pilot)", self.address())
+        format!("; the pilot found no autopilot at {} (--pilot)", self.address())
     }
 
     fn step(&mut self, readings: &Readings) -> Result<(), AutopilotError> {
@@ -303,12 +303,12 @@ impl Pilot {
             return Ok(());
         }
         let what = if self.line.connected() {
-            "something is connected there, but no heartbeat of it came"
+            "something is connected there, but sends no heartbeat"
         } else {
-            "nobody is there"
+            "nothing is there"
         };
         let sentence = format!(
-            "the pilot waited {:.0} s for a heartbeat of {} at {}: {what}; --pilot names another address, and with --pilot none somebody else flies",
+            "the pilot waited {:.0} s for a heartbeat of {} at {}: {what}; --pilot names another address, and --pilot none leaves the flying to another pilot",
             self.meet.as_secs_f64(),
             self.dialect.name,
             self.address()
@@ -390,7 +390,7 @@ impl Pilot {
     fn follow(&mut self) -> Result<(), AutopilotError> {
         if self.now_s - self.heard_s > SILENT_S {
             let sentence = format!(
-                "the pilot has heard no heartbeat of {} at {} for {SILENT_S} s of simulated time",
+                "the pilot received no heartbeat of {} at {} for {SILENT_S} s of simulated time",
                 self.dialect.name,
                 self.address()
             );
@@ -490,7 +490,7 @@ impl Pilot {
                 }
                 if before.custom_mode != heartbeat.custom_mode {
                     self.say(format!(
-                        "is in its mode {} now; the pilot commands {}",
+                        "is now in mode {}; the pilot commands {}",
                         heartbeat.custom_mode, self.dialect.follow.name
                     ));
                 }

@@ -93,7 +93,7 @@ pub(in crate::log) fn parse(bytes: &[u8], mut room: Room) -> Result<SourceLog, S
     motors(&stream, &mut log);
     fields::rotor_speeds(None, &mut stream, &mut log);
     log.notes.push(
-        "decoded blackbox log: scales of its header are lost and taken from the numbers; the .bbl itself tells them"
+        "decoded blackbox log: the scales in its header are lost and inferred from the numbers; the .bbl itself holds them"
             .to_owned(),
     );
     log.streams.push(stream);
@@ -178,7 +178,7 @@ fn motors(stream: &RawStream, log: &mut SourceLog) {
     log.parameters.insert("motor_low".to_owned(), low);
     log.parameters.insert("motor_high".to_owned(), high);
     log.notes.push(format!(
-        "motor: {least} to {most} in the log, so {low} is taken as no throttle and {high} as full"
+        "motor: {least} to {most} in the log, so {low} is taken as zero throttle and {high} as full"
     ));
 }
 

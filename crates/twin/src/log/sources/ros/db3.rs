@@ -156,8 +156,8 @@ pub(in super::super) fn parse(bytes: &[u8], asked: &Asked<'_>) -> Result<SourceL
     }
     if database.has_write_ahead_log {
         recording.notes.push(
-            "the database has a write-ahead log: if a file with the ending -wal lies beside it, the last messages are in there; \
-             'sqlite3 FILE \"PRAGMA wal_checkpoint\"' brings them in"
+            "the database has a write-ahead log: if there is a file with the ending -wal in the same folder, it holds the last messages; \
+             'sqlite3 FILE \"PRAGMA wal_checkpoint\"' merges them"
                 .to_owned(),
         );
     }

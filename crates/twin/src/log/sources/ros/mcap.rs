@@ -6,7 +6,7 @@
 //! Chunks are unpacked by the crate `mcap`, and their CRC-32 is checked; a damaged one is left out, the rest is read. A file that ends
 //! early, as after a power loss, is read up to there. The index at the end is not needed.
 
-use super::super::usdlog::crc32;
+use super::super::usdlog::CRC_32;
 use super::super::{Asked, Cursor, SourceLog};
 use super::{Recording, refused_encoding};
 use mcap::records::op;
@@ -176,7 +176,7 @@ impl Reader<'_> {
             return Ok(Err("its header is damaged".to_owned()));
         };
         match compression {
-            "" if crc != 0 && crc32(records) != crc => Ok(Err("its CRC-32 does not fit".to_owned())),
+            "" if crc != 0 && CRC_32.checksum(records) != crc => Ok(Err("its CRC-32 does not fit".to_owned())),
             "" => {
                 let mut records = Cursor { bytes: records };
                 while !records.bytes.is_empty() {
@@ -190,12 +190,12 @@ impl Reader<'_> {
             "zstd" => {
                 let packed = records.len() as u64;
                 if unpacked > MOST_CHUNK_BYTES.min(SOME_BYTES + MOST_RATIO * packed) {
-                    return Ok(Err(format!("{packed} bytes that want to become {unpacked}")));
+                    return Ok(Err(format!("{packed} bytes that would unpack to {unpacked}")));
                 }
                 self.unpacked_bytes += unpacked;
                 if self.unpacked_bytes > self.most_unpacked_bytes {
                     return Err(format!(
-                        "its chunks want to become more than {} bytes",
+                        "its chunks would unpack to more than {} bytes",
                         self.most_unpacked_bytes
                     ));
                 }

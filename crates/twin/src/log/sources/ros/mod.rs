@@ -172,7 +172,7 @@ impl<'a> Recording<'a> {
             }
             let reason = match &topic.definition {
                 _ if !topic.wanted => format!(
-                    "no row of the mapping names this topic or its type, {} ({} messages)",
+                    "no row of the mapping uses this topic or its type, {} ({} messages)",
                     topic.kind, topic.messages
                 ),
                 Err(reason) => format!("{}: {reason}", topic.kind),
