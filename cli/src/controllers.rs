@@ -207,8 +207,8 @@ fn fly_all(args: &Args, path: &Path) -> Result<Vec<PathBuf>, ExitCode> {
         folders.push(out);
     }
     if level && !args.json {
-        eprintln!(
-            "In the air from the start, trimmed at the first point, where autopilots are handed over: all that are none"
+        output::say_aside(
+            "In the air from the start, trimmed at the first point, where autopilots are handed over: all that are none",
         );
     }
     Ok(folders)

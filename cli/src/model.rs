@@ -111,13 +111,13 @@ struct Add {
     #[arg(long, value_name = "FILE", conflicts_with = "from", value_parser = crate::named::effect())]
     effects: Vec<PathBuf>,
     /// Rotor, from 1, of an effect of one rotor
-    #[arg(long, value_name = "NUMBER")]
+    #[arg(long, value_name = "N")]
     rotor: Option<usize>,
     /// When the effect begins, s of the flight
     #[arg(long, value_name = "S")]
     onset: Option<f64>,
     /// Why, for people
-    #[arg(long, default_value = "")]
+    #[arg(long, value_name = "TEXT", default_value = "")]
     note: String,
 }
 
@@ -186,9 +186,14 @@ fn show(found: &Found, json: bool) {
         println!("{text:#}");
         return;
     }
-    println!("{} · {} · hash {}", found.label(), version.vehicle.name, version.hash());
+    output::say(format!(
+        "{} · {} · hash {}",
+        found.label(),
+        version.vehicle.name,
+        version.hash()
+    ));
     if !version.note.is_empty() {
-        println!("{}", version.note);
+        output::say(&version.note);
     }
     if version.effect.is_empty() {
         println!("no effects: the vehicle as documented");
@@ -335,7 +340,7 @@ impl Add {
 
 /// Prints the differences of a new version from the previous one.
 pub(crate) fn announce(before: &ModelVersion, after: &ModelVersion, place: &Place) {
-    println!("{}@v{} · hash {}", place.model, place.number, after.hash());
+    output::say(format!("{}@v{} · hash {}", place.model, place.number, after.hash()));
     print_changes(&Difference::between(before, after));
 }
 

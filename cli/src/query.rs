@@ -60,13 +60,13 @@ pub struct Args {
     #[arg(long)]
     csv: bool,
     /// At most so many rows [default: 100 of a table; all with --json or --csv]
-    #[arg(long, value_name = "N")]
+    #[arg(long = "limit", visible_alias = "rows", value_name = "COUNT")]
     rows: Option<u64>,
     /// Memory of the query, MB; what does not fit goes to a temporary folder
     #[arg(long, value_name = "MB", default_value_t = 512, value_parser = clap::value_parser!(u64).range(16..=1_000_000))]
     memory: u64,
     /// Longest time of the query, s
-    #[arg(long = "time", value_name = "S", default_value_t = 600, value_parser = clap::value_parser!(u64).range(1..=86_400))]
+    #[arg(long = "time-limit", visible_alias = "time", value_name = "S", default_value_t = 600, value_parser = clap::value_parser!(u64).range(1..=86_400))]
     time_s: u64,
     /// Threads [default: as many as this process may use]
     #[arg(long = "jobs", value_name = "COUNT", value_parser = clap::value_parser!(u16).range(1..=1024))]
@@ -249,7 +249,7 @@ impl Engine {
             Err(RecvTimeoutError::Disconnected) => Ok(None),
             Err(RecvTimeoutError::Timeout) => Err(Refusal::Failed(format!(
                 // The server recognises its beginning.
-                "the query took longer than {} s and was stopped; expected a smaller one, or more with --time",
+                "the query took longer than {} s and was stopped; expected a smaller one, or more with --time-limit",
                 self.limit_s
             ))),
         }

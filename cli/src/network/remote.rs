@@ -37,7 +37,7 @@ pub enum Verb {
         #[arg(long, value_name = "NAME")]
         name: Option<String>,
         /// At most so many
-        #[arg(long, value_name = "N", default_value_t = 20)]
+        #[arg(long, value_name = "COUNT", default_value_t = 20)]
         limit: u64,
         /// Print them as JSON
         #[arg(long)]

@@ -140,7 +140,12 @@ pub struct Args {
     #[arg(long, value_name = "FILE", requires = "tls_cert")]
     pub tls_key: Option<PathBuf>,
     /// Requests of a tenant per second, at most
-    #[arg(long, value_name = "N", default_value = "2000")]
+    #[arg(
+        long = "tenant-rate",
+        visible_alias = "rate",
+        value_name = "N",
+        default_value = "2000"
+    )]
     pub rate: NonZeroU32,
     /// Files of a tenant, GB, at most
     #[arg(long, value_name = "GB", default_value_t = 1000, value_parser = clap::value_parser!(u64).range(1..=1_000_000))]
@@ -167,7 +172,7 @@ pub struct Args {
     #[command(flatten)]
     pub work: WorkArgs,
     /// Longest time of a query in SQL, s
-    #[arg(long, value_name = "S", default_value_t = 30, value_parser = clap::value_parser!(u64).range(1..=3600))]
+    #[arg(long = "query-time-limit", visible_alias = "query-time", value_name = "S", default_value_t = 30, value_parser = clap::value_parser!(u64).range(1..=3600))]
     pub query_time: u64,
     /// FDI sessions that are open at the same time
     #[arg(long, value_name = "N", default_value_t = 64, value_parser = clap::value_parser!(u16).range(1..=10_000))]
