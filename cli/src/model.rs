@@ -81,6 +81,7 @@ enum Command {
     /// Take a vehicle or version file as version 0 of a new model
     Import {
         /// The file
+        #[arg(value_parser = crate::named::vehicle())]
         file: PathBuf,
         /// Name of the model [default: the one in the file, or the file's]
         #[arg(long)]
