@@ -10,7 +10,7 @@ fn parser(kind: Kind) -> impl TypedValueParser<Value = PathBuf> {
     OsStringValueParser::new().try_map(move |text| {
         resolved(kind, &text).map_err(|error| {
             // `fly mine` beside mine.toml: a name is no path.
-            let beside = text.to_str().and_then(file_of);
+            let beside = text.to_str().and_then(|name| file_of(name, kind.extension()));
             beside.map_or_else(
                 || error.to_string(),
                 |file| format!("{error}; did you mean the {file}?"),

@@ -8,13 +8,14 @@ use rotortwin_scenario::names::nearest;
 use std::path::{Path, PathBuf};
 
 /// What refusals of missing files say after the path.
-const MISSING: [&str; 6] = [
+const MISSING: [&str; 7] = [
     "No such file or directory",
     "file not found",
     "no run here",
-    "there is none of this name",
-    "there is no such file",
-    "it has no campaign.json",
+    "none of this name",
+    "none has this name",
+    "no such file",
+    "no campaign.json",
 ];
 
 /// The sentence, with the nearest existing path if it refuses one that does not exist.
@@ -30,8 +31,9 @@ pub(crate) fn with_nearest(sentence: &str) -> String {
 }
 
 /// `file 'mine.toml'` for the name `mine`, if the working folder holds it.
-pub(crate) fn file_of(name: &str) -> Option<String> {
-    with_stem(Path::new("."), name).map(|path| named(&path))
+pub(crate) fn file_of(name: &str, ending: &str) -> Option<String> {
+    let path = PathBuf::from(format!("{name}.{ending}"));
+    path.is_file().then(|| named(&path))
 }
 
 fn named(path: &Path) -> String {
@@ -66,7 +68,7 @@ fn with_stem(folder: &Path, name: &str) -> Option<PathBuf> {
     let found = names_in(folder)
         .into_iter()
         .find(|other| other != name && stem(other))?;
-    Some(folder.strip_prefix(".").unwrap_or(folder).join(found))
+    Some(folder.join(found))
 }
 
 /// Names in a folder in alphabetical order, without hidden ones; the working folder for an empty path.
