@@ -50,7 +50,7 @@ pub struct BenchArgs {
     #[arg(long, value_enum, value_delimiter = ',', default_value = "mixed")]
     pub preset: Vec<Preset>,
     /// Cases of each preset
-    #[arg(long, default_value_t = 200)]
+    #[arg(long = "count", visible_alias = "n", value_name = "COUNT", default_value_t = 200)]
     pub n: usize,
     /// Seed of the draws
     #[arg(long, default_value_t = 1)]
@@ -66,13 +66,13 @@ pub struct BenchArgs {
     )]
     pub vehicles: Vec<PathBuf>,
     /// Length of a flight, s
-    #[arg(long, default_value_t = 90.0)]
+    #[arg(long, value_name = "S", default_value_t = 90.0)]
     pub duration_s: f64,
     /// Folder of the results; a bench that was stopped is resumed there
-    #[arg(long, default_value = "runs/blind")]
+    #[arg(long, value_name = "DIR", default_value = "runs/blind")]
     pub out: PathBuf,
     /// Processes at a time [default: 1]
-    #[arg(long)]
+    #[arg(long, value_name = "COUNT")]
     jobs: Option<usize>,
     /// Keep the generated logs
     #[arg(long)]
@@ -200,7 +200,7 @@ fn faults(args: &BenchArgs) -> anyhow::Result<()> {
     if args.json {
         println!("{:#}", serde_json::to_value(&sheets)?);
     } else {
-        print!("{}", faults_sheet::text(&sheets));
+        print!("{}", output::fitted(&faults_sheet::text(&sheets)));
         println!("Score: {}", bench.folder.join("score.json").display());
     }
     Ok(())
@@ -247,7 +247,7 @@ pub fn progress_bar(hidden: bool, cases: u64, present: u64) -> ProgressBar {
 
 /// The score sheet, and the path of the report.
 pub fn print_text(sheet: &Sheet, folder: &Path) {
-    print!("{}", sheet::text(sheet));
+    print!("{}", output::fitted(&sheet::text(sheet)));
     println!("Report: {}", folder.join("report.html").display());
 }
 

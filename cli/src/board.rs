@@ -42,7 +42,12 @@ enum Command {
         #[arg(long, default_value = "reference-flight", value_parser = crate::named::scenario())]
         scenario: PathBuf,
         /// Length of the flight, s
-        #[arg(long, default_value_t = 10.0)]
+        #[arg(
+            long = "duration-s",
+            visible_alias = "duration",
+            value_name = "S",
+            default_value_t = 10.0
+        )]
         duration: f64,
     },
     /// Table 11: cost of a step by solution, counted on the board
@@ -53,10 +58,10 @@ enum Command {
         #[arg(long, default_value = "reference-flight", value_parser = crate::named::scenario())]
         scenario: PathBuf,
         /// Length of the flight, s [default: the scenario's]
-        #[arg(long)]
+        #[arg(long = "duration-s", visible_alias = "duration", value_name = "S")]
         duration: Option<f64>,
         /// Exit code 1 if the longest step of control, residuals and network exceeds this
-        #[arg(long, value_name = "COUNT")]
+        #[arg(long = "cost-limit", visible_alias = "limit", value_name = "COUNT")]
         limit: Option<u32>,
     },
     /// Flash a program through PX4's boot loader: ours (target/firmware/pixhawk6c.px4), or PX4 to restore it
@@ -67,7 +72,7 @@ enum Command {
         #[arg(long)]
         port: Option<PathBuf>,
         /// How long to wait for the boot loader, s
-        #[arg(long, default_value_t = 30.0)]
+        #[arg(long, value_name = "S", default_value_t = 30.0)]
         wait: f64,
     },
     /// Restart a board into its boot loader, to flash another program
@@ -130,20 +135,20 @@ fn failed(error: impl std::fmt::Display) -> Trouble {
 
 fn list() -> Result<ExitCode, Trouble> {
     println!("Supported boards:");
-    println!("  pixhawk6c    Pixhawk 6C, STM32H743 at 480 MHz; firmware/pixhawk6c, docs/pil.md");
-    println!("  mps2-an500   emulated Cortex-M7 (qemu-system-arm); --controller qemu or qemu-uart");
+    output::say("  pixhawk6c    Pixhawk 6C, STM32H743 at 480 MHz; firmware/pixhawk6c, docs/pil.md");
+    output::say("  mps2-an500   emulated Cortex-M7 (qemu-system-arm); --controller qemu or qemu-uart");
     println!("  virtual      in this program; --controller pty or virtual");
     println!("Serial ports:");
     let ports = serial_ports();
     for port in &ports {
-        println!(
+        output::say(format!(
             "  serial:/dev/{}  {}:{} {} {}",
             port.file_name().unwrap_or_default().to_string_lossy(),
             usb_word(port, "idVendor"),
             usb_word(port, "idProduct"),
             usb_word(port, "manufacturer"),
             usb_word(port, "product")
-        );
+        ));
     }
     if ports.is_empty() {
         println!("  none (looked for /dev/ttyACM* and /dev/ttyUSB*)");
@@ -179,7 +184,7 @@ fn usb_word(port: &Path, file: &str) -> String {
 fn info(address: &BoardAddress) -> Result<ExitCode, Trouble> {
     let (name, report) = link(address, SessionOptions::default())?.inquire().map_err(failed)?;
     println!("{name}, link protocol {}", rotortwin_board::PROTOCOL_VERSION);
-    print!("{}", report_text(&report));
+    print!("{}", output::fitted(&report_text(&report)));
     Ok(ExitCode::SUCCESS)
 }
 
@@ -187,8 +192,8 @@ fn boot_loader(address: &BoardAddress) -> Result<ExitCode, Trouble> {
     link(address, SessionOptions::default())?
         .enter_boot_loader()
         .map_err(failed)?;
-    println!(
-        "The board restarts into its boot loader; it stays there until it has been flashed or has lost its power."
+    output::say(
+        "The board restarts into its boot loader; it stays there until it has been flashed or has lost its power.",
     );
     Ok(ExitCode::SUCCESS)
 }
@@ -236,9 +241,9 @@ fn doctor(address: &BoardAddress, scenario: &Path, duration: f64) -> Result<Exit
         .map_err(|error| Trouble::Input(error.to_string()))?
         .rotor_count();
     let report = fly(address, &scenario, options)?;
-    print!("{}", session_text(&report, Some(address)));
-    print!("{}", histogram(&report.round_trip_s));
-    print!("{}", budget_text(rotors));
+    print!("{}", output::fitted(&session_text(&report, Some(address))));
+    print!("{}", output::fitted(&histogram(&report.round_trip_s)));
+    print!("{}", output::fitted(&budget_text(rotors)));
     let late = late_steps(&report);
     let mut advice = Vec::new();
     if let Some(baud) = address.baud() {
@@ -261,7 +266,7 @@ fn doctor(address: &BoardAddress, scenario: &Path, duration: f64) -> Result<Exit
         println!("Nothing to change.");
     }
     for sentence in advice {
-        println!("Advice: {sentence}.");
+        output::say(format!("Advice: {sentence}."));
     }
     Ok(ExitCode::from(u8::from(report.difference.is_some())))
 }

@@ -75,7 +75,7 @@ pub struct FlightArgs {
     #[arg(long = "jobs", alias = "threads", value_name = "COUNT")]
     threads: Option<NonZeroUsize>,
     /// Stop after about this many flights of the campaign; the same command without it resumes
-    #[arg(long, value_name = "FLIGHTS", value_parser = clap::value_parser!(u64).range(1..))]
+    #[arg(long, value_name = "COUNT", value_parser = clap::value_parser!(u64).range(1..))]
     limit: Option<u64>,
     /// Fly only this flight and write a complete run folder [default of --out: runs/NAME-FLIGHT, with a number if that exists]
     #[arg(long, value_name = "NUMBER", conflicts_with = "limit")]
@@ -85,13 +85,13 @@ pub struct FlightArgs {
     #[arg(long, conflicts_with_all = ["flight", "limit"])]
     hunt: bool,
     /// --hunt: flights of the search
-    #[arg(long, value_name = "FLIGHTS", default_value_t = 300, requires = "hunt", value_parser = clap::value_parser!(u64).range(3..=1_000_000))]
+    #[arg(long = "hunt-budget", visible_alias = "budget", value_name = "COUNT", default_value_t = 300, requires = "hunt", value_parser = clap::value_parser!(u64).range(3..=1_000_000))]
     budget: u64,
     /// --hunt: seed of the search
     #[arg(long, value_name = "SEED", default_value_t = 1, requires = "hunt", value_parser = clap::value_parser!(u64).range(..1 << 20))]
     hunt_seed: u64,
     /// --hunt: maximum number of cases that are reduced
-    #[arg(long, value_name = "COUNT", default_value_t = 4, requires = "hunt", value_parser = clap::value_parser!(u16).range(1..=1000))]
+    #[arg(long = "hunt-cases", visible_alias = "cases", value_name = "COUNT", default_value_t = 4, requires = "hunt", value_parser = clap::value_parser!(u16).range(1..=1000))]
     cases: u16,
     /// Only read the file, check its flights and describe them; with --json the numbers of flights and shards
     #[arg(long, conflicts_with_all = ["flight", "limit", "hunt"])]
@@ -200,7 +200,7 @@ fn fly(args: &FlightArgs, store: Option<&dyn Store>) -> ExitCode {
         Err(error) => return output::bad_input(error),
     };
     for warning in campaign.warnings() {
-        eprintln!("{}: {warning}", args.campaign.display());
+        output::say_aside(format!("{}: {warning}", args.campaign.display()));
     }
     if args.check {
         if args.json {
@@ -209,7 +209,7 @@ fn fly(args: &FlightArgs, store: Option<&dyn Store>) -> ExitCode {
                 Err(sentence) => return output::failed(sentence),
             }
         } else {
-            print!("{}", described(&campaign));
+            print!("{}", output::fitted(&described(&campaign)));
         }
         return ExitCode::SUCCESS;
     }
@@ -593,7 +593,7 @@ fn hunt_into(args: &FlightArgs, campaign: &Campaign, folder: &Path) -> Result<()
         .iter()
         .map(|(failure, count)| format!("{count} {}", failure.as_str()))
         .collect();
-    println!(
+    output::say(format!(
         "{} flights searched: {}; {} did not reach their end",
         found.flights,
         if counts.is_empty() {
@@ -602,15 +602,15 @@ fn hunt_into(args: &FlightArgs, campaign: &Campaign, folder: &Path) -> Result<()
             counts.join(", ")
         },
         found.unfinished
-    );
+    ));
     for (case, file) in found.cases.iter().zip(&files) {
         let kept: Vec<String> = case
             .kept
             .iter()
             .map(|(axis, cell)| format!("{axis} = {cell}"))
             .collect();
-        println!("\n{}\n  {}", file.display(), case.words);
-        println!(
+        output::say(format!("\n{}\n  {}", file.display(), case.words));
+        output::say(format!(
             "  what matters: {}{} ({} flights to shrink)",
             if kept.is_empty() {
                 "nothing but the base".to_owned()
@@ -619,7 +619,7 @@ fn hunt_into(args: &FlightArgs, campaign: &Campaign, folder: &Path) -> Result<()
             },
             if case.own_seed { ", and the seed" } else { "" },
             case.flights
-        );
+        ));
     }
     Ok(())
 }

@@ -54,7 +54,7 @@ pub fn run(args: &Args) -> ExitCode {
         print!("{}", output::fitted(&compared.text));
         if let Some(folder) = &args.out {
             println!("Files        {}", folder.display());
-            println!("             report.html  comparison.json  comparison.txt  residuals of each log as Parquet");
+            output::say("             report.html  comparison.json  comparison.txt  residuals of each log as Parquet");
         }
     }
     ExitCode::SUCCESS

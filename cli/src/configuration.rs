@@ -164,7 +164,7 @@ pub(crate) fn new(args: &NewArgs) -> ExitCode {
     if let Err(error) = written {
         return output::bad_input(format!("{}: cannot be written: {error}", path.display()));
     }
-    println!("{} is a copy of {}", path.display(), from.display());
+    output::say(format!("{} is a copy of {}", path.display(), from.display()));
     let next = match kind {
         Kind::Scenario => format!("rotortwin fly {}", path.display()),
         Kind::Vehicle => format!("rotortwin fly hover --model {}", path.display()),

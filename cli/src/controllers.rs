@@ -207,8 +207,8 @@ fn fly_all(args: &Args, path: &Path) -> Result<Vec<PathBuf>, ExitCode> {
         folders.push(out);
     }
     if level && !args.json {
-        eprintln!(
-            "Controllers other than autopilots start in the air, trimmed at the first point, where autopilots are handed over"
+        output::say_aside(
+            "Controllers other than autopilots start in the air, trimmed at the first point, where autopilots are handed over",
         );
     }
     Ok(folders)

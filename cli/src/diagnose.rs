@@ -30,7 +30,7 @@ pub struct Args {
     #[arg(long, value_name = "DIR")]
     pub out: Option<PathBuf>,
     /// Time limit of the search, s; it then reports what has been proved so far
-    #[arg(long, value_name = "SECONDS", default_value_t = diagnosis::TIME_LIMIT_S, value_parser = clap::value_parser!(u32).range(1..=86_400))]
+    #[arg(long, value_name = "S", default_value_t = diagnosis::TIME_LIMIT_S, value_parser = clap::value_parser!(u32).range(1..=86_400))]
     pub time_limit: u32,
     /// Print the diagnosis as JSON, nothing else
     #[arg(long)]

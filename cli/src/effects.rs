@@ -52,7 +52,7 @@ struct PlotArgs {
     #[arg(long, value_name = "DIR", default_value = "models")]
     models: PathBuf,
     /// Value of a parameter, such as drag_n_s_m=0.3; without it the typical one
-    #[arg(long, value_name = "NAME=VALUE")]
+    #[arg(long, value_name = "KEY=VALUE")]
     set: Vec<String>,
     /// Manoeuvre to fly; without it all are flown and the one that shows the effect best is used
     #[arg(long, value_name = "NAME")]

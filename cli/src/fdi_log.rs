@@ -47,7 +47,7 @@ pub struct LogArgs {
     #[arg(long, requires = "json")]
     windows: bool,
     /// With --json: trajectory, parts, motor outputs and vibration of the flight, too, as a page draws them
-    #[arg(long, requires = "json")]
+    #[arg(long = "over-time", visible_alias = "flight", requires = "json")]
     flight: bool,
     /// Score the verdicts: a CSV file time_s,rotor,loss[,log], or the name of a column of the log (0 healthy, the damaged rotor, -1 several)
     #[arg(long, value_name = "FILE|COLUMN")]

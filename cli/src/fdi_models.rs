@@ -37,7 +37,7 @@ pub(crate) fn run(store: &ModelStore, args: &Args) -> ExitCode {
     };
     match compare(args, &version) {
         Ok(text) => {
-            print!("{text}");
+            print!("{}", output::fitted(&text));
             ExitCode::SUCCESS
         }
         Err(sentence) => output::bad_input(sentence),

@@ -57,7 +57,7 @@ struct Input {
     #[arg(long)]
     message: Option<String>,
     /// Time between rows if there is no time column, s
-    #[arg(long)]
+    #[arg(long, value_name = "S")]
     period_s: Option<f64>,
     /// Pulse at duty 0 and at duty 1, e.g. 1050:1950
     #[arg(long, value_name = "ZERO:ONE")]
@@ -69,7 +69,7 @@ struct Input {
     #[arg(long)]
     json: bool,
     /// Report with plots to write (.html, self-contained)
-    #[arg(long)]
+    #[arg(long, value_name = "FILE")]
     report: Option<PathBuf>,
 }
 

@@ -284,7 +284,7 @@ pub fn run(args: &Args) -> ExitCode {
         Err(failure) => return output::told(&failure),
     };
     for warning in scenario.warnings() {
-        eprintln!("{}: {warning}", args.scenario.display());
+        output::say_aside(format!("{}: {warning}", args.scenario.display()));
     }
     if args.events {
         end_with_standard_input();
@@ -325,7 +325,7 @@ pub fn run(args: &Args) -> ExitCode {
         }
     }
     if let Some((report, address)) = &flown.board {
-        eprint!("{}", crate::board::session_text(report, Some(address)));
+        eprint!("{}", output::fitted(&crate::board::session_text(report, Some(address))));
         if let Some(difference) = &report.difference {
             return output::failed(difference);
         }
@@ -376,10 +376,10 @@ pub fn with_models(scenario: Scenario, args: &Args) -> Result<Scenario, ExitCode
         };
         let vehicle = find(text)?.version.for_detectors().map_err(refuse)?;
         if !vehicle.not_carried.is_empty() {
-            eprintln!(
+            output::say_aside(format!(
                 "rotortwin: the detectors have no parameter for {}: ignored by the detectors",
                 vehicle.not_carried.join(", ")
-            );
+            ));
         }
         scenario = scenario.with_fdi_vehicle(vehicle.documents).map_err(refuse)?;
     }

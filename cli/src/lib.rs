@@ -55,6 +55,7 @@ mod log_example;
 mod manual;
 mod model;
 mod named;
+mod nearest;
 pub mod network;
 mod next_flight;
 pub mod output;
@@ -69,8 +70,9 @@ mod trial;
 mod vehicle;
 mod vibration;
 
-use clap::error::{ContextKind, ContextValue, ErrorKind};
-use clap::{Parser, Subcommand};
+use clap::error::ErrorKind;
+use clap::{CommandFactory as _, FromArgMatches as _, Parser, Subcommand};
+use std::ffi::OsString;
 use std::process::ExitCode;
 
 /// Co-simulation of multirotors with propeller fault detection and isolation.
@@ -220,6 +222,18 @@ pub enum Command {
     Fdi(rotortwin_fdi::Args),
 }
 
+/// All declarations, with the examples of every command.
+fn command() -> clap::Command {
+    examples::added_to(Cli::command())
+}
+
+/// * `words`: a whole command line, from the name of the program on
+fn parsed(words: impl IntoIterator<Item = OsString>) -> Result<Cli, clap::Error> {
+    let mut command = command();
+    let matches = command.try_get_matches_from_mut(words)?;
+    Cli::from_arg_matches(&matches).map_err(|error| error.format(&mut command))
+}
+
 /// Executes the command line of this process.
 ///
 /// * `perform`: executes commands that need other hosts; `None` in a program that delegates them to `rotortwin-network`
@@ -232,9 +246,9 @@ pub fn run(perform: Option<network::Perform>) -> ExitCode {
 }
 
 fn run_command(perform: Option<network::Perform>) -> ExitCode {
-    let cli = match Cli::try_parse() {
+    let cli = match parsed(std::env::args_os()) {
         Ok(cli) => cli,
-        Err(error) => return refuse(&error),
+        Err(error) => return refuse(&error, std::env::args_os()),
     };
     if cli.end_with_stdin {
         fly::end_with_standard_input();
@@ -299,7 +313,7 @@ fn run_command(perform: Option<network::Perform>) -> ExitCode {
 }
 
 /// Help and version go to standard output; a wrong argument is bad input with a one-sentence message like any other, and the relevant help.
-fn refuse(error: &clap::Error) -> ExitCode {
+fn refuse(error: &clap::Error, words: impl Iterator<Item = OsString>) -> ExitCode {
     let text = error.render().to_string();
     if !error.use_stderr() {
         print!("{text}");
@@ -325,7 +339,7 @@ fn refuse(error: &clap::Error) -> ExitCode {
             sentence + separator + inner.unwrap_or(line)
         });
     let sentence = sentence.trim().trim_start_matches("error: ").to_owned();
-    let command = command_of(error);
+    let command = command_of(&command(), words.skip(1));
     let misplaced = command == "rotortwin" && error.kind() == ErrorKind::UnknownArgument;
     let tip = if misplaced {
         "; put the options of a command after its name"
@@ -335,19 +349,56 @@ fn refuse(error: &clap::Error) -> ExitCode {
     output::bad_input(format!("{sentence}{tip}; see '{command} --help'"))
 }
 
-/// The command that an error concerns, as typed: `rotortwin model add`.
-fn command_of(error: &clap::Error) -> String {
-    let usage = match error.get(ContextKind::Usage) {
-        Some(ContextValue::StyledStr(usage)) => usage.to_string(),
-        _ => String::new(),
-    };
-    let words = usage.trim_start_matches("Usage:").split_whitespace();
-    let names: Vec<&str> = words
-        .take_while(|word| word.starts_with(|letter: char| letter.is_ascii_lowercase()))
-        .collect();
-    if names.is_empty() {
-        "rotortwin".to_owned()
-    } else {
-        names.join(" ")
+/// The command that a command line is about, such as `rotortwin model add`: as far as its words name commands. An error of clap tells this only
+/// where an argument is missing or unknown, not where the value of one is wrong.
+///
+/// * `words`: without the name of the program
+fn command_of(root: &clap::Command, words: impl Iterator<Item = OsString>) -> String {
+    let mut root = root.clone();
+    root.build();
+    let mut command = &root;
+    let mut path = root.get_name().to_owned();
+    let mut words = words.filter_map(|word| word.into_string().ok());
+    while let Some(word) = words.next() {
+        if let Some(option) = word.strip_prefix("--") {
+            let (name, value) = option
+                .split_once('=')
+                .map_or((option, None), |(name, value)| (name, Some(value)));
+            let known = command.get_arguments().find(|argument| {
+                let aliases = argument.get_all_aliases().unwrap_or_default();
+                argument.get_long() == Some(name) || aliases.contains(&name)
+            });
+            let Some(known) = known else { break };
+            if value.is_none() && known.get_action().takes_values() {
+                words.next();
+            }
+        } else if let Some(below) = command.find_subcommand(&word) {
+            command = below;
+            path = format!("{path} {}", below.get_name());
+        } else {
+            break;
+        }
+    }
+    path
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn val_the_words_of_a_command_line_name_its_command() {
+        let of = |line: &str| command_of(&command(), line.split_whitespace().map(OsString::from));
+        assert_eq!(of(""), "rotortwin");
+        assert_eq!(of("flew"), "rotortwin");
+        assert_eq!(of("fly hoover"), "rotortwin fly");
+        assert_eq!(of("model add f550 undo"), "rotortwin model add");
+        assert_eq!(of("model --models list show f550"), "rotortwin model show");
+        assert_eq!(of("model --models=list show f550"), "rotortwin model show");
+        assert_eq!(of("--server runs fleet add"), "rotortwin fleet add");
+        assert_eq!(of("blind --preset generate"), "rotortwin blind");
+        // Unknown to the program: nothing behind it tells what it belongs to.
+        assert_eq!(of("--seed fly hover"), "rotortwin");
+        assert_eq!(of("--seed 3 fly hover"), "rotortwin");
     }
 }

@@ -38,7 +38,7 @@ pub struct Reading {
     #[arg(long, value_name = "FILE", value_parser = crate::named::log_mapping())]
     mapping: Option<PathBuf>,
     /// For a simulated run, import the truth instead of the sensed values
-    #[arg(long)]
+    #[arg(long = "take-truth", visible_alias = "truth")]
     truth: bool,
     /// Vehicle file to check the log against: number and order of the rotors
     #[arg(long = "model", alias = "vehicle", value_name = "VEHICLE", value_parser = crate::named::vehicle())]
@@ -86,7 +86,7 @@ impl ImportArgs {
     pub fn only_here(&self) -> Option<&'static str> {
         let options = [
             (self.reading.mapping.is_some(), "--mapping"),
-            (self.reading.truth, "--truth"),
+            (self.reading.truth, "--take-truth"),
             (self.reading.vehicle.is_some(), "--model"),
         ];
         options.into_iter().find_map(|(given, name)| given.then_some(name))
@@ -116,7 +116,7 @@ pub struct ShowArgs {
     #[arg(long)]
     json: bool,
     /// Print the flight over time as JSON instead, as pages draw it: trajectory, parts, events, motor outputs, vibration spectra
-    #[arg(long, requires = "json")]
+    #[arg(long = "over-time", visible_alias = "flight", requires = "json")]
     flight: bool,
 }
 
@@ -190,14 +190,14 @@ fn map(args: &MapArgs) -> ExitCode {
             if let Err(error) = written {
                 return bad_input(format!("{}: cannot write the mapping: {error}", out.display()));
             }
-            println!("{} → {}", args.file.display(), out.display());
+            output::say(format!("{} → {}", args.file.display(), out.display()));
         }
     }
     for question in &drafted.questions {
-        eprintln!("Question: {question}.");
+        output::say_aside(format!("Question: {question}."));
     }
     if !drafted.left_out.is_empty() {
-        eprintln!("Left out: {}.", drafted.left_out.join(", "));
+        output::say_aside(format!("Left out: {}.", drafted.left_out.join(", ")));
     }
     ExitCode::SUCCESS
 }
@@ -208,14 +208,14 @@ fn import(args: &ImportArgs) -> ExitCode {
     for (file, name) in args.files.iter().zip(names) {
         match import_one(&args.job(file), &name) {
             Ok(Imported { log, path }) => {
-                println!("{} → {}", log.headline(), path.display());
+                output::say(format!("{} → {}", log.headline(), path.display()));
                 let findings = &log.report.findings;
                 if args.quiet {
                     for finding in findings {
-                        println!("  {finding}");
+                        output::say(format!("  {finding}"));
                     }
                 } else {
-                    print!("{}", log.account());
+                    print!("{}", output::fitted(&log.account()));
                 }
             }
             Err(failure) => code = output::told(&failure),

@@ -22,7 +22,7 @@ pub struct Args {
     #[arg(long, default_value_t = 1)]
     seed: u64,
     /// Length, s
-    #[arg(long, default_value_t = 60.0)]
+    #[arg(long, value_name = "S", default_value_t = 60.0)]
     duration_s: f64,
     /// Folder for log.parquet, log.toml, log.import.json and truth.json
     #[arg(long, value_name = "DIR", default_value = "logs")]
@@ -47,7 +47,7 @@ impl Args {
 pub(crate) fn run(args: &Args) -> ExitCode {
     match log_example::make(&args.job()) {
         Ok(log) => {
-            println!("{}", log.headline());
+            output::say(log.headline());
             ExitCode::SUCCESS
         }
         Err(failure) => output::told(&failure),

@@ -1,7 +1,7 @@
 //! `rotortwin completions` and `rotortwin man`: generated from the same declarations as the help.
 
-use crate::{Cli, output};
-use clap::{CommandFactory as _, Parser};
+use crate::output;
+use clap::Parser;
 use clap_complete::Shell;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
@@ -28,7 +28,7 @@ pub struct ManArgs {
 /// Prints the completions of a shell.
 pub(crate) fn completions(args: &CompletionsArgs) -> ExitCode {
     let mut script = Vec::new();
-    clap_complete::generate(args.shell, &mut Cli::command(), "rotortwin", &mut script);
+    clap_complete::generate(args.shell, &mut crate::command(), "rotortwin", &mut script);
     print!("{}", String::from_utf8_lossy(&script));
     ExitCode::SUCCESS
 }
@@ -41,7 +41,7 @@ pub(crate) fn man(args: &ManArgs) -> ExitCode {
             Err(error) => output::failed(format!("{}: cannot be written: {error}", folder.display())),
         };
     }
-    let mut root = Cli::command();
+    let mut root = crate::command();
     root.build();
     let mut command = &root;
     for word in &args.command {
@@ -63,5 +63,5 @@ pub(crate) fn man(args: &ManArgs) -> ExitCode {
 
 fn write_pages(folder: &Path) -> std::io::Result<()> {
     std::fs::create_dir_all(folder)?;
-    clap_mangen::generate_to(Cli::command(), folder)
+    clap_mangen::generate_to(crate::command(), folder)
 }

@@ -81,6 +81,7 @@ enum Command {
     /// Import a vehicle or version file as version 0 of a new model
     Import {
         /// The file
+        #[arg(value_parser = crate::named::vehicle())]
         file: PathBuf,
         /// Name of the model [default: the one in the file, or the file's]
         #[arg(long)]
@@ -111,13 +112,13 @@ struct Add {
     #[arg(long, value_name = "FILE", conflicts_with = "from", value_parser = crate::named::effect())]
     effects: Vec<PathBuf>,
     /// Rotor, from 1, of an effect of one rotor
-    #[arg(long, value_name = "NUMBER")]
+    #[arg(long, value_name = "N")]
     rotor: Option<usize>,
     /// When the effect begins, s of the flight
     #[arg(long, value_name = "S")]
     onset: Option<f64>,
-    ///    /// Reason, as a note for readers
-    #[arg(long, default_value = "")]
+    /// Reason, as a note for readers
+    #[arg(long, value_name = "TEXT", default_value = "")]
     note: String,
 }
 
@@ -186,9 +187,14 @@ fn show(found: &Found, json: bool) {
         println!("{text:#}");
         return;
     }
-    println!("{} · {} · hash {}", found.label(), version.vehicle.name, version.hash());
+    output::say(format!(
+        "{} · {} · hash {}",
+        found.label(),
+        version.vehicle.name,
+        version.hash()
+    ));
     if !version.note.is_empty() {
-        println!("{}", version.note);
+        output::say(&version.note);
     }
     if version.effect.is_empty() {
         println!("no effects: the vehicle as documented");
@@ -335,7 +341,7 @@ impl Add {
 
 /// Prints the differences of a new version from the previous one.
 pub(crate) fn announce(before: &ModelVersion, after: &ModelVersion, place: &Place) {
-    println!("{}@v{} · hash {}", place.model, place.number, after.hash());
+    output::say(format!("{}@v{} · hash {}", place.model, place.number, after.hash()));
     print_changes(&Difference::between(before, after));
 }
 

@@ -1,12 +1,22 @@
 //! Arguments that accept the path of a document or its name: `config/scenarios/hover.toml` or `hover`.
 
+use crate::nearest::file_of;
 use clap::builder::{OsStringValueParser, TypedValueParser};
 use rotortwin_runner::named::resolved;
 use rotortwin_scenario::names::{Kind, find, is_name};
 use std::path::{Path, PathBuf};
 
 fn parser(kind: Kind) -> impl TypedValueParser<Value = PathBuf> {
-    OsStringValueParser::new().try_map(move |text| resolved(kind, &text))
+    OsStringValueParser::new().try_map(move |text| {
+        resolved(kind, &text).map_err(|error| {
+            // `fly mine` beside mine.toml: a name is no path.
+            let beside = text.to_str().and_then(|name| file_of(name, kind.extension()));
+            beside.map_or_else(
+                || error.to_string(),
+                |file| format!("{error}; did you mean the {file}?"),
+            )
+        })
+    })
 }
 
 /// What to type for a document: its name where that leads to this file, otherwise the path.

@@ -85,7 +85,7 @@ pub(crate) fn run(args: &Args) -> ExitCode {
     }
     print!("{}", output::fitted(&done.text));
     if let (Some(path), Some(vehicle)) = (&args.out, &done.vehicle) {
-        println!("Written      {}, vehicle {vehicle}", path.display());
+        output::say(format!("Written      {}, vehicle {vehicle}", path.display()));
         println!("Fly it with  rotortwin fly {}", path.display());
     }
     ExitCode::SUCCESS

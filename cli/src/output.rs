@@ -1,5 +1,6 @@
 //! Human-readable output: the verdict table, the facts of a run, error messages.
 
+use crate::nearest::with_nearest;
 pub use crate::terminal::line;
 use rotortwin_campaign::result_table::ResultTable;
 use rotortwin_runner::failure::Failure;
@@ -10,15 +11,16 @@ use std::ops::Range;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
-/// Prints an error message and returns exit code 2: bad input, nothing was written.
+/// Prints an error message and returns exit code 2: bad input, nothing was written. What may have been meant by a missing path is added.
 pub fn bad_input(sentence: impl std::fmt::Display) -> ExitCode {
-    eprintln!("rotortwin: {sentence}");
+    let sentence = with_nearest(&sentence.to_string());
+    eprintln!("{}", fitted(&format!("rotortwin: {sentence}")));
     ExitCode::from(rotortwin_process::EXIT_BAD_INPUT)
 }
 
 /// Prints an error message and returns exit code 1: the run failed.
 pub fn failed(sentence: impl std::fmt::Display) -> ExitCode {
-    eprintln!("rotortwin: {sentence}");
+    eprintln!("{}", fitted(&format!("rotortwin: {sentence}")));
     ExitCode::from(rotortwin_process::EXIT_FAILED)
 }
 
@@ -295,6 +297,16 @@ pub fn result_table(result: &ResultTable) -> Grid {
 pub fn wrapped(text: &str) -> String {
     let width = text::width().unwrap_or(100).min(100);
     format!("· {}", fold(text, width - 2).replace('\n', "\n  "))
+}
+
+/// Prints sentences for people, wrapped to the terminal width. Not for documents, which programs read.
+pub fn say(text: impl std::fmt::Display) {
+    println!("{}", fitted(&text.to_string()));
+}
+
+/// Prints sentences for people to the standard error, wrapped to the terminal width.
+pub fn say_aside(text: impl std::fmt::Display) {
+    eprintln!("{}", fitted(&text.to_string()));
 }
 
 /// A text for the terminal: long lines are wrapped between words, with a hanging indent or next to their label.

@@ -60,13 +60,13 @@ pub struct Args {
     #[arg(long)]
     csv: bool,
     /// Maximum number of rows [default: 100 in a table; all with --json or --csv]
-    #[arg(long, value_name = "N")]
+    #[arg(long = "limit", visible_alias = "rows", value_name = "COUNT")]
     rows: Option<u64>,
     /// Memory limit of the query, MB; the rest goes to a temporary folder
     #[arg(long, value_name = "MB", default_value_t = 512, value_parser = clap::value_parser!(u64).range(16..=1_000_000))]
     memory: u64,
     /// Longest time of the query, s
-    #[arg(long = "time", value_name = "S", default_value_t = 600, value_parser = clap::value_parser!(u64).range(1..=86_400))]
+    #[arg(long = "time-limit", visible_alias = "time", value_name = "S", default_value_t = 600, value_parser = clap::value_parser!(u64).range(1..=86_400))]
     time_s: u64,
     /// Threads [default: as many as this process may use]
     #[arg(long = "jobs", value_name = "COUNT", value_parser = clap::value_parser!(u16).range(1..=1024))]
@@ -249,7 +249,7 @@ impl Engine {
             Err(RecvTimeoutError::Disconnected) => Ok(None),
             Err(RecvTimeoutError::Timeout) => Err(Refusal::Failed(format!(
                 // The server recognises its beginning.
-                "the query exceeded {} s and was stopped; expected a smaller query, or a larger --time",
+                "the query exceeded {} s and was stopped; expected a smaller query, or a larger --time-limit",
                 self.limit_s
             ))),
         }

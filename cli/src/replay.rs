@@ -32,21 +32,21 @@ fn report(args: &Args, verified: &Verified) -> ExitCode {
     if args.json {
         println!("{}", serde_json::to_string(&verified.verdict()).expect("text is JSON"));
     } else if verified.same() {
-        println!(
+        output::say(format!(
             "same: {} steps over {} and again in this process have the run hash {hash}",
             summary.steps, summary.link
-        );
+        ));
     } else {
-        println!(
+        output::say(format!(
             "DIFFERENT\n  recorded {} ({}, over {})",
             summary.run_hash, summary.program_version, summary.link
-        );
-        println!(
+        ));
+        output::say(format!(
             "  replayed {hash} (rotortwin {}, in this process)",
             env!("CARGO_PKG_VERSION")
-        );
+        ));
         if let Some(note) = verified.note() {
-            println!("  {note}");
+            output::say(format!("  {note}"));
         }
     }
     if verified.same() {

@@ -662,7 +662,7 @@ pub fn print_trained(classifier: &Classifier, out: &Path, json: bool) {
     println!(
         "{}",
         output::fitted(&format!(
-            "trained on {:.2} %, held back {:.2} % right; trajectories not seen: {:.2} % (± {:.2} over folds, ± {:.2} over {} seeds)",
+            "trained on {:.2} %, held back {:.2} % right; trajectories not seen: {:.2} % (std {:.2} over folds; 95 % interval ± {:.2} over {} seeds)",
             100.0 * provenance.training_accuracy,
             100.0 * provenance.validation_accuracy,
             100.0 * cross_validation.test_mean,

@@ -52,7 +52,7 @@ pub fn check(args: &CheckArgs) -> ExitCode {
         },
         Ok(scenario) => {
             for warning in scenario.warnings() {
-                eprintln!("{}: {warning}", args.scenario.display());
+                output::say_aside(format!("{}: {warning}", args.scenario.display()));
             }
             print!("{}", scenario.documents().to_toml());
         }

@@ -57,7 +57,7 @@ pub(crate) fn run(args: &Args) -> ExitCode {
             exit_code(&report)
         }
         Ok(report) => {
-            print!("{}", text(&report));
+            print!("{}", output::fitted(&text(&report)));
             exit_code(&report)
         }
         Err(sentence) => output::failed(sentence),
@@ -75,12 +75,12 @@ fn exit_code(report: &SpinReport) -> ExitCode {
 fn test(autopilot: &mut impl Autopilot, args: &Args, scenario: &Scenario) -> Result<SpinReport, String> {
     let kind = autopilot::autopilot_kind(args.autopilot.protocol);
     let (frame, rotor_of_channel) = AutopilotFrame::of_vehicle(kind, scenario.vehicle())?;
-    eprintln!(
+    output::say_aside(format!(
         "On the test stand: {} with the outputs of {}; waiting for {}",
         scenario.vehicle().name,
         frame.name,
         args.autopilot
-    );
+    ));
     let quiet = args.json;
     let mut say = |time_s: f64, text: String| {
         if !quiet {

@@ -50,7 +50,7 @@ struct FromLog {
     #[arg(long, value_name = "NAME.toml")]
     out: Option<PathBuf>,
     /// Fit each half of each flight and score it on the other: R², and that of the class default
-    #[arg(long)]
+    #[arg(long = "halves", visible_alias = "held-out")]
     held_out: bool,
     /// Print JSON, nothing else
     #[arg(long)]

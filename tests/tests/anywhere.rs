@@ -107,3 +107,66 @@ fn scenario_a_misspelt_name_is_answered_with_the_nearest() {
         assert!(said.contains(nearest), "{words:?}: {said}");
     }
 }
+
+#[test]
+fn scenario_a_misspelt_path_is_answered_with_the_nearest() {
+    let scratch = Scratch::new();
+    std::fs::create_dir_all(scratch.path("logs")).unwrap();
+    std::fs::create_dir_all(scratch.path("runs/hover-1")).unwrap();
+    done(&scratch, &["new", "scenario", "mine", "--from", "short-hover"]);
+    done(&scratch, &["new", "vehicle", "frame", "--from", "f550"]);
+    done(&scratch, &["new", "campaign", "night", "--from", "octo-lag"]);
+    for file in ["logs/flight.ulg", "truth.csv", "runs/hover-1/summary.json"] {
+        std::fs::write(scratch.path(file), "").unwrap();
+    }
+    for (line, meant) in [
+        // Scenarios, campaigns, vehicles, models.
+        ("fly mien.toml", "file 'mine.toml'"),
+        ("check minee.toml", "file 'mine.toml'"),
+        ("campaign nihgt.toml", "file 'night.toml'"),
+        ("compare logs/flight.ulg --model fraem.toml", "file 'frame.toml'"),
+        ("fly mine.toml --model fraem.toml", "file 'frame.toml'"),
+        ("model import fraem.toml", "file 'frame.toml'"),
+        // Logs, and tables beside them.
+        ("compare logs/fligth.ulg --model f550", "file 'logs/flight.ulg'"),
+        ("compare logs/fligth.ulg@1:2 --model f550", "file 'logs/flight.ulg'"),
+        ("diagnose lgos/flight.ulg --model f550", "file 'logs/flight.ulg'"),
+        ("improve logs/fligth.ulg --model f550 --yes", "file 'logs/flight.ulg'"),
+        ("log show logs/fligth.ulg", "file 'logs/flight.ulg'"),
+        ("log import logs/fligth.ulg", "file 'logs/flight.ulg'"),
+        ("fdi-log logs/fligth.ulg --model f550", "file 'logs/flight.ulg'"),
+        ("vibration logs/fligth.ulg", "file 'logs/flight.ulg'"),
+        ("fleet add a logs/fligth.ulg --model f550", "file 'logs/flight.ulg'"),
+        (
+            "vehicle from-log logs/fligth.ulg --mass 1 --arm 0.2",
+            "file 'logs/flight.ulg'",
+        ),
+        ("fit thrust turth.csv --map thrust=2:kg", "file 'truth.csv'"),
+        // Folders of runs.
+        ("replay runs/hovr-1", "folder 'runs/hover-1'"),
+        ("show rusn/hover-1", "folder 'runs/hover-1'"),
+        ("export runs/hover1 --format csv --out x.csv", "folder 'runs/hover-1'"),
+        ("controllers --runs runs/hovr-1 runs/hover-1", "folder 'runs/hover-1'"),
+        ("campaign merge octo-lag lgos --out whole", "folder 'logs'"),
+        // A file here with the name that was asked for.
+        ("fly mine", "file 'mine.toml'"),
+        ("check mine", "file 'mine.toml'"),
+        ("campaign night", "file 'night.toml'"),
+        ("compare logs/flight.ulg --model frame", "file 'frame.toml'"),
+    ] {
+        let words: Vec<&str> = line.split(' ').collect();
+        let said = refused(&scratch, &words);
+        assert!(said.contains(&format!("did you mean the {meant}?")), "{line}: {said}");
+    }
+    // Nothing is near, and what was found to be wrong with a file that exists names no other.
+    for line in [
+        "fly xyz.toml",
+        "show zzzzzz",
+        "compare logs/flight.ulg --model f550",
+        "fly truth.csv",
+    ] {
+        let words: Vec<&str> = line.split(' ').collect();
+        let said = refused(&scratch, &words);
+        assert!(!said.contains("did you mean"), "{line}: {said}");
+    }
+}

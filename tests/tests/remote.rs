@@ -437,7 +437,7 @@ fn scenario_work_that_a_server_cannot_do_is_refused_in_one_sentence() {
             "--truth",
         ),
         (vec!["log", "show", log], "without --server"),
-        (vec!["log", "import", log, "--truth"], "--truth"),
+        (vec!["log", "import", log, "--truth"], "--take-truth"),
         (vec!["log", "import", run], "run folder"),
         (vec!["train", "--out", "x.json", "--threads", "1"], "--jobs"),
         (

@@ -36,14 +36,14 @@ pub enum Verb {
         /// Only those of this name
         #[arg(long, value_name = "NAME")]
         name: Option<String>,
-        ///    /// Maximum number
-        #[arg(long, value_name = "N", default_value_t = 20)]
+        /// Maximum number
+        #[arg(long, value_name = "COUNT", default_value_t = 20)]
         limit: u64,
         /// Print them as JSON
         #[arg(long)]
         json: bool,
     },
-    ///    /// Everything known about one, as JSON
+    /// Everything known about one, as JSON
     Get {
         /// Its id
         id: String,

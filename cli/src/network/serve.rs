@@ -140,7 +140,12 @@ pub struct Args {
     #[arg(long, value_name = "FILE", requires = "tls_cert")]
     pub tls_key: Option<PathBuf>,
     /// Maximum requests per second of a tenant
-    #[arg(long, value_name = "N", default_value = "2000")]
+    #[arg(
+        long = "tenant-rate",
+        visible_alias = "rate",
+        value_name = "N",
+        default_value = "2000"
+    )]
     pub rate: NonZeroU32,
     /// Maximum size of the files of a tenant, GB
     #[arg(long, value_name = "GB", default_value_t = 1000, value_parser = clap::value_parser!(u64).range(1..=1_000_000))]
@@ -167,7 +172,7 @@ pub struct Args {
     #[command(flatten)]
     pub work: WorkArgs,
     /// Longest time of a query in SQL, s
-    #[arg(long, value_name = "S", default_value_t = 30, value_parser = clap::value_parser!(u64).range(1..=3600))]
+    #[arg(long = "query-time-limit", visible_alias = "query-time", value_name = "S", default_value_t = 30, value_parser = clap::value_parser!(u64).range(1..=3600))]
     pub query_time: u64,
     /// Maximum number of open FDI sessions
     #[arg(long, value_name = "N", default_value_t = 64, value_parser = clap::value_parser!(u16).range(1..=10_000))]

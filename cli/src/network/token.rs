@@ -30,19 +30,19 @@ pub enum What {
     Create {
         /// Whose it is, for people
         name: String,
-        ///    /// Tenant that owns its jobs
+        /// Tenant that owns its jobs
         #[arg(long, default_value = "local")]
         tenant: String,
         /// read: see the tenant's jobs; write: submit, cancel, delete; admin: everything of every tenant
         #[arg(long, value_delimiter = ',', default_value = "read,write", value_parser = ["read", "write", "admin"])]
         scopes: Vec<String>,
-        ///    /// Lifetime in days; 0: it does not expire
+        /// Lifetime in days; 0: it does not expire
         #[arg(long, value_name = "DAYS", default_value_t = 90, value_parser = clap::value_parser!(i64).range(0..=3650))]
         days: i64,
     },
     /// All tokens, without their secrets
     List,
-    ///    /// Revoke a token
+    /// Revoke a token
     Revoke {
         /// The part between `rtw_` and the next `_`
         id: String,

@@ -44,7 +44,7 @@ pub enum Command {
 #[derive(Debug, Clone, Parser)]
 pub struct GenerateArgs {
     /// Vehicle document [default: the f550 of config/vehicles]
-    #[arg(long = "model", alias = "vehicle", value_name = "FILE")]
+    #[arg(long = "model", alias = "vehicle", value_name = "VEHICLE")]
     pub vehicle: Option<PathBuf>,
     /// Hidden effect, `id:parameter=value,…`, also `rotor=` and `onset_s=`; repeat for several
     #[arg(long = "effect", value_name = "EFFECT")]
@@ -53,10 +53,10 @@ pub struct GenerateArgs {
     #[arg(long)]
     pub clutter: bool,
     /// hover, helix, waypoint, excitation, or a script file (.toml)
-    #[arg(long, default_value = "excitation")]
+    #[arg(long, value_name = "NAME", default_value = "excitation")]
     pub flight: String,
     /// Length, s
-    #[arg(long, default_value_t = 90.0)]
+    #[arg(long, value_name = "S", default_value_t = 90.0)]
     pub duration_s: f64,
     /// Time on the ground with idling rotors at the start, s, before take-off into the flight
     #[arg(long, value_name = "S")]
@@ -65,20 +65,20 @@ pub struct GenerateArgs {
     #[arg(long, default_value_t = 1)]
     pub seed: u64,
     /// Sensor noise, times Table 4
-    #[arg(long, default_value_t = 1.0)]
+    #[arg(long, value_name = "FACTOR", default_value_t = 1.0)]
     pub noise_scale: f64,
     /// White force and torque that represent everything unmodelled, times 0.05 N and 5 mN·m; 0: only sensor noise moves
     /// the duties of a hover
-    #[arg(long, default_value_t = 1.0)]
+    #[arg(long, value_name = "FACTOR", default_value_t = 1.0)]
     pub disturbance: f64,
     /// Charge at the start, 0 to 1; absent: drawn from 0.5 to 1
-    #[arg(long)]
+    #[arg(long, value_name = "FRACTION")]
     pub state_of_charge: Option<f64>,
     /// Log file to write (.parquet)
-    #[arg(long)]
+    #[arg(long, value_name = "FILE")]
     pub out: PathBuf,
     /// Truth file to write (.json); absent: none
-    #[arg(long)]
+    #[arg(long, value_name = "FILE")]
     pub truth: Option<PathBuf>,
 }
 

@@ -94,7 +94,7 @@ impl FlightLog {
         section("Gaps", gaps);
         let delays = report.delays.iter().map(|delay| {
             format!(
-                "{} {:+.1} ms behind {} (± {:.1} ms, correlation {:.3}), {}",
+                "{} {:+.1} ms behind {} (1σ {:.1} ms, correlation {:.3}), {}",
                 delay.signal,
                 delay.delay_s * 1e3,
                 delay.against,

@@ -117,7 +117,7 @@ impl SlowNoise {
                 .collect();
             let deviation = slow.iter().map(SensorRate::deviation).fold(0.0, f64::max);
             if let Some(rate) = slow.iter().min_by(|a, b| a.source_hz.total_cmp(&b.source_hz)) {
-                told.push(format!("{what} {:.1} Hz (± {deviation:.2e} {unit})", rate.source_hz));
+                told.push(format!("{what} {:.1} Hz (1σ {deviation:.2e} {unit})", rate.source_hz));
             }
             deviation
         };
@@ -152,7 +152,7 @@ impl SlowNoise {
             };
             slow.mean_duty = values().sum::<f64>() / values().count().max(1) as f64;
             told.push(format!(
-                "motor outputs {:.1} Hz (± {:.3})",
+                "motor outputs {:.1} Hz (1σ {:.3})",
                 rate.source_hz, rate.between
             ));
         }

@@ -56,7 +56,7 @@ pub(crate) struct Addition {
     proposal: bool,
     /// An effect by hand.
     effect: Option<HandEffect>,
-    ///    /// Reason, as a note for readers.
+    /// Reason, as a note for readers.
     #[serde(default)]
     #[schema(max_length = 1000)]
     note: String,

@@ -102,8 +102,9 @@ fn percent(share: f64) -> String {
     }
 }
 
+/// A mean and the standard deviation over the folds, in words: a bare `±` is half of a 95 % interval in all that the program prints.
 fn spread(mean: f64, deviation: f64) -> String {
-    format!("{} ± {}", percent(mean), percent(deviation))
+    format!("{} (std {})", percent(mean), percent(deviation))
 }
 
 /// The confidence interval of the mean, as text.
@@ -201,14 +202,14 @@ fn table_6(reproduction: &Reproduction) -> ResultTable {
         accuracy_row(reproduction, name, paper, method, value)
     };
     let mut rows = vec![
-        row("training", "98.20 ± 0.97", Method::Paper, |fold| fold.training),
-        row("validation", "98.18 ± 0.96", Method::Paper, |fold| fold.validation),
-        row("test", "95.04 ± 6.28", Method::Paper, |fold| fold.test.accuracy()),
+        row("training", "98.20 (std 0.97)", Method::Paper, |fold| fold.training),
+        row("validation", "98.18 (std 0.96)", Method::Paper, |fold| fold.validation),
+        row("test", "95.04 (std 6.28)", Method::Paper, |fold| fold.test.accuracy()),
     ];
     rows.extend(fold_rows(reproduction, Method::Paper));
     rows.push(row(
         "test, one z-score for all features",
-        "95.04 ± 6.28",
+        "95.04 (std 6.28)",
         Method::PaperPooled,
         |fold| fold.test.accuracy(),
     ));
@@ -217,7 +218,7 @@ fn table_6(reproduction: &Reproduction) -> ResultTable {
     let [.., waypoints] = tests;
     let mut notes = vec![
         reproduction.head_note(),
-        "± is the deviation over the four folds, not chance, which the interval over the seeds shows".to_owned(),
+        "std is the standard deviation over the four folds, not chance: that is what the interval over the seeds shows".to_owned(),
     ];
     if tests[..3].iter().all(|quiet| *quiet > waypoints + 0.05) {
         notes.push(
@@ -323,13 +324,13 @@ fn table_8(reproduction: &Reproduction) -> ResultTable {
     let pooled = Method::UncompensatedPooled;
     let own = Method::Uncompensated;
     let mut rows = vec![
-        row("one z-score for all: training", "50.74 ± 0.65", pooled, |fold| {
+        row("one z-score for all: training", "50.74 (std 0.65)", pooled, |fold| {
             fold.training
         }),
-        row("one z-score for all: validation", "50.56 ± 0.58", pooled, |fold| {
+        row("one z-score for all: validation", "50.56 (std 0.58)", pooled, |fold| {
             fold.validation
         }),
-        row("one z-score for all: test", "48.41 ± 1.88", pooled, |fold| {
+        row("one z-score for all: test", "48.41 (std 1.88)", pooled, |fold| {
             fold.test.accuracy()
         }),
         row("z-score per feature: training", "–", own, |fold| fold.training),
@@ -432,9 +433,9 @@ fn table_10(reproduction: &Reproduction) -> ResultTable {
     let method = Method::TrackingErrors;
     let row = |name: &str, paper: &str, value: fn(&Fold) -> f64| accuracy_row(reproduction, name, paper, method, value);
     let mut rows = vec![
-        row("training", "49.39 ± 0.05", |fold| fold.training),
-        row("validation", "49.26 ± 0.00", |fold| fold.validation),
-        row("test", "49.33 ± 0.00", |fold| fold.test.accuracy()),
+        row("training", "49.39 (std 0.05)", |fold| fold.training),
+        row("validation", "49.26 (std 0.00)", |fold| fold.validation),
+        row("test", "49.33 (std 0.00)", |fold| fold.test.accuracy()),
     ];
     rows.extend(fold_rows(reproduction, method));
     let epochs = reproduction.options.tracking_epochs;
