@@ -6,15 +6,26 @@
 
 use rotortwin_tests::disk::Disk;
 use rotortwin_tests::program::program;
-use rotortwin_tests::python::environment;
+use rotortwin_tests::python::{client_folder, environment};
 use rotortwin_tests::scratch::{Scratch, repository, short_flight};
 use rotortwin_tests::server::Server;
 use rotortwin_tests::skip;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
-/// Versions tested together.
-const PACKAGES: [&str; 2] = ["playwright==1.65.2", "axe-playwright-python==0.1.8"];
+/// Versions tested together, and our client, which a run copied as Python asks for.
+fn browser_environment() -> Option<PathBuf> {
+    let client = client_folder().display().to_string();
+    environment(
+        "web-page",
+        &[
+            "playwright==1.65.2",
+            "axe-playwright-python==0.1.8",
+            "--editable",
+            &client,
+        ],
+    )
+}
 
 fn chromium() -> Option<PathBuf> {
     let found = [
@@ -62,7 +73,7 @@ fn logs(scratch: &Scratch, wanted: &[&str]) {
 /// A scenario of `web_page.py`, with the logs that it drops.
 fn passes(scenario: &str, wanted: &[&str]) {
     let Some(chromium) = chromium() else { return };
-    let Some(programs) = environment("web-page", &PACKAGES) else {
+    let Some(programs) = browser_environment() else {
         return;
     };
     let scratch = Scratch::new();
@@ -361,7 +372,7 @@ fn reports(scratch: &Scratch) {
 #[test]
 fn scenario_every_report_opens_from_the_disk_and_prints() {
     let Some(chromium) = chromium() else { return };
-    let Some(programs) = environment("web-page", &PACKAGES) else {
+    let Some(programs) = browser_environment() else {
         return;
     };
     let scratch = Scratch::new();
@@ -394,11 +405,31 @@ fn scenario_a_cell_of_a_blind_bench_leads_to_its_cases_and_a_case_to_its_log() {
     passes("bench", &[]);
 }
 
-/// What docs/web.md states of a quiet machine; no time of it fails.
+#[test]
+fn scenario_a_run_copied_as_curl_python_or_command_is_the_same_run() {
+    passes("copies", &[]);
+}
+
+#[test]
+fn scenario_sessions_of_detectors_are_shown_as_they_are_fed() {
+    passes("monitor", &[]);
+}
+
+#[test]
+fn scenario_documents_and_forms_say_what_is_wrong_where_it_is_typed() {
+    passes("editor", &[]);
+}
+
+#[test]
+fn scenario_logs_of_other_programs_are_let_go_over_the_page() {
+    passes("formats", &[]);
+}
+
+/// What docs/web.md states of a quiet machine; it prints each figure with its goal.
 #[test]
 #[ignore = "a measurement: cargo test --release -p rotortwin-tests --test web -- --ignored --nocapture bench_"]
 fn bench_what_is_promised_of_a_quiet_machine() {
-    passes("promised", &["drag", "untold"]);
+    passes("promised", &["drag", "drag-again", "untold"]);
 }
 
 #[test]
