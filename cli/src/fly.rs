@@ -32,7 +32,7 @@ use std::time::Duration;
 /// Arguments of `rotortwin fly`.
 #[derive(Debug, Parser)]
 pub struct Args {
-    /// Scenario: a file, or a name that 'rotortwin list scenarios' shows
+    /// Scenario: a file, or a name that 'rotortwin list scenarios' shows; with --server also @NAME, one of the server's library
     #[arg(value_parser = crate::named::scenario())]
     pub scenario: PathBuf,
     /// How plant, controller and FDI engine are connected
@@ -81,7 +81,8 @@ pub struct Args {
     /// without a number: 40]
     #[arg(long, value_name = "1-99", num_args = 0..=1, require_equals = true, default_missing_value = DEFAULT_PRIORITY, value_parser = parse_priority)]
     pub priority: Option<u8>,
-    /// Fly the vehicle and effects of this model instead of the scenario's vehicle: MODEL, MODEL@v2 or a file
+    /// Fly the vehicle and effects of this model instead of the scenario's vehicle: MODEL, MODEL@v2 or a file; with --server also @MODEL,
+    /// one of the server
     #[arg(long, value_name = "MODEL")]
     pub model: Option<String>,
     /// The model assumed by the detectors, as far as their parameters can represent it
@@ -239,6 +240,15 @@ impl From<External> for flight::External {
     }
 }
 
+/// What begins with @: a document of a server.
+fn of_a_server(args: &Args) -> Option<String> {
+    let scenario = args.scenario.to_string_lossy().into_owned();
+    [Some(scenario), args.model.clone(), args.fdi_model.clone()]
+        .into_iter()
+        .flatten()
+        .find(|text| text.starts_with('@'))
+}
+
 /// Runs the command.
 pub fn run(args: &Args) -> ExitCode {
     rotortwin_process::start_logging();
@@ -246,6 +256,9 @@ pub fn run(args: &Args) -> ExitCode {
         return output::bad_input(
             "--autopilot names one of a server's: expected --server URL; here it is --controller ADDRESS",
         );
+    }
+    if let Some(name) = of_a_server(args) {
+        return output::bad_input(format!("'{name}' is of a server's library: expected --server URL"));
     }
     let scenario = match load(args) {
         Ok(scenario) => scenario,

@@ -151,7 +151,7 @@ def body(case: schemathesis.Case, choice: int) -> None:
 
 def quick(case: schemathesis.Case) -> None:
     """Nothing that takes as long as the wall clock says, goes on for ever, or waits for somebody who never joins."""
-    if case.operation.path == "/api/v1/events" and case.method == "GET":
+    if case.operation.path in ("/api/v1/events", "/api/v1/fdi/events") and case.method == "GET":
         case.query = {**(case.query or {}), "wait": "false"}
     if not isinstance(case.body, dict):
         return

@@ -1,11 +1,12 @@
 """Every report in a real browser, from the disk and without a network: Chromium, driven by Playwright.
 
 report_page.py CHROMIUM FOLDER; FOLDER/NAME/report.html are the reports, and FOLDER/NAME.json what each must say. Pictures go to
-FOLDER/pictures. Fails on an error on the console, an exception, any request besides the file, a page wider than the screen, and what axe
+FOLDER/pictures, or the folder of ROTORTWIN_PICTURES, which keeps them. Fails on an error on the console, an exception, any request besides the file, a page wider than the screen, and what axe
 finds serious.
 """
 
 import json
+import os
 import re
 import sys
 from pathlib import Path
@@ -14,7 +15,7 @@ from axe_playwright_python.sync_playwright import Axe
 from playwright.sync_api import Browser, Page, sync_playwright
 
 CHROMIUM, FOLDER = sys.argv[1], Path(sys.argv[2]).absolute()
-PICTURES = FOLDER / "pictures"
+PICTURES = Path(os.environ.get("ROTORTWIN_PICTURES") or FOLDER / "pictures").absolute()
 PATIENCE_MS = 60_000
 # The page itself, without data.
 LIMIT_KB = 150
@@ -44,26 +45,57 @@ def looks(browser: Browser, name: str, expected: dict) -> None:
             for words in expected["says"]:
                 assert words in text, f"{name}: {words!r} is not in\n{text[:3000]}"
             plots = page.locator("figure.plot canvas").count()
-            assert plots >= expected["plots"], f"{name}: {plots} plots"
+            counts = {selector: page.locator(selector).count() for selector, _ in expected["least"]}
+            assert counts and all(counts[selector] >= least > 0 for selector, least in expected["least"]), f"{name}: {counts}, {expected['least']}"
             # Each plot has a textual description.
             summaries = page.locator("figure.plot .canvas").evaluate_all("all => all.map(one => document.getElementById(one.getAttribute('aria-describedby')).textContent)")
             assert len(summaries) == plots and all(re.search(r"\d", one) or "no value" in one for one in summaries), summaries
-            # And a table of numbers below it.
-            bare = page.locator("figure.plot").evaluate_all("all => all.filter(one => one.querySelector('canvas') && !one.querySelector('table') && !one.querySelector('summary')).length")
-            assert bare == 0, f"{name}: {bare} plots without a table"
+            # And a table of numbers below it, which the summary opens.
+            for place in range(plots):
+                figure = page.locator("figure.plot", has=page.locator("canvas")).nth(place)
+                if figure.locator("table").count() == 0:
+                    figure.locator("summary").first.evaluate("one => one.click()")
+                    figure.locator("table tbody tr").first.wait_for(state="attached")
+                    figure.locator("summary").first.evaluate("one => one.click()")
             wide = page.evaluate("document.documentElement.scrollWidth - innerWidth")
             assert wide <= 0, f"{name}: {wide} px wider than the screen of {width} px"
             page.screenshot(path=PICTURES / f"{name}-{width}-{scheme}.png", full_page=True)
-            if width == 1600 or scheme == "light":
-                found = Axe().run(page).response["violations"]
-                serious = [one for one in found if one["impact"] in ("serious", "critical")]
-                assert not serious, f"{name}, {scheme}: " + json.dumps([(one["id"], one["nodes"][0]["html"]) for one in serious])
+            found = Axe().run(page).response["violations"]
+            serious = [one for one in found if one["impact"] in ("serious", "critical")]
+            assert not serious, f"{name}, {width} px, {scheme}: " + json.dumps([(one["id"], one["nodes"][0]["html"]) for one in serious])
             assert not complaints, f"{name}: " + "\n".join(complaints)
             page.context.close()
 
 
+# What is on paper: registered after the page's own listeners, it sees what they have made of the page when the browser prints.
+ON_PAPER = """
+  window.paper = null;
+  window.addEventListener('beforeprint', () => {
+    const light = (text) => { const found = text.match(/[\\d.]+/g).map(Number); return found.length > 3 && found[3] === 0 ? null : (found[0] + found[1] + found[2]) / 3; };
+    const root = getComputedStyle(document.documentElement);
+    window.paper = {
+      scheme: root.colorScheme,
+      text: light(root.color),
+      folded: document.querySelectorAll('details.whole:not([open])').length,
+      wholes: document.querySelectorAll('details.whole').length,
+    };
+  });
+"""
+# In the rules of paper: the lightness of every surface that is not part of a picture, and what is left of what only a screen can use.
+SURFACES = """
+  () => {
+    const light = (text) => { const found = text.match(/[\\d.]+/g).map(Number); return found.length > 3 && found[3] === 0 ? 255 : (found[0] + found[1] + found[2]) / 3; };
+    const all = [document.documentElement, document.body, ...document.querySelectorAll('main, .panel, .card, figure, table, td, pre')];
+    return {
+      darkest: Math.min(...all.map((one) => light(getComputedStyle(one).backgroundColor))),
+      screen: [...document.querySelectorAll('.screen, header button')].filter((one) => one.checkVisibility()).length,
+    };
+  }
+"""
+
+
 def themes(browser: Browser, name: str) -> None:
-    """The button changes the colours without anywhere to keep the choice; paper is white whatever the screen is."""
+    """The button changes the colours without anywhere to keep the choice; paper is white, unfolded and without buttons, whatever the screen is."""
     page, complaints = opened(browser, name, 1600, "dark")
     background = "getComputedStyle(document.documentElement).backgroundColor"
     before = page.evaluate(background)
@@ -71,8 +103,21 @@ def themes(browser: Browser, name: str) -> None:
     after = page.evaluate(background)
     assert before != after, before
     page.get_by_role("button", name="light / dark").click()
-    page.pdf(path=PICTURES / f"{name}.pdf", format="A4", print_background=True)
-    assert page.evaluate(background) == before
+    page.evaluate(ON_PAPER)
+    pdf = page.pdf(format="A4", print_background=True)
+    assert len(pdf) > 10_000, len(pdf)
+    paper = page.evaluate("window.paper")
+    assert paper and paper["scheme"] == "light" and paper["text"] < 90 and paper["folded"] == 0, (name, paper)
+    if name in ("diagnosis", "comparison"):
+        assert paper["wholes"] > 0, "something was folded"
+    assert page.evaluate(background) == before, "the screen is as before"
+    folded = page.locator("details.whole:not([open])").count()
+    page.emulate_media(media="print", color_scheme="dark")
+    page.evaluate("window.dispatchEvent(new Event('beforeprint'))")
+    surfaces = page.evaluate(SURFACES)
+    assert surfaces["darkest"] > 200 and surfaces["screen"] == 0, (name, surfaces)
+    page.evaluate("window.dispatchEvent(new Event('afterprint'))")
+    assert page.locator("details.whole:not([open])").count() == folded, "what was folded is folded again"
     assert not complaints, complaints
     page.context.close()
 

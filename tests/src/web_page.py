@@ -1,7 +1,7 @@
 """The web page in a real browser: Chromium, driven by Playwright, against a real server.
 
-web_page.py SERVER CHROMIUM FOLDER SCENARIO; FOLDER has the logs and the server's folder `data`, and takes the pictures of docs/web.md, and one of what failed; ROTORTWIN names the program. Each scenario fails on an error on the
-console, an exception, or a request to another host.
+web_page.py SERVER CHROMIUM FOLDER SCENARIO; FOLDER has the logs and the server's folder `data`, and takes the pictures, and one of what failed; ROTORTWIN names the program, and ROTORTWIN_PICTURES a folder that keeps the pictures, such as
+docs/web. Each scenario fails on an error on the console, an exception, or a request to another host.
 """
 
 import base64
@@ -10,6 +10,7 @@ import json
 import math
 import os
 import re
+import shutil
 import signal
 import socket
 import sqlite3
@@ -18,33 +19,38 @@ import subprocess
 import sys
 import threading
 import time
+import urllib.error
 import urllib.parse
 import urllib.request
 from pathlib import Path
 
 from axe_playwright_python.sync_playwright import Axe
-from playwright.sync_api import Browser, Page, Request, Response, sync_playwright
+from playwright.sync_api import Browser, Error, Locator, Page, Request, Response, sync_playwright
 
 SERVER, CHROMIUM, FOLDER, SCENARIO = sys.argv[1], sys.argv[2], Path(sys.argv[3]), sys.argv[4]
+PICTURES = Path(os.environ.get("ROTORTWIN_PICTURES") or FOLDER)
 PAGES = ["/twin", "/runs?new=1", "/campaigns", "/blind", "/fdi", "/library", "/library?kind=vehicles&name=quad-x"]
 # A job on a machine that compiles at the same time.
 PATIENCE_MS = 120_000
 FIRST_LOAD_KB = 150
-# Time limit for a table of 10,000 runs, s: twice the target, as other work runs in parallel; the time is printed.
-MANY_S = 3.0
+# What is promised of a machine that does nothing else, asserted where that is so; beside other work the limit in brackets.
+# A table of 10,000 runs, s.
+MANY_S = (1.5, 3.0)
+# From the drop of a log to a model that agrees with it, s, and in how many clicks.
+LOOP_S = (20.0, 60.0)
+LOOP_CLICKS = 8
 # Time limit for those with a given verdict among 10,000 runs, s.
 VERDICT_S = 0.2
-# Targets for a live flight, asserted only where the page has the processors to itself: median delay, s, and 3-D frames per second.
-BEHIND_S = 0.2
-LIVE_PICTURES = 30.0
+# A live flight: median delay, s, and 3-D frames per second.
+BEHIND_S = (0.2, 1.0)
+LIVE_PICTURES = (30.0, 5.0)
+# A click in one of eight pages, s; the longest task of a page, ms; until the first page can be used, s.
+CLICK_S = (1.0, 5.0)
+TASK_MS = (100.0, 200.0)
+INTERACTIVE_S = (1.5, 3.0)
+# Programs that wait for each processor: up to QUIET the page has the processors to itself; beyond CROWDED a time says nothing about the page, and
+# is printed only.
 QUIET = 1.0
-# A browser in parallel with other tests: on an idle machine all values are far below (docs/web.md). Where many programs wait for each processor
-# the times are printed and say nothing about the page.
-CROWDED_BEHIND_S = 1.0
-CROWDED_PICTURES = 5.0
-CLICK_S = 5.0
-TASK_MS = 200.0
-INTERACTIVE_S = 3.0
 CROWDED = 4.0
 RELOADED_AFTER_S = 30.0
 # A flight that ends when it is cancelled.
@@ -75,6 +81,11 @@ def is_crowded() -> bool:
     if load > CROWDED:
         print(f"{load:.1f} programs wait for each processor: the times are printed only")
     return load > CROWDED
+
+
+def limit(of: tuple[float, float]) -> float:
+    """What is promised where the machine is quiet, else what holds beside other work."""
+    return of[0] if waiting() <= QUIET else of[1]
 
 
 def open_streams() -> int:
@@ -118,8 +129,28 @@ def open_page(browser: Browser, width: int = 1600, scheme: str = "light") -> tup
 
 
 def drop(page: Page, *names: str) -> None:
+    """Lets files go over the first step of the twin."""
     page.goto(f"{SERVER}/twin")
-    page.set_input_files("input[type=file]", [FOLDER / name for name in names])
+    let_go(page, "#step-1 .drop", *names)
+
+
+def let_go(page: Page, over: str, *names: str) -> None:
+    """A drop as the browser tells it: the events of a drag that ends over an element, with the files."""
+    files = [[name, base64.b64encode((FOLDER / name).read_bytes()).decode()] for name in names]
+    dragged = page.evaluate_handle(
+        "(files) => { const all = new DataTransfer(); for (const [name, text] of files) all.items.add(new File([Uint8Array.from(atob(text), (one) => one.charCodeAt(0))], name)); return all; }",
+        files,
+    )
+    target = page.locator(over)
+    target.dispatch_event("dragover", {"dataTransfer": dragged})
+    assert "over" in target.get_attribute("class").split(), "it shows that it takes what is dragged"
+    target.dispatch_event("drop", {"dataTransfer": dragged})
+
+
+def choose(page: Page, *names: str) -> None:
+    """Files by the dialog: also those that are too large for a message to the browser."""
+    page.goto(f"{SERVER}/twin")
+    page.set_input_files("#step-1 input[type=file]", [FOLDER / name for name in names])
 
 
 def until(page: Page, expression: str) -> None:
@@ -140,16 +171,113 @@ def picture(page: Page, name: str) -> None:
     """For docs/web.md."""
     page.evaluate("scrollTo(0, 0)")
     page.wait_for_timeout(1500)
-    page.screenshot(path=FOLDER / f"{name}.png", full_page=True)
+    page.screenshot(path=PICTURES / f"{name}.png", full_page=True)
 
 
 def query(page: Page, name: str) -> str:
     return re.search(rf"[?&]{name}=([^&]+)", page.url)[1]
 
 
+# Clicks and keys of a user, and files that were let go.
+ACTIONS = """
+  window.actions = { clicks: 0, keys: 0 };
+  addEventListener('click', (event) => { if (event.isTrusted) window.actions.clicks += 1; }, true);
+  addEventListener('drop', () => { window.actions.clicks += 1; }, true);
+  addEventListener('keydown', () => { window.actions.keys += 1; }, true);
+"""
+
+
+def learned(browser: Browser) -> tuple[float, int]:
+    """From a drop of two logs with a hidden rotor drag to a model that agrees with both: how long it took, s, and how many clicks, without a key."""
+    page, watch = open_page(browser)
+    page.add_init_script(ACTIONS)
+    page.goto(f"{SERVER}/twin")
+    page.get_by_role("heading", name="Twin").wait_for()
+    began = time.monotonic()
+    let_go(page, "#step-1 .drop", "drag.parquet", "drag-again.parquet")
+    page.get_by_role("button", name=re.compile("^Add to the model")).click()
+    page.locator("#step-5").get_by_text("The model agrees with the flight.").wait_for()
+    until(page, "document.querySelector('#step-6').innerText.includes('@v1') && document.querySelectorAll('#step-6 .bars').length >= 6")
+    took = time.monotonic() - began
+    errors = [force_ratios(page, flight) for flight in (0, 1)]
+    assert all(len(one) == 2 and one[0] > 5 and one[1] <= 1.1 for one in errors), errors
+    actions = page.evaluate("window.actions")
+    print(f"learned in {took:.1f} s with {actions['clicks']} clicks, load {os.getloadavg()[0]:.1f}")
+    assert actions["keys"] == 0 and actions["clicks"] <= LOOP_CLICKS, actions
+    watch.check()
+    page.context.close()
+    return took, actions["clicks"]
+
+
+def where_it_fails(page: Page) -> None:
+    """Step 4: a click on the worst cell of a force opens its channel there, with the vehicle in 3-D at that time; so does the first worst moment."""
+    step = page.locator("#step-4")
+    cells = []
+    for cell in step.locator("figure[aria-label^='chi²/N of each channel in blocks'] button.cell").all():
+        name, first, last, chi2 = re.fullmatch(r"(.*), (\d+) – (\d+) s: chi²/N (\S+)", cell.get_attribute("aria-label")).groups()
+        if " force (f" in name:
+            cells.append((float(chi2.replace(",", "")), int(first), int(last), re.search(r"\((f.)\)", name)[1], cell))
+    worst = max(cells, key=lambda one: one[0])
+    assert worst[0] > 5, "a missing drag is seen somewhere"
+    _, first, last, channel, cell = worst
+    cell.click()
+    assert query(page, "ch") == channel and cell.get_attribute("aria-pressed") == "true"
+    figure = step.locator("figure", has=page.locator("strong", has_text=f"({channel}): measured and model"))
+    figure.locator("summary").click()
+    until(page, f"(() => {{ const all = [...document.querySelectorAll('#step-4 [aria-label^=\"Table of\"][aria-label*=\"({channel}): measured\"] tbody td:first-child')].map((one) => Number(one.textContent)); return all.length > 2 && all[0] >= {first - 5} - 0.2 && all.at(-1) <= {last + 5} + 0.2; }})()")
+    times = [float(text) for text in figure.locator("tbody td:first-child").all_inner_texts()]
+    assert times[0] <= max(0, first - 5) + 1 and times[-1] >= first, (first, last, times)
+    step.locator("summary", has_text="The vehicle in 3-D at that time").click()
+    shown = step.locator(".replay .player .num")
+    shown.wait_for()
+    at = float(shown.inner_text().split()[0])
+    assert first <= at <= last, f"the vehicle is shown at {at} s, the cell is {first} to {last} s"
+    step.locator("summary", has_text="Worst moments").click()
+    moment = step.get_by_role("region", name="Worst moments").locator("tbody tr").first
+    begins, ends = map(float, moment.locator("button").inner_text().split(" – "))
+    moment.locator("button").click()
+    assert re.search(r"\((\w+)\)", moment.locator("td").nth(1).inner_text())[1] == query(page, "ch")
+    until(page, f"Math.abs(parseFloat(document.querySelector('#step-4 .replay .player .num').textContent) - {begins}) < 0.06")
+    table = step.get_by_role("region", name="Table of chi²/N of each channel in blocks of 5 s")
+    step.locator("figure[aria-label^='chi²/N of each channel in blocks'] summary").click()
+    assert table.locator("tbody tr").count() == step.locator("figure[aria-label^='chi²/N of each channel in blocks'] button.cell").count(), "each cell is a row of the table"
+
+
+def shown_as_answered(page: Page, diagnosis: dict) -> None:
+    """What step 5 shows of the first finding is what the API answers: parameter with interval, evidence, held-out errors, rivals."""
+    card = page.locator("#step-5 article.card").first
+    facts = card.locator(".facts").inner_text().replace("−", "-")
+    found = diagnosis["effects"][0]
+    (parameter,) = found["parameters"]
+    shown = re.search(r"([\d.]+) ± ([\d.]+) N·s/m", facts)
+    assert abs(float(shown[1]) - parameter["value"]) < 0.51e-4 and abs(float(shown[2]) - parameter["interval_95"]) < 0.51e-4, shown[0]
+    evidence = float(re.search(r"ln Bayes factor (-?[\d.,]+)", facts)[1].replace(",", ""))
+    assert abs(evidence / found["ln_bayes_factor"] - 1) < 0.006, (evidence, found["ln_bayes_factor"])
+    pairs = [[float(x.replace(",", "")) for x in pair] for pair in re.findall(r"([\d.,]+) → ([\d.,]+) m", facts)]
+    changed = [one for one in diagnosis["held_out"] if abs(one["after"] - one["before"]) > 0.02 * one["before"]]
+    assert pairs and len(pairs) == len(changed), (pairs, facts)
+    for (before, after), one in zip(pairs, changed, strict=True):
+        assert abs(before / (1000 * one["before"]) - 1) < 0.006 and abs(after / (1000 * one["after"]) - 1) < 0.006, (before, after, one)
+    for summary in card.locator("summary").all():
+        summary.click()
+    text = card.inner_text()
+    for rival in [*found["also_compatible"], *found["lost"]]:
+        assert rival["label"] in text, (rival["label"], text)
+    page.locator("#step-5 summary", has_text="Ranking of all candidates").click()
+    rows = page.get_by_role("region", name="Ranking of the candidates").locator("tbody tr").all_inner_texts()
+    assert len(rows) == min(15, len(diagnosis["ranking"])) and len(rows) > 1, rows
+    for row, one in zip(rows, diagnosis["ranking"]):
+        label, evidence, _ = row.replace("−", "-").split("\t")
+        assert label == one["label"], (row, one)
+        if re.fullmatch(r"-?[\d.]+", evidence):
+            assert abs(float(evidence) - one["ln_bayes_factor"]) <= 0.006 * abs(one["ln_bayes_factor"]), (row, one)
+
+
 def loop(browser: Browser) -> None:
     """Two logs with a hidden rotor drag: of the first the effect is named and added, the error falls to the noise on it and on the other, which no
     fit has seen; undo gives the old numbers. What is shown is what the command line says of the same log."""
+    took, _ = learned(browser)
+    assert is_crowded() or took <= limit(LOOP_S), took
     page, watch = open_page(browser)
     drop(page, "drag.parquet", "drag-again.parquet")
     add = page.get_by_role("button", name=re.compile("^Add to the model"))
@@ -163,13 +291,15 @@ def loop(browser: Browser) -> None:
     for one in diagnosis["not_considered"]:
         testable_by = ", ".join(one["columns"]) or one["setting"] or "–"
         assert any(all(words in row for words in (one["label"], one["reason"], testable_by)) for row in unconsidered), one
-    (parameter,) = diagnosis["effects"][0]["parameters"]
-    shown = re.search(r"([\d.]+) ± ([\d.]+) N·s/m", page.locator("#step-5 .facts").inner_text())
-    assert abs(float(shown[1]) - parameter["value"]) < 0.51e-4 and abs(float(shown[2]) - parameter["interval_95"]) < 0.51e-4, shown[0]
+    shown_as_answered(page, diagnosis)
     same_as_the_command(diagnosis, "drag.parquet")
+    where_it_fails(page)
     labels = page.locator("#step-6 h3", has_text="Error of each version").all_inner_texts()
     assert len(labels) == 2 and "on drag, fitted" in labels[0] and "on drag-again, held out" in labels[1], labels
     before, held_out = force_ratios(page), force_ratios(page, 1)
+    for flight, ratios in enumerate((before, held_out)):
+        force = next(one for one in api(f"/comparisons/{query(page, 'cmp')}")["result"]["logs"][flight]["models"][0]["errors"] if one["quantity"] == "force")
+        assert ratios == [round(force["error"] / force["noise"], 2)], (ratios, force)
     assert len(before) == 1 and before[0] > 5 and held_out[0] > 5, (before, held_out)
     add.click()
     page.locator("#step-5").get_by_text("The model agrees with the flight.").wait_for()
@@ -196,11 +326,12 @@ def same_as_the_command(diagnosis: dict, name: str) -> None:
     said = json.loads(subprocess.run(words, check=True, capture_output=True, text=True, cwd=FOLDER).stdout)
 
     def numbers(of: dict) -> dict:
-        keys = ("sentence", "verdict", "effects", "held_out", "not_considered", "rivals")
-        return {key: of[key] for key in keys if key in of}
+        keys = ("sentence", "verdict", "effects", "held_out", "not_considered", "ranking")
+        return {key: of.get(key, "is not there") for key in keys}
 
     here, there = numbers(diagnosis), numbers(said)
-    assert len(here) >= 4 and here["effects"] and here == there, (here, there)
+    assert "is not there" not in here.values(), here
+    assert here["effects"] and here == there, (here, there)
 
 
 def healthy(browser: Browser) -> None:
@@ -213,6 +344,11 @@ def healthy(browser: Browser) -> None:
     refusal = page.locator("#step-1 .say.bad")
     refusal.wait_for()
     assert "picture.csv" in refusal.inner_text(), refusal.inner_text()
+    # As proof it is no better, and the other flight is compared without it.
+    drop(page, "healthy.parquet", "picture.csv")
+    refusal.filter(has_text="picture.csv, to be held out").wait_for()
+    page.locator("#step-5").get_by_text("The model agrees with the flight.").wait_for()
+    assert len(api(f"/comparisons/{query(page, 'cmp')}")["result"]["logs"]) == 1
     watch.check()
 
 
@@ -282,7 +418,7 @@ def vehicle(browser: Browser) -> None:
     page.locator("#step-4 .heat").first.wait_for()
     # The page's bar would cover the picture.
     page.evaluate("document.querySelector('.bar').style.position = 'static'")
-    card.screenshot(path=FOLDER / "vehicle.png")
+    card.screenshot(path=PICTURES / "vehicle.png")
     assert "mine-" in page.locator("#step-3 .note").inner_text() and query(page, "vehicle") == "mine"
     assert "mine" in api("/vehicles")["own"]
     # A frame that contradicts the log: the server's error message appears next to the input.
@@ -441,13 +577,14 @@ def goes_on(process: int) -> None:
     os.close(process)
 
 
-# On an idle machine each ends within 2 s, and the times are printed; here a dozen other pages are loaded at the same time. A job that was not
-# cancelled never reports it.
-CANCELED_S = 10.0
+# Here a dozen other pages are loaded at the same time. A job that was not cancelled never reports it.
+CANCELED_S = (2.0, 10.0)
 
 
 def cancel(browser: Browser) -> dict[str, float]:
-    """Whatever runs ends soon after a click on Cancel, says so, and can be asked for again; how long each stage took, s."""
+    """Whatever runs ends soon after a click on Cancel, says so, and can be asked for again; how long each stage took, s: upload, example, import,
+    comparison, diagnosis, next flight, identification, campaign, blind bench, a live flight. The last three compute until they end; the others, which
+    may be done before the mouse is there, are stopped first."""
     page, watch = open_page(browser)
     times: dict[str, float] = {}
 
@@ -470,7 +607,7 @@ def cancel(browser: Browser) -> dict[str, float]:
         took = time.time() - answer.request.timing["startTime"] / 1000
         print(f"{what}: canceled after {took:.2f} s")
         times[what] = took
-        assert took <= CANCELED_S, (what, took)
+        assert took <= limit(CANCELED_S), (what, took)
 
     # Through a connection of 100 kB/s, as an upload is instantaneous otherwise.
     page.goto(f"{SERVER}/twin")
@@ -484,6 +621,12 @@ def cancel(browser: Browser) -> dict[str, float]:
     network.send("Network.emulateNetworkConditions", {**limits, "uploadThroughput": -1})
     page.get_by_role("button", name=re.compile("^Fly it")).first.click()
     ends(1, "Importing the log", "log-example", is_nearly_done=True)
+    drop(page, "drag.parquet")
+    ends(1, "Importing the log", "log-import", is_nearly_done=True)
+    drop(page, "drag.parquet")
+    ends(4, "Comparing the model with the flight", "comparison")
+    page.locator("#step-4").get_by_role("button", name="Try again").click()
+    page.locator("#step-4 .heat").first.wait_for()
     drop(page, "untold.parquet")
     ends(5, "Looking for what is missing", "diagnosis")
     page.locator("#step-5").get_by_role("button", name="Try again").click()
@@ -495,6 +638,17 @@ def cancel(browser: Browser) -> dict[str, float]:
     page.get_by_label("Arm, m", exact=True).fill("0.275")
     page.get_by_role("button", name="Identify the vehicle").click()
     ends(3, "Identifying the vehicle", "identification")
+    for what, collection, path, body in [
+        ("a campaign", "campaigns", "campaigns", {"text": CELLS.replace("flights = 64", "flights = 20000")}),
+        ("a blind bench", "blind-benches", "blind", {"presets": ["singles"], "n": 200, "duration_s": 60}),
+    ]:
+        job = api(f"/{collection}", body)["id"]
+        page.goto(f"{SERVER}/{path}/{job}")
+        page.locator("h1 + .tag", has_text="running").wait_for()
+        with page.expect_response(lambda answer: answer.url.endswith("/cancel")) as answer:
+            page.get_by_role("button", name="Cancel").click()
+        page.locator("h1 + .tag", has_text="canceled").wait_for()
+        told(what, answer.value)
     page.goto(f"{SERVER}/runs/{api('/runs', {'scenario': 'reference-flight', 'pace': 'real-time'})['id']}")
     page.locator("h1 + .tag", has_text="running").wait_for()
     with page.expect_response(lambda answer: answer.url.endswith("/cancel")) as answer:
@@ -546,10 +700,8 @@ def strangers(browser: Browser) -> None:
     page.locator("#step-2.done").wait_for()
     page.get_by_text("Delays, conversions, unused columns").click()
     page.locator("#step-2").get_by_text(evil).first.wait_for()
-    with urllib.request.urlopen(f"{SERVER}/api/v1/scenarios/short-hover", timeout=30) as answer:
-        scenario = re.sub(r"(?m)^description = .*$", f"description = {json.dumps(evil)}", answer.read().decode())
-    put = urllib.request.Request(f"{SERVER}/api/v1/scenarios/evil", scenario.encode(), {"content-type": "application/toml"}, method="PUT")
-    urllib.request.urlopen(put, timeout=30).close()
+    scenario = re.sub(r"(?m)^description = .*$", f"description = {json.dumps(evil)}", text_of("/scenarios/short-hover"))
+    put("scenarios", "evil", scenario)
     page.goto(f"{SERVER}/library?kind=scenarios&name=evil")
     page.get_by_label("text of evil").wait_for()
     page.goto(f"{SERVER}/runs/{api('/runs', {'scenario': 'evil'})['id']}")
@@ -562,13 +714,267 @@ def strangers(browser: Browser) -> None:
     watch.check()
 
 
+def put(kind: str, name: str, text: str) -> None:
+    """A document of one's own in the library."""
+    request = urllib.request.Request(f"{SERVER}/api/v1/{kind}/{name}", text.encode(), {"content-type": "application/toml"}, method="PUT")
+    urllib.request.urlopen(request, timeout=30).close()
+
+
+def text_of(path: str) -> str:
+    with urllib.request.urlopen(f"{SERVER}/api/v1{path}", timeout=60) as answer:
+        return answer.read().decode()
+
+
+def copies(browser: Browser) -> None:
+    """A new run as curl, as Python and as a command: copied and run as they are, in a folder without anything, each gives the samples of the page's own run;
+    also with settings that a shell would read, with a scenario of one's own, and with models of the server."""
+    page, watch = open_page(browser)
+    page.context.grant_permissions(["clipboard-read", "clipboard-write"], origin=SERVER)
+    put("scenarios", "of-mine", text_of("/scenarios/short-hover").replace('name = "short-hover"', 'name = "of-mine"').replace("duration_s = ", "duration_s = 4.0 # before: ", 1))
+    model = api("/models", {"name": "heavier", "vehicle": "f550"})
+    assert model["name"] == "heavier", model
+    (FOLDER / "bin").mkdir()
+    (FOLDER / "bin" / "rotortwin").symlink_to(os.environ["ROTORTWIN"])
+    environment = {**os.environ, "PATH": f"{FOLDER / 'bin'}:{Path(sys.executable).parent}:{os.environ['PATH']}"}
+    settings = "initial.state_of_charge=0.6\nfault=[{time_s=1.5, rotor=2, blade='c'}]"
+    for number, (scenario, fields, lines) in enumerate([("short-hover", {}, settings), ("of-mine", {}, ""), ("short-hover", {"Model": "heavier", "The detectors assume": "heavier"}, "")]):
+        page.goto(f"{SERVER}/runs?new=1&scenario={scenario}")
+        page.get_by_text("The scenario is valid.").wait_for()
+        form = page.get_by_role("region", name="New run")
+        assert form.get_by_label("Scenario").first.input_value() == scenario, "a link chooses the scenario"
+        form.get_by_label("Seed").fill("18446744073709551557")
+        for label, value in fields.items():
+            form.get_by_label(label, exact=True).select_option(value)
+        form.get_by_label(re.compile("^Settings")).fill(lines)
+        said = form.locator("pre[aria-label='command line']")
+        texts = {}
+        for button in ("Copy as curl", "Python", "CLI"):
+            form.get_by_role("button", name=button, exact=True).click()
+            form.get_by_text("copied").first.wait_for()
+            texts[button] = page.evaluate("navigator.clipboard.readText()")
+            page.get_by_text("copied").first.wait_for(state="detached")
+        form.get_by_text("The same as text").click()
+        assert said.inner_text() == texts["CLI"], "the text below is what is copied"
+        form.get_by_role("button", name="Fly", exact=True).click()
+        page.locator("h1 + .tag", has_text="done").wait_for()
+        wanted = api(f"/runs/{page.url.split('/runs/')[1].split('?')[0]}")["run_hash"]
+        empty = FOLDER / f"elsewhere-{number}"
+        empty.mkdir()
+
+        def ran(*words: str | Path) -> str:
+            done = subprocess.run(words, env=environment, cwd=empty, capture_output=True, text=True, timeout=PATIENCE_MS / 1000)
+            assert done.returncode == 0, (words, done.stdout[-1000:], done.stderr[-1000:])
+            return done.stdout
+
+        by_curl = json.loads(ran("bash", "-c", texts["Copy as curl"]))["id"]
+        hashes = {
+            "curl": wait_for(f"/runs/{by_curl}")["run_hash"],
+            "Python": ran(sys.executable, "-c", texts["Python"]).split()[-1],
+            "command": re.search(r"\b[0-9a-f]{32}\b", ran("bash", "-c", texts["CLI"]))[0],
+        }
+        assert set(hashes.values()) == {wanted}, (texts, hashes, wanted)
+        print(f"{scenario} {fields}: {texts['CLI']}")
+    watch.check()
+
+
+def monitor(browser: Browser) -> None:
+    """FDI sessions that programs feed: each page shows them as they change, from one stream, without asking again; what a card shows is what the API answers."""
+    page, watch = open_page(browser)
+    settings = ["duration_s=12.0", "fault=[{time_s=6.5, rotor=3, thrust_loss_percent=15.0}]"]
+    run = api("/runs", {"scenario": "short-hover", "link": "in-process", "set": settings})["id"]
+    assert wait_for(f"/runs/{run}")["status"] == "done"
+    wanted = ["velocity_north_m_s", "velocity_east_m_s", "velocity_down_m_s", "roll_rad", "pitch_rad", "yaw_rad", "roll_rate_rad_s", "pitch_rate_rad_s", "yaw_rate_rad_s"]
+    wanted += [*(f"duty_{rotor}" for rotor in range(1, 7)), "battery_voltage_v"]
+    lines = [line.split(",") for line in text_of(f"/runs/{run}/telemetry?channels={','.join(wanted)}&format=csv&points=100000").splitlines()]
+    places = [lines[0].index(name) for name in wanted]
+    rows = [[line[place] for place in places] for line in lines[1:]]
+    assert len(rows) == 4800, len(rows)
+    asked = []
+    page.on("request", lambda r: asked.append(urllib.parse.urlsplit(r.url).path))
+    page.goto(f"{SERVER}/fdi")
+    page.get_by_text("No session is open.").wait_for()
+    other = page.context.new_page()
+    other.set_default_timeout(PATIENCE_MS)
+    other_watch = Watch(other)
+    other.on("request", lambda r: asked.append(urllib.parse.urlsplit(r.url).path))
+    other.goto(f"{SERVER}/fdi")
+    other.get_by_text("No session is open.").wait_for()
+    session = api("/fdi/sessions", {"vehicle": "f550", "settings": {"calibration_start_s": 0.75, "calibration_end_s": 4.75}})["session"]["id"]
+    cards = [one.get_by_role("article", name=f"Session {session}") for one in (page, other)]
+    for card in cards:
+        card.get_by_text("no verdict yet").wait_for()
+
+    def feed(first: int, last: int, gap: bool = False) -> int:
+        """Samples of these steps as CSV; the status of the answer."""
+        body = "\n".join(",".join(row) for row in [wanted, *rows[first:last]])
+        address = f"{SERVER}/api/v1/fdi/sessions/{session}/measurements?first_step={first}&after_gap={str(gap).lower()}"
+        try:
+            with urllib.request.urlopen(urllib.request.Request(address, body.encode(), {"content-type": "text/csv"}), timeout=30) as answer:
+                return answer.status
+        except urllib.error.HTTPError as refused:
+            return refused.code
+
+    def figure(card: Locator, name: str) -> str:
+        return card.locator("dl.figures div", has=page.locator("dt", has_text=re.compile(f"^{name}$"))).locator("dd").inner_text()
+
+    def shows_what_the_api_answers() -> dict:
+        state = api(f"/fdi/sessions/{session}")
+        for one, card in zip((page, other), cards):
+            samples = f"{state['samples']:,}"
+            card.locator("dd", has_text=re.compile(f"^{samples}$")).first.wait_for()
+            assert card.locator(".tag").first.inner_text() == f"calibration: {state['calibration']}"
+            assert figure(card, "bridged gaps") == f"{state['bridged_steps']} steps" and figure(card, "rejected samples") == str(state["rejected_samples"])
+            assert figure(card, "restarts") == str(state["restarts"])
+        return state
+
+    assert feed(0, 400) == 200
+    assert shows_what_the_api_answers()["calibration"] != "done"
+    for first in range(400, 2400, 400):
+        assert feed(first, first + 400) == 200
+    state = shows_what_the_api_answers()
+    assert (state["calibration"], state["last"]["sequential"]["verdict"]) == ("done", "healthy"), state["last"]
+    cards[0].get_by_text("healthy (probability").first.wait_for()
+    # A hole that is not said to be one is refused, and nothing changes; one of four steps is bridged.
+    assert feed(2404, 2408) == 409
+    assert feed(2404, 2500, gap=True) == 200
+    # 1000 m/s are no flight's.
+    rows[2600][0] = "1000.0"
+    for first in range(2500, 4500, 400):
+        assert feed(first, first + 400) == 200
+    state = shows_what_the_api_answers()
+    assert (state["bridged_steps"], state["rejected_samples"], state["samples"]) == (4, 1, 4496), state
+    verdict = state["last"]["sequential"]
+    (loss,) = verdict["thrust_loss"]
+    assert loss["rotor"] == 3 and loss["share_low"] <= 0.15 <= loss["share_high"], verdict
+    for card in cards:
+        words = card.locator("p", has_text="probability").inner_text()
+        shown = re.search(r"probability ([\d.]+) %\): rotor (\d) lost ([\d.]+) ± ([\d.]+) % of its thrust", words)
+        assert shown and shown[2] == "3", words
+        for text, value in ((shown[1], verdict["probability"]), (shown[3], loss["share"]), (shown[4], (loss["share_high"] - loss["share_low"]) / 2)):
+            decimals = len(text.partition(".")[2])
+            assert abs(float(text) - 100 * value) <= 0.51 * 10**-decimals, (words, verdict)
+        named = card.locator(".lane i[title*='rotor 3']").last
+        assert named.count() == 1, card.inner_text()
+        first = float(re.search(r", ([\d.]+) – ", named.get_attribute("title"))[1])
+        change = next(one for one in state["changes"] if one["sequential"]["code"] == 3)
+        assert abs(first - change["time_s"]) <= 0.006 * change["time_s"] and 6.5 <= change["time_s"] < 8.5, (first, change)
+    # A table that is open stays open while more samples come.
+    cards[0].locator("summary").click()
+    cards[0].locator("tbody tr").first.wait_for()
+    assert feed(4500, 4800) == 200
+    shows_what_the_api_answers()
+    assert cards[0].locator("details").get_attribute("open") is not None
+    picture(page, "monitor")
+    urllib.request.urlopen(urllib.request.Request(f"{SERVER}/api/v1/fdi/sessions/{session}", method="DELETE"), timeout=30).close()
+    for one in (page, other):
+        one.get_by_text("No session is open.").wait_for()
+    assert asked.count("/api/v1/fdi/events") == 1 and "/api/v1/fdi/sessions" not in asked, "one stream for both pages, and nothing is asked again and again"
+    watch.check()
+    other_watch.check()
+
+
+def editor(browser: Browser) -> None:
+    """Documents and forms by mouse: what is wrong is said where it stands, with line and key, what was typed stays, and nothing wrong can be sent."""
+    page, watch = open_page(browser)
+    watch.expected = r"422 \("
+    page.goto(f"{SERVER}/library?kind=scenarios&name=short-hover")
+    text = page.get_by_label("text of short-hover")
+    text.wait_for()
+    right = text.input_value()
+    assert "\nduration_s = " in right, right
+    wrong = right.replace("\nduration_s = ", "\nduraton_s = ", 1)
+    text.fill(wrong)
+    complaint = page.locator("main .say.bad li", has_text="duraton_s")
+    complaint.wait_for()
+    line = wrong[: wrong.index("duraton_s")].count("\n") + 1
+    assert f"line {line}:" in complaint.inner_text(), (line, complaint.inner_text())
+    save = page.get_by_role("button", name="Save", exact=True)
+    assert save.is_disabled() and text.input_value() == wrong
+    text.fill(re.sub(r"(?m)^duration_s = .*$", "duration_s = 4.5", right.replace('name = "short-hover"', 'name = "typed"')))
+    page.get_by_text("The document is valid.").wait_for()
+    page.get_by_label("Save as").fill("typed")
+    save.click()
+    page.get_by_text("Saved as typed.").wait_for()
+    assert "typed" in api("/scenarios")["own"] and "duration_s = 4.5" in text_of("/scenarios/typed")
+    page.get_by_role("link", name="Fly typed").click()
+    form = page.get_by_role("region", name="New run")
+    form.get_by_text("The scenario is valid.").wait_for()
+    assert form.get_by_label("Scenario").first.input_value() == "typed", "the choice came along"
+    fly = form.get_by_role("button", name="Fly", exact=True)
+    lines = form.get_by_label(re.compile("^Settings"))
+    for setting, said in [("initial.state_of_charge=2", "initial.state_of_charge"), ("initial.state_of_charg=0.5", "state_of_charg"), ("nonsense", "nonsense")]:
+        lines.fill(setting)
+        form.locator(".say.bad", has_text=said).wait_for()
+        assert fly.is_disabled() and lines.input_value() == setting and lines.get_attribute("aria-invalid") == "true"
+    form.get_by_label("Seed").fill("-1")
+    form.get_by_text("'-1' is no whole number from 0").wait_for()
+    form.get_by_label("Seed").fill("5")
+    lines.fill("initial.state_of_charge=0.7")
+    form.get_by_text("The scenario is valid.").wait_for()
+    fly.click()
+    page.locator("h1 + .tag", has_text="done").wait_for()
+    run = api(f"/runs/{page.url.split('/runs/')[1].split('?')[0]}")
+    assert (run["name"], run["seed"], run["summary"]["steps"]) == ("typed", 5, 1800), run
+    assert "state_of_charge = 0.7" in run["summary"]["scenario"]["text"]
+    # A campaign of one's own.
+    page.goto(f"{SERVER}/campaigns")
+    page.get_by_text("or a document of one's own").click()
+    document = page.get_by_label("campaign document")
+    few = CELLS.replace("flights = 64", "flights = 8")
+    document.fill(few.replace("pick = ", "pik = ", 1))
+    page.get_by_role("button", name="Fly", exact=True).click()
+    page.locator("main .say.bad", has_text="pik").wait_for()
+    assert "pik = " in document.input_value(), "what was typed stays"
+    document.fill(few)
+    page.get_by_role("button", name="Fly", exact=True).click()
+    page.locator("h1 + .tag", has_text="done").wait_for()
+    page.get_by_role("button", name=re.compile("windows: truth")).first.wait_for()
+    assert api(f"/campaigns/{page.url.split('/campaigns/')[1].split('?')[0]}")["facts"]["flights"] == 8
+    # A bench.
+    page.goto(f"{SERVER}/blind")
+    page.get_by_label(re.compile("^singles")).uncheck()
+    begin = page.get_by_role("button", name="Begin")
+    assert begin.is_disabled(), "without a preset there is nothing to do"
+    page.get_by_label(re.compile("^null-hover")).check()
+    page.get_by_label("Cases of each preset").fill("1")
+    begin.click()
+    page.locator("h1 + .tag", has_text="done").wait_for()
+    result = api(f"/blind-benches/{page.url.split('/blind/')[1].split('?')[0]}")["result"]
+    assert [truth for truth, _, _ in result["confusion"]] == ["nothing"], result["confusion"]
+    watch.check()
+
+
+def formats(browser: Browser) -> None:
+    """Logs of other programs, let go over the page: ArduPilot's `.bin`, a Crazyflie's file without an ending, PX4's `.ulg`."""
+    page, watch = open_page(browser)
+    data = Path(__file__).parents[2] / "crates/twin/tests/data"
+    shutil.copy(data / "made-up.bin", FOLDER / "00000042.BIN")
+    shutil.copy(data / "crazyflie-sysid.usdlog", FOLDER / "sysid00")
+    run = api("/runs", {"scenario": "short-hover"})["id"]
+    assert wait_for(f"/runs/{run}")["status"] == "done"
+    with urllib.request.urlopen(f"{SERVER}/api/v1/runs/{run}/export?format=ulog", timeout=60) as answer:
+        (FOLDER / "flight.ulg").write_bytes(answer.read())
+    for name in ("00000042.BIN", "sysid00", "flight.ulg"):
+        drop(page, name)
+        page.locator("#step-2.done, #step-2 .say.bad").first.wait_for()
+        result = wait_for(f"/logs/{query(page, 'log')}")
+        assert result["status"] == "done", (name, result["error"])
+        rows = int(page.locator("#step-2 .figures dd").first.inner_text().replace(",", ""))
+        assert rows == result["result"]["report"]["rows"] > 50, (name, rows)
+        print(f"{name}: {rows} rows, {result['result']['headline']}")
+    watch.check()
+
+
 def session(browser: Browser) -> None:
-    """A session that has ended: the token is asked for, what was typed stays, and the page goes on."""
+    """A session whose token is revoked while the page is open: another token is asked for, what was typed stays, and the page goes on."""
     page, watch = open_page(browser)
     watch.expected = r"401 \(Unauthorized\)"
     data = FOLDER / "data"
-    words = [os.environ["ROTORTWIN"], "token", "create", "reader", "--data", data]
-    token = re.search(r"rtw_\w+", subprocess.run(words, check=True, capture_output=True, text=True).stdout)[0]
+
+    def command(*words: str) -> str:
+        return subprocess.run([os.environ["ROTORTWIN"], "token", *words, "--data", data], check=True, capture_output=True, text=True).stdout
+
+    token, other = (re.search(r"rtw_\w+", command("create", name))[0] for name in ("first", "second"))
     page.goto(f"{SERVER}/runs?new=1")
     form = page.get_by_role("form", name="Sign in")
     field = form.get_by_label(re.compile("access token"))
@@ -579,19 +985,23 @@ def session(browser: Browser) -> None:
     form.get_by_role("button", name="Sign in").click()
     page.get_by_text("The scenario is valid.").wait_for()
     page.get_by_label("Seed").fill("77")
-    page.context.clear_cookies()
+    assert any(one["name"].startswith("rotortwin") and one["httpOnly"] for one in page.context.cookies()), page.context.cookies()
+    command("revoke", token.split("_")[1])
     page.get_by_role("button", name="Fly", exact=True).click()
     field.wait_for()
     assert page.get_by_label("Seed").input_value() == "77"
     field.fill(token)
+    form.get_by_role("button", name="Sign in").click()
+    form.locator(".say.bad").wait_for()
+    field.fill(other)
     form.get_by_role("button", name="Sign in").click()
     page.locator("h1 + .tag", has_text="done").wait_for()
     assert page.get_by_text("seed 77").is_visible(), "what was asked for before is done after"
     watch.check()
 
 
-def many(browser: Browser) -> None:
-    """10,000 runs: the table is there and filtered at once, and more rows come when asked for."""
+def many(browser: Browser) -> float:
+    """10,000 runs: the table is there and filtered at once, and more rows come when asked for. How long the table took, s."""
     run = api("/runs", {"scenario": "short-hover"})["id"]
     assert wait_for(f"/runs/{run}")["status"] == "done"
     # Copies of one row, as 10,000 flights would take half an hour.
@@ -628,8 +1038,9 @@ def many(browser: Browser) -> None:
     page.locator("tbody tr").nth(549).wait_for()
     more = time.monotonic() - began
     print(f"10,000 runs: table {usable:.2f} s, one of them by name {filtered:.2f} s, 500 more {more:.2f} s")
-    assert usable < MANY_S and filtered < MANY_S, (usable, filtered)
+    assert is_crowded() or max(usable, filtered) < limit(MANY_S), (usable, filtered)
     watch.check()
+    return usable
 
 
 def keyboard(browser: Browser) -> None:
@@ -682,7 +1093,15 @@ def live(browser: Browser) -> None:
     page.locator("h1 + .tag", has_text="done").wait_for()
     page.get_by_role("heading", name="Summary").wait_for()
     page.locator("figure canvas").nth(5).wait_for()
+    # Rotors are coloured by the estimated loss: at a moment with one.
+    slider = page.get_by_label("time of the replay")
+    slider.evaluate("one => { one.value = '8.5'; one.dispatchEvent(new Event('input', { bubbles: true })); }")
+    page.get_by_text(re.compile(r"Estimated loss of thrust: rotor 3 [\d.]+ %")).first.wait_for()
     picture(page, "run")
+    # Played, the cursor moves on by itself.
+    page.get_by_role("button", name="Play", exact=True).click()
+    until(page, "Number(document.querySelector('.replay input[type=range]').value) > 8.8")
+    page.get_by_role("button", name="Pause", exact=True).click()
     watch.check()
 
 
@@ -758,8 +1177,8 @@ def share(values: list[float], at: float) -> float:
     return sorted(values)[min(len(values) - 1, int(at * len(values)))]
 
 
-def behind(browser: Browser) -> None:
-    """A flight at real time: how far behind the page is, how many pictures it draws; a reload shows all from the start."""
+def behind(browser: Browser) -> tuple[float, float]:
+    """A flight at real time: how far behind the page is (median, s), how many pictures a second it draws; a reload shows all from the start."""
     run = real_time(LONG_S)
     clock = Clock(run)
     page, watch = open_page(browser, 1280)
@@ -792,9 +1211,11 @@ def behind(browser: Browser) -> None:
     api(f"/runs/{run}/cancel", {})
     page.locator("h1 + .tag", has_text="canceled").wait_for()
     watch.check()
-    quiet = waiting() <= QUIET
-    assert is_crowded() or share(lags, 0.5) <= (BEHIND_S if quiet else CROWDED_BEHIND_S), lags
-    assert is_crowded() or max(rates) >= (LIVE_PICTURES if quiet else CROWDED_PICTURES), rates
+    assert is_crowded() or share(lags, 0.5) <= limit(BEHIND_S), lags
+    # Beside other work one of the intervals may have had no turn.
+    rate = statistics.mean(rates) if waiting() <= QUIET else max(rates)
+    assert is_crowded() or rate >= limit(LIVE_PICTURES), rates
+    return share(lags, 0.5), statistics.mean(rates)
 
 
 def tabs(browser: Browser) -> None:
@@ -827,7 +1248,7 @@ def tabs(browser: Browser) -> None:
     for page, watch in opened:
         page.locator("h1 + .tag", has_text="canceled").wait_for()
         watch.check()
-    assert is_crowded() or max(clicks) <= CLICK_S, clicks
+    assert is_crowded() or max(clicks) <= limit(CLICK_S), clicks
 
 
 def serve(data: Path, address: str = "127.0.0.1:0") -> tuple[subprocess.Popen, str]:
@@ -934,7 +1355,7 @@ def full(browser: Browser) -> None:
     refusal.filter(has_text="the disk of the data folder is full").wait_for()
     (FOLDER / "long.csv").write_bytes(b"time_s\n" + b"0.0025\n" * 6_000_000)
     for name in ("drag.parquet", "long.csv"):
-        drop(page, name)
+        choose(page, name)
         refusal.filter(has_text=name).filter(has_text="the disk of the data folder is full").wait_for()
         print(refusal.inner_text())
     ballast.unlink()
@@ -982,7 +1403,7 @@ def scrub(browser: Browser) -> dict[str, float]:
     print(f"36,000 samples x {len(channels['items'])} channels, longest task, ms (0: none over 50): {longest}")
     watch.check()
     # A zoom requests 110 channels again and redraws all plots: its time is printed.
-    assert is_crowded() or max(longest["scrubbed"], longest["hovered"]) <= TASK_MS, longest
+    assert is_crowded() or max(longest["scrubbed"], longest["hovered"]) <= limit(TASK_MS), longest
     return longest
 
 
@@ -1001,8 +1422,8 @@ def until_usable(browser: Browser) -> float:
 def pages(browser: Browser) -> None:
     """Each page, narrow and wide, dark and light: nothing sticks out, axe finds nothing serious; the first load is small and soon there."""
     found = []
-    interactive = until_usable(browser)
-    if interactive > INTERACTIVE_S and not is_crowded():
+    interactive = statistics.median(until_usable(browser) for _ in range(3))
+    if not is_crowded() and interactive > limit(INTERACTIVE_S):
         found.append(f"the first page can be used after {interactive:.2f} s")
     run = api("/runs", {"scenario": "short-hover", "link": "in-process"})["id"]
     assert wait_for(f"/runs/{run}")["status"] == "done"
@@ -1136,7 +1557,7 @@ def bench(browser: Browser) -> None:
     page.reload()
     truth.get_by_text(hidden).first.wait_for()
     assert cell.get_attribute("aria-pressed") == "true", "the address says what is looked at"
-    page.screenshot(path=FOLDER / "bench.png", full_page=True)
+    picture(page, "bench")
     # Its log in the twin: the diagnosis of the page names the same.
     page.get_by_role("button", name=f"Open the log of case {number} in the twin").click()
     page.locator("#step-5").get_by_text("Physics is missing, and named.").wait_for()
@@ -1270,6 +1691,8 @@ def clicks(browser: Browser) -> None:
     page.get_by_text("The flights in numbers").wait_for()
     fork = page.url.split("/runs/")[1].split("?")[0]
     assert (api(f"/runs/{fork}")["parent"], api(f"/runs/{fork}")["verdict"]) == (run, 0)
+    page.get_by_text(f"ghost: run {run[:12]}").wait_for()
+    page.locator(".replay .key", has_text="ghost: the other run").wait_for()
     overlay = page.get_by_role("region", name="Compared with other runs")
     overlay.get_by_label("channel").select_option(value="duty_3")
     figure = overlay.locator("figure", has=page.locator("strong", has_text="duty_3"))
@@ -1299,7 +1722,7 @@ def clicks(browser: Browser) -> None:
     with urllib.request.urlopen(f"{SERVER}/api/v1/logs/{example}/artifacts/log.parquet", timeout=60) as answer:
         (FOLDER / "damaged.parquet").write_bytes(answer.read())
     page.reload()
-    page.set_input_files("input[type=file]", FOLDER / "damaged.parquet")
+    let_go(page, "main .drop", "damaged.parquet")
     said.wait_for()
     assert f"rotor {hidden['rotor']}" in said.inner_text(), (hidden, said.inner_text())
     watch.check()
@@ -1329,7 +1752,7 @@ def over_time(browser: Browser) -> None:
     track.locator("summary").click()
     track.get_by_text("north from").wait_for()
     track.locator("tbody tr").nth(10).wait_for()
-    page.screenshot(path=FOLDER / "fdi-over-time-1600.png", full_page=True)
+    picture(page, "fdi")
     page.goto(f"{SERVER}/twin?log={log}")
     page.locator("#step-5 article.card").first.wait_for()
     page.locator("#step-4 figure[aria-label^='Parts and events of']").wait_for()
@@ -1340,7 +1763,7 @@ def over_time(browser: Browser) -> None:
     for _ in range(5):
         page.keyboard.press("ArrowRight")
     page.locator("#step-4 .lane b").first.wait_for(state="attached")
-    page.screenshot(path=FOLDER / "twin-over-time-1600.png", full_page=True)
+    picture(page, "twin-over-time")
     watch.check()
 
 
@@ -1367,7 +1790,7 @@ def sandbox(browser: Browser) -> None:
         assert time.monotonic() < deadline, (before, largest())
         time.sleep(0.1)
     assert card.locator("figure", has=page.locator("strong", has_text="speed")).count() >= 1
-    card.screenshot(path=FOLDER / "sandbox.png")
+    card.screenshot(path=PICTURES / "sandbox.png")
     watch.check()
 
 
@@ -1434,22 +1857,51 @@ def filled(browser: Browser) -> None:
             for violation in Axe().run(page).response["violations"]:
                 if violation["impact"] in ("serious", "critical"):
                     found.append(f"{path} at {width}, {scheme}: {violation['id']}: {[node['target'] for node in violation['nodes'][:3]]}")
-            # Textual and numeric equivalents of a picture.
-            bare = page.locator("figure").evaluate_all(
-                "all => all.filter(one => one.querySelector('canvas, svg, .heat, .lanes'))"
-                ".filter(one => !one.querySelector('table') && !one.querySelector('summary') && !one.querySelector('[aria-label]') && !one.querySelector('[aria-describedby]'))"
-                ".map(one => one.innerText.slice(0, 60))"
-            )
-            if bare:
-                found.append(f"{path}: pictures without words or a table: {bare}")
-            if scheme == "light":
+            found.extend(f"{path}: {one}" for one in bare(page))
+            if (width, scheme) in ((1600, "light"), (390, "dark")):
                 page.evaluate("scrollTo(0, 0)")
-                page.screenshot(path=FOLDER / f"{name}-{width}.png", full_page=True)
+                page.screenshot(path=PICTURES / f"{name}-{width}.png", full_page=True)
             if scheme == "light" and width == 1600:
                 found.extend(f"{path}: by keyboard {one}" for one in unreached(page))
         watch.check()
         page.close()
     assert not found, "\n".join(found)
+
+
+# Figures with a picture, the replay aside, whose slider and sentence follow the time: their words, and whether there is a table.
+EQUIVALENTS = """
+  all => all.filter((one) => one.querySelector('canvas, svg, .heat, .lanes, .bars') && !one.classList.contains('replay')).map((one) => {
+    const described = one.querySelector('.canvas[aria-describedby]');
+    const words = described ? document.getElementById(described.getAttribute('aria-describedby'))?.textContent ?? '' : one.querySelector('svg[aria-label]')?.getAttribute('aria-label') ?? one.getAttribute('aria-label') ?? '';
+    const folded = [...one.querySelectorAll('summary')].find((summary) => /table/i.test(summary.textContent));
+    return { title: (one.getAttribute('aria-label') ?? one.innerText).slice(0, 60), words, is_table: Boolean(one.querySelector('table, [role=table]')), opens: Boolean(folded) };
+  })
+"""
+
+
+def bare(page: Page) -> list[str]:
+    """Pictures without words that say what is in them, or without a table of its numbers."""
+    found = []
+    figures = page.locator("figure").evaluate_all(EQUIVALENTS)
+    for one in figures:
+        if len(one["words"].strip()) < 10:
+            found.append(f"no words for “{one['title']}”: “{one['words']}”")
+        if not (one["is_table"] or one["opens"]):
+            found.append(f"no table for “{one['title']}”")
+    # A summary that promises a table has one.
+    summaries = page.locator("figure:not(.replay) summary", has_text=re.compile("table", re.IGNORECASE))
+    for place in range(summaries.count()):
+        summary = summaries.nth(place)
+        if not summary.is_visible():
+            continue
+        summary.evaluate("one => one.click()")
+        table = summary.locator("xpath=..").locator("table tbody tr")
+        try:
+            table.first.wait_for(state="attached", timeout=5_000)
+        except Error:
+            found.append(f"an empty table: {summary.inner_text()}")
+        summary.evaluate("one => one.click()")
+    return found
 
 
 def unreached(page: Page) -> list[str]:
@@ -1468,11 +1920,15 @@ def unreached(page: Page) -> list[str]:
 
 
 def promised(browser: Browser) -> None:
-    """Measures what is promised of a quiet machine, and prints it: no figure of it fails."""
+    """Measures what is promised of a quiet machine, and prints it; a figure fails where the scenario of its own would fail on it."""
     load = [os.getloadavg()[0]]
     usable = sorted(until_usable(browser) for _ in range(10))
+    loops = [learned(browser) for _ in range(3)]
+    late, pictures_a_second = behind(browser)
     tasks = scrub(browser)
     canceled = cancel(browser)
+    # Last: 10,000 runs stay.
+    table = many(browser)
     effects = [one["id"] for one in api("/catalogue")["items"]]
     pictures = {}
     for effect in effects:
@@ -1485,6 +1941,14 @@ def promised(browser: Browser) -> None:
     print(f"{os.cpu_count()} processors, load {load[0]:.1f} before and {load[1]:.1f} after" + ("" if max(load) <= os.cpu_count() else ": NOT a quiet moment"))
     for what, figure, met in [
         ("first page usable, goal 1.5 s", f"{statistics.median(usable):.2f} s median, {usable[-1]:.2f} s worst, n = {len(usable)}", usable[-1] <= 1.5),
+        (
+            "from a dropped log to a model that agrees, goal 20 s and 8 clicks",
+            f"{statistics.median(took for took, _ in loops):.1f} s median, {max(loops)[0]:.1f} s worst, {max(clicks for _, clicks in loops)} clicks, n = {len(loops)}",
+            max(loops)[0] <= LOOP_S[0],
+        ),
+        ("live flight: behind, goal 200 ms", f"{1000 * late:.0f} ms median", late <= BEHIND_S[0]),
+        ("live flight: 3-D pictures a second, goal 30", f"{pictures_a_second:.0f}", pictures_a_second >= LIVE_PICTURES[0]),
+        ("table of 10,000 runs, goal 1.5 s", f"{table:.2f} s", table <= MANY_S[0]),
         ("longest task, goal 100 ms", ", ".join(f"{name} {ms:.0f} ms" for name, ms in tasks.items()), max(tasks.values()) <= 100.0),
         ("Cancel, goal 2 s", ", ".join(f"{name} {took:.2f} s" for name, took in canceled.items()), max(canceled.values()) <= 2.0),
         (
@@ -1496,7 +1960,7 @@ def promised(browser: Browser) -> None:
         print(f"{what}: {figure}" + ("" if met is None else ": met" if met else ": NOT met"))
 
 
-SCENARIOS = {f.__name__: f for f in (loop, healthy, steps, vehicle, untold, repair, cancel, strangers, session, many, keyboard, live, behind, tabs, killed, full, scrub, pages, cells, filters, branches, clicks, over_time, sandbox, seeds, filled, bench, promised)}
+SCENARIOS = {f.__name__: f for f in (loop, healthy, steps, vehicle, untold, repair, cancel, strangers, session, many, keyboard, live, behind, tabs, killed, full, scrub, pages, cells, filters, branches, clicks, over_time, sandbox, seeds, filled, bench, copies, monitor, editor, formats, promised)}
 
 with sync_playwright() as playwright:
     chromium = playwright.chromium.launch(executable_path=CHROMIUM, args=OPTIONS)

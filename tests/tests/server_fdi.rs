@@ -13,6 +13,7 @@ use rotortwin_zenoh::fdi_topic::{TopicClient, report_topic};
 use rotortwin_zenoh::topics::TopicSession;
 use serde_json::{Value, json};
 use std::collections::BTreeMap;
+use std::io::{BufRead as _, BufReader};
 use std::path::Path;
 use std::time::Duration;
 
@@ -297,6 +298,107 @@ fn scenario_a_list_shows_ones_own_sessions() {
         "{items}"
     );
     assert_eq!(items[0]["samples"], json!(0));
+}
+
+/// A new token of the server's account.
+fn token(scratch: &Scratch, data: &Path, words: &[&str]) -> String {
+    let call = Call::new(scratch, ["token", "create"]);
+    let ended = call
+        .with(words)
+        .with(["--data".into(), data.as_os_str().to_owned()])
+        .run();
+    ended.expect_code(0).stdout.trim().to_owned()
+}
+
+/// Events of a stream of sessions, as (kind, what it says).
+fn told(server: &Server, token: &str, path: &str) -> impl Iterator<Item = (String, Value)> {
+    let bearer = format!("Bearer {token}");
+    let stream = server.send("GET", path, &[("authorization", &bearer)], "");
+    let mut kind = String::new();
+    BufReader::new(stream)
+        .lines()
+        .map_while(Result::ok)
+        .filter_map(move |line| {
+            if let Some(word) = line.strip_prefix("event: ") {
+                word.clone_into(&mut kind);
+            }
+            let data = line.strip_prefix("data: ")?;
+            Some((kind.clone(), serde_json::from_str(data).expect("JSON")))
+        })
+}
+
+/// A watcher needs no more than `read`, is told what a look at the session tells, and keeps none alive; others' sessions are not there.
+#[test]
+fn scenario_a_watcher_who_may_only_read_is_told_what_happens_to_ones_sessions() {
+    let scratch = Scratch::new();
+    let data = scratch.path("data");
+    let rows = rows(&fly(&scratch, "faulty", true));
+    let server = Server::start_at("127.0.0.1:0", &data, &["--fdi-idle", "10"]);
+    let reader = token(&scratch, &data, &["reader", "--tenant", "a", "--scopes", "read"]);
+    let other = token(&scratch, &data, &["other", "--tenant", "b"]);
+    let writer = format!("Bearer {}", token(&scratch, &data, &["writer", "--tenant", "a"]));
+    let authorized = [("authorization", writer.as_str()), ("content-type", "application/json")];
+    let opened = || {
+        let answer = server.ask("POST", "/api/v1/fdi/sessions", &authorized, r#"{"vehicle":"f550"}"#);
+        assert_eq!(answer.status, 201, "{}", answer.json());
+        answer.json()["session"]["id"].as_str().expect("an id").to_owned()
+    };
+    let first = opened();
+    let mut seen = told(&server, &reader, "/api/v1/fdi/events");
+    let mut next = || seen.next().expect("an event");
+    let (kind, all) = next();
+    assert_eq!(
+        (
+            kind.as_str(),
+            &all["items"][0]["id"],
+            all["items"].as_array().map(Vec::len)
+        ),
+        ("open", &json!(first), Some(1))
+    );
+    let mut others = told(&server, &other, "/api/v1/fdi/events");
+    assert_eq!(others.next(), Some(("open".to_owned(), json!({ "items": [] }))));
+    let second = opened();
+    let (kind, one) = next();
+    assert_eq!((kind.as_str(), &one["id"]), ("session", &json!(second)));
+    let address = format!("/api/v1/fdi/sessions/{second}");
+    for (step, count) in [(0, 100), (100, 400)] {
+        let body = Value::from(rows[step..step + count].iter().map(sample_json).collect::<Vec<_>>()).to_string();
+        let answer = server.ask(
+            "POST",
+            &format!("{address}/measurements?first_step={step}"),
+            &authorized,
+            &body,
+        );
+        assert_eq!(answer.status, 200, "{}", answer.json());
+        let (kind, one) = next();
+        assert_eq!((kind.as_str(), &one["next_step"]), ("session", &json!(step + count)));
+        assert_eq!(one, server.ask("GET", &address, &authorized, "").json());
+    }
+    // What is refused changes nothing, and nothing is told of it.
+    let refused = server.ask(
+        "POST",
+        &format!("{address}/measurements?first_step=7"),
+        &authorized,
+        "[]",
+    );
+    assert!(matches!(refused.status, 409 | 422), "{}", refused.json());
+    assert_eq!(server.ask("DELETE", &address, &authorized, "").status, 204);
+    // The first one was opened before the second, was never asked for, and is idle for too long while it is watched.
+    let mut ends = [next(), next()];
+    ends.sort_by_key(|(_, one)| one["id"] != json!(second));
+    assert_eq!(
+        ends,
+        [&second, &first].map(|id| ("closed".to_owned(), json!({ "id": id })))
+    );
+    let now: Vec<_> = told(&server, &reader, "/api/v1/fdi/events?wait=false").collect();
+    assert_eq!(now, [("open".to_owned(), json!({ "items": [] }))]);
+    let foreign = opened();
+    let told_others = told(&server, &other, "/api/v1/fdi/events?wait=false").collect::<Vec<_>>();
+    assert_eq!(
+        told_others,
+        [("open".to_owned(), json!({ "items": [] }))],
+        "{foreign} is another account's"
+    );
 }
 
 #[test]

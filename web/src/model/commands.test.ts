@@ -10,7 +10,7 @@ describe("the same run by other means", () => {
   });
   it("names the models that fly and that the detectors assume", () => {
     const own: Wish = { ...wish, set: [], model: "mine@v1", fdiModel: "other" };
-    expect(asCommand(own, "http://h")).toContain("--model mine@v1 --fdi-model other");
+    expect(asCommand(own, "http://h")).toBe("rotortwin fly @short-hover --seed 7 --model @mine@v1 --fdi-model @other --pace fast --link in-process --server http://h");
     expect(asCurl(own, "http://h")).toContain('"model":{"model":"mine@v1"},"fdi_model":{"model":"other"}');
     expect(asPython(own, "http://h")).toContain('fdi_model={"model":"other"}');
   });
@@ -20,8 +20,16 @@ describe("the same run by other means", () => {
     expect(asCurl(flown, "http://h")).toContain('{"scenario":"short-hover","seed":7,"controller":{"autopilot":"bench-1"}}');
     expect(asPython(flown, "http://h")).toContain('controller={"autopilot":"bench-1"})');
   });
+  it("flies a scenario of one's own where it is", () => {
+    expect(asCommand({ ...wish, seed: undefined, set: [], own: true }, "http://h")).toBe("rotortwin fly @short-hover --pace fast --link in-process --server http://h");
+  });
+  it("takes the token from the environment where one is needed", () => {
+    const asked: Wish = { ...wish, set: [], token: true };
+    expect(asCurl(asked, "http://h")).toContain('http://h/api/v1/runs -H "authorization: Bearer $ROTORTWIN_TOKEN" -H');
+    expect(asPython(asked, "http://h")).toContain('import os\n\nfrom rotortwin import Client\n\nclient = Client("http://h", token=os.environ["ROTORTWIN_TOKEN"])');
+  });
   it("keeps every setting", () => {
-    expect(asCommand(wish, "http://h")).toContain("--seed 7 --set initial.state_of_charge=0.6 --set 'effect=[{effect='\\''rotor-drag'\\''}]'");
+    expect(asCommand(wish, "http://h")).toContain("rotortwin fly short-hover --seed 7 --set initial.state_of_charge=0.6 --set 'effect=[{effect='\\''rotor-drag'\\''}]'");
     const body = /-d '(.*)'$/s.exec(asCurl(wish, "http://h"))?.[1]?.replaceAll(`'\\''`, "'") ?? "";
     expect(JSON.parse(body)).toEqual({ scenario: "short-hover", seed: 7, set: wish.set, pace: "fast", link: "in-process" });
     expect(asPython(wish, "http://h")).toContain('client.runs.submit("short-hover", seed=7, set=["initial.state_of_charge=0.6"');

@@ -1,8 +1,9 @@
 /** The detectors as a service: a log to be judged, and the state of the user's sessions. */
-import { For, Show, createSignal, onCleanup } from "solid-js";
+import { For, Show, createMemo, createSignal, onCleanup } from "solid-js";
 import { createAttempt } from "../api/attempt";
 import { type Schemas, address, ask, get, upload } from "../api/client";
 import { tooLarge } from "../api/limits";
+import { type Session, watchSessions } from "../api/fdi-news";
 import { createLoad } from "../api/load";
 import { ApiError } from "../api/problem";
 import { percent, short } from "../format";
@@ -12,9 +13,6 @@ import { route } from "../router";
 import { Judged, changesToStretches, verdictWords } from "../shown/judged";
 
 type Report = Schemas["LogReport"];
-type Session = Schemas["SessionView"];
-/** Polling interval of the sessions. */
-const LOOK_MS = 1000;
 
 export default function Fdi() {
   return (
@@ -91,22 +89,36 @@ function Judge() {
 }
 
 function Sessions() {
-  const sessions = createLoad(() => true, (_, signal) => ask<{ items: Session[] }>("GET", "/api/v1/fdi/sessions", undefined, { signal }));
-  const timer = setInterval(() => !sessions.loading() && !sessions.error() && sessions.reload(), LOOK_MS);
-  onCleanup(() => clearInterval(timer));
+  const [sessions, setSessions] = createSignal<readonly Session[]>();
+  const [refusal, setRefusal] = createSignal<string>();
+  onCleanup(watchSessions((all) => setSessions(all), setRefusal));
   return (
     <Panel title="Sessions" note="verdicts on samples that your programs send while the vehicle flies">
-      <Problem sentence={sessions.error() && `Sessions cannot be listed: ${sessions.error()}`} retry={sessions.reload} />
-      <For each={sessions.data()?.items ?? []} fallback={<Show when={sessions.data()}><p class="muted">No session is open. A program opens one with POST /api/v1/fdi/sessions.</p></Show>}>
-        {(one) => (
-          <div class="card">
-            <div class="row"><h3>{one.detectors.vehicle}</h3><span class="mono small muted">{one.id}</span><span class="tag">calibration: {one.calibration}</span></div>
-            <Show when={one.last?.sequential} fallback={<p class="muted">no verdict yet</p>}>{(word) => <p>{verdictWords(word())}</p>}</Show>
-            <Figures items={[["samples", one.samples.toLocaleString("en")], ["rate", `${short(one.rate_hz)} Hz`], ["bridged gaps", `${one.bridged_steps} steps`], ["rejected samples", String(one.rejected_samples)], ["restarts", String(one.restarts)]]} />
-            <Lanes title={`Verdicts of session ${one.id}`} start={0} end={Math.max(1, one.next_step / one.rate_hz)} lanes={[{ name: "sequential", stretches: changesToStretches(one.changes, one.next_step / one.rate_hz) }]} />
-          </div>
-        )}
+      <Problem sentence={refusal() && `Sessions cannot be watched: ${refusal()}`} />
+      {/* By id: a card stays, with what is open in it, while its numbers change ten times a second. */}
+      <For each={(sessions() ?? []).map((one) => one.id)} fallback={<Show when={sessions()}><p class="muted">No session is open. A program opens one with POST /api/v1/fdi/sessions.</p></Show>}>
+        {(id) => {
+          const session = createMemo<Session | undefined>((last) => sessions()?.find((one) => one.id === id) ?? last);
+          return <Show when={session()}>{(one) => <Card session={one()} />}</Show>;
+        }}
       </For>
     </Panel>
+  );
+}
+
+function Card(props: { session: Session }) {
+  const it = () => props.session;
+  const end = () => it().next_step / it().rate_hz;
+  return (
+    <article class="card" aria-label={`Session ${it().id}`}>
+      <div class="row"><h3>{it().detectors.vehicle}</h3><span class="mono small muted">{it().id}</span><span class="tag">calibration: {it().calibration}</span></div>
+      <Show when={it().last?.sequential} fallback={<p class="muted">no verdict yet</p>}>{(word) => <p>{verdictWords(word())}</p>}</Show>
+      <Show when={it().cannot_judge}>{(why) => <div class="say warn">{why().why}</div>}</Show>
+      <Figures items={[
+        ["samples", it().samples.toLocaleString("en")], ["rate", `${short(it().rate_hz)} Hz`], ["bridged gaps", `${it().bridged_steps} steps`],
+        ["rejected samples", String(it().rejected_samples)], ["restarts", String(it().restarts)],
+      ]} />
+      <Lanes title={`Verdicts of session ${it().id}`} start={0} end={Math.max(1, end())} lanes={[{ name: "sequential", stretches: changesToStretches(it().changes, end()) }]} />
+    </article>
   );
 }

@@ -138,6 +138,7 @@ function Editor(props: { kind: Kind; name: string; own: boolean; onSaved: () => 
   const [check, setCheck] = createSignal<Schemas["Validation"]>();
   const [refusal, setRefusal] = createSignal<ApiError>();
   const [said, setSaid] = createSignal("");
+  const [saved, setSaved] = createSignal(props.name);
   createEffect(
     on(draft, (text) => {
       setSaid("");
@@ -155,6 +156,7 @@ function Editor(props: { kind: Kind; name: string; own: boolean; onSaved: () => 
     try {
       await putDocument(`/api/v1/${props.kind}/${encodeURIComponent(target())}`, draft() ?? document.data() ?? "");
       setSaid(`Saved as ${target()}.`);
+      setSaved(target());
       props.onSaved();
     } catch (error) {
       setRefusal(error instanceof ApiError ? error : new ApiError(0, sentenceOf(error)));
@@ -181,7 +183,7 @@ function Editor(props: { kind: Kind; name: string; own: boolean; onSaved: () => 
               <label class="field">Save as<input type="text" value={target()} onInput={(event) => setTarget(event.currentTarget.value.trim())} /></label>
               <button type="button" class="main" disabled={check()?.valid === false || !target()} onClick={() => void save()}>Save</button>
               <Show when={draft() !== undefined}><button type="button" onClick={() => { setDraft(undefined); setCheck(undefined); }}>Back to what is saved</button></Show>
-              <Show when={props.kind === "scenarios"}><a class="button" href="/runs?new=1">Fly a scenario</a></Show>
+              <Show when={props.kind === "scenarios"}><a class="button" href={`/runs?new=1&scenario=${encodeURIComponent(saved())}`}>Fly {saved()}</a></Show>
               <span role="status" class="small muted">{said() || (check()?.valid && draft() !== undefined ? "The document is valid." : "")}</span>
             </div>
           </div>

@@ -13,14 +13,17 @@ const TYPING_MS = 350;
 
 export function NewRun(props: { onSubmitted: () => void }) {
   const names = createLoad(() => true, async (_, signal) => {
-    const [scenarios, models, autopilots] = await Promise.all([
+    const [scenarios, vehicles, blades, models, autopilots, session] = await Promise.all([
       get("/api/v1/scenarios", { signal }),
+      get("/api/v1/vehicles", { signal }),
+      get("/api/v1/blades", { signal }),
       get("/api/v1/models", { signal }),
       get("/api/v1/autopilots", { signal }),
+      get("/api/v1/session", { signal }),
     ]);
-    return { scenarios: scenarios.items, models: models.items, autopilots: autopilots.items };
+    return { scenarios: scenarios.items, own: scenarios.own, parts: vehicles.own.length + blades.own.length, models: models.items, autopilots: autopilots.items, token: session.needs_token };
   });
-  const [scenario, setScenario] = createSignal("reference-flight");
+  const [scenario, setScenario] = createSignal(route().query.get("scenario") ?? "reference-flight");
   const [seed, setSeed] = createSignal("");
   const [set, setSet] = createSignal("");
   const [pace, setPace] = createSignal<Wish["pace"]>("fast");
@@ -43,6 +46,9 @@ export function NewRun(props: { onSubmitted: () => void }) {
     model: model() || undefined,
     fdiModel: fdiModel() || undefined,
     autopilot: autopilot() || undefined,
+    // A vehicle or blade of one's own may hide the one that a scenario of the program names.
+    own: names.data()?.own.includes(scenario()) || (names.data()?.parts ?? 0) > 0,
+    token: names.data()?.token,
   }));
 
   let control: AbortController | undefined;

@@ -1,4 +1,4 @@
-/** How an error decreases over the versions of a model, with the floor due to noise. */
+/** How an error decreases over the versions of a model, with the floor due to noise: bars that are a table, each with its number beside it. */
 import { For, Show } from "solid-js";
 import { short } from "../format";
 
@@ -17,23 +17,25 @@ export function Falls(props: { fall: Fall }) {
   return (
     <figure class="fig" aria-label={words()}>
       <h3>{props.fall.title}, {props.fall.unit}</h3>
-      <div class="bars">
+      <div class="bars" role="table" aria-label={`${props.fall.title}, ${props.fall.unit}`}>
         <For each={props.fall.rows}>
           {(row, place) => (
-            <>
-              <span>{row.name}</span>
+            <div role="row">
+              <span role="rowheader">{row.name}</span>
               <span class="track" aria-hidden="true">
                 <i classList={{ last: place() > 0 && place() === props.fall.rows.length - 1 }} style={{ width: `${share(row.error)}%` }} />
                 <Show when={props.fall.noise !== null}><b style={{ left: `calc(${share(props.fall.noise)}% - 1px)` }} /></Show>
               </span>
-              <span class="num">{short(row.error)}{ratio(row.error, props.fall.noise)}</span>
-            </>
+              <span class="num" role="cell">{short(row.error)}{ratio(row.error, props.fall.noise)}</span>
+            </div>
           )}
         </For>
         <Show when={props.fall.noise !== null}>
-          <span class="muted">noise alone</span>
-          <span class="track" aria-hidden="true"><b style={{ left: `calc(${share(props.fall.noise)}% - 1px)` }} /></span>
-          <span class="num muted">{short(props.fall.noise)}</span>
+          <div role="row">
+            <span class="muted" role="rowheader">noise alone</span>
+            <span class="track" aria-hidden="true"><b style={{ left: `calc(${share(props.fall.noise)}% - 1px)` }} /></span>
+            <span class="num muted" role="cell">{short(props.fall.noise)}</span>
+          </div>
         </Show>
       </div>
     </figure>

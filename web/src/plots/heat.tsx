@@ -1,5 +1,5 @@
-/** A heat map: channel over time or over a flight condition. Each cell is a button with its value in words. */
-import { For, Show } from "solid-js";
+/** A heat map: channel over time or over a flight condition. Each cell is a button with its value in words; below it the same as a table. */
+import { For, Show, createSignal } from "solid-js";
 import { short } from "../format";
 import { dark } from "../theme";
 import { HEAT_STEPS, heatColour } from "./heat-colour";
@@ -66,7 +66,27 @@ export function Heat(props: Props) {
         </For>
         <span>(1: noise alone)</span>
       </div>
+      <Numbers rows={props.rows} title={props.title} />
     </figure>
+  );
+}
+
+/** Every cell that counts as a row of a table. */
+function Numbers(props: { rows: readonly HeatRow[]; title: string }) {
+  const [open, setOpen] = createSignal(false);
+  const cells = () => props.rows.flatMap((row) => row.cells.flatMap((value, place) => (value === null ? [] : [{ name: row.name, where: row.where(place), value }])));
+  return (
+    <details class="screen" onToggle={(event) => setOpen(event.currentTarget.open)}>
+      <summary>Table<span class="sr"> of {props.title}</span></summary>
+      <Show when={open()}>
+        <div class="scroll" tabindex="0" role="region" aria-label={`Table of ${props.title}`}>
+          <table class="small">
+            <thead><tr><th scope="col">Channel</th><th scope="col">where</th><th class="r" scope="col">chi²/N</th></tr></thead>
+            <tbody><For each={cells()}>{(one) => <tr><td>{one.name}</td><td>{one.where}</td><td class="r">{short(one.value)}</td></tr>}</For></tbody>
+          </table>
+        </div>
+      </Show>
+    </details>
   );
 }
 

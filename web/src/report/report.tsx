@@ -58,7 +58,7 @@ export function Report(props: Content) {
       </main>
       <footer>
         <span>{props.program}</span>
-        <span>One file, works offline. ± is a 95 % interval everywhere. Rotors are numbered from 1. Axes: north, east, down; body forward, right, down.</span>
+        <span>One file, works offline. {props.kind === "reproduction" ? "What ± is, the notes of each table say." : "A value ± is given with its 95 % interval."} Rotors are numbered from 1. Axes: north, east, down; body forward, right, down.</span>
       </footer>
     </>
   );

@@ -51,7 +51,7 @@ export function Shell(props: { children: JSX.Element }) {
         <a href="/api/v1/openapi.json">OpenAPI</a>
         <a href="/metrics">metrics</a>
         <Show when={hasSignedIn()}><button type="button" onClick={() => void signOut()}>Sign out</button></Show>
-        <span>± is a 95 % interval everywhere. Rotors are numbered from 1. Axes: north, east, down; body forward, right, down.</span>
+        <span>A value ± is given with its 95 % interval. Rotors are numbered from 1. Axes: north, east, down; body forward, right, down.</span>
       </footer>
     </div>
   );

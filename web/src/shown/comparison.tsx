@@ -119,6 +119,8 @@ function Where(props: { log: LogComparison; model: ModelOnLog; looks: Looks; vie
     setCell(place);
     props.looks.chooseChannel(one.channel);
     props.view.setRange([Math.max(0, (place - 1) * BLOCK_S), Math.min(props.log.duration_s, (place + 2) * BLOCK_S)]);
+    // The vehicle in 3-D stands at the cursor.
+    props.view.setCursor(Math.min(props.log.duration_s, (place + 0.5) * BLOCK_S));
   };
   return (
     <>

@@ -24,7 +24,7 @@ export function ChannelSeries(props: { looks: Looks; channel: string; model: str
               unit={found().unit}
               x={found().time_s}
               view={props.view}
-              bands={[{ label: "model ± 2σ of noise", low: shifted(model()?.predicted.mean, -2 * found().noise.mean), high: shifted(model()?.predicted.mean, 2 * found().noise.mean), colour: "s2" }]}
+              bands={[{ label: "model, with noise of 2σ", low: shifted(model()?.predicted.mean, -2 * found().noise.mean), high: shifted(model()?.predicted.mean, 2 * found().noise.mean), colour: "s2" }]}
               lines={[
                 { label: "measured", values: found().measured.mean, colour: "s1" },
                 { label: model()?.label ?? "model", values: model()?.predicted.mean ?? [], colour: "s2" },
@@ -38,7 +38,7 @@ export function ChannelSeries(props: { looks: Looks; channel: string; model: str
               view={props.view}
               bands={[
                 { label: "lowest to highest sample, cut off", low: model()?.residual.low ?? [], high: model()?.residual.high ?? [], colour: "s8", opacity: 0.18, beyond: true },
-                { label: "± 2σ of noise", low: level().map((one) => -one), high: level(), colour: "s3", opacity: 0.35 },
+                { label: "noise, 2σ", low: level().map((one) => -one), high: level(), colour: "s3", opacity: 0.35 },
               ]}
               lines={[{ label: "mean of a bucket", values: model()?.residual.mean ?? [], colour: "s2" }]}
               height={170}

@@ -13,9 +13,11 @@ use rotortwin_verdicts::view::{CalibrationState, ChangeView, ChunkAnswer, Detect
 use rotortwin_zenoh::fdi_topic::TopicService;
 use rotortwin_zenoh::topics::TopicSession;
 use serde::Serialize;
-use std::collections::{HashMap, VecDeque};
+use std::collections::{BTreeMap, HashMap, VecDeque};
+use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
+use tokio::sync::watch;
 use utoipa::ToSchema;
 
 /// Verdict changes remembered per session.
@@ -50,6 +52,17 @@ pub(crate) struct FdiSessions {
     /// Processes that read a log or fly an effect while the caller waits: as many at the same time.
     pub(crate) reports: tokio::sync::Semaphore,
     link: Option<TopicSession>,
+    /// Counts whatever happens to any session.
+    news: Arc<watch::Sender<u64>>,
+}
+
+/// What is new of a caller's sessions.
+#[derive(Debug)]
+pub(crate) struct Changed {
+    /// Sessions that were opened or fed, each with its version, ordered by id.
+    pub(crate) changed: Vec<(u64, SessionView)>,
+    /// Ids of those that are closed.
+    pub(crate) gone: Vec<String>,
 }
 
 /// The connection for a link's address.
@@ -86,6 +99,9 @@ pub(crate) struct Entry {
     history: Mutex<VecDeque<ChangeView>>,
     last_use: Mutex<Instant>,
     topic: Mutex<Option<TopicService>>,
+    /// Chunks taken.
+    version: AtomicU64,
+    news: Arc<watch::Sender<u64>>,
 }
 
 /// A session and its state.
@@ -123,6 +139,17 @@ pub(crate) struct SessionView {
     idle_limit_s: f64,
 }
 
+impl SessionView {
+    /// Name of the session.
+    pub(crate) fn id(&self) -> &str {
+        &self.id
+    }
+}
+
+fn count(news: &watch::Sender<u64>) {
+    news.send_modify(|number| *number = number.wrapping_add(1));
+}
+
 fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
     mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }
@@ -154,6 +181,9 @@ impl Entry {
                 history.pop_front();
             }
         }
+        drop(history);
+        self.version.fetch_add(1, Ordering::Release);
+        count(&self.news);
     }
 
     /// The session itself, for a stream of binary messages.
@@ -192,7 +222,29 @@ impl FdiSessions {
             open: Mutex::default(),
             reports: tokio::sync::Semaphore::new(2),
             link: link.map(topics).transpose()?,
+            news: Arc::new(watch::Sender::new(0)),
         })
+    }
+
+    /// Changes whenever a session is opened, fed or closed; not when one ends because it is idle.
+    pub(crate) fn watch(&self) -> watch::Receiver<u64> {
+        self.news.subscribe()
+    }
+
+    /// What is new of the caller's sessions since `told`: ids, and the version of each. Looking keeps none alive.
+    pub(crate) fn changed_since(&self, caller: &Caller, told: &BTreeMap<String, u64>) -> Changed {
+        let entries = self.of(caller);
+        let open = |id: &String| entries.binary_search_by(|entry| entry.id.cmp(id)).is_ok();
+        let gone = told.keys().filter(|id| !open(id)).cloned().collect();
+        let mut changed = Vec::new();
+        for entry in &entries {
+            // Read before the session: a chunk that comes between is told again.
+            let version = entry.version.load(Ordering::Acquire);
+            if told.get(&entry.id) != Some(&version) {
+                changed.push((version, self.look_at(entry)));
+            }
+        }
+        Changed { changed, gone }
     }
 
     /// True if sessions can be fed over zenoh.
@@ -261,8 +313,12 @@ impl FdiSessions {
             history: Mutex::default(),
             last_use: Mutex::new(Instant::now()),
             topic: Mutex::default(),
+            version: AtomicU64::new(0),
+            news: Arc::clone(&self.news),
         });
         open.insert(entry.id.clone(), Arc::clone(&entry));
+        drop(open);
+        count(&self.news);
         Ok(entry)
     }
 
@@ -289,6 +345,7 @@ impl FdiSessions {
     pub(crate) fn close(&self, caller: &Caller, id: &str) -> Result<Arc<Entry>, Problem> {
         let entry = self.get(caller, id)?;
         lock(&self.open).remove(id);
+        count(&self.news);
         Ok(entry)
     }
 
@@ -301,13 +358,17 @@ impl FdiSessions {
 
     /// The caller's current sessions, ordered by id. Listing does not keep them alive.
     pub(crate) fn list(&self, caller: &Caller) -> Vec<SessionView> {
+        self.of(caller).iter().map(|entry| self.look_at(entry)).collect()
+    }
+
+    fn of(&self, caller: &Caller) -> Vec<Arc<Entry>> {
         let mut open = lock(&self.open);
         self.sweep(&mut open);
         let mut entries: Vec<Arc<Entry>> = open.values().cloned().collect();
         drop(open);
         entries.retain(|entry| caller.sees_all || entry.tenant == caller.tenant);
         entries.sort_by(|a, b| a.id.cmp(&b.id));
-        entries.iter().map(|entry| self.look_at(entry)).collect()
+        entries
     }
 
     /// The current state of a session.

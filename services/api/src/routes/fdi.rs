@@ -280,6 +280,12 @@ pub(crate) struct OpenSessions {
     items: Vec<SessionView>,
 }
 
+impl OpenSessions {
+    pub(super) fn of(items: Vec<SessionView>) -> Self {
+        Self { items }
+    }
+}
+
 /// Your open sessions. Listing them does not keep them alive.
 #[utoipa::path(get, path = "/api/v1/fdi/sessions", tag = "fdi", operation_id = "list_fdi_sessions", responses(
     (status = 200, description = "the sessions", body = OpenSessions)

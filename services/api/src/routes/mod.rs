@@ -16,6 +16,7 @@ mod events;
 mod exports;
 mod facts;
 mod fdi;
+mod fdi_events;
 mod fdi_reports;
 mod fdi_stream;
 mod flights;
@@ -183,6 +184,7 @@ fn described() -> OpenApiRouter<Arc<App>> {
         .routes(routes!(fdi::get, fdi::close))
         .routes(routes!(fdi::feed))
         .routes(routes!(fdi_stream::stream))
+        .routes(routes!(fdi_events::events))
         .routes(routes!(fdi_reports::judge))
         .routes(routes!(fdi_reports::score))
         .merge(library::scenarios::routes())

@@ -7,7 +7,7 @@ use super::{RemoteError, fetch, with_server};
 use rotortwin_cli::fly::{self, Args, LinkKind, PaceArg, Screen};
 use rotortwin_cli::network::remote::ServerArgs;
 use rotortwin_cli::output;
-use rotortwin_scenario::Scenario;
+use rotortwin_scenario::{Documents, Scenario};
 use rotortwin_store::run_folder::RunFolder;
 use rotortwin_store::summary::load_summary;
 use serde_json::{Value, json};
@@ -21,26 +21,38 @@ pub(crate) fn run(server: &ServerArgs, args: &Args) -> ExitCode {
             "{option} belongs to flights on this machine; expected it without --server"
         ));
     }
-    let scenario = match fly::load(args) {
-        Ok(scenario) => scenario,
-        Err(error) => return output::bad_input(error),
+    let models = match Models::of(args) {
+        Ok(models) => models,
+        Err(sentence) => return output::bad_input(sentence),
     };
-    let scenario = match fly::with_models(scenario, args) {
-        Ok(scenario) => scenario,
-        Err(code) => return code,
+    // What is wrong here is said without a server.
+    let here = match theirs(&args.scenario.to_string_lossy()) {
+        Some(_) if args.documents => {
+            return output::bad_input("--documents belongs to a file; expected @NAME without it");
+        }
+        Some(_) => None,
+        None => match loaded(args, &models) {
+            Ok(scenario) => Some(scenario),
+            Err(code) => return code,
+        },
     };
-    let seed = args.seed.unwrap_or_else(|| scenario.seed());
-    if let Err(error) = scenario.simulation(seed) {
-        return output::bad_input(error);
-    }
-    for warning in scenario.warnings() {
-        eprintln!("{}: {warning}", args.scenario.display());
-    }
     with_server(server, async |remote| {
+        let scenario = match here {
+            Some(scenario) => scenario,
+            None => of_server(remote, args).await?,
+        };
+        let seed = args.seed.unwrap_or_else(|| scenario.seed());
+        scenario
+            .simulation(seed)
+            .map_err(|error| RemoteError::BadInput(error.to_string()))?;
+        for warning in scenario.warnings() {
+            eprintln!("{}: {warning}", args.scenario.display());
+        }
         let folder = fly::run_folder(args, scenario.name(), seed).map_err(RemoteError::BadInput)?;
         let screen = Screen::new(args.json, args.events);
         let flight = Flight {
             args,
+            models: &models,
             folder: &folder,
             screen: &screen,
         };
@@ -54,6 +66,69 @@ pub(crate) fn run(server: &ServerArgs, args: &Args) -> ExitCode {
         }
         code
     })
+}
+
+/// `@NAME` is a document of the server's library.
+fn theirs(text: &str) -> Option<&str> {
+    text.strip_prefix('@').filter(|name| !name.is_empty())
+}
+
+/// Models of the server that replace those of the scenario.
+struct Models {
+    model: Option<String>,
+    fdi_model: Option<String>,
+}
+
+impl Models {
+    /// # Errors
+    /// One model is of the server, the other of this machine.
+    fn of(args: &Args) -> Result<Self, String> {
+        let own = |text: &Option<String>| text.as_deref().and_then(theirs).map(str::to_owned);
+        let models = Self {
+            model: own(&args.model),
+            fdi_model: own(&args.fdi_model),
+        };
+        let here = |given: &Option<String>, there: &Option<String>| given.is_some() && there.is_none();
+        let mixes = here(&args.model, &models.model) || here(&args.fdi_model, &models.fdi_model);
+        if mixes && (models.are_there() || theirs(&args.scenario.to_string_lossy()).is_some()) {
+            return Err(
+                "a flight of the server's documents (@NAME) takes no model of this machine; expected the models with @, too, or nothing with @"
+                    .to_owned(),
+            );
+        }
+        Ok(models)
+    }
+
+    fn are_there(&self) -> bool {
+        self.model.is_some() || self.fdi_model.is_some()
+    }
+}
+
+/// The scenario of this machine, with its models.
+fn loaded(args: &Args, models: &Models) -> Result<Scenario, ExitCode> {
+    let scenario = fly::load(args).map_err(output::bad_input)?;
+    if models.are_there() {
+        Ok(scenario)
+    } else {
+        fly::with_models(scenario, args)
+    }
+}
+
+/// The scenario of the server's library, with the keys that are set.
+async fn of_server(remote: &Remote, args: &Args) -> Result<Scenario, RemoteError> {
+    let text = args.scenario.to_string_lossy();
+    let name = theirs(&text).unwrap_or_default();
+    let ask = Ask::post("/api/v1/scenarios/validate").json(json!({ "scenario": name, "set": args.set }));
+    let found = remote.json(&ask).await?;
+    if found["valid"] != true {
+        return Err(RemoteError::BadInput(format!(
+            "{text}: {}",
+            fetch::text(&found, "refusal")
+        )));
+    }
+    Documents::from_toml("the server's settings", fetch::text(&found, "effective"))
+        .and_then(|documents| Scenario::from_documents(&documents))
+        .map_err(|error| RemoteError::Failed(format!("the server's settings are of another version: {error}")))
 }
 
 /// An option that applies to flights on this machine only.
@@ -75,6 +150,7 @@ fn only_here(args: &Args) -> Option<&'static str> {
 
 struct Flight<'a> {
     args: &'a Args,
+    models: &'a Models,
     folder: &'a RunFolder,
     screen: &'a Screen,
 }
@@ -91,10 +167,15 @@ impl Flight<'_> {
             PaceArg::RealTime => "real-time",
         };
         let documents = scenario.documents().to_toml();
-        let body = match &self.args.autopilot {
+        let mut body = match &self.args.autopilot {
             Some(name) => json!({ "documents": documents, "seed": seed, "controller": { "autopilot": name } }),
             None => json!({ "documents": documents, "seed": seed, "link": link, "pace": pace }),
         };
+        for (key, model) in [("model", &self.models.model), ("fdi_model", &self.models.fdi_model)] {
+            if let Some(name) = model {
+                body[key] = json!({ "model": name });
+            }
+        }
         let run = remote.json(&Ask::post("/api/v1/runs").json(body).once()).await?;
         let id = fetch::text(&run, "id").to_owned();
         self.screen.line(&format!("run {id} of {}", remote.url()));

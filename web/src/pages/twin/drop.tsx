@@ -132,6 +132,7 @@ export function Drop(props: { twin: Twin }) {
       </Show>
       <Problem sentence={problem()} />
       <JobProgress job={props.twin.log} what="Importing the log" />
+      <For each={props.twin.heldProblems()}>{(one) => <Problem sentence={one} />}</For>
     </Step>
   );
 }

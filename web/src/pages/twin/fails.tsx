@@ -36,7 +36,7 @@ export function Fails(props: { twin: Twin }) {
       },
     );
   const flight = createLoad(
-    () => (result() ? { log: [...props.twin.logs(), ...props.twin.held()][props.twin.logAt()], run: props.twin.runs()[0] } : undefined),
+    () => (result() ? { log: props.twin.compared()[props.twin.logAt()], run: props.twin.runs()[0] } : undefined),
     ({ log, run }, signal) => ask<FlightPicture>("GET", log === undefined ? `/api/v1/runs/${run}/flight` : `/api/v1/logs/${log}/flight`, undefined, { signal }),
   );
   const looks: Looks = {

@@ -13,7 +13,7 @@ import type { Twin } from "./state";
 export function Flight(props: { twin: Twin; view: View }) {
   const geometry = createLoad(() => props.twin.vehicle(), (name, signal) => ask<Geometry>("GET", `/api/v1/vehicles/${encodeURIComponent(name)}/geometry`, undefined, { signal }));
   const track = createLoad(
-    () => ({ log: [...props.twin.logs(), ...props.twin.held()][props.twin.logAt()], run: props.twin.runs()[0] }),
+    () => ({ log: props.twin.compared()[props.twin.logAt()], run: props.twin.runs()[0] }),
     async ({ log, run }, signal): Promise<Samples> => {
       if (log === undefined) return samplesOf(run ?? "", MOTION_CHANNELS, 4000, undefined, signal);
       const query = new URLSearchParams({ channels: LOG_CHANNELS, points: "4000" });

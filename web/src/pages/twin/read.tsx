@@ -64,7 +64,7 @@ export function Read(props: { twin: Twin }) {
               <div class="two">
                 <div class="scroll" tabindex="0" role="region" aria-label="Delays">
                   <table class="small">
-                    <thead><tr><th scope="col">Signal</th><th scope="col">behind</th><th class="r" scope="col">delay, ms</th><th class="r" scope="col">± ms</th></tr></thead>
+                    <thead><tr><th scope="col">Signal</th><th scope="col">behind</th><th class="r" scope="col">delay, ms</th><th class="r" scope="col">± ms, 95 %</th></tr></thead>
                     <tbody>
                       <For each={found().delays} fallback={<tr><td colspan="4" class="muted">none could be estimated</td></tr>}>
                         {(one) => (

@@ -2,7 +2,7 @@
  * State of the twin page. All of it is in the address: flights, vehicle, model, version, their jobs, and the current
  * selection. Missing results are requested; a repeated request returns the existing job.
  */
-import { createEffect, createMemo, createSignal, on } from "solid-js";
+import { createEffect, createMemo, createSignal, mapArray, on } from "solid-js";
 import { ask, freshKey } from "../../api/client";
 import { type JobView, createJob } from "../../api/job";
 import { createLoad } from "../../api/load";
@@ -41,6 +41,13 @@ export function createTwin() {
   const imported = createJob<ImportResult>("logs", () => logs()[0]);
   // The server stores an upload as `log.csv`; its owner knows it by another name.
   const log = { ...imported, error: () => imported.error()?.replace(/^log(\.\w+)?: /, `${imported.job()?.name}: `) };
+  // Held-out flights are waited for, too; one that cannot be read is told, and left out of the comparison.
+  const heldJobs = createMemo(mapArray(held, (id) => ({ id, ...createJob<ImportResult>("logs", () => id) })));
+  const heldSettled = createMemo(() => heldJobs().every((one) => one.result() !== undefined || one.error() !== undefined));
+  const heldRead = createMemo(() => heldJobs().filter((one) => one.result() !== undefined).map((one) => one.id), undefined, { equals: (a, b) => a.join() === b.join() });
+  const heldProblems = createMemo(() =>
+    heldJobs().flatMap((one) => (one.error() === undefined ? [] : [`${one.job()?.name ?? one.id}, to be held out: ${one.error()?.replace(/^log(\.\w+)?: /, "")}`])),
+  );
   const comparison = createJob<Comparison>("comparisons", cmp);
   const diagnosis = createJob<Diagnosis>("diagnoses", diag);
   const history = createLoad(model, (name, signal) => ask<History>("GET", `/api/v1/models/${encodeURIComponent(name)}/history`, undefined, { signal }));
@@ -95,14 +102,14 @@ export function createTwin() {
   const blocked = createMemo(() => (log.result()?.report.findings ?? []).some((one) => findingBlocks(one.kind)));
   const ready = createMemo(() => flightsReady() && !blocked() && line().length > 0);
   createEffect(
-    on([ready, cmp, line, query], ([go, there, versions]) => {
-      if (!go || there !== undefined || problem() !== undefined) return;
+    on([ready, heldSettled, cmp, line, query], ([go, settled, there, versions]) => {
+      if (!go || !settled || there !== undefined || problem() !== undefined) return;
       const models = versions.map((one) => ({ model: `${model()}@v${one.version}`, label: one.label }));
       const [first, ...more] = models;
       void attempt(() => submit("comparisons", {
         model: first,
         ...(more.length > 0 ? { more_models: more } : {}),
-        flights: flightsOf([...logs(), ...held()], runs()),
+        flights: flightsOf([...logs(), ...heldRead()], runs()),
       }, "cmp"));
     }),
   );
@@ -150,7 +157,9 @@ export function createTwin() {
 
   return {
     logs, runs, held, identification, made, nextFlight, flown, vehicle: vehicleName, model, version, log, comparison, diagnosis, history, line, branch, head, problem, add, undo, again, beginBranch,
-    flightsReady, unfit,
+    flightsReady, heldProblems, unfit,
+    /** Logs of the comparison, in its order. */
+    compared: () => [...logs(), ...heldRead()],
     /** Whether there are a flight and a model to compare. */
     ready,
     /** Starts with other flights. */
