@@ -22,7 +22,7 @@ pub struct Args {
 }
 
 /// Prints the run as `show` does, with the detector's rows.
-pub fn run(args: &Args) -> ExitCode {
+pub(crate) fn run(args: &Args) -> ExitCode {
     let listed = read(&args.verdicts)
         .and_then(|said| Listed::new(&args.name, said))
         .map_err(|reason| format!("{}: {reason}", args.verdicts.display()));
@@ -60,10 +60,10 @@ fn read(path: &Path) -> Result<Vec<(f64, i32)>, String> {
         };
         let time_s = cell(time)
             .parse()
-            .map_err(|_| expected("time_s", time, "a number of seconds"))?;
+            .map_err(|_not_a_number| expected("time_s", time, "a number of seconds"))?;
         let code = cell(verdict)
             .parse()
-            .map_err(|_| expected("verdict", verdict, "a whole number"))?;
+            .map_err(|_not_a_number| expected("verdict", verdict, "a whole number"))?;
         Ok((time_s, code))
     });
     rows.collect()

@@ -166,7 +166,7 @@ impl Recorded {
         let number = |name: &str| {
             let text = fact(name)?;
             text.parse::<u64>()
-                .map_err(|_| format!("`{name}` of its telemetry is '{text}'; expected a whole number"))
+                .map_err(|error| format!("`{name}` of its telemetry is '{text}'; expected a whole number ({error})"))
         };
         let json = |name: &str| fact(name).map(ToOwned::to_owned);
         let rotor_count = usize::try_from(number("rotor_count")?).unwrap_or(usize::MAX);

@@ -217,10 +217,7 @@ fn val_a_detector_sees_what_was_measured_and_commanded() {
         assert!(same(&seen.specific_force_m_s2, &row.specific_force_m_s2));
         assert!(same(&seen.duty, &row.duty[..synthetic::ROTORS]));
         assert!(same(&[seen.battery_voltage_v], &[row.battery_voltage_v]));
-        assert!(same(
-            &seen.residuals_nms[5],
-            &row.residuals_nms[5].map(|value| value as f32)
-        ));
+        assert!(same(&seen.residuals_nms[5], &row.residuals_nms[5]));
         assert_eq!(seen.window_end, row.window_end);
     }
 }

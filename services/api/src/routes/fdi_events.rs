@@ -61,7 +61,7 @@ pub(crate) async fn events(
     let watcher = Watcher {
         // Subscribed before the first look: what comes between is seen by one or the other.
         news: app.fdi.watch(),
-        ending: app.shop.ending.subscribe(),
+        ending: app.context.ending.subscribe(),
         app,
         caller,
         sender,
