@@ -40,7 +40,7 @@ Examples:
 pub(crate) const FDI_LOG: &str = "\
 Examples:
   rotortwin fdi-log flight.ulg --model f550
-  rotortwin fdi-log runs/* --model f550 --truth fault_label --series windows.parquet
+  rotortwin fdi-log runs/* --model f550 --truth fault_label --series all.csv
   rotortwin fdi-log today.ulg --model mine --healthy mon.ulg tue.ulg wed.ulg
   rotortwin fdi-log a.ulg b.bin --model mine@v3 --truth truth.csv --report judged.html";
 
