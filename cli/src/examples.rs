@@ -44,9 +44,9 @@ Examples:
 pub(crate) const FDI_LOG: &str = "\
 Examples:
   rotortwin fdi-log flight.ulg --model f550
-  rotortwin fdi-log runs/* --model f550 --truth fault_label --series windows.parquet
+  rotortwin fdi-log runs/* --model f550 --truth fault_label --series all.csv
   rotortwin fdi-log today.ulg --model mine --healthy mon.ulg tue.ulg wed.ulg
-  rotortwin fdi-log a.ulg b.bin --model mine@v3 --truth truth.csv --report judged.html";
+  rotortwin fdi-log a.ulg --model mine@v3 --truth truth.csv --report judged.html";
 
 pub(crate) const FLEET: &str = "\
 Examples:
@@ -146,7 +146,7 @@ Examples:
 pub(crate) const CONTROLLERS: &str = "\
 Examples:
   rotortwin controllers autopilot-hover --controller own --controller ardupilot
-  rotortwin controllers hover --controller own --controller external --within 0.3
+  rotortwin controllers hover --controller own --controller external --within 1
   rotortwin controllers --runs runs/hover-1 runs/hover-1-2";
 
 pub(crate) const SPIN_TEST: &str = "\
