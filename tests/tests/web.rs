@@ -268,7 +268,7 @@ fn reports(scratch: &Scratch) {
         (
             "comparison",
             vec!["compare", &drag, &healthy, "--model", &vehicle],
-            &[(PLOT, 3)],
+            &[(PLOT, 9), (".bars", 12)],
             &[
                 "forward specific force (fx)",
                 "How much: drag",
@@ -280,7 +280,7 @@ fn reports(scratch: &Scratch) {
         (
             "diagnosis",
             vec!["diagnose", &drag, "--model", &vehicle],
-            &[(PLOT, 9)],
+            &[(PLOT, 10)],
             &[
                 "Rotor drag",
                 "with what was found",
@@ -306,7 +306,7 @@ fn reports(scratch: &Scratch) {
                 &models,
                 "--yes",
             ],
-            &[(".bars", 6), ("table", 2)],
+            &[(".bars", 8), ("table", 4)],
             &[
                 "Rotor drag",
                 "fitted",
@@ -343,7 +343,7 @@ fn reports(scratch: &Scratch) {
         (
             "blind",
             vec!["blind", "--preset", "singles", "--n", "2", "--duration-s", "40"],
-            &[("table", 3)],
+            &[("table", 5)],
             &["right, or rightly not testable", "Every case", "ln evidence"],
             "2 cases",
         ),
