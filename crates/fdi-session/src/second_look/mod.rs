@@ -11,8 +11,10 @@
 //! * a name is given only as far as nothing else makes the same wrench: a gain of the opposite rotor, a blade that drags, two small losses, three
 //!   rotors, a changed load;
 //! * what is named for a moment only was a disturbance ([`settling`]), and evidence counts as far as the model has explained the flight so far
-//!   ([`trust`]).
+//!   ([`trust`]);
+//! * what stands behind a verdict is kept beside it: kinds, probabilities and sizes of all explanations, and how fast a loss moves ([`details`]).
 
+mod details;
 mod joint;
 pub(crate) mod meter;
 mod sets;
@@ -20,7 +22,10 @@ mod settling;
 mod trust;
 mod wrench;
 
+pub use details::{Details, Explained, ExplanationKind, Interval, Motion};
+
 use super::validity::Obstacle;
+use details::Track;
 use joint::JointFilter;
 use meter::{AXES, Block, Meter};
 use rotortwin_flight_core::MAX_ROTORS;
@@ -110,6 +115,10 @@ pub struct SecondLook {
     caution: [f64; 2],
     /// Standard deviation of the slope of a thrust curve that was learnt; 0 of a model's.
     learnt_error: f64,
+    /// Since the start, s.
+    time_s: f64,
+    track: Track,
+    details: Details,
 }
 
 impl SecondLook {
@@ -146,6 +155,9 @@ impl SecondLook {
             trust: Trust::default(),
             caution: [1.0, 0.0],
             learnt_error: 0.0,
+            time_s: 0.0,
+            track: Track::default(),
+            details: Details::default(),
         }
     }
 
@@ -205,6 +217,7 @@ impl SecondLook {
 
     fn take(&mut self, block: Block) {
         self.settling.pass(block.elapsed);
+        self.time_s += block.elapsed;
         let frozen = self.alarm.is_some();
         let full = self
             .snapshots
@@ -288,8 +301,8 @@ impl SecondLook {
             return Vec::new();
         };
         let noise = self.filter.noise();
-        let [factor, thrust_error] = self.caution;
-        let relative = MODEL_ERROR.hypot(SLOPE_ERROR * thrust_error).hypot(self.learnt_error);
+        let factor = self.caution[0];
+        let relative = self.relative_error();
         let rotors = (0..self.rotor_count).filter(|rotor| tracked.rotors >> rotor & 1 == 1);
         tracked
             .lost()
@@ -302,6 +315,90 @@ impl SecondLook {
                 [share, ((factor * variance).max(disturbance) + model).sqrt()]
             })
             .collect()
+    }
+
+    /// Standard deviation of the scale of a loss.
+    fn relative_error(&self) -> f64 {
+        MODEL_ERROR
+            .hypot(SLOPE_ERROR * self.caution[1])
+            .hypot(self.learnt_error)
+    }
+
+    /// What stands behind the last verdict; empty where nothing is said.
+    pub fn details(&self) -> &Details {
+        &self.details
+    }
+
+    /// The explanations that are left of these, with their sizes now.
+    fn explained(
+        &self,
+        found: &[Explanation],
+        value: &[f64; AXES],
+        variance: &[f64; AXES],
+        named: Option<&[[f64; 2]]>,
+    ) -> Vec<Explained> {
+        let noise = self.filter.noise();
+        let variance = std::array::from_fn(|axis| (self.caution[0] * variance[axis]).max(noise[axis].gust));
+        let relative = self.relative_error();
+        let listed = found.iter().filter(|e| e.probability >= LISTED);
+        let explained = |e: &Explanation| {
+            let kind = match e.kind {
+                Kind::Losses => ExplanationKind::Loss,
+                Kind::LossWithDrag => ExplanationKind::LossWithDrag,
+                Kind::Gain => ExplanationKind::Gain,
+                Kind::Load => ExplanationKind::Load,
+                Kind::Nothing | Kind::Other => return None,
+            };
+            let sizes = sets::sizes(e, &self.column, value, &variance, self.hover);
+            let with_model =
+                |mean: f64, variance: f64| (variance + (relative * mean).powi(2) + MODEL_FLOOR.powi(2)).sqrt();
+            let mass_kg = (kind == ExplanationKind::Load).then(|| {
+                let [force, variance] = sizes[0];
+                let deviation = (variance + (relative * force).powi(2)).sqrt() / self.gravity;
+                Interval::of(force / self.gravity, deviation, [f64::NEG_INFINITY, f64::INFINITY])
+            });
+            let rotors: Vec<usize> = (0..self.rotor_count)
+                .filter(|rotor| e.rotors >> rotor & 1 == 1)
+                .collect();
+            let mut shares: Vec<[f64; 2]> = rotors
+                .iter()
+                .zip(&sizes)
+                .map(|(rotor, [size, variance])| {
+                    let thrust = self.hover_thrust[*rotor];
+                    let mean = size / thrust;
+                    [mean, with_model(mean, variance / thrust.powi(2))]
+                })
+                .collect();
+            let is_loss = matches!(kind, ExplanationKind::Loss | ExplanationKind::LossWithDrag);
+            if let Some(followed) = named.filter(|_| is_loss && e.rotors == self.named.0) {
+                shares = followed.to_vec();
+            }
+            // Torque beside that of the lost thrust, over what is left of it: (1 − δ)(1 + d) = 1 − δ + η.
+            let drag = (kind == ExplanationKind::LossWithDrag).then(|| {
+                let thrust = self.hover_thrust[rotors[0]];
+                let left = (1.0 - shares[0][0]).max(0.1);
+                let [torque, variance] = sizes[1];
+                let mean = torque / (thrust * left);
+                Interval::of(
+                    mean,
+                    with_model(mean, variance / (thrust * left).powi(2)),
+                    [0.0, f64::INFINITY],
+                )
+            });
+            let most = if is_loss { 1.0 } else { f64::INFINITY };
+            Some(Explained {
+                kind,
+                rotors: e.rotors,
+                probability: e.probability as f32,
+                shares: shares
+                    .iter()
+                    .map(|[share, deviation]| Interval::of(*share, *deviation, [0.0, most]))
+                    .collect(),
+                drag,
+                mass_kg,
+            })
+        };
+        listed.filter_map(explained).collect()
     }
 
     /// Of wrenches with a variance on each axis on the lost thrust of a rotor, 1/N²: Σ F_ai²/V_a.
@@ -330,6 +427,7 @@ impl SecondLook {
     /// The engine's report, looked at again, or why it means nothing.
     pub fn revise(&mut self, report: FdiReport, output: &FdiOutput) -> Result<FdiReport, Obstacle> {
         let found = !matches!(output.sequential, FaultVerdict::NotReady | FaultVerdict::Healthy);
+        self.details = Details::default();
         if !self.filter.is_ready() {
             return Ok(report);
         }
@@ -338,6 +436,7 @@ impl SecondLook {
                 self.end_episode();
                 self.snapshots.clear();
                 self.tracked.clear();
+                self.track.clear();
                 self.named = (0, 0);
             }
             return Ok(report);
@@ -362,8 +461,25 @@ impl SecondLook {
         }
         let said = self.said(report, &found, nothing, value[0]);
         if !is_there {
+            self.track.clear();
             self.end_episode();
             return said;
+        }
+        match &said {
+            Ok(said) if said.sequential == AMBIGUOUS => {
+                self.track.clear();
+                self.details.explanations = self.explained(&found, &value, &variance, None);
+            }
+            Ok(_) => {
+                let followed = self.severity();
+                self.details = Details {
+                    explanations: self.explained(&found, &value, &variance, Some(&followed)),
+                    motion: Vec::new(),
+                };
+                self.track.push(self.named.0, self.time_s, followed);
+                self.details.motion = self.track.motion(self.relative_error());
+            }
+            Err(_) => self.track.clear(),
         }
         let evidence = sets::chi_square(&value, &variance, self.hover) / self.trust.now().max(1.0);
         let is_strong = evidence > STRONG && self.trust.is_proven();
