@@ -1,5 +1,6 @@
 //! Autopilots listed by a server's operator, and comparison of controllers; the autopilot is a scripted peer.
 
+#[expect(dead_code, reason = "restarts are a matter of the link's own tests")]
 #[path = "../../services/bridge/tests/leveller/mod.rs"]
 mod leveller;
 #[path = "../../services/bridge/tests/px4_estimate/mod.rs"]

@@ -6,7 +6,6 @@ use rotortwin_blind::bench::faults_sheet;
 use rotortwin_blind::bench::sheet::Share;
 use rotortwin_blind::flight::Row;
 use rotortwin_blind::hidden::{Hidden, Profile};
-use rotortwin_fdi_session::validity::Obstacle;
 use rotortwin_fdi_session::{Chunk, Explained, ExplanationKind, FdiSession, Interval, Learner, Learnt, Sample, Window};
 use rotortwin_flight_core::MAX_ROTORS;
 use rotortwin_scenario::{DetectorSettings, Detectors, VehicleDocuments};
@@ -631,18 +630,32 @@ fn bench_kinds() {
 }
 
 #[test]
-fn val_a_load_that_is_dropped_is_told_with_its_mass() {
-    const MASS_KG: f64 = 1.55;
-    let right = cases(Class::LoadDropped, 6, 5)
-        .iter()
-        .filter(|case| {
-            let truth = MASS_KG * case.effects[0].parameters["share"];
-            let windows = windows(case);
-            windows.last().is_some_and(|last| match last.obstacle {
-                Some(Obstacle::Load { mass_kg }) => (f64::from(mass_kg) - truth).abs() < 0.15 * truth.abs(),
-                _ => false,
-            })
-        })
-        .count();
-    assert!(right >= 4, "{right} of 6");
+fn val_what_happened_to_a_rotor_is_told_by_kind_with_its_size() {
+    for class in KINDS {
+        let flights = told_of(class, 12, 5);
+        let all = flights.iter().fold(Told::default(), |sum, told| sum.and(*told));
+        let listed = flights.iter().filter(|told| 2 * told.listed > told.windows).count();
+        let least = if class == Class::Ramp {
+            3 * flights.len() / 4
+        } else {
+            flights.len() - 1
+        };
+        assert!(
+            !flights.is_empty() && listed >= least,
+            "{class:?}: told in {listed} of {} flights",
+            flights.len()
+        );
+        assert!(
+            10 * all.first > 8 * all.listed && all.inside as f64 > LEAST_INSIDE * all.listed as f64,
+            "{class:?}: {all:?}"
+        );
+        if class == Class::Ramp {
+            let [windows, inside, moves] = all.moving;
+            assert!(windows > 100 && 2 * moves > windows, "{all:?}");
+            assert!(inside as f64 > LEAST_INSIDE * windows as f64, "{all:?}");
+            let [windows, inside, moves] = all.still;
+            assert!(windows > 100 && 20 * moves < windows, "{all:?}");
+            assert!(inside as f64 > LEAST_INSIDE * windows as f64, "{all:?}");
+        }
+    }
 }

@@ -80,6 +80,8 @@ const SLOPE_ERROR: f64 = 0.577;
 const LEARNT_ERROR: f64 = 0.04;
 /// Low-pass of the unexplained wrench, s: as the engine's residuals have.
 const UNEXPLAINED_TIME: f64 = 0.2;
+/// Low-pass of what each rotor is asked for over what all are, s.
+const UNEVEN_TIME: f64 = 2.0;
 /// Probability of nothing above which a fault is over, and below which it is back.
 const OVER: f64 = 0.7;
 const BACK: f64 = 0.01;
@@ -119,6 +121,8 @@ pub struct SecondLook {
     time_s: f64,
     track: Track,
     details: Details,
+    /// Demand of each rotor over that of all, both over hover: mean and variance of the last seconds. The wrench filter knows that of all.
+    uneven: [[f64; 2]; MAX_ROTORS],
 }
 
 impl SecondLook {
@@ -158,6 +162,7 @@ impl SecondLook {
             time_s: 0.0,
             track: Track::default(),
             details: Details::default(),
+            uneven: [[1.0, 0.0]; MAX_ROTORS],
         }
     }
 
@@ -230,7 +235,15 @@ impl SecondLook {
             self.snapshots
                 .push_back((self.filter.clone(), Vec::with_capacity(SNAPSHOT_BLOCKS)));
         }
-        let surprise = self.filter.step(&block, self.demand(&block, u32::MAX));
+        let demand = self.demand(&block, u32::MAX);
+        let weight = (block.elapsed / UNEVEN_TIME).min(1.0);
+        for rotor in 0..self.rotor_count {
+            let off = self.demand(&block, 1 << rotor) / demand.max(1e-6) - self.uneven[rotor][0];
+            let [mean, variance] = &mut self.uneven[rotor];
+            *mean += off * weight;
+            *variance += (off * off - *variance) * weight;
+        }
+        let surprise = self.filter.step(&block, demand);
         self.trust.take(surprise);
         let (phis, noise) = (self.filter.phis(&block), self.filter.noise());
         for tracked in &mut self.tracked {
@@ -350,8 +363,9 @@ impl SecondLook {
                 Kind::Nothing | Kind::Other => return None,
             };
             let sizes = sets::sizes(e, &self.column, value, &variance, self.hover);
-            let with_model =
-                |mean: f64, variance: f64| (variance + (relative * mean).powi(2) + MODEL_FLOOR.powi(2)).sqrt();
+            let with_model = |mean: f64, variance: f64, uneven: f64| {
+                (variance + (relative.powi(2) + uneven) * mean * mean + MODEL_FLOOR.powi(2)).sqrt()
+            };
             let mass_kg = (kind == ExplanationKind::Load).then(|| {
                 let [force, variance] = sizes[0];
                 let deviation = (variance + (relative * force).powi(2)).sqrt() / self.gravity;
@@ -364,9 +378,10 @@ impl SecondLook {
                 .iter()
                 .zip(&sizes)
                 .map(|(rotor, [size, variance])| {
-                    let thrust = self.hover_thrust[*rotor];
+                    let [demand, uneven] = self.uneven[*rotor];
+                    let thrust = self.hover_thrust[*rotor] * demand.max(0.1);
                     let mean = size / thrust;
-                    [mean, with_model(mean, variance / thrust.powi(2))]
+                    [mean, with_model(mean, variance / thrust.powi(2), uneven)]
                 })
                 .collect();
             let is_loss = matches!(kind, ExplanationKind::Loss | ExplanationKind::LossWithDrag);
@@ -375,15 +390,12 @@ impl SecondLook {
             }
             // Torque beside that of the lost thrust, over what is left of it: (1 − δ)(1 + d) = 1 − δ + η.
             let drag = (kind == ExplanationKind::LossWithDrag).then(|| {
-                let thrust = self.hover_thrust[rotors[0]];
-                let left = (1.0 - shares[0][0]).max(0.1);
+                let [demand, uneven] = self.uneven[rotors[0]];
+                let left = self.hover_thrust[rotors[0]] * demand.max(0.1) * (1.0 - shares[0][0]).max(0.1);
                 let [torque, variance] = sizes[1];
-                let mean = torque / (thrust * left);
-                Interval::of(
-                    mean,
-                    with_model(mean, variance / (thrust * left).powi(2)),
-                    [0.0, f64::INFINITY],
-                )
+                let mean = torque / left;
+                let deviation = with_model(mean, variance / left.powi(2), uneven);
+                Interval::of(mean, deviation, [0.0, f64::INFINITY])
             });
             let most = if is_loss { 1.0 } else { f64::INFINITY };
             Some(Explained {
