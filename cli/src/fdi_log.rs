@@ -169,11 +169,13 @@ fn learnt_from(
     let read = |path: &PathBuf| read_for(path, options, &detectors.vehicle().vehicle);
     let logs = paths.iter().map(read).collect::<Result<Vec<_>, _>>()?;
     let (learnt, mut notes) = learn(&logs, detectors).map_err(|refusal| format!("--healthy: {refusal}"))?;
+    let inertia = learnt.inertia();
     notes.insert(
         0,
         format!(
-            "the detectors have learnt the vehicle from healthy flights ({}, {:.0} s in the air)",
-            learnt.flights, learnt.seconds
+            "the detectors have learnt the vehicle from healthy flights ({}, {:.0} s in the air); inertia about roll, pitch, yaw: {:.2}, {:.2}, {:.2} of \
+             the model's",
+            learnt.flights, learnt.seconds, inertia[0], inertia[1], inertia[2]
         ),
     );
     Ok((Some(learnt), notes))

@@ -1,20 +1,27 @@
 //! Autopilots listed by a server's operator, and comparison of controllers; the autopilot is a scripted peer.
 
+#[expect(dead_code, reason = "restarts are a matter of the link's own tests")]
+#[path = "../../services/bridge/tests/leveller/mod.rs"]
+mod leveller;
 #[path = "../../services/bridge/tests/px4_estimate/mod.rs"]
 mod px4_estimate;
 mod scripted_ardupilot;
+mod scripted_betaflight;
 mod scripted_pilot;
 mod scripted_px4;
 
 use rotortwin_scenario::Scenario;
 use rotortwin_tests::postgres::Postgres;
 use rotortwin_tests::process::wait_until;
-use rotortwin_tests::program::{Call, PATIENCE, text};
+use rotortwin_tests::program::{Call, Ended, PATIENCE, read_json, text};
 use rotortwin_tests::scratch::{Scratch, repository};
 use rotortwin_tests::server::{Server, Worker};
-use scripted_ardupilot::ScriptedArduPilot;
+use scripted_ardupilot::{ROTOR_OF_CHANNEL, ScriptedArduPilot};
+use scripted_betaflight::ScriptedBetaflight;
 use serde_json::{Value, json};
-use std::net::{SocketAddr, UdpSocket};
+use std::net::{SocketAddr, TcpListener, UdpSocket};
+use std::path::PathBuf;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
 /// Seconds after the hand-over, and the damage.
@@ -529,4 +536,266 @@ fn scenario_drag_that_the_vehicle_of_a_px4_lacks_is_named_from_its_run() {
     });
     let ended = peer.expect("it was started").join();
     ended.expect("the peer understood the plant");
+}
+
+/// A hover from the ground of this length after the hand-over, as a file.
+fn short_flight(scratch: &Scratch, duration_s: f64) -> PathBuf {
+    let vehicles = repository().join("config/vehicles").display().to_string();
+    let flight = FLIGHT
+        .replace("../vehicles", &vehicles)
+        .replace("duration_s = 16.0", &format!("duration_s = {duration_s:?}"));
+    let fault = flight.find("[[fault]]").expect("it has one");
+    scratch.write("short.toml", &flight[..fault])
+}
+
+/// `fly` of that flight with `--controller ADDRESS` into `run`, and the pilot of others where there is one.
+fn flown_by(scratch: &Scratch, duration_s: f64, address: &str) -> Call {
+    let call = Call::new(
+        scratch,
+        ["fly".into(), short_flight(scratch, duration_s).into_os_string()],
+    );
+    let call = call.with(["--controller", address, "--out", "run", "--join-timeout", "20000"]);
+    if address.starts_with("betaflight") {
+        call
+    } else {
+        call.with(["--pilot", "none"])
+    }
+}
+
+/// The one sentence with which a command failed: exit code 1, and nothing else names the peer.
+#[track_caller]
+fn failed_with_one_sentence(ended: Ended, peer: &str) -> String {
+    let ended = ended.expect_code(1);
+    let mut said = ended
+        .stdout
+        .lines()
+        .chain(ended.stderr.iter().map(String::as_str))
+        .filter(|line| line.contains(peer) && (line.contains("--step-timeout") || line.contains("connection")));
+    let sentence = said
+        .next()
+        .unwrap_or_else(|| panic!("{}\n{:?}", ended.stdout, ended.stderr))
+        .to_owned();
+    assert_eq!(said.next(), None, "it is said once");
+    sentence
+}
+
+#[test]
+fn scenario_an_ardupilot_that_falls_silent_ends_the_command_with_one_sentence() {
+    let scratch = Scratch::new();
+    let at = free_address();
+    let peer = ScriptedArduPilot::start(at, &scenario(), 1.5);
+    let run = flown_by(&scratch, 16.0, &format!("ardupilot:{at}"))
+        .with(["--step-timeout", "1500"])
+        .start();
+    assert!(wait_until(PATIENCE, || peer.answered() > 8000).is_some());
+    peer.silence(true);
+    let sentence = failed_with_one_sentence(run.end(PATIENCE), "ArduPilot at 127.0.0.1:");
+    let last = peer.answered() - 1;
+    assert!(
+        sentence.contains(&format!("after frame {last}: silent for 1")) && sentence.contains("allowed are 1500 ms"),
+        "frame {last}: {sentence}"
+    );
+    // What was flown until then is kept, marked as failed.
+    let summary = read_json(&scratch.path("run").join("summary.json"));
+    assert_eq!(text(&summary, "/status"), "failed");
+}
+
+#[test]
+fn scenario_a_px4_that_closes_the_connection_ends_the_command_with_one_sentence() {
+    let scratch = Scratch::new();
+    let at = free_address();
+    let peer = scripted_px4::start_until(at, &scenario(), 1.5, None, 9.0);
+    let ended = flown_by(&scratch, 16.0, &format!("px4:{at}")).run();
+    let sentence = failed_with_one_sentence(ended, "PX4 at 127.0.0.1:");
+    assert!(
+        sentence.contains("closed the connection after its answer to the sample of 9.0"),
+        "{sentence}"
+    );
+    peer.join().expect("the peer understood the plant");
+}
+
+#[test]
+fn scenario_a_port_that_is_taken_ends_the_command_before_anything_is_written() {
+    let scratch = Scratch::new();
+    let udp = UdpSocket::bind("127.0.0.1:0").expect("a free port");
+    let tcp = TcpListener::bind("127.0.0.1:0").expect("a free port");
+    for (kind, at) in [
+        ("ardupilot", udp.local_addr().expect("it is bound")),
+        ("px4", tcp.local_addr().expect("it is bound")),
+    ] {
+        let ended = flown_by(&scratch, 3.0, &format!("{kind}:{at}")).run().expect_code(1);
+        let said: Vec<&String> = ended
+            .stderr
+            .iter()
+            .filter(|line| line.contains("cannot be opened"))
+            .collect();
+        assert!(
+            said.len() == 1 && said[0].contains(&at.to_string()),
+            "{kind}: {:?}",
+            ended.stderr
+        );
+        assert!(!scratch.path("run").exists(), "{kind}");
+    }
+}
+
+#[test]
+fn scenario_an_autopilots_run_is_replayed_by_its_commands_alone() {
+    for kind in ["ardupilot", "px4"] {
+        let scratch = Scratch::new();
+        let at = free_address();
+        let address = format!("{kind}:{at}");
+        if kind == "ardupilot" {
+            let _peer = ScriptedArduPilot::start(at, &scenario(), 1.5);
+            flown_by(&scratch, 4.0, &address).run().expect_code(0);
+        } else {
+            let peer = scripted_px4::start_until(at, &scenario(), 1.5, None, f64::INFINITY);
+            flown_by(&scratch, 4.0, &address).run().expect_code(0);
+            peer.join().expect("the peer understood the plant");
+        }
+        let run = scratch.path("run");
+        let hash = text(&read_json(&run.join("summary.json")), "/run_hash").to_owned();
+        let replayed = Call::new(&scratch, ["replay", "run"]).run().expect_code(0);
+        assert!(
+            replayed.stdout.starts_with("same: ") && replayed.stdout.contains(&hash),
+            "{kind}: {}",
+            replayed.stdout
+        );
+        // A flipped bit in what it sent: another flight, or none.
+        let commands = run.join("autopilot-commands.bin");
+        let mut bytes = std::fs::read(&commands).expect("it was written");
+        let middle = bytes.len() * 3 / 4;
+        bytes[middle] ^= 0x20;
+        std::fs::write(&commands, &bytes).expect("it is ours");
+        Call::new(&scratch, ["replay", "run"]).run().expect_code(1);
+    }
+}
+
+#[test]
+fn scenario_a_betaflight_flies_twice_not_in_lockstep_and_falls_silent() {
+    let scratch = Scratch::new();
+    let peer = ScriptedBetaflight::start();
+    let address = format!("betaflight:{}", peer.port());
+    for _ in 0..2 {
+        // The second plant is a new one to the same Betaflight.
+        let ended = flown_by(&scratch, 3.0, &address).run().expect_code(0);
+        let said = format!("{}\n{}", ended.stdout, ended.stderr.join("\n"));
+        assert!(said.contains("not lockstep: of "), "{said}");
+        let summary = read_json(&scratch.path("run").join("summary.json"));
+        assert_eq!(summary["controller"]["lockstep"], false, "{summary}");
+        assert!(text(&summary, "/link").ends_with(", not lockstep"), "{summary}");
+        let hash = text(&summary, "/run_hash").to_owned();
+        let replayed = Call::new(&scratch, ["replay", "run"]).run().expect_code(0);
+        assert!(
+            replayed.stdout.starts_with("same: ") && replayed.stdout.contains(&hash),
+            "{}",
+            replayed.stdout
+        );
+        std::fs::remove_dir_all(scratch.path("run")).expect("it is ours");
+    }
+    let before = peer.states();
+    let run = flown_by(&scratch, 30.0, &address)
+        .with(["--step-timeout", "700"])
+        .start();
+    assert!(wait_until(PATIENCE, || peer.states() > before + 1000).is_some());
+    peer.silence(true);
+    let sentence = failed_with_one_sentence(run.end(PATIENCE), "Betaflight at 127.0.0.1:");
+    assert!(
+        sentence.contains("sent no motors after state ") && sentence.contains("allowed are 700 ms"),
+        "{sentence}"
+    );
+}
+
+#[test]
+fn scenario_swapped_motors_are_named_by_the_command() {
+    let scratch = Scratch::new();
+    let flight = short_flight(&scratch, 5.0);
+    let tested = |wires: [usize; 6]| {
+        let at = free_address();
+        let _peer = ScriptedArduPilot::start_wired(at, &scenario(), 1.5, None, wires);
+        Call::new(&scratch, ["spin-test".to_owned(), format!("ardupilot:{at}")])
+            .with(["--pilot", "none", "--join-timeout", "20000", "--scenario"])
+            .with([flight.clone().into_os_string()])
+            .run()
+    };
+    let right = tested(ROTOR_OF_CHANNEL).expect_code(0);
+    assert!(right.stdout.ends_with("All motors are right\n"), "{}", right.stdout);
+    // Wires of channels 2 and 6 swapped.
+    let wrong = tested([2, 4, 6, 3, 1, 5]).expect_code(1);
+    let line = |channel: usize| {
+        let begin = format!("channel {channel:>2}  ");
+        let found = wrong.stdout.lines().find(|line| line.starts_with(&begin));
+        found.unwrap_or_else(|| panic!("{}", wrong.stdout)).to_owned()
+    };
+    assert!(line(2).ends_with("swapped with channel 6"), "{}", wrong.stdout);
+    assert!(line(6).ends_with("swapped with channel 2"), "{}", wrong.stdout);
+    for channel in [1, 3, 4, 5] {
+        assert!(line(channel).ends_with("ok"), "{}", wrong.stdout);
+    }
+    assert!(wrong.stdout.ends_with("Motors are wrong\n"), "{}", wrong.stdout);
+}
+
+#[test]
+fn scenario_a_plant_is_examined_by_the_command() {
+    let scratch = Scratch::new();
+    // Our own.
+    let at = free_address();
+    let mut plant = flown_by(&scratch, 16.0, &format!("ardupilot:{at}"))
+        .with(["--step-timeout", "2000"])
+        .start();
+    plant.line(|line| line.starts_with("Waiting for servo packets of ArduPilot: "));
+    let examined = |at: SocketAddr| {
+        let address = format!("plant:ardupilot:{at}");
+        Call::new(&scratch, ["conform".to_owned(), address])
+            .with(["--scenario", "autopilot-hover"])
+            .run()
+    };
+    let right = examined(at).expect_code(0);
+    assert!(right.stdout.ends_with("Conforms\n"), "{}", right.stdout);
+    assert!(!right.stdout.contains("wrong  "), "{}", right.stdout);
+    // The examiner is gone, which to our plant is an autopilot that fell silent.
+    plant.end(PATIENCE).expect_code(1);
+
+    // One that stands for ever and whose specific force is upside down.
+    let wrong = UdpSocket::bind("127.0.0.1:0").expect("a free port");
+    let at = wrong.local_addr().expect("it is bound");
+    wrong
+        .set_read_timeout(Some(Duration::from_millis(100)))
+        .expect("a time-out");
+    let stop = AtomicBool::new(false);
+    std::thread::scope(|scope| {
+        scope.spawn(|| {
+            let (mut buffer, mut frames) = ([0; 200], 0);
+            while !stop.load(Ordering::Relaxed) {
+                let Ok((_, from)) = wrong.recv_from(&mut buffer) else {
+                    continue;
+                };
+                frames += 1;
+                let line = format!(
+                    "\n{{\"timestamp\":{:.3},\"imu\":{{\"gyro\":[0,0,0],\"accel_body\":[0,0,9.80665]}},\"position\":[0,0,0],\
+                     \"attitude\":[0,0,0],\"velocity\":[0,0,0]}}\n",
+                    0.001 * f64::from(frames)
+                );
+                wrong.send_to(line.as_bytes(), from).expect("it is there");
+            }
+        });
+        let told = examined(at);
+        stop.store(true, Ordering::Relaxed);
+        let told = told.expect_code(1);
+        assert!(told.stdout.ends_with("Does not conform\n"), "{}", told.stdout);
+        let force = told.stdout.lines().find(|line| line.contains("accel_body"));
+        assert!(
+            force.is_some_and(|line| line.starts_with("wrong")),
+            "the force points down: {}",
+            told.stdout
+        );
+    });
+
+    // Nobody.
+    let nobody = free_address();
+    let told = examined(nobody).expect_code(1);
+    assert!(
+        told.stderr.iter().any(|line| line.contains(&nobody.to_string())),
+        "{:?}",
+        told.stderr
+    );
 }

@@ -3,7 +3,7 @@
 use super::judged::JudgedLog;
 use rotortwin_campaign::table_file::{TableFile, Values};
 use rotortwin_plant::STEP_S;
-use rotortwin_verdicts::view::{LossView, WindowView};
+use rotortwin_verdicts::view::{ExplanationView, ExplanationWord, LossView, WindowView};
 use std::path::Path;
 
 /// Writes one row per window, with the logs concatenated. Times are those of the log, as in `LOG@35:65`.
@@ -76,6 +76,7 @@ fn table(logs: &[JudgedLog]) -> TableFile {
             number(&|_, window| f64::from(window.sequential.probability)),
         )
         .column("hypotheses", text(&|_, window| hypotheses(window)))
+        .column("explanations", text(&|_, window| explanations(window)))
         .column(
             "cannot_judge",
             text(&|_, window| {
@@ -96,7 +97,11 @@ fn table(logs: &[JudgedLog]) -> TableFile {
         table
             .column(&format!("loss_{rotor}"), of(|loss| loss.share))
             .column(&format!("loss_low_{rotor}"), of(|loss| loss.share_low))
-            .column(&format!("loss_high_{rotor}"), of(|loss| loss.share_high));
+            .column(&format!("loss_high_{rotor}"), of(|loss| loss.share_high))
+            .column(
+                &format!("loss_rate_{rotor}"),
+                of(|loss| loss.motion.map_or(f32::NAN, |motion| motion.rate_1_s.value)),
+            );
     }
     for rotor in 0..rotors {
         let smallest = |window: &WindowView| {
@@ -139,6 +144,27 @@ fn hypotheses(window: &WindowView) -> String {
         .hypotheses
         .iter()
         .map(set)
+        .collect::<Vec<_>>()
+        .join("|")
+}
+
+/// `loss 5 0.61|gain 2 0.37`: kind, rotors and probability of each explanation.
+fn explanations(window: &WindowView) -> String {
+    let one = |one: &ExplanationView| {
+        let kind = match one.kind {
+            ExplanationWord::Loss => "loss",
+            ExplanationWord::LossWithDrag => "loss_with_drag",
+            ExplanationWord::Gain => "gain",
+            ExplanationWord::Load => "load",
+        };
+        let rotors: Vec<String> = one.rotors.iter().map(u32::to_string).collect();
+        format!("{kind} {} {:.3}", rotors.join("+"), one.probability)
+    };
+    window
+        .sequential
+        .explanations
+        .iter()
+        .map(one)
         .collect::<Vec<_>>()
         .join("|")
 }

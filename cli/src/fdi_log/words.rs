@@ -2,7 +2,9 @@
 
 use rotortwin_runner::grid::Grid;
 use rotortwin_verdicts::log::LogReport;
-use rotortwin_verdicts::view::{ObstacleView, Obstruction, SequentialView, VerdictKind};
+use rotortwin_verdicts::view::{
+    ExplanationView, ExplanationWord, IntervalView, LossView, ObstacleView, Obstruction, SequentialView, VerdictKind,
+};
 use std::path::Path;
 
 /// File name of a log, with the selected part.
@@ -177,28 +179,77 @@ fn short(reason: Obstruction) -> &'static str {
     }
 }
 
+/// `10.0 % [9.8, 10.2]`.
+fn percent(share: &IntervalView) -> String {
+    format!(
+        "{:.1} % [{:.1}, {:.1}]",
+        100.0 * share.value,
+        100.0 * share.low,
+        100.0 * share.high
+    )
+}
+
+/// `rotor 3 lost 10.0 % [9.8, 10.2]`, with what else is known of it.
+fn loss_text(loss: &LossView, explanations: &[ExplanationView]) -> String {
+    let share = IntervalView {
+        value: loss.share,
+        low: loss.share_low,
+        high: loss.share_high,
+    };
+    let mut text = format!("rotor {} lost {}", loss.rotor, percent(&share));
+    if let Some(motion) = loss.motion.filter(|motion| motion.moves) {
+        let [value, low, high] = [motion.rate_1_s.value, motion.rate_1_s.low, motion.rate_1_s.high];
+        let (word, rate) = if value > 0.0 {
+            ("growing", IntervalView { value, low, high })
+        } else {
+            // −0 would be shown.
+            let [value, low, high] = [-value, -high, -low].map(|x| x + 0.0);
+            ("shrinking", IntervalView { value, low, high })
+        };
+        text += &format!(", {word} by {} a second", percent(&rate));
+    }
+    // Likelier than not: the blade drags.
+    let first = explanations.iter().find(|one| one.rotors == [loss.rotor]);
+    if let Some(drag) = first.and_then(|one| one.drag.as_ref()) {
+        text += &format!(", its blade drags {} more for its lift", percent(drag));
+    }
+    text
+}
+
+/// One of several explanations.
+fn explanation_text(one: &ExplanationView) -> String {
+    let each = |word: &str, more: &str| {
+        let rotors = one.rotors.iter().zip(&one.shares);
+        let texts: Vec<String> = rotors
+            .map(|(rotor, share)| format!("rotor {rotor} {word} {}{more}", percent(share)))
+            .collect();
+        texts.join(" and ")
+    };
+    let what = match one.kind {
+        ExplanationWord::Loss => each("lost", ""),
+        ExplanationWord::LossWithDrag => {
+            let drag = one.drag.as_ref().map(percent).unwrap_or_default();
+            format!("{} with a blade that drags {drag} more", each("lost", ""))
+        }
+        ExplanationWord::Gain => each("gives", " more"),
+        ExplanationWord::Load => {
+            let mass = one
+                .mass_kg
+                .map_or((0.0, 0.0, 0.0), |mass| (mass.value, mass.low, mass.high));
+            format!("a load of {:.2} kg [{:.2}, {:.2}]", mass.0, mass.1, mass.2)
+        }
+    };
+    format!("{what} ({:.2})", one.probability)
+}
+
 /// A verdict as one line of terminal text.
 pub fn verdict_text(view: &SequentialView) -> String {
-    let losses = || -> Vec<String> {
-        view.thrust_loss
-            .iter()
-            .map(|loss| {
-                format!(
-                    "rotor {} lost {:.1} % [{:.1}, {:.1}]",
-                    loss.rotor,
-                    100.0 * loss.share,
-                    100.0 * loss.share_low,
-                    100.0 * loss.share_high
-                )
-            })
-            .collect()
-    };
     match view.verdict.verdict {
         VerdictKind::NotReady => "calibrating".to_owned(),
         VerdictKind::Healthy => "healthy".to_owned(),
         VerdictKind::Unknown => "unknown fault".to_owned(),
         VerdictKind::CannotJudge => "cannot judge".to_owned(),
-        VerdictKind::Ambiguous => {
+        VerdictKind::Ambiguous if view.explanations.is_empty() => {
             let sets: Vec<String> = view
                 .hypotheses
                 .iter()
@@ -206,6 +257,17 @@ pub fn verdict_text(view: &SequentialView) -> String {
                 .collect();
             format!("ambiguous: rotors {}", sets.join(" or "))
         }
-        VerdictKind::Faulty | VerdictKind::FaultyPair => losses().join(", "),
+        VerdictKind::Ambiguous => {
+            let explanations: Vec<String> = view.explanations.iter().map(explanation_text).collect();
+            format!("ambiguous: {}", explanations.join(" or "))
+        }
+        VerdictKind::Faulty | VerdictKind::FaultyPair => {
+            let losses: Vec<String> = view
+                .thrust_loss
+                .iter()
+                .map(|loss| loss_text(loss, &view.explanations))
+                .collect();
+            losses.join(", ")
+        }
     }
 }

@@ -524,6 +524,12 @@ pub struct Learnt {
 }
 
 impl Learnt {
+    /// Inertia about roll, pitch and yaw over that of the model. What roll and pitch have in common counts for the slope of the thrust curve, so that an
+    /// inertia that is off about both alike stays 1 here.
+    pub fn inertia(&self) -> [f64; 3] {
+        self.inertia
+    }
+
     /// Gusts and white force below which no calibration goes, N²: half of what the flights had.
     pub(crate) fn least_noise(&self) -> [[f64; 2]; AXES] {
         self.noise.map(|levels| levels.map(|level| LEAST_NOISE * level))

@@ -21,7 +21,7 @@
 //! Glossary: *window*, 25 samples (a setting) that are decided on together; *chunk*, samples that come in one message.
 
 use super::learnt::{Corrected, Learner, Learnt};
-use super::second_look::{SecondLook, with_sequential};
+use super::second_look::{Details, SecondLook, with_sequential};
 use super::validity::{FlightWatch, MOST_TILT, ModelCheck, Obstacle};
 use rotortwin_flight_core::MAX_ROTORS;
 use rotortwin_flight_core::fdi::verdict_code::NOT_READY;
@@ -195,6 +195,8 @@ pub struct Window {
     /// Smallest lost share of each rotor's thrust that would be found within ten seconds now; empty without a verdict, and while something is
     /// wrong.
     pub smallest_loss: Vec<f32>,
+    /// What stands behind a verdict other than healthy: explanations, and how fast the loss moves; empty else.
+    pub details: Details,
 }
 
 /// What a chunk gave.
@@ -747,10 +749,10 @@ impl FdiSession {
         let looked = self.look.revise(engine, &output);
         let obstacle = self.obstacle.or(self.turning.take()).or(looked.err());
         let report = possible(looked.unwrap_or(engine));
-        let smallest_loss = if obstacle.is_none() {
-            self.look.smallest_loss()
+        let (smallest_loss, details) = if obstacle.is_none() {
+            (self.look.smallest_loss(), self.look.details().clone())
         } else {
-            Vec::new()
+            (Vec::new(), Details::default())
         };
         let window = Window {
             engine,
@@ -764,6 +766,7 @@ impl FdiSession {
             obstacle,
             calibrated_from: self.started,
             smallest_loss,
+            details,
         };
         if spoilt && self.obstacle.is_none() {
             self.restart(self.next_step);
@@ -801,6 +804,7 @@ impl FdiSession {
                 obstacle: Some(obstacle),
                 calibrated_from: self.started,
                 smallest_loss: Vec::new(),
+                details: Details::default(),
             }
         })
     }

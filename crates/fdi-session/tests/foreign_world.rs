@@ -3,8 +3,10 @@
 
 use rotortwin_blind::bench::faults::{Class, End, FaultCase, FaultRow, draw_cases, fly_case, other_days, score};
 use rotortwin_blind::bench::faults_sheet;
+use rotortwin_blind::bench::sheet::Share;
 use rotortwin_blind::flight::Row;
-use rotortwin_fdi_session::{Chunk, FdiSession, Learner, Learnt, Sample, Window};
+use rotortwin_blind::hidden::{Hidden, Profile};
+use rotortwin_fdi_session::{Chunk, Explained, ExplanationKind, FdiSession, Interval, Learner, Learnt, Sample, Window};
 use rotortwin_flight_core::MAX_ROTORS;
 use rotortwin_scenario::{DetectorSettings, Detectors, VehicleDocuments};
 use serde_json::json;
@@ -138,15 +140,15 @@ fn val_intervals_hold_the_loss_whether_it_stands_or_moves() {
 #[test]
 fn val_what_looks_alike_is_a_set_and_no_healthy_rotor_is_named() {
     for (class, wanted) in [
-        (Class::Gain, [End::InSet, End::Open]),
-        (Class::ThreeRotors, [End::InSet, End::Open]),
-        (Class::LoadDropped, [End::Right, End::Open]),
+        (Class::Gain, &[End::InSet][..]),
+        (Class::ThreeRotors, &[End::InSet]),
+        (Class::LoadDropped, &[End::Right, End::Open]),
     ] {
         let rows = judged(class, 12, 5);
-        let good = ends(&rows, &wanted);
+        let good = ends(&rows, wanted);
         let named = rows.iter().filter(|row| row.healthy_named).count();
         assert!(
-            good >= 11 && named <= 1,
+            good >= 11 && named == 0,
             "{class:?}: {good} of 12 ends are {wanted:?}, {named} flights name a healthy rotor"
         );
     }
@@ -277,26 +279,87 @@ fn without_and_with(case: &FaultCase, loss: Option<f64>) -> Option<[FaultRow; 2]
 
 #[test]
 fn val_three_healthy_flights_make_an_unknown_vehicle_better_known() {
-    let (mut found, mut inside) = ([0; 2], [0; 2]);
     let rows: Vec<[FaultRow; 2]> = cases(Class::FiveStep, 12, 4031)
         .iter()
         .filter_map(|case| without_and_with(case, Some(0.05)))
         .collect();
-    for row in &rows {
-        for with in 0..2 {
-            found[with] += usize::from(row[with].first_s.is_some_and(|s| s <= 10.0));
-            inside[with] += usize::from(row[with].inside == Some(true));
-            assert!(
-                !row[with].healthy_named && row[with].false_alarms == 0,
-                "{:?}",
-                row[with].case
-            );
+    assert!(rows.len() >= 9, "{} flights", rows.len());
+    for row in rows.as_flattened() {
+        assert!(!row.healthy_named && row.false_alarms == 0, "{:?}", row.case);
+    }
+    // Strictly: a learner that learns nothing, or learns and changes nothing, fails each of these.
+    let count = |is: &dyn Fn(&FaultRow) -> bool| [0, 1].map(|with| rows.iter().filter(|row| is(&row[with])).count());
+    let found = count(&|row| row.first_s.is_some_and(|s| s <= 2.5));
+    let inside = count(&|row| row.inside == Some(true));
+    assert!(
+        found[1] > found[0] && found[1] + 1 >= rows.len(),
+        "found {found:?} of {}",
+        rows.len()
+    );
+    assert!(inside[1] > inside[0], "inside {inside:?} of {}", rows.len());
+    let windows = [0, 1].map(|with| {
+        let still = rows.iter().map(|row| row[with].still);
+        let [hold, of] = still.fold([0, 0], |[hold, of], count| [hold + count.inside, of + count.of]);
+        hold as f64 / of as f64
+    });
+    assert!(windows[1] > windows[0] + 0.03, "windows inside {windows:?}");
+}
+
+/// One hidden effect on all days, and nothing else.
+fn with_one_effect(text: &str) -> [FaultCase; 2] {
+    let mut case = cases(Class::Healthy, 1, 60)[0].clone();
+    case.effects = vec![Hidden::parse(text).expect("an effect")];
+    let mut faulty = case.clone();
+    faulty.class = Class::Step;
+    faulty.flight = "waypoint".to_owned();
+    let fault = "rotor-thrust-scale:share=-0.05,rotor=2,onset_s=22";
+    faulty.effects.push(Hidden::parse(fault).expect("an effect"));
+    [case, faulty]
+}
+
+fn learnt_of(case: &FaultCase) -> Learnt {
+    let days: Vec<Vec<Row>> = other_days(case, 3)
+        .iter()
+        .map(|day| fly_case(day).expect("flown"))
+        .collect();
+    learnt_from(&days)
+}
+
+#[test]
+fn val_an_inertia_that_is_off_is_learnt() {
+    for (text, expected) in [
+        ("inertia-roll:share=0.3", [1.3, 1.0, 1.0]),
+        ("inertia-pitch:share=-0.2", [1.0, 0.8, 1.0]),
+    ] {
+        let learnt = learnt_of(&with_one_effect(text)[0]);
+        let inertia = learnt.inertia();
+        for axis in 0..3 {
+            assert!((inertia[axis] - expected[axis]).abs() < 0.05, "{text}: {inertia:?}");
         }
     }
+}
+
+#[test]
+fn val_a_moment_of_the_blown_rotors_is_learnt_and_a_smaller_loss_would_be_seen() {
+    // The same on all days; a loss of 5 % is below what the model alone sees.
+    let [healthy, faulty] = with_one_effect("flapping-moment:moment_n_s=0.006");
+    let today = fly_case(&faulty).expect("flown");
+    let mut session =
+        FdiSession::with_learnt(detectors().config(), 1, &learnt_of(&healthy)).expect("a good configuration");
+    let [without, with] = [windows_of(&today), fed(&mut session, &today)];
+    let smallest = |windows: &[Window]| {
+        let before = windows.iter().filter(|window| seconds(window) < 22.0);
+        let smallest: Vec<f64> = before
+            .filter_map(|window| window.smallest_loss.get(1).map(|share| f64::from(*share)))
+            .collect();
+        smallest.iter().sum::<f64>() / smallest.len() as f64
+    };
+    let [model, learnt] = [&without, &with].map(|windows| smallest(windows));
+    assert!(learnt < 0.6 * model && model > 0.05, "{model:.3} → {learnt:.3}");
+    let [model, learnt] = [&without, &with].map(|windows| scored(&faulty, windows));
     assert!(
-        rows.len() >= 9 && found[1] >= found[0] && inside[1] >= inside[0],
-        "found {found:?}, inside {inside:?} of {}",
-        rows.len()
+        learnt.still.of > model.still.of + 30 && learnt.inside == Some(true),
+        "{model:?} → {learnt:?}"
     );
 }
 
@@ -400,4 +463,199 @@ fn val_a_loss_of_the_size_that_would_be_seen_is_seen() {
         half_found <= announced / 2,
         "{half_found} of {announced} losses of half the size are found"
     );
+}
+
+fn seconds(window: &Window) -> f64 {
+    window.report.stamp.sim_time_ns as f64 * 1e-9
+}
+
+/// How often the truth is among the explanations that are told, and its sizes inside of their intervals.
+#[derive(Clone, Copy, Debug, Default)]
+struct Told {
+    /// Windows with a verdict other than healthy, from a second after the onset on.
+    windows: usize,
+    /// With the truth among the explanations.
+    listed: usize,
+    /// First of them.
+    first: usize,
+    /// With all its sizes inside.
+    inside: usize,
+    /// With a rate, while a loss moves and is named; with its rate inside; which are said to move.
+    moving: [usize; 3],
+    /// With a rate, while a loss stands and is named; with 0 inside; which are said to move.
+    still: [usize; 3],
+}
+
+impl Told {
+    fn and(mut self, other: Self) -> Self {
+        self.windows += other.windows;
+        self.listed += other.listed;
+        self.first += other.first;
+        self.inside += other.inside;
+        for k in 0..3 {
+            self.moving[k] += other.moving[k];
+            self.still[k] += other.still[k];
+        }
+        self
+    }
+}
+
+fn holds(interval: &Interval, truth: f64) -> bool {
+    f64::from(interval.low) <= truth && truth <= f64::from(interval.high)
+}
+
+/// What is told of a flight with faults of one onset, next to the truth.
+fn told(case: &FaultCase, windows: &[Window]) -> Told {
+    let of = |id: &'static str| case.effects.iter().filter(move |effect| effect.id == id);
+    let onset_s = case.effects[0].onset_s.expect("an onset");
+    let parameter = |effect: &Hidden| effect.parameters["share"];
+    let mut rotors: Vec<(usize, f64, &Hidden)> = of("rotor-thrust-scale")
+        .map(|effect| (effect.rotor.expect("a rotor"), -parameter(effect), effect))
+        .collect();
+    rotors.sort_by_key(|(rotor, ..)| *rotor);
+    let mask = rotors.iter().fold(0, |mask, (rotor, ..)| mask | 1 << (rotor - 1));
+    let is_gain = rotors.iter().all(|(_, share, _)| *share < 0.0);
+    let drag = of("blade-drag").next().map(parameter);
+    let is_truth = |e: &Explained| {
+        e.rotors == mask
+            && match e.kind {
+                ExplanationKind::Gain => is_gain,
+                ExplanationKind::LossWithDrag => !is_gain && drag.is_some(),
+                ExplanationKind::Loss => !is_gain && drag.is_none(),
+                ExplanationKind::Load => false,
+            }
+    };
+    let mut told = Told::default();
+    for window in windows.iter().filter(|window| seconds(window) > onset_s + 1.0) {
+        let share = |(_, share, effect): &(usize, f64, &Hidden)| {
+            let factor = effect
+                .profile
+                .map_or(1.0, |profile| profile.factor(seconds(window) - onset_s));
+            share.abs() * factor
+        };
+        let explanations = &window.details.explanations;
+        if explanations.is_empty() {
+            continue;
+        }
+        told.windows += 1;
+        if let Some(place) = explanations.iter().position(is_truth) {
+            let found = &explanations[place];
+            told.listed += 1;
+            told.first += usize::from(place == 0);
+            let sizes = found
+                .shares
+                .iter()
+                .zip(&rotors)
+                .all(|(told, truth)| holds(told, share(truth)));
+            let drags = drag.is_none_or(|drag| found.drag.is_some_and(|told| holds(&told, drag)));
+            told.inside += usize::from(sizes && drags);
+        }
+        let Some(Profile::Ramp { ramp_s }) = rotors[0].2.profile else {
+            continue;
+        };
+        if let [motion] = window.details.motion[..]
+            && window.report.sequential == rotors[0].0 as i32
+        {
+            let since_s = seconds(window) - onset_s;
+            let (count, rate) = if since_s < ramp_s {
+                (&mut told.moving, rotors[0].1 / ramp_s)
+            } else if since_s > ramp_s + 4.5 {
+                (&mut told.still, 0.0)
+            } else {
+                continue;
+            };
+            count[0] += 1;
+            count[1] += usize::from(holds(&motion.rate_1_s, rate));
+            count[2] += usize::from(motion.moves);
+        }
+    }
+    told
+}
+
+/// Flights of a class: what is told of each. Ramps of 5 and 20 s only, so that there is a rate.
+fn told_of(class: Class, n: usize, seed: u64) -> Vec<Told> {
+    let slow = |case: &&FaultCase| match case.effects[0].profile {
+        Some(Profile::Ramp { ramp_s }) => ramp_s > 2.0,
+        _ => true,
+    };
+    let flights = cases(class, n, seed);
+    flights
+        .iter()
+        .filter(slow)
+        .map(|case| told(case, &windows(case)))
+        .collect()
+}
+
+const KINDS: [Class; 5] = [
+    Class::Step,
+    Class::Gain,
+    Class::BladeDrag,
+    Class::Ramp,
+    Class::TwoRotors,
+];
+
+/// The figures of docs/detector.md of kinds and sizes: `ROTORTWIN_FAULTS_N` flights of each class, `ROTORTWIN_FAULTS_SEED`.
+#[test]
+#[ignore = "a measurement: cargo test --release -p rotortwin-fdi-session --test foreign_world -- --ignored --nocapture bench_kinds"]
+fn bench_kinds() {
+    let number =
+        |name: &str, default: usize| std::env::var(name).map_or(default, |text| text.parse().expect("a number"));
+    let (n, seed) = (number("ROTORTWIN_FAULTS_N", 24), number("ROTORTWIN_FAULTS_SEED", 1));
+    for class in KINDS {
+        let flights = told_of(class, n, seed as u64);
+        let all = flights.iter().fold(Told::default(), |sum, told| sum.and(*told));
+        let most = |of: fn(&Told) -> usize, over: fn(&Told) -> usize| {
+            let good = flights.iter().filter(|told| 2 * of(told) > over(told)).count();
+            let share = Share::new(good, flights.len());
+            format!(
+                "{good}/{} [{:.0}, {:.0}]",
+                share.of,
+                100.0 * share.low,
+                100.0 * share.high
+            )
+        };
+        println!(
+            "{class:?}: most windows list it {}, first {}, sizes inside {}; windows {} listed {} first {} inside {}; moving {:?}, still {:?}",
+            most(|told| told.listed, |told| told.windows),
+            most(|told| told.first, |told| told.windows),
+            most(|told| told.inside, |told| told.listed),
+            all.windows,
+            all.listed,
+            all.first,
+            all.inside,
+            all.moving,
+            all.still
+        );
+    }
+}
+
+#[test]
+fn val_what_happened_to_a_rotor_is_told_by_kind_with_its_size() {
+    for class in KINDS {
+        let flights = told_of(class, 12, 5);
+        let all = flights.iter().fold(Told::default(), |sum, told| sum.and(*told));
+        let listed = flights.iter().filter(|told| 2 * told.listed > told.windows).count();
+        let least = if class == Class::Ramp {
+            3 * flights.len() / 4
+        } else {
+            flights.len() - 1
+        };
+        assert!(
+            !flights.is_empty() && listed >= least,
+            "{class:?}: told in {listed} of {} flights",
+            flights.len()
+        );
+        assert!(
+            10 * all.first > 8 * all.listed && all.inside as f64 > LEAST_INSIDE * all.listed as f64,
+            "{class:?}: {all:?}"
+        );
+        if class == Class::Ramp {
+            let [windows, inside, moves] = all.moving;
+            assert!(windows > 100 && 2 * moves > windows, "{all:?}");
+            assert!(inside as f64 > LEAST_INSIDE * windows as f64, "{all:?}");
+            let [windows, inside, moves] = all.still;
+            assert!(windows > 100 && 20 * moves < windows, "{all:?}");
+            assert!(inside as f64 > LEAST_INSIDE * windows as f64, "{all:?}");
+        }
+    }
 }

@@ -743,7 +743,7 @@ impl Judge {
     fn judged(&mut self, begin: u64, end: u64, window: &Window) {
         self.last_judged = Some(window.clone());
         let [from_s, to_s] = [begin, end].map(|step| step as f64 / STEP_RATE_HZ);
-        let sequential = SequentialView::of(&window.report);
+        let sequential = SequentialView::in_window(window);
         let calibration = window.calibrated_from;
         match self.stretches.last_mut() {
             Some((of, stretch)) if *of == calibration => {

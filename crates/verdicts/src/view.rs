@@ -1,7 +1,7 @@
 //! Detector results as JSON. Codes and names of verdicts: `docs/conventions.md`.
 
 use rotortwin_fdi_session::validity::{CANNOT_JUDGE, Obstacle};
-use rotortwin_fdi_session::{Answer, Calibration, Window};
+use rotortwin_fdi_session::{Answer, Calibration, Details, Explained, ExplanationKind, Interval, Motion, Window};
 use rotortwin_flight_core::MAX_ROTORS;
 use rotortwin_flight_core::fdi::verdict_code::{AMBIGUOUS, HEALTHY, UNKNOWN};
 use rotortwin_scenario::Detectors;
@@ -161,6 +161,95 @@ pub struct LossView {
     pub share_low: f32,
     /// Upper end, fraction.
     pub share_high: f32,
+    /// How fast it moves; absent in the first half second of a name, and of the engine alone.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub motion: Option<MotionView>,
+}
+
+/// A quantity with its 95 % interval.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, ToSchema)]
+pub struct IntervalView {
+    /// Estimate.
+    pub value: f32,
+    /// Lower end.
+    pub low: f32,
+    /// Upper end.
+    pub high: f32,
+}
+
+impl From<Interval> for IntervalView {
+    fn from(Interval { value, low, high }: Interval) -> Self {
+        Self { value, low, high }
+    }
+}
+
+/// How fast a loss moves.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, ToSchema)]
+pub struct MotionView {
+    /// It does; else the interval of the rate is that of a loss that stands.
+    pub moves: bool,
+    /// Fraction of the rotor's nominal thrust a second; above 0 while the loss grows.
+    pub rate_1_s: IntervalView,
+}
+
+impl From<Motion> for MotionView {
+    fn from(motion: Motion) -> Self {
+        Self {
+            moves: motion.moves,
+            rate_1_s: motion.rate_1_s.into(),
+        }
+    }
+}
+
+/// What may have happened.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, ToSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum ExplanationWord {
+    /// These rotors lost thrust.
+    Loss,
+    /// One rotor lost thrust, and its blade drags more.
+    LossWithDrag,
+    /// One rotor gives more thrust than the model says.
+    Gain,
+    /// A load was dropped or taken up.
+    Load,
+}
+
+/// One of the explanations that are left.
+#[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]
+pub struct ExplanationView {
+    /// What.
+    pub kind: ExplanationWord,
+    /// From 1; none of a load.
+    pub rotors: Vec<u32>,
+    /// Of this explanation, whatever is named.
+    pub probability: f32,
+    /// One entry a rotor: fraction of its nominal thrust that it lost; of a gain, that it gives more.
+    pub shares: Vec<IntervalView>,
+    /// Of a loss with drag: how much more the blade drags for its lift, as a fraction.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub drag: Option<IntervalView>,
+    /// Of a load: taken up, or dropped (negative), kg.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub mass_kg: Option<IntervalView>,
+}
+
+impl From<&Explained> for ExplanationView {
+    fn from(explained: &Explained) -> Self {
+        Self {
+            kind: match explained.kind {
+                ExplanationKind::Loss => ExplanationWord::Loss,
+                ExplanationKind::LossWithDrag => ExplanationWord::LossWithDrag,
+                ExplanationKind::Gain => ExplanationWord::Gain,
+                ExplanationKind::Load => ExplanationWord::Load,
+            },
+            rotors: rotors_of(explained.rotors),
+            probability: explained.probability,
+            shares: explained.shares.iter().copied().map(IntervalView::from).collect(),
+            drag: explained.drag.map(IntervalView::from),
+            mass_kg: explained.mass_kg.map(IntervalView::from),
+        }
+    }
 }
 
 impl LossView {
@@ -174,6 +263,7 @@ impl LossView {
             share,
             share_low,
             share_high,
+            motion: None,
         }
     }
 }
@@ -194,6 +284,10 @@ pub struct SequentialView {
     pub hypothesis_count: u32,
     /// The likeliest of them, likeliest first; rotors from 1.
     pub hypotheses: Vec<Vec<u32>>,
+    /// What stands behind a verdict other than healthy, likeliest first: kinds that concern the same rotors apart, and each with its sizes. Empty of the
+    /// engine alone.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub explanations: Vec<ExplanationView>,
 }
 
 fn rotors_of(mask: u32) -> Vec<u32> {
@@ -213,6 +307,7 @@ impl SequentialView {
             suspect_rotors: Vec::new(),
             hypothesis_count: 0,
             hypotheses: Vec::new(),
+            explanations: Vec::new(),
         }
     }
 
@@ -221,8 +316,23 @@ impl SequentialView {
         if window.obstacle.is_some() {
             Self::cannot_judge()
         } else {
-            Self::of(&window.report)
+            Self::of(&window.report).with(&window.details)
         }
+    }
+
+    fn with(mut self, details: &Details) -> Self {
+        for (loss, motion) in self.thrust_loss.iter_mut().zip(&details.motion) {
+            loss.motion = Some((*motion).into());
+        }
+        self.explanations = details.explanations.iter().map(ExplanationView::from).collect();
+        self
+    }
+
+    /// The same without what only the second look knows.
+    fn bare(mut self) -> Self {
+        self.explanations.clear();
+        self.thrust_loss.iter_mut().for_each(|loss| loss.motion = None);
+        self
     }
 
     /// From a report.
@@ -245,6 +355,7 @@ impl SequentialView {
                 .iter()
                 .map(|mask| rotors_of(*mask))
                 .collect(),
+            explanations: Vec::new(),
         }
     }
 }
@@ -292,7 +403,7 @@ impl From<&Window> for WindowView {
             },
             sequential: SequentialView::in_window(window),
             engine: Some(SequentialView::of(&window.engine))
-                .filter(|engine| *engine != SequentialView::in_window(window)),
+                .filter(|engine| *engine != SequentialView::in_window(window).bare()),
             cannot_judge: window.obstacle.as_ref().map(ObstacleView::from),
             smallest_loss: window.smallest_loss.clone(),
         }

@@ -21,7 +21,7 @@ use rotortwin_scenario::Scenario;
 use rotortwin_scenario::autopilot_frame::AutopilotKind;
 use std::net::{SocketAddr, UdpSocket};
 use std::sync::OnceLock;
-use std::sync::atomic::Ordering;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
 /// The peer's action for one frame.
@@ -346,12 +346,12 @@ fn scenario_what_happens_to_datagrams_changes_nothing() {
 
 #[test]
 fn scenario_a_repeated_packet_that_waited_for_us_is_answered_once() {
-    // We compute for 2.2 s: it requests the same frame three times, and must not find three answers.
-    let flown = fly(5.0, "", |_| Act::Normal, 16, Some((400, Duration::from_millis(2200))));
+    // We compute for 3.2 s: it requests the same frame four times, and must not find four answers.
+    let flown = fly(5.0, "", |_| Act::Normal, 16, Some((400, Duration::from_millis(3200))));
     assert_eq!(flown.outcome.flight.end, FlightEnd::Done);
     // The last packet has no answer: the run is over. It is sent four times.
     let repeated = flown.sent - flown.answers;
-    assert_eq!(repeated, 2 + 4, "{} sent, {} answered", flown.sent, flown.answers);
+    assert_eq!(repeated, 3 + 4, "{} sent, {} answered", flown.sent, flown.answers);
     assert_eq!(
         flown.outcome.flight.run_hash,
         short(|_| Act::Normal).outcome.flight.run_hash
@@ -360,24 +360,21 @@ fn scenario_a_repeated_packet_that_waited_for_us_is_answered_once() {
 
 #[test]
 fn scenario_a_flood_from_elsewhere_changes_nothing() {
+    let quiet = fly(3.0, "", |_| Act::Normal, 16, None).outcome.flight;
     let scenario = scenario_of(HEXAROTOR, 3.0, "");
     let map = outputs(AutopilotKind::ArduPilot, &scenario);
-    let patience = patience();
-    let stop = patience.stop.clone();
-    let mut link = ArduPilot::listen(
-        "127.0.0.1:0".parse().unwrap(),
-        map,
-        Patience {
-            stop: Default::default(),
-            ..patience
-        },
-    )
-    .unwrap();
+    let mut link = ArduPilot::listen("127.0.0.1:0".parse().unwrap(), map, patience()).unwrap();
     let to = link.local_address().unwrap();
     let peer = Peer::new(&scenario, to);
+    let (known, stop) = (AtomicBool::new(false), AtomicBool::new(false));
     std::thread::scope(|scope| {
-        let peer = scope.spawn(move || peer.run(|_| Act::Normal));
-        let flooding = stop.clone();
+        let (known, stop) = (&known, &stop);
+        let peer = scope.spawn(move || {
+            peer.run(|frame| {
+                known.store(frame > 0, Ordering::Relaxed);
+                Act::Normal
+            })
+        });
         scope.spawn(move || {
             let socket = socket();
             let packet = ServoPacket {
@@ -386,10 +383,9 @@ fn scenario_a_flood_from_elsewhere_changes_nothing() {
                 channels: 16,
                 pulses_us: [2000; 32],
             };
-            // Not before the peer is known.
-            std::thread::sleep(Duration::from_millis(200));
-            while !flooding.load(Ordering::Relaxed) {
-                for _ in 0..2 {
+            while !stop.load(Ordering::Relaxed) {
+                // Not before the peer is known: until then the first comer is.
+                for _ in 0..if known.load(Ordering::Relaxed) { 2 } else { 0 } {
                     socket.send_to(&packet.encode(), to).unwrap();
                     socket.send_to(b"noise", to).unwrap();
                 }
@@ -398,9 +394,33 @@ fn scenario_a_flood_from_elsewhere_changes_nothing() {
         });
         let outcome = flown(&scenario, &mut link, &mut Watch::default());
         stop.store(true, Ordering::Relaxed);
+        let ignored = link.ignored();
         drop(link);
         peer.join().unwrap();
-        assert_eq!(outcome.flight.end, FlightEnd::Done);
+        assert_eq!((&outcome.flight.end, &quiet.end), (&FlightEnd::Done, &FlightEnd::Done));
+        assert_eq!(outcome.flight.run_hash, quiet.run_hash);
+        assert!(ignored > 100, "only {ignored} foreign datagrams came");
+    });
+}
+
+#[test]
+fn scenario_an_autopilot_that_pauses_for_three_seconds_costs_no_simulated_time() {
+    let (hash, in_flight) = plain().clone();
+    let scenario = scenario_of(HEXAROTOR, 5.0, "");
+    let map = outputs(AutopilotKind::ArduPilot, &scenario);
+    // As on the command line.
+    let patient = Patience {
+        step: Duration::from_secs(5),
+        ..patience()
+    };
+    let mut link = ArduPilot::listen("127.0.0.1:0".parse().unwrap(), map, patient).unwrap();
+    let peer = Peer::new(&scenario, link.local_address().unwrap());
+    std::thread::scope(|scope| {
+        let peer = scope.spawn(move || peer.run(at(in_flight, Act::Sleep(Duration::from_secs(3)))));
+        let outcome = flown(&scenario, &mut link, &mut Watch::default());
+        drop(link);
+        peer.join().unwrap();
+        assert_eq!((outcome.flight.end, outcome.flight.run_hash), (FlightEnd::Done, hash));
     });
 }
 

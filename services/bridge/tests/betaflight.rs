@@ -3,10 +3,12 @@
 
 mod autopilots;
 mod failures;
+mod leveller;
 mod links;
 
 use autopilots::{HEXAROTOR, Watch, scenario_of};
 use failures::sentence;
+use leveller::{Leveller, channels, motors};
 use links::{flown, outputs};
 use rotortwin_bridge::autopilot::betaflight::Betaflight;
 use rotortwin_bridge::autopilot::{OutputMap, Patience};
@@ -28,19 +30,6 @@ struct Peer {
 
 /// Its reply to the state of a number.
 type Script = fn(u64) -> Vec<u8>;
-
-fn motors(pulses_us: [f32; 6]) -> Vec<u8> {
-    let mut bytes = vec![6, 0, 0, 0];
-    bytes.extend(pulses_us.iter().flat_map(|pulse| pulse.to_le_bytes()));
-    bytes.resize(68, 0);
-    bytes
-}
-
-/// Channels, µs, of a packet of sticks.
-fn channels(bytes: &[u8]) -> [u16; 16] {
-    assert_eq!(bytes.len(), 40);
-    std::array::from_fn(|i| u16::from_le_bytes([bytes[8 + 2 * i], bytes[9 + 2 * i]]))
-}
 
 fn map() -> OutputMap {
     OutputMap {
@@ -210,62 +199,6 @@ fn scenario_nobody_comes_or_the_port_is_taken() {
     drop(states);
 }
 
-/// Where the motors of HEX6X sit, degrees clockwise from the nose, and whether they turn clockwise, by channel: docs/autopilots.md.
-const HEX6X: [(f64, bool); 6] = [
-    (150.0, false),
-    (30.0, false),
-    (-150.0, true),
-    (-30.0, true),
-    (90.0, true),
-    (-90.0, false),
-];
-
-/// A Betaflight that levels itself: sticks to tilts and a yaw rate, these to rates, rates to motors.
-#[derive(Default)]
-struct Leveller {
-    sticks: Option<[u16; 16]>,
-}
-
-impl Leveller {
-    /// Pulses, µs, for one packet of state.
-    fn pulses(&self, state: &[u8]) -> [f32; 6] {
-        let number = |i: usize| f64::from_le_bytes(state[8 * i..8 * i + 8].try_into().unwrap());
-        let Some(sticks) = self.sticks.filter(|sticks| sticks[4] > 1500) else {
-            return [1000.0; 6];
-        };
-        let stick = |i: usize| (f64::from(sticks[i]) - 1500.0) / 500.0;
-        let (p, q, r) = (number(1), number(2), -number(3));
-        let [roll, pitch] = tilt([7, 8, 9, 10].map(number));
-        let (full_tilt, full_yaw) = (60f64.to_radians(), 100f64.to_radians());
-        let wanted = [
-            5.0 * (full_tilt * stick(0) - roll),
-            5.0 * (-full_tilt * stick(1) - pitch),
-            full_yaw * stick(3),
-        ];
-        let torque = [0.03 * (wanted[0] - p), 0.03 * (wanted[1] - q), 0.2 * (wanted[2] - r)];
-        let throttle = (f64::from(sticks[2]) - 1000.0) / 1000.0;
-        HEX6X.map(|(degrees, clockwise)| {
-            let (sin, cos) = degrees.to_radians().sin_cos();
-            let turn = if clockwise { -torque[2] } else { torque[2] };
-            let share = throttle - torque[0] * sin + torque[1] * cos + turn;
-            (1000.0 + 1000.0 * share).clamp(1055.0, 2000.0) as f32
-        })
-    }
-}
-
-/// Roll and pitch, rad, from the quaternion that its compass is derived from: back by a quarter turn, and half a turn about x on both
-/// sides.
-fn tilt([a, b, c, d]: [f64; 4]) -> [f64; 2] {
-    let k = std::f64::consts::SQRT_2;
-    let [a, b, c, d] = [a, b, c, d].map(|x| k * x);
-    let (w, x, y, z) = ((a - d) / 2.0, (b + c) / 2.0, (b - c) / 2.0, (a + d) / 2.0);
-    let (y, z) = (-y, -z);
-    [
-        (2.0 * (w * x + y * z)).atan2(1.0 - 2.0 * (x * x + y * y)),
-        (2.0 * (w * y - z * x)).clamp(-1.0, 1.0).asin(),
-    ]
-}
-
 /// Fate of the answer to a state.
 #[derive(Clone, Copy, PartialEq)]
 enum Answer {
@@ -278,6 +211,8 @@ enum Answer {
     Flooded,
     /// No answers from here on.
     Gone,
+    /// It starts again with this one.
+    Restart,
 }
 
 /// Fate of the answer to the state of a number.
@@ -307,11 +242,14 @@ fn fly(duration_s: f64, more: &str, happens: Happens) -> (AutopilotOutcome, Watc
             let mut count = 0;
             while !stopped.load(Ordering::Relaxed) {
                 while let Ok(length) = sticks.recv(&mut buffer) {
-                    leveller.sticks = Some(channels(&buffer[..length]));
+                    leveller.take(channels(&buffer[..length]));
                 }
                 let Ok((_, from)) = states.recv_from(&mut buffer) else {
                     continue;
                 };
+                if happens(count) == Answer::Restart {
+                    leveller.restart();
+                }
                 let answer = motors(leveller.pulses(&buffer));
                 let send = |bytes: &[u8]| states.send_to(bytes, from).unwrap();
                 match happens(count) {
@@ -352,6 +290,9 @@ fn scenario_takes_off_holds_lands_and_the_damaged_propeller_is_isolated() {
     assert_eq!(outcome.flight.steps, 7200);
     assert!(watch.farthest_m < 1.0, "{} m", watch.farthest_m);
     assert_eq!(watch.verdict, 3);
+    // From 1.5 m at 0.5 m/s, and a moment to be sure that it stands.
+    let landing_s = outcome.landing_s.expect("it has landed, with its motors off");
+    assert!((2.0..20.0).contains(&landing_s), "{landing_s} s");
 }
 
 /// Not lockstep: if motors are lost or late, the previous ones stay in force, and the vehicle keeps flying.
@@ -383,4 +324,36 @@ fn scenario_a_peer_that_goes_away_in_flight_is_named() {
         said.starts_with("Betaflight at 127.0.0.1:") && said.contains("sent no motors after state "),
         "{said}"
     );
+}
+
+/// Not lockstep: a peer that starts again is none that is new. Before it arms nothing is lost; in flight its motors stand, as those of the real one do
+/// until its arm switch has been off, and the flight goes to its end on the ground.
+#[test]
+fn scenario_a_restart_before_arming_is_harmless_and_in_flight_a_fall() {
+    std::thread::scope(|scope| {
+        scope.spawn(|| {
+            // State 3000 is that of 6 s: the boot grace.
+            let (outcome, watch) = fly(4.0, "", |n| if n == 3000 { Answer::Restart } else { Answer::Sent });
+            assert_eq!(outcome.flight.end, FlightEnd::Done, "{:?}", outcome.flight.end);
+            assert!(watch.farthest_m < 1.0, "{} m", watch.farthest_m);
+        });
+        scope.spawn(|| {
+            // State 9000 is that of 18 s, some 5 s after the hand-over.
+            let (outcome, watch) = fly(12.0, "", |n| if n == 9000 { Answer::Restart } else { Answer::Sent });
+            assert!(outcome.prelude_s < 17.0, "{} s", outcome.prelude_s);
+            assert_eq!(outcome.flight.end, FlightEnd::Done, "{:?}", outcome.flight.end);
+            assert!(watch.farthest_m > 1.2, "{} m: it did not fall", watch.farthest_m);
+        });
+    });
+}
+
+/// It is no lockstep, and says so; nor is the autopilot's version known.
+#[test]
+fn val_the_link_says_that_it_is_not_lockstep() {
+    let (port, _states, _sticks) = ports();
+    let address = format!("betaflight:{port}").parse().unwrap();
+    let link = Betaflight::listen(&address, true, map(), patience()).unwrap();
+    let identity = link.identity();
+    assert_eq!((identity.lockstep, identity.version), (false, None));
+    assert_eq!(identity.peer, format!("Betaflight at 127.0.0.1:{port}"));
 }

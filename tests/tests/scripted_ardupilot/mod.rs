@@ -10,7 +10,7 @@ use std::thread::JoinHandle;
 use std::time::Duration;
 
 /// Our rotor of each channel: hexarotor X.
-const ROTOR_OF_CHANNEL: [usize; 6] = [2, 5, 6, 3, 1, 4];
+pub(crate) const ROTOR_OF_CHANNEL: [usize; 6] = [2, 5, 6, 3, 1, 4];
 /// Simulated time at which it arms, s.
 const ARMS_S: f64 = 0.5;
 
@@ -30,6 +30,17 @@ impl ScriptedArduPilot {
 
     /// The same, with a tour from `tour_s` of simulated time on.
     pub(crate) fn start_for(to: SocketAddr, scenario: &Scenario, height_m: f64, tour_s: Option<f64>) -> Self {
+        Self::start_wired(to, scenario, height_m, tour_s, ROTOR_OF_CHANNEL)
+    }
+
+    /// The same, with the rotors from 1 that its channels drive.
+    pub(crate) fn start_wired(
+        to: SocketAddr,
+        scenario: &Scenario,
+        height_m: f64,
+        tour_s: Option<f64>,
+        wires: [usize; 6],
+    ) -> Self {
         let (stop, silent, frames) = (
             Arc::<AtomicBool>::default(),
             Arc::<AtomicBool>::default(),
@@ -42,7 +53,7 @@ impl ScriptedArduPilot {
         };
         let pilot = Pilot::new(scenario, plan);
         let shared = (Arc::clone(&stop), Arc::clone(&silent), Arc::clone(&frames));
-        let thread = std::thread::spawn(move || run(to, pilot, &shared.0, &shared.1, &shared.2));
+        let thread = std::thread::spawn(move || run(to, pilot, wires, &shared.0, &shared.1, &shared.2));
         Self {
             stop,
             silent,
@@ -74,7 +85,14 @@ impl Drop for ScriptedArduPilot {
     }
 }
 
-fn run(to: SocketAddr, mut pilot: Pilot, stop: &AtomicBool, silent: &AtomicBool, frames: &AtomicU64) {
+fn run(
+    to: SocketAddr,
+    mut pilot: Pilot,
+    wires: [usize; 6],
+    stop: &AtomicBool,
+    silent: &AtomicBool,
+    frames: &AtomicU64,
+) {
     let socket = UdpSocket::bind("127.0.0.1:0").expect("a free port");
     socket
         .set_read_timeout(Some(Duration::from_millis(100)))
@@ -87,7 +105,7 @@ fn run(to: SocketAddr, mut pilot: Pilot, stop: &AtomicBool, silent: &AtomicBool,
             continue;
         }
         let frame = frames.load(Ordering::Relaxed);
-        let packet = servo_packet(u32::try_from(frame).expect("a short flight"), &pilot.duty);
+        let packet = servo_packet(u32::try_from(frame).expect("a short flight"), &pilot.duty, wires);
         // Without a plant nothing listens there; it sends the same frame again.
         let Ok(length) = socket.send_to(&packet, to).and_then(|_| socket.recv(&mut buffer)) else {
             std::thread::sleep(Duration::from_millis(20));
@@ -100,9 +118,9 @@ fn run(to: SocketAddr, mut pilot: Pilot, stop: &AtomicBool, silent: &AtomicBool,
 }
 
 /// u16 magic, u16 frame rate, u32 frame, u16 pulse\[16\]; little endian.
-fn servo_packet(frame: u32, duty: &[f64; 6]) -> Vec<u8> {
+fn servo_packet(frame: u32, duty: &[f64; 6], wires: [usize; 6]) -> Vec<u8> {
     let mut pulses = [1000_u16; 16];
-    for (channel, rotor) in ROTOR_OF_CHANNEL.into_iter().enumerate() {
+    for (channel, rotor) in wires.into_iter().enumerate() {
         pulses[channel] = (1000.0 + 1000.0 * duty[rotor - 1]).round() as u16;
     }
     let mut packet = [18458_u16, 1000].map(u16::to_le_bytes).concat();

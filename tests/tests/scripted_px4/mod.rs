@@ -20,25 +20,36 @@ const FIRST_ANSWER: u64 = 18;
 /// Connects to the plant at `to`, hovers at `height_m` over the origin, and flies a tour from `tour_s` of simulated time on. It ends with
 /// the connection.
 pub(crate) fn start(to: SocketAddr, scenario: &Scenario, height_m: f64, tour_s: f64) -> JoinHandle<()> {
+    start_until(to, scenario, height_m, Some(tour_s), f64::INFINITY)
+}
+
+/// The same without a tour where there is none, and it closes the connection at `gone_s` of simulated time.
+pub(crate) fn start_until(
+    to: SocketAddr,
+    scenario: &Scenario,
+    height_m: f64,
+    tour_s: Option<f64>,
+    gone_s: f64,
+) -> JoinHandle<()> {
     let plan = Plan {
         arms_s: ARMS_S,
         height_m,
-        tour_s: Some(tour_s),
+        tour_s,
     };
     let pilot = Pilot::new(scenario, plan);
     std::thread::spawn(move || {
         // Waits for a plant that is not there yet.
         for _ in 0..2000 {
             if let Ok(stream) = TcpStream::connect(to) {
-                return serve(stream, pilot);
+                return serve(stream, pilot, gone_s);
             }
             std::thread::sleep(Duration::from_millis(20));
         }
     })
 }
 
-/// Flies until the connection closes.
-fn serve(mut stream: TcpStream, mut pilot: Pilot) {
+/// Flies until the connection closes, or it is to be gone.
+fn serve(mut stream: TcpStream, mut pilot: Pilot, gone_s: f64) {
     stream.set_nodelay(true).expect("a connection");
     let hello = encode(0, 1, 1, HEARTBEAT, &[0, 0, 0, 0, 2, 12, 0, 0, 3]);
     stream.write_all(&hello).expect("a connection");
@@ -63,6 +74,9 @@ fn serve(mut stream: TcpStream, mut pilot: Pilot) {
                 continue;
             }
             let time_s = sample.time_usec as f64 * 1e-6;
+            if time_s > gone_s {
+                return;
+            }
             let motion = Motion {
                 position: estimate.position,
                 velocity: estimate.velocity,

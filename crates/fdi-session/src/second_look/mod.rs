@@ -11,8 +11,10 @@
 //! * a name is given only as far as nothing else makes the same wrench: a gain of the opposite rotor, a blade that drags, two small losses, three
 //!   rotors, a changed load;
 //! * what is named for a moment only was a disturbance ([`settling`]), and evidence counts as far as the model has explained the flight so far
-//!   ([`trust`]).
+//!   ([`trust`]);
+//! * what stands behind a verdict is kept beside it: kinds, probabilities and sizes of all explanations, and how fast a loss moves ([`details`]).
 
+mod details;
 mod joint;
 pub(crate) mod meter;
 mod sets;
@@ -20,7 +22,10 @@ mod settling;
 mod trust;
 mod wrench;
 
+pub use details::{Details, Explained, ExplanationKind, Interval, Motion};
+
 use super::validity::Obstacle;
+use details::Track;
 use joint::JointFilter;
 use meter::{AXES, Block, Meter};
 use rotortwin_flight_core::MAX_ROTORS;
@@ -75,6 +80,8 @@ const SLOPE_ERROR: f64 = 0.577;
 const LEARNT_ERROR: f64 = 0.04;
 /// Low-pass of the unexplained wrench, s: as the engine's residuals have.
 const UNEXPLAINED_TIME: f64 = 0.2;
+/// Low-pass of what each rotor is asked for over what all are, s.
+const UNEVEN_TIME: f64 = 2.0;
 /// Probability of nothing above which a fault is over, and below which it is back.
 const OVER: f64 = 0.7;
 const BACK: f64 = 0.01;
@@ -110,6 +117,12 @@ pub struct SecondLook {
     caution: [f64; 2],
     /// Standard deviation of the slope of a thrust curve that was learnt; 0 of a model's.
     learnt_error: f64,
+    /// Since the start, s.
+    time_s: f64,
+    track: Track,
+    details: Details,
+    /// Demand of each rotor over that of all, both over hover: mean and variance of the last seconds. The wrench filter knows that of all.
+    uneven: [[f64; 2]; MAX_ROTORS],
 }
 
 impl SecondLook {
@@ -146,6 +159,10 @@ impl SecondLook {
             trust: Trust::default(),
             caution: [1.0, 0.0],
             learnt_error: 0.0,
+            time_s: 0.0,
+            track: Track::default(),
+            details: Details::default(),
+            uneven: [[1.0, 0.0]; MAX_ROTORS],
         }
     }
 
@@ -205,6 +222,7 @@ impl SecondLook {
 
     fn take(&mut self, block: Block) {
         self.settling.pass(block.elapsed);
+        self.time_s += block.elapsed;
         let frozen = self.alarm.is_some();
         let full = self
             .snapshots
@@ -217,7 +235,15 @@ impl SecondLook {
             self.snapshots
                 .push_back((self.filter.clone(), Vec::with_capacity(SNAPSHOT_BLOCKS)));
         }
-        let surprise = self.filter.step(&block, self.demand(&block, u32::MAX));
+        let demand = self.demand(&block, u32::MAX);
+        let weight = (block.elapsed / UNEVEN_TIME).min(1.0);
+        for rotor in 0..self.rotor_count {
+            let off = self.demand(&block, 1 << rotor) / demand.max(1e-6) - self.uneven[rotor][0];
+            let [mean, variance] = &mut self.uneven[rotor];
+            *mean += off * weight;
+            *variance += (off * off - *variance) * weight;
+        }
+        let surprise = self.filter.step(&block, demand);
         self.trust.take(surprise);
         let (phis, noise) = (self.filter.phis(&block), self.filter.noise());
         for tracked in &mut self.tracked {
@@ -288,8 +314,8 @@ impl SecondLook {
             return Vec::new();
         };
         let noise = self.filter.noise();
-        let [factor, thrust_error] = self.caution;
-        let relative = MODEL_ERROR.hypot(SLOPE_ERROR * thrust_error).hypot(self.learnt_error);
+        let factor = self.caution[0];
+        let relative = self.relative_error();
         let rotors = (0..self.rotor_count).filter(|rotor| tracked.rotors >> rotor & 1 == 1);
         tracked
             .lost()
@@ -302,6 +328,89 @@ impl SecondLook {
                 [share, ((factor * variance).max(disturbance) + model).sqrt()]
             })
             .collect()
+    }
+
+    /// Standard deviation of the scale of a loss.
+    fn relative_error(&self) -> f64 {
+        MODEL_ERROR
+            .hypot(SLOPE_ERROR * self.caution[1])
+            .hypot(self.learnt_error)
+    }
+
+    /// What stands behind the last verdict; empty where nothing is said.
+    pub fn details(&self) -> &Details {
+        &self.details
+    }
+
+    /// The explanations that are left of these, with their sizes now.
+    fn explained(
+        &self,
+        found: &[Explanation],
+        value: &[f64; AXES],
+        variance: &[f64; AXES],
+        named: Option<&[[f64; 2]]>,
+    ) -> Vec<Explained> {
+        let noise = self.filter.noise();
+        let variance = std::array::from_fn(|axis| (self.caution[0] * variance[axis]).max(noise[axis].gust));
+        let relative = self.relative_error();
+        let listed = found.iter().filter(|e| e.probability >= LISTED);
+        let explained = |e: &Explanation| {
+            let kind = match e.kind {
+                Kind::Losses => ExplanationKind::Loss,
+                Kind::LossWithDrag => ExplanationKind::LossWithDrag,
+                Kind::Gain => ExplanationKind::Gain,
+                Kind::Load => ExplanationKind::Load,
+                Kind::Nothing | Kind::Other => return None,
+            };
+            let sizes = sets::sizes(e, &self.column, value, &variance, self.hover);
+            let with_model = |mean: f64, variance: f64, uneven: f64| {
+                (variance + (relative.powi(2) + uneven) * mean * mean + MODEL_FLOOR.powi(2)).sqrt()
+            };
+            let mass_kg = (kind == ExplanationKind::Load).then(|| {
+                let [force, variance] = sizes[0];
+                let deviation = (variance + (relative * force).powi(2)).sqrt() / self.gravity;
+                Interval::of(force / self.gravity, deviation, [f64::NEG_INFINITY, f64::INFINITY])
+            });
+            let rotors: Vec<usize> = (0..self.rotor_count)
+                .filter(|rotor| e.rotors >> rotor & 1 == 1)
+                .collect();
+            let mut shares: Vec<[f64; 2]> = rotors
+                .iter()
+                .zip(&sizes)
+                .map(|(rotor, [size, variance])| {
+                    let [demand, uneven] = self.uneven[*rotor];
+                    let thrust = self.hover_thrust[*rotor] * demand.max(0.1);
+                    let mean = size / thrust;
+                    [mean, with_model(mean, variance / thrust.powi(2), uneven)]
+                })
+                .collect();
+            let is_loss = matches!(kind, ExplanationKind::Loss | ExplanationKind::LossWithDrag);
+            if let Some(followed) = named.filter(|_| is_loss && e.rotors == self.named.0) {
+                shares = followed.to_vec();
+            }
+            // Torque beside that of the lost thrust, over what is left of it: (1 − δ)(1 + d) = 1 − δ + η.
+            let drag = (kind == ExplanationKind::LossWithDrag).then(|| {
+                let [demand, uneven] = self.uneven[rotors[0]];
+                let left = self.hover_thrust[rotors[0]] * demand.max(0.1) * (1.0 - shares[0][0]).max(0.1);
+                let [torque, variance] = sizes[1];
+                let mean = torque / left;
+                let deviation = with_model(mean, variance / left.powi(2), uneven);
+                Interval::of(mean, deviation, [0.0, f64::INFINITY])
+            });
+            let most = if is_loss { 1.0 } else { f64::INFINITY };
+            Some(Explained {
+                kind,
+                rotors: e.rotors,
+                probability: e.probability as f32,
+                shares: shares
+                    .iter()
+                    .map(|[share, deviation]| Interval::of(*share, *deviation, [0.0, most]))
+                    .collect(),
+                drag,
+                mass_kg,
+            })
+        };
+        listed.filter_map(explained).collect()
     }
 
     /// Of wrenches with a variance on each axis on the lost thrust of a rotor, 1/N²: Σ F_ai²/V_a.
@@ -330,6 +439,7 @@ impl SecondLook {
     /// The engine's report, looked at again, or why it means nothing.
     pub fn revise(&mut self, report: FdiReport, output: &FdiOutput) -> Result<FdiReport, Obstacle> {
         let found = !matches!(output.sequential, FaultVerdict::NotReady | FaultVerdict::Healthy);
+        self.details = Details::default();
         if !self.filter.is_ready() {
             return Ok(report);
         }
@@ -338,6 +448,7 @@ impl SecondLook {
                 self.end_episode();
                 self.snapshots.clear();
                 self.tracked.clear();
+                self.track.clear();
                 self.named = (0, 0);
             }
             return Ok(report);
@@ -362,8 +473,25 @@ impl SecondLook {
         }
         let said = self.said(report, &found, nothing, value[0]);
         if !is_there {
+            self.track.clear();
             self.end_episode();
             return said;
+        }
+        match &said {
+            Ok(said) if said.sequential == AMBIGUOUS => {
+                self.track.clear();
+                self.details.explanations = self.explained(&found, &value, &variance, None);
+            }
+            Ok(_) => {
+                let followed = self.severity();
+                self.details = Details {
+                    explanations: self.explained(&found, &value, &variance, Some(&followed)),
+                    motion: Vec::new(),
+                };
+                self.track.push(self.named.0, self.time_s, followed);
+                self.details.motion = self.track.motion(self.relative_error());
+            }
+            Err(_) => self.track.clear(),
         }
         let evidence = sets::chi_square(&value, &variance, self.hover) / self.trust.now().max(1.0);
         let is_strong = evidence > STRONG && self.trust.is_proven();

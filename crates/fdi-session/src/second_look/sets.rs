@@ -82,20 +82,22 @@ pub(super) fn weigh(
         let log = log_density(&base, value, parts, one_sided) - against;
         found.push((kind, rotors, log));
     };
-    let loss = |rotor: usize| (column[rotor].map(|x| -x), LOSS * hover);
-    let unit = |axis: usize, size: f64| (std::array::from_fn(|a| if a == axis { size } else { 0.0 }), hover);
+    let loss = |rotor: usize| loss(&column[rotor], hover);
+    let unit = |axis: usize, size: f64| unit(axis, size, hover);
     add(Kind::Nothing, 0, AGAINST_NOTHING, &[], 0);
     add(Kind::Load, 0, AGAINST_LOAD, &[unit(0, LOAD * rotor_count as f64)], 0);
     let free: [_; AXES] = std::array::from_fn(|axis| unit(axis, OTHER));
     add(Kind::Other, 0, AGAINST_OTHER, &free, 0);
     for i in 0..rotor_count {
         add(Kind::Losses, 1 << i, 0.0, &[loss(i)], 1);
-        let drag = (
-            std::array::from_fn(|a| if a == AXES - 1 { DRAG * column[i][a] } else { 0.0 }),
-            hover,
+        add(
+            Kind::LossWithDrag,
+            1 << i,
+            AGAINST_DRAG,
+            &[loss(i), drag(&column[i], hover)],
+            2,
         );
-        add(Kind::LossWithDrag, 1 << i, AGAINST_DRAG, &[loss(i), drag], 2);
-        add(Kind::Gain, 1 << i, AGAINST_GAIN, &[(column[i], GAIN * hover)], 1);
+        add(Kind::Gain, 1 << i, AGAINST_GAIN, &[gain(&column[i], hover)], 1);
         for j in 0..i {
             add(Kind::Losses, 1 << i | 1 << j, AGAINST_PAIR, &[loss(j), loss(i)], 2);
             for k in 0..j {
@@ -116,6 +118,82 @@ pub(super) fn weigh(
         .collect();
     found.sort_by(|a, b| b.probability.total_cmp(&a.probability));
     found
+}
+
+/// A direction in the space of wrenches, and the standard deviation along it, N.
+type Part = ([f64; AXES], f64);
+
+fn loss(column: &[f64; AXES], hover: f64) -> Part {
+    (column.map(|x| -x), LOSS * hover)
+}
+
+fn gain(column: &[f64; AXES], hover: f64) -> Part {
+    (*column, GAIN * hover)
+}
+
+/// In units of [`DRAG`] times a thrust, N.
+fn drag(column: &[f64; AXES], hover: f64) -> Part {
+    let yaw = std::array::from_fn(|axis| if axis == AXES - 1 { DRAG * column[axis] } else { 0.0 });
+    (yaw, hover)
+}
+
+fn unit(axis: usize, size: f64, hover: f64) -> Part {
+    (std::array::from_fn(|a| if a == axis { size } else { 0.0 }), hover)
+}
+
+/// How large the parts of an explanation are if it is true: mean and variance of each.
+///
+/// With C as in the module a part x_k along d_k has the mean s_k² d_kᵀ C⁻¹ û and the variance s_k² − s_k⁴ d_kᵀ C⁻¹ d_k; that losses and gains
+/// are one-sided is left to who makes an interval of them. One entry a rotor, N of thrust lost (gained); behind those of
+/// [`Kind::LossWithDrag`] the additional torque of the blade over that of its thrust, N; of [`Kind::Load`] the force down, N.
+///
+/// * `column`, `value`, `variance`, `hover`: as in [`weigh`]
+pub(super) fn sizes(
+    explanation: &Explanation,
+    column: &[[f64; AXES]; MAX_ROTORS],
+    value: &[f64; AXES],
+    variance: &[f64; AXES],
+    hover: f64,
+) -> Vec<[f64; 2]> {
+    let rotors = || (0..MAX_ROTORS).filter(|rotor| explanation.rotors >> rotor & 1 == 1);
+    let mut parts: Vec<Part> = match explanation.kind {
+        Kind::Gain => rotors().map(|rotor| gain(&column[rotor], hover)).collect(),
+        Kind::Losses | Kind::LossWithDrag => rotors().map(|rotor| loss(&column[rotor], hover)).collect(),
+        // As many rotors as may be: nothing else is known of its size.
+        Kind::Load => vec![unit(0, LOAD * MAX_ROTORS as f64, hover)],
+        Kind::Nothing | Kind::Other => Vec::new(),
+    };
+    if explanation.kind == Kind::LossWithDrag {
+        parts.extend(rotors().map(|rotor| drag(&column[rotor], hover)));
+    }
+    let mut c = [[0.0; AXES]; AXES];
+    for axis in 0..AXES {
+        c[axis][axis] = error(value[axis], variance[axis], hover);
+    }
+    for (direction, size) in &parts {
+        for a in 0..AXES {
+            for b in 0..AXES {
+                c[a][b] += size * size * direction[a] * direction[b];
+            }
+        }
+    }
+    let (inverse, _) = inverse(&c);
+    let weighted = times(&inverse, value);
+    let of = |(direction, size): &Part| {
+        let square = size * size;
+        let variance = square - square * square * dot(direction, &times(&inverse, direction));
+        [square * dot(direction, &weighted), variance.max(0.0)]
+    };
+    let mut sizes: Vec<[f64; 2]> = parts.iter().map(of).collect();
+    let unit = match explanation.kind {
+        Kind::LossWithDrag => DRAG,
+        Kind::Load => LOAD * MAX_ROTORS as f64,
+        _ => return sizes,
+    };
+    if let Some([mean, variance]) = sizes.last_mut() {
+        (*mean, *variance) = (*mean * unit, *variance * unit * unit);
+    }
+    sizes
 }
 
 /// χ² of a lost wrench if nothing is lost; arguments as above.
@@ -282,6 +360,47 @@ mod tests {
             "{:?}",
             &found[..4]
         );
+    }
+
+    /// Sizes of an explanation of what some losses make, plus `more` on the axes, with an error of 0.4 % of a thrust.
+    fn sized(kind: Kind, rotors: u32, losses: &[(usize, f64)], more: [f64; AXES]) -> Vec<[f64; 2]> {
+        let column = hexarotor();
+        let value = std::array::from_fn(|axis| {
+            more[axis]
+                - losses
+                    .iter()
+                    .map(|(rotor, loss)| column[*rotor][axis] * loss)
+                    .sum::<f64>()
+        });
+        let explanation = Explanation {
+            kind,
+            rotors,
+            probability: 1.0,
+        };
+        sizes(&explanation, &column, &value, &[1.6e-5; AXES], 1.0)
+    }
+
+    #[test]
+    fn val_sizes_are_those_that_made_the_wrench() {
+        let is = |[mean, variance]: [f64; 2], truth: f64| {
+            assert!(
+                (mean - truth).abs() < 1.96 * variance.sqrt(),
+                "{mean} ± {}, {truth}",
+                variance.sqrt()
+            );
+            assert!(variance.sqrt() < 0.02, "{}", variance.sqrt());
+        };
+        is(sized(Kind::Losses, 1 << 1, &[(1, 0.1)], [0.0; AXES])[0], 0.1);
+        is(sized(Kind::Gain, 1 << 1, &[(1, -0.08)], [0.0; AXES])[0], 0.08);
+        let pair = sized(Kind::Losses, 1 << 1 | 1 << 2, &[(1, 0.1), (2, 0.06)], [0.0; AXES]);
+        is(pair[0], 0.1);
+        is(pair[1], 0.06);
+        // A blade that drags: torque of 20 % of the thrust's beside a loss of 8 %.
+        let yaw = hexarotor()[2][3] * 0.2;
+        let dragging = sized(Kind::LossWithDrag, 1 << 2, &[(2, 0.08)], [0.0, 0.0, 0.0, yaw]);
+        is(dragging[0], 0.08);
+        is(dragging[1], 0.2);
+        is(sized(Kind::Load, 0, &[], [-0.6, 0.0, 0.0, 0.0])[0], -0.6);
     }
 
     #[test]

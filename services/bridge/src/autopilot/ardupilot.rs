@@ -50,6 +50,8 @@ pub struct ArduPilot {
     in_flight: bool,
     /// Invalid datagrams in this wait: their number, and the error of the last one.
     foreign: (u64, String),
+    /// All that were ignored since it listens.
+    ignored: u64,
 }
 
 /// Classification of a datagram.
@@ -80,7 +82,19 @@ impl ArduPilot {
             unanswered: 0,
             in_flight: false,
             foreign: (0, String::new()),
+            ignored: 0,
         })
+    }
+
+    /// Datagrams since it listens that are no servo packets, or come from another sender than its peer.
+    pub fn ignored(&self) -> u64 {
+        self.ignored
+    }
+
+    fn ignore(&mut self, what: String) -> Verdict {
+        self.ignored += 1;
+        self.foreign = (self.foreign.0 + 1, what);
+        Verdict::Nothing
     }
 
     /// Where it listens.
@@ -195,9 +209,7 @@ impl ArduPilot {
         let packet = match ServoPacket::decode(bytes) {
             Ok(packet) => packet,
             Err(reason) => {
-                self.foreign.0 += 1;
-                self.foreign.1 = format!("the last from {from} has {reason}");
-                return Ok(Verdict::Nothing);
+                return Ok(self.ignore(format!("the last from {from} has {reason}")));
             }
         };
         let Some((latest, came)) = self.latest else {
@@ -208,9 +220,7 @@ impl ArduPilot {
             if restarted || came.elapsed() > GONE {
                 return self.restarted(packet, from);
             }
-            self.foreign.0 += 1;
-            self.foreign.1 = format!("the last is a servo packet from {from}, another sender");
-            return Ok(Verdict::Nothing);
+            return Ok(self.ignore(format!("the last is a servo packet from {from}, another sender")));
         }
         match packet.frame.wrapping_sub(latest.frame) {
             0 => Ok(Verdict::Repeated),
