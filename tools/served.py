@@ -16,7 +16,9 @@ PROGRAM = os.environ.get("ROTORTWIN_PROGRAM", str(ROOT / "target/release/rotortw
 def serve(data: str | Path, options: list[str]) -> tuple[subprocess.Popen, str]:
     """Starts a server on a free port; returns its process and its URL."""
     command = [PROGRAM, "serve", "--listen", "127.0.0.1:0", "--data", str(data), "--library", str(ROOT / "config"), *options]
-    environment = os.environ | {"ROTORTWIN_PYTHON": sys.executable}
+    # Variables of the server alone: NAME=VALUE, with spaces between them.
+    more = dict(one.split("=", 1) for one in os.environ.get("ROTORTWIN_SERVER_ENV", "").split())
+    environment = os.environ | {"ROTORTWIN_PYTHON": sys.executable} | more
     process = subprocess.Popen(command, env=environment, stdout=subprocess.PIPE, stdin=subprocess.DEVNULL, text=True)
     assert process.stdout is not None
     words = process.stdout.readline().split()

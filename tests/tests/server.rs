@@ -33,6 +33,42 @@ fn events(server: &Server, id: &str, last: u64) -> Vec<(u64, String)> {
     events
 }
 
+/// A request does not wait for a worker for ever: proxies would cut it off. The same key goes on waiting for the same job.
+#[test]
+fn scenario_a_verification_that_takes_long_is_answered_with_its_job() {
+    let scratch = Scratch::new();
+    let data = scratch.path("data");
+    let mut server = Server::start(&data);
+    let id = server.submit(&json!({ "scenario": "short-hover", "seed": 7, "link": "in-process" }));
+    let run = server.ended(&id);
+    assert_eq!(server.stop(), Some(0));
+    let mut server = Server::start_at("127.0.0.1:0", &data, &["--workers", "0"]);
+    let (path, key) = (format!("/api/v1/runs/{id}/verify"), [("idempotency-key", "once")]);
+    let begun = std::time::Instant::now();
+    let waits = server.ask("POST", &path, &key, "");
+    let waited_s = begun.elapsed().as_secs();
+    let job = waits.json();
+    assert_eq!(
+        (waits.status, &job["kind"], &job["status"]),
+        (202, &json!("verification"), &json!("queued")),
+        "{job}"
+    );
+    assert!((19..28).contains(&waited_s), "{waited_s} s");
+    let address = format!("/api/v1/verifications/{}", job["id"].as_str().expect("an id"));
+    assert!(waits.headers.contains(&address), "{}", waits.headers);
+    assert_eq!(server.stop(), Some(0));
+    server.start_again(&data);
+    let compared = server.ask("POST", &path, &key, "");
+    let answer = compared.json();
+    assert_eq!(
+        (compared.status, &answer["same"], &answer["again"]),
+        (200, &json!(true), &run["run_hash"]),
+        "{answer}"
+    );
+    assert_eq!(answer["job"], job["id"]);
+    assert!(answer["wall_ms"].as_i64().is_some_and(|ms| ms >= 19_000), "{answer}");
+}
+
 #[test]
 fn scenario_a_run_over_http_is_the_run_of_the_command_line() {
     let scratch = Scratch::new();

@@ -614,7 +614,7 @@ fn scenario_a_session_refuses_with_the_reason_and_ends() {
     );
 
     let second = open(&server, json!({}));
-    post(r#"{"vehicle":"f550"}"#, 503, "2 FDI sessions are open");
+    post(r#"{"vehicle":"f550"}"#, 429, "has 2 FDI sessions open");
     assert_eq!(server.ask("DELETE", &second, &[], "").status, 204);
     assert_eq!(server.ask("DELETE", &second, &[], "").status, 404);
     refused(&server, "GET", &format!("{address}/stream"), json_kind, "", 400, "");

@@ -106,6 +106,38 @@ fn scenario_what_a_job_reads_is_not_deleted_with_postgres() {
     needed_stays(&scratch.path("data"), &["--database-url", &postgres.url()]);
 }
 
+/// Postgres holds no text with a zero character, SQLite does: to a client it is the same refusal as any other name that is none.
+#[test]
+fn regress_a_zero_character_is_no_failure_of_postgres() {
+    let scratch = Scratch::new();
+    let Some(postgres) = Postgres::start(&scratch.path("")) else {
+        return;
+    };
+    let words = ["--workers", "0", "--database-url", &postgres.url()];
+    let server = Server::start_at("127.0.0.1:0", &scratch.path("data"), &words);
+    for (method, path, body) in [
+        ("GET", "runs/a%00b", ""),
+        ("GET", "runs?name=a%00b", ""),
+        ("GET", "campaigns?cursor=%00", ""),
+        ("GET", "models/a%00b/history", ""),
+        ("POST", "runs", r#"{"scenario":"a\u0000b"}"#),
+        (
+            "POST",
+            "comparisons",
+            r#"{"model":{"vehicle":"f550"},"flights":{"runs":["a\u0000b"]}}"#,
+        ),
+    ] {
+        let answer = server.ask(
+            method,
+            &format!("/api/v1/{path}"),
+            &[("content-type", "application/json")],
+            body,
+        );
+        let is_refused = (400..500).contains(&answer.status);
+        assert!(is_refused, "{method} {path}: {} {}", answer.status, answer.json());
+    }
+}
+
 /// A log imported by the old server, and jobs that read it: the parts of a job count for the whole, and a deleted job leaves no trace of
 /// its inputs.
 #[test]

@@ -22,6 +22,7 @@ mod incoming;
 mod jobs;
 mod json_object;
 mod library;
+pub mod memory;
 mod metrics;
 mod problem;
 mod pulse;

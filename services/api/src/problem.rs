@@ -286,11 +286,22 @@ impl From<WebSocketUpgradeRejection> for Problem {
     }
 }
 
+/// Postgres: a text that it cannot hold. All that comes this far is UTF-8, which leaves the zero character.
+const NO_TEXT: &str = "22021";
+
 impl From<sqlx::Error> for Problem {
     fn from(error: sqlx::Error) -> Self {
         let text = error.to_string();
         if text.contains("disk is full") {
             return Self::disk_full("the database cannot grow: the disk of the data folder is full");
+        }
+        if error
+            .as_database_error()
+            .and_then(sqlx::error::DatabaseError::code)
+            .as_deref()
+            == Some(NO_TEXT)
+        {
+            return Self::bad_request("a text of the request has a zero character; expected none");
         }
         if text.contains("database is locked") {
             return Self::unavailable("the database is busy; retry later");

@@ -1,6 +1,6 @@
 /** One run, live and afterwards: summary, 3-D, verdicts with the truth, residuals, duties, battery; one cursor for all. */
 import { For, Show, createEffect, createMemo, createSignal, on, onCleanup } from "solid-js";
-import { type Schemas, ask, get, remove } from "../api/client";
+import { type Schemas, ask, freshKey, get, remove } from "../api/client";
 import { createLoad } from "../api/load";
 import { hasEnded, watchJob } from "../api/news";
 import { sentenceOf } from "../api/problem";
@@ -76,7 +76,13 @@ export default function RunPage(props: { id: string }) {
   const verify = () => act(async () => {
     setVerified("running");
     try {
-      setVerified(await ask<Schemas["Verification"]>("POST", `/api/v1/runs/${id}/verify`));
+      // While it goes on the server answers with its job, and the same key goes on waiting for it.
+      const headers = { "idempotency-key": freshKey() };
+      let answer: Schemas["Verification"] | Schemas["JobView"];
+      do {
+        answer = await ask("POST", `/api/v1/runs/${id}/verify`, undefined, { headers });
+      } while (!("same" in answer));
+      setVerified(answer);
     } catch (error) {
       setVerified(undefined);
       throw error;

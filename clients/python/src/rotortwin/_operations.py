@@ -178,10 +178,13 @@ class RunOperations(JobOperations[Run]):
         return (yield from self.submit(body, key, self.path(id, "fork")))
 
     def verify(self, id: str) -> Operation[Verification]:
-        # As long as the flight takes in one process, plus its time in the queue; a retry waits for the same job.
+        # As long as the flight takes in one process, plus its time in the queue: the server answers 202 now and then, and the same key goes on
+        # waiting for the same job.
         headers = {"idempotency-key": new_key()}
-        answer = yield from self.settings.call("POST", self.path(id, "verify"), headers=headers, timeout_s=610.0)
-        return read(Verification, answer.json())
+        while True:
+            answer = yield from self.settings.call("POST", self.path(id, "verify"), headers=headers, timeout_s=60.0)
+            if answer.status_code != 202:
+                return read(Verification, answer.json())
 
     def compare_controllers(self, ids: Sequence[str], within_m: float | None) -> Operation[Json]:
         params = {"runs": ",".join(ids), "within_m": within_m}

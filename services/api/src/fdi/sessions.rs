@@ -279,10 +279,10 @@ impl FdiSessions {
     }
 
     /// Opens one. Each tenant has its share, so that one client cannot use up all sessions; without tokens there is a single tenant,
-    /// which may use all.
+    /// whose share is all.
     ///
     /// # Errors
-    /// 429 if the tenant's share is used up, 503 if there are too many in total; 422 if the engine rejects its configuration.
+    /// 429 if the tenant's share is used up, 503 if others use the rest; 422 if the engine rejects its configuration.
     pub(crate) fn open(&self, caller: &Caller, detectors: &Detectors) -> Result<Arc<Entry>, Problem> {
         let number = rand::random::<u64>().max(1);
         let session =
@@ -291,9 +291,14 @@ impl FdiSessions {
         self.sweep(&mut open);
         let idle_s = self.limits.idle.as_secs_f64();
         let own = open.values().filter(|entry| entry.tenant == caller.tenant).count();
-        if caller.is_one_of_several && own >= self.limits.tenant_sessions {
+        let (share, option) = if caller.is_one_of_several {
+            (self.limits.tenant_sessions, "--tenant-fdi-sessions")
+        } else {
+            (self.limits.sessions, "--fdi-sessions")
+        };
+        if own >= share {
             return Err(Problem::too_many(format!(
-                "'{}' has {own} FDI sessions open, the limit per tenant (`--tenant-fdi-sessions`); delete one, or wait until one ends after {idle_s} s \
+                "'{}' has {own} FDI sessions open, the limit per tenant (`{option}`); delete one, or wait until one ends after {idle_s} s \
                  of silence",
                 caller.tenant
             )));

@@ -76,7 +76,7 @@ pub(crate) async fn events(
     };
     // Subscribed before the first look: what comes between is seen by one or the other.
     let news = app.database.hub.watch_any();
-    let (place, opened) = match last.filter(|text| !text.is_empty()) {
+    let (place, opened) = match last {
         Some(text) => (text.parse().map_err(Problem::bad_request)?, None),
         None => {
             let place = app.database.last_place().await?;

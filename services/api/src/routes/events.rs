@@ -3,6 +3,7 @@
 use super::jobs::Shared;
 use crate::App;
 use crate::access::Caller;
+use crate::jobs::hub::Watch;
 use crate::jobs::{Event as JobEvent, Job};
 use crate::problem::Problem;
 use axum::extract::Path;
@@ -63,8 +64,9 @@ pub(super) fn of(app: &Arc<App>, job: &Job, headers: &HeaderMap) -> Result<Respo
         Some(value) => value
             .to_str()
             .ok()
-            .and_then(|text| text.parse::<i64>().ok())
-            .filter(|seq| *seq >= 0)
+            .and_then(|text| text.parse::<u64>().ok())
+            // No event has a larger one.
+            .map(|seq| i64::try_from(seq).unwrap_or(i64::MAX))
             .ok_or_else(|| Problem::bad_request("Last-Event-ID: expected the number of an event"))?,
     };
     let watcher = Watcher {
@@ -87,7 +89,7 @@ struct Watcher {
     last: i64,
     ready: VecDeque<JobEvent>,
     ended: bool,
-    news: watch::Receiver<u64>,
+    news: Watch,
     ending: watch::Receiver<bool>,
 }
 
@@ -133,9 +135,7 @@ impl Watcher {
                 }
             }
             tokio::select! {
-                changed = self.news.changed() => if changed.is_err() {
-                    self.news = self.app.database.hub.watch(&self.id);
-                },
+                () = self.news.changed() => {}
                 _ = self.ending.changed() => {}
                 // Another process may have written.
                 () = tokio::time::sleep(Duration::from_secs(2)) => {}

@@ -217,7 +217,8 @@ pub(crate) fn detectors(
     (status = 413, description = "request body too large", body = Problem, content_type = "application/problem+json"),
     (status = 415, description = "the body is not JSON", body = Problem, content_type = "application/problem+json"),
     (status = 422, description = "no detectors can be built for this model", body = Problem, content_type = "application/problem+json"),
-    (status = 503, description = "too many sessions are open, or the server is ending", body = Problem, content_type = "application/problem+json")
+    (status = 429, description = "more requests or open sessions than are allowed", body = Problem, content_type = "application/problem+json"),
+    (status = 503, description = "other tenants have too many sessions open, or the server is ending", body = Problem, content_type = "application/problem+json")
 ))]
 pub(crate) async fn open(
     State(app): State<Arc<App>>,

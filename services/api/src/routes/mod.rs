@@ -40,6 +40,7 @@ mod runs;
 mod sandbox;
 mod server;
 mod session;
+mod stated;
 mod submissions;
 mod table;
 mod tasks;
@@ -54,6 +55,7 @@ pub(crate) use documents::documents;
 
 use crate::App;
 use crate::problem::Problem;
+use crate::routes::stated::Stated;
 use axum::Router;
 use axum::extract::DefaultBodyLimit;
 use axum::http::{HeaderName, HeaderValue, Method, Uri, header};
@@ -227,16 +229,26 @@ pub fn openapi_document() -> String {
     text
 }
 
+#[cfg(test)]
+fn stated() -> Stated {
+    let (_, mut api) = described().split_for_parts();
+    openapi::complete(&mut api);
+    Stated::of(&api)
+}
+
 /// Everything that is served.
 pub(crate) fn router(app: Arc<App>) -> Router {
     let request_id = HeaderName::from_static("x-request-id");
-    let (router, _) = described().split_for_parts();
+    let (router, mut api) = described().split_for_parts();
+    openapi::complete(&mut api);
+    let stated = Arc::new(Stated::of(&api));
     // Events must not wait in a compressor, and Parquet does not shrink.
     let compressible = SizeAbove::new(1024)
         .and(NotForContentType::new("text/event-stream"))
         .and(NotForContentType::new("application/octet-stream"))
         .and(NotForContentType::new("application/vnd.apache.parquet"));
     let router = router
+        .layer(axum::middleware::from_fn_with_state(stated, stated::hold))
         .route("/api/v1/openapi.json", axum::routing::get(server::openapi))
         .merge(parts::routes())
         .merge(SwaggerUi::new("/api/v1/docs").config(Config::new(["/api/v1/openapi.json"])))

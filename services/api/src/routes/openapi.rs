@@ -1,9 +1,14 @@
 //! What the OpenAPI document says of every route alike, and the derive macros cannot: refusals of access, forms of headers, results of jobs
 //! that are not done.
 
+use super::stated::whole;
+use utoipa::Number;
 use utoipa::openapi::path::{Operation, ParameterIn};
-use utoipa::openapi::schema::{AnyOfBuilder, ObjectBuilder, Schema, SchemaType, Type};
-use utoipa::openapi::{Content, OpenApi, PathItem, Ref, RefOr, ResponseBuilder};
+use utoipa::openapi::schema::{
+    AdditionalProperties, AnyOfBuilder, ArrayItems, KnownFormat, Object, ObjectBuilder, Schema, SchemaFormat,
+    SchemaType, Type,
+};
+use utoipa::openapi::{Content, OpenApi, PathItem, Ref, RefOr, Response, ResponseBuilder};
 
 /// What a header has to look like; everything else is 400.
 const FORMS_OF_HEADERS: [(&str, &str); 3] = [
@@ -21,9 +26,11 @@ pub(super) fn complete(api: &mut OpenApi) {
         }
         for operation in operations(item) {
             state_forms(operation);
+            add_refusal_of_parameters(operation);
         }
     }
     for (name, schema) in api.components.iter_mut().flat_map(|all| &mut all.schemas) {
+        state_ranges(schema);
         if name.starts_with("JobWithResult_") {
             allow_no_result(schema);
         }
@@ -52,6 +59,7 @@ fn operations(item: &mut PathItem) -> impl Iterator<Item = &mut Operation> {
 fn state_forms(operation: &mut Operation) {
     for parameter in operation.parameters.iter_mut().flatten() {
         let RefOr::T(parameter) = parameter else { continue };
+        parameter.schema.iter_mut().for_each(state_ranges);
         let Some(RefOr::T(Schema::Object(object))) = &mut parameter.schema else {
             continue;
         };
@@ -65,6 +73,81 @@ fn state_forms(operation: &mut Operation) {
             object.pattern = Some((*form).to_owned());
         }
     }
+}
+
+/// Integers have the range of their type, which the derive macro only hints at by a format: `u64` is to it an `int64` from 0, so that half of the
+/// seeds would be none.
+fn state_ranges(schema: &mut RefOr<Schema>) {
+    let RefOr::T(schema) = schema else { return };
+    let parts: Vec<&mut RefOr<Schema>> = match schema {
+        Schema::Array(array) => match &mut array.items {
+            ArrayItems::RefOrSchema(items) => vec![&mut **items],
+            ArrayItems::False => Vec::new(),
+        },
+        Schema::OneOf(kinds) => kinds.items.iter_mut().collect(),
+        Schema::AllOf(kinds) => kinds.items.iter_mut().collect(),
+        Schema::AnyOf(kinds) => kinds.items.iter_mut().collect(),
+        Schema::Object(object) => {
+            state_range(object);
+            let more = match object.additional_properties.as_deref_mut() {
+                Some(AdditionalProperties::RefOr(more)) => Some(more),
+                _ => None,
+            };
+            object.properties.values_mut().chain(more).collect()
+        }
+        _ => Vec::new(),
+    };
+    parts.into_iter().for_each(state_ranges);
+}
+
+fn state_range(object: &mut Object) {
+    let is_integer = match &object.schema_type {
+        SchemaType::Type(kind) => *kind == Type::Integer,
+        SchemaType::Array(kinds) => kinds.contains(&Type::Integer),
+        SchemaType::AnyValue => false,
+    };
+    if !is_integer || object.enum_values.is_some() {
+        return;
+    }
+    let is_unsigned = object.minimum.as_ref().and_then(whole) == Some(0);
+    let range = match (&object.format, is_unsigned) {
+        // `usize` has no format.
+        (None | Some(SchemaFormat::KnownFormat(KnownFormat::Int64)), true) => {
+            object.format = Some(SchemaFormat::Custom("uint64".to_owned()));
+            (Number::UInt(0), Number::UInt(usize::MAX))
+        }
+        (Some(SchemaFormat::KnownFormat(KnownFormat::Int64)), false) => {
+            (Number::Int(isize::MIN), Number::Int(isize::MAX))
+        }
+        (Some(SchemaFormat::KnownFormat(KnownFormat::Int32)), false) => {
+            (Number::Int(i32::MIN as isize), Number::Int(i32::MAX as isize))
+        }
+        _ => return,
+    };
+    object.minimum.get_or_insert(range.0);
+    object.maximum.get_or_insert(range.1);
+}
+
+/// Parameters that are not as stated are refused in one place, [`super::stated`].
+fn add_refusal_of_parameters(operation: &mut Operation) {
+    let has_some = operation.parameters.iter().flatten().any(|parameter| {
+        matches!(parameter, RefOr::T(parameter) if matches!(parameter.parameter_in, ParameterIn::Query | ParameterIn::Header))
+    });
+    if has_some {
+        let responses = &mut operation.responses.responses;
+        let refusal = || problem_response("a parameter that is none").into();
+        responses.entry("400".to_owned()).or_insert_with(refusal);
+    }
+}
+
+fn problem_response(description: &str) -> Response {
+    let content = Content::builder()
+        .schema(Some(Ref::from_schema_name("Problem")))
+        .build();
+    ResponseBuilder::new()
+        .description(description)
+        .content("application/problem+json", content)
+        .build()
 }
 
 /// The property `result` is null before a job is done. The derive macro forgets this where the type of a property is generic.
@@ -98,18 +181,11 @@ fn add_refusals_of_access(item: &mut PathItem) {
             ("429", "rate limit or quota exceeded"),
         ];
         for (status, description) in of_all.into_iter().chain(of_writes) {
-            let content = Content::builder()
-                .schema(Some(Ref::from_schema_name("Problem")))
-                .build();
-            let response = ResponseBuilder::new()
-                .description(description)
-                .content("application/problem+json", content)
-                .build();
             operation
                 .responses
                 .responses
                 .entry(status.to_owned())
-                .or_insert(response.into());
+                .or_insert_with(|| problem_response(description).into());
         }
     }
 }

@@ -26,7 +26,11 @@ pub(crate) struct Asked {
     /// Rotor, from 1, of an effect of one rotor; 1 without it.
     rotor: Option<usize>,
     /// Comma-separated `name:value`; default: typical values.
-    #[param(example = "drag_n_s_m:0.3")]
+    #[param(
+        example = "drag_n_s_m:0.3",
+        max_length = 1000,
+        pattern = "^[^,:=]+:[^,:=]+(,[^,:=]+:[^,:=]+)*$"
+    )]
     parameters: Option<String>,
     /// Manoeuvre to fly; without it all are flown and the one that shows the effect best is used.
     #[param(example = "speed-runs")]
@@ -67,11 +71,8 @@ pub(crate) async fn picture(
         "--model".into(),
         library.file("vehicles", &asked.vehicle, "toml").into(),
     ];
-    let pairs = asked.parameters.as_deref().unwrap_or_default();
-    for pair in pairs.split(',').filter(|pair| !pair.is_empty()) {
-        let (name, value) = pair
-            .split_once(':')
-            .ok_or_else(|| Problem::bad_request(format!("`parameters`: expected name:value, got '{pair}'")))?;
+    let pairs = asked.parameters.iter().flat_map(|pairs| pairs.split(','));
+    for (name, value) in pairs.filter_map(|pair| pair.split_once(':')) {
         words.push(format!("--set={name}={value}").into());
     }
     if let Some(flight) = &asked.flight {

@@ -3,6 +3,7 @@
 use crate::App;
 use crate::access::Caller;
 use crate::clock::now_ms;
+use crate::memory::Heap;
 use crate::problem::Problem;
 use axum::Json;
 use axum::extract::rejection::QueryRejection;
@@ -12,7 +13,7 @@ use axum::response::IntoResponse;
 use serde::{Deserialize, Serialize};
 use std::fmt::Write as _;
 use std::io::Write as _;
-use std::sync::Arc;
+use std::sync::{Arc, LazyLock};
 use utoipa::{IntoParams, ToSchema};
 
 /// Longest wait for the store of files.
@@ -171,6 +172,15 @@ fn numbers(
          # HELP rotortwin_workers Maximum number of jobs that this process does at the same time.\n\
          # TYPE rotortwin_workers gauge\nrotortwin_workers {workers}"
     )?;
+    if let Some(heap) = crate::memory::heap() {
+        let Heap { used, kept } = heap;
+        writeln!(
+            text,
+            "# HELP rotortwin_heap_bytes Memory that is in use, and that was freed and not yet returned to the system.\n\
+             # TYPE rotortwin_heap_bytes gauge\n\
+             rotortwin_heap_bytes{{state=\"used\"}} {used}\nrotortwin_heap_bytes{{state=\"kept\"}} {kept}"
+        )?;
+    }
     if let Some(ray) = &app.context.ray {
         let (pending, running) = ray.parts();
         let up = u8::from(ray.is_up());
@@ -188,5 +198,7 @@ fn numbers(
 
 /// The OpenAPI document.
 pub(crate) async fn openapi() -> impl IntoResponse {
-    ([(header::CONTENT_TYPE, "application/json")], super::openapi_document())
+    /// Half a megabyte of text, from several of parts.
+    static DOCUMENT: LazyLock<String> = LazyLock::new(super::openapi_document);
+    ([(header::CONTENT_TYPE, "application/json")], DOCUMENT.as_str())
 }

@@ -1,18 +1,18 @@
 //! Runs flown again: a job as any other, so that it is shared fairly and begun again if its worker is gone. The request waits for its end.
 
 use super::facts::{JobFacts, VerificationFacts};
-use super::jobs::{self, Shared, Terms};
+use super::jobs::{self, JobView, Shared, Terms};
 use super::runs;
 use super::tasks::Draft;
 use crate::App;
 use crate::access::Caller;
-use crate::clock::now_ms;
 use crate::jobs::{Job, JobKind, NewJob, Status};
 use crate::problem::Problem;
 use axum::Json;
 use axum::extract::Path;
 use axum::extract::rejection::PathRejection;
-use axum::http::HeaderMap;
+use axum::http::{HeaderMap, StatusCode, header};
+use axum::response::{IntoResponse as _, Response};
 use rotortwin_jobs::flight::Place;
 use rotortwin_jobs::{Input, StoredJob, Verification as VerificationJob, Verified};
 use rotortwin_sim::commands::COMMANDS_FILE;
@@ -34,10 +34,13 @@ super::collection!(
     "/api/v1/verifications/{id}/artifacts/{*path}"
 );
 
-/// A request waits so long; the job goes on.
-const PATIENCE: Duration = Duration::from_secs(600);
+/// A request waits so long; the job goes on. Proxies and clients give up after 30 to 60 s.
+const PATIENCE: Duration = Duration::from_secs(20);
+/// The second execution takes at most so long.
+const LONGEST: Duration = Duration::from_secs(600);
 /// Another process may have written the end.
 const LOOK: Duration = Duration::from_secs(1);
+const KIND: JobKind = JobKind::Verification;
 /// Where the job finds the run.
 const RUN: &str = "run";
 
@@ -59,15 +62,18 @@ pub(crate) struct Verification {
     job: String,
 }
 
-/// Flies a done run a second time, in one process, and compares the run hash. This is a queued job; the response comes when it has ended.
+/// Flies a done run a second time, in one process, and compares the run hash. This is a queued job; the response comes when it has ended, or
+/// after 20 s with the job, which continues.
 #[utoipa::path(post, path = "/api/v1/runs/{id}/verify", tag = "runs", operation_id = "verify_run",
     params(("id" = String, Path), ("Idempotency-Key" = Option<String>, Header, description = "a retry with the same key waits for the same job")), responses(
     (status = 200, description = "compared", body = Verification),
+    (status = 202, description = "it continues: ask again with the same Idempotency-Key, or follow the job", body = JobView,
+     headers(("Location" = String, description = "URL of the job"))),
     (status = 400, description = "invalid id", body = Problem, content_type = "application/problem+json"),
     (status = 404, description = "run not found", body = Problem, content_type = "application/problem+json"),
     (status = 409, description = "the run is not done", body = Problem, content_type = "application/problem+json"),
     (status = 422, description = "this version cannot fly the scenario", body = Problem, content_type = "application/problem+json"),
-    (status = 503, description = "not finished within 10 minutes, or the server is shutting down; the job continues", body = Problem, content_type = "application/problem+json"),
+    (status = 503, description = "the server is shutting down; the job continues", body = Problem, content_type = "application/problem+json"),
     (status = 507, description = "disk full", body = Problem, content_type = "application/problem+json")
 ))]
 pub(crate) async fn verify(
@@ -75,7 +81,7 @@ pub(crate) async fn verify(
     caller: Caller,
     id: Result<Path<String>, PathRejection>,
     headers: HeaderMap,
-) -> Result<Json<Verification>, Problem> {
+) -> Result<Response, Problem> {
     let run = runs::find(&app, &caller, id).await?;
     let (Some(recorded), Some(folder), Status::Done) = (run.run_hash.clone(), &run.folder, run.status) else {
         return Err(Problem::conflict(format!(
@@ -101,7 +107,7 @@ pub(crate) async fn verify(
         inputs.push(Input::file(format!("{RUN}/{file}"), format!("{folder}/{file}")));
     }
     let draft = Draft {
-        kind: JobKind::Verification,
+        kind: KIND,
         name: run.new.name.clone(),
         facts: JobFacts::Verification(VerificationFacts { run: run.id.clone() }),
         stored: StoredJob {
@@ -109,11 +115,10 @@ pub(crate) async fn verify(
             inputs,
         },
         terms: Terms {
-            max_wall_s: Some(PATIENCE.as_secs()),
+            max_wall_s: Some(LONGEST.as_secs()),
             ..Terms::default()
         },
     };
-    let start = now_ms();
     let new = NewJob {
         parent: Some(run.id.clone()),
         idempotency_key: key,
@@ -122,6 +127,15 @@ pub(crate) async fn verify(
     };
     let (job, _) = jobs::admit(&app, new).await?;
     let job = ended(&app, &job.id).await?;
+    if !job.status.is_final() {
+        let location = format!("/api/v1/{}/{}", KIND.collection(), job.id);
+        let goes_on = (
+            StatusCode::ACCEPTED,
+            [(header::LOCATION, location)],
+            Json(JobView::from(job)),
+        );
+        return Ok(goes_on.into_response());
+    }
     let replayed = job
         .result
         .as_deref()
@@ -147,9 +161,10 @@ pub(crate) async fn verify(
         recorded,
         again: replayed.replayed,
         note,
-        wall_ms: now_ms() - start,
+        wall_ms: job.finished_ms.unwrap_or(job.submitted_ms) - job.submitted_ms,
         job: job.id,
-    }))
+    })
+    .into_response())
 }
 
 /// Why a second execution of a run may differ in which somebody else's part took part, whatever that called itself.
@@ -166,7 +181,7 @@ fn note_of_others(run: &Job) -> Option<String> {
     ))
 }
 
-/// The job once it has ended.
+/// The job once it has ended, or as it is after [`PATIENCE`].
 async fn ended(app: &App, id: &str) -> Result<Job, Problem> {
     let begun = tokio::time::Instant::now();
     let mut news = app.database.hub.watch(id);
@@ -174,19 +189,16 @@ async fn ended(app: &App, id: &str) -> Result<Job, Problem> {
     loop {
         let gone = || Problem::not_found(format!("the verification {id} was deleted"));
         let job = app.database.get(id).await?.ok_or_else(gone)?;
-        if job.status.is_final() {
+        if job.status.is_final() || begun.elapsed() > PATIENCE {
             return Ok(job);
         }
-        let left =
-            |why: &str| Problem::unavailable(format!("{why}; the verification continues: /api/v1/verifications/{id}"));
         if *ending.borrow_and_update() {
-            return Err(left("the server is ending"));
-        }
-        if begun.elapsed() > PATIENCE {
-            return Err(left(&format!("not finished within {} s", PATIENCE.as_secs())));
+            return Err(Problem::unavailable(format!(
+                "the server is ending; the verification continues: /api/v1/verifications/{id}"
+            )));
         }
         tokio::select! {
-            _ = news.changed() => {}
+            () = news.changed() => {}
             _ = ending.changed() => {}
             () = tokio::time::sleep(LOOK) => {}
         }

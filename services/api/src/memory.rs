@@ -1,0 +1,68 @@
+//! What the C library's allocator has, and how it keeps it.
+//!
+//! A server allocates and frees from many threads for weeks. glibc gives threads arenas of their own (eight for each processor), and an arena
+//! returns memory to the system only from its end: resident memory is then mostly what was freed. [`keep_together`] bounds that, and
+//! [`heap`] tells it from a leak.
+
+/// Bytes of the heap.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) struct Heap {
+    /// Allocated, and not freed.
+    pub(crate) used: usize,
+    /// Freed, and not returned to the system.
+    pub(crate) kept: usize,
+}
+
+/// The heap of this process now; `None`: the C library does not say.
+#[cfg(target_env = "gnu")]
+#[expect(unsafe_code, reason = "rustix has no call for it")]
+pub(crate) fn heap() -> Option<Heap> {
+    // SAFETY: it takes nothing and returns numbers; glibc locks each arena meanwhile.
+    let info = unsafe { libc::mallinfo2() };
+    Some(Heap {
+        // Large blocks are mapped one by one, and counted apart.
+        used: info.uordblks + info.hblkhd,
+        kept: info.fordblks,
+    })
+}
+
+#[cfg(not(target_env = "gnu"))]
+pub(crate) fn heap() -> Option<Heap> {
+    None
+}
+
+/// Arenas of a server: one for each of two threads that allocate at the same time.
+#[cfg(target_env = "gnu")]
+const ARENAS: libc::c_int = 2;
+
+/// Bounds what the allocator keeps. Before any other thread starts; a user's `MALLOC_ARENA_MAX` counts instead.
+#[cfg(target_env = "gnu")]
+#[expect(unsafe_code, reason = "rustix has no call for it")]
+pub fn keep_together() {
+    if std::env::var_os("MALLOC_ARENA_MAX").is_some() {
+        return;
+    }
+    // SAFETY: a number for the allocator, before there are threads that use it.
+    if unsafe { libc::mallopt(libc::M_ARENA_MAX, ARENAS) } == 0 {
+        tracing::debug!("the allocator takes no limit of its arenas");
+    }
+}
+
+/// Bounds what the allocator keeps: this C library has one heap for all threads anyway.
+#[cfg(not(target_env = "gnu"))]
+pub fn keep_together() {}
+
+#[cfg(all(test, target_env = "gnu"))]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn val_the_heap_knows_what_is_allocated() {
+        let before = heap().expect("glibc says").used;
+        let block = vec![1_u8; 50 << 20];
+        let with = heap().expect("glibc says").used;
+        assert!((50 << 20..60 << 20).contains(&(with - before)), "{before} {with}");
+        drop(block);
+        assert!(heap().expect("glibc says").used < before + (10 << 20));
+    }
+}
