@@ -80,7 +80,8 @@ export function JobPage<R>(props: { collection: string; path: string; id: string
           <a class="button" href={`/api/v1/${props.collection}/${props.id}/artifacts/report.html`} target="_blank" rel="noopener">Report</a>
         </Show>
       </div>
-      <JobProgress job={job} what="Working" />
+      {/* The whole is put together, and counts as running, once its parts have ended. */}
+      <JobProgress job={job} what="Working" waits="its parts are done one after the other, or wait in the queue" />
       <Show when={job.running() && seen() > 0}>
         <p class="muted">{seen()}{total() ? ` of ${total()}` : ""} {props.counted}s ended since this page was opened.</p>
       </Show>
