@@ -129,7 +129,7 @@ impl Track {
         let one = |rotor: usize| {
             let mut found = None;
             for span in SPANS {
-                let points: Vec<(f64, [f64; 2])> = self
+                let points: Vec<Point> = self
                     .points
                     .iter()
                     .filter(|(time, _)| now - time <= span + 1e-6)
@@ -151,10 +151,13 @@ impl Track {
     }
 }
 
-/// Of points of time, s, and share and standard deviation, over `span` s.
-fn slope(points: &[(f64, [f64; 2])], span: f64, relative: f64) -> Motion {
+/// Time, s; share and standard deviation.
+type Point = (f64, [f64; 2]);
+
+/// Of points over `span` s.
+fn slope(points: &[Point], span: f64, relative: f64) -> Motion {
     let share = 1.0 / points.len() as f64;
-    let mean = |of: &dyn Fn(&(f64, [f64; 2])) -> f64| points.iter().map(of).sum::<f64>() * share;
+    let mean = |of: &dyn Fn(&Point) -> f64| points.iter().map(of).sum::<f64>() * share;
     let (time, loss) = (mean(&|point| point.0), mean(&|point| point.1[0]));
     let along = mean(&|point| (point.0 - time) * (point.1[0] - loss));
     let square = mean(&|point| (point.0 - time).powi(2));
