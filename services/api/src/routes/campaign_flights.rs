@@ -221,7 +221,7 @@ pub(crate) async fn list(
 ) -> Result<Json<CampaignFlightPage>, Problem> {
     let Path(id) = id?;
     let Query(query) = query?;
-    let limit = query.limit.unwrap_or(50);
+    let limit = usize::try_from(query.limit.unwrap_or(50)).unwrap_or(usize::MAX);
     let wanted = Wanted::of(&query)?;
     let campaign = done(&app, &caller, JobKind::Campaign, &id).await?;
     let (mut items, next) = page_of(&app, &campaign, wanted, query.cursor.unwrap_or(0), limit).await?;
