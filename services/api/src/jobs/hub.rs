@@ -4,7 +4,7 @@
 //! Live samples ([`LiveRuns`]) are the exception: they are not stored in the database.
 
 use super::live::LiveRuns;
-use std::collections::HashMap;
+use std::collections::BTreeMap;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use tokio::sync::{Notify, watch};
 
@@ -48,7 +48,7 @@ pub(crate) struct Hub {
     pub(crate) queue: Notify,
     /// Samples of running flights.
     pub(crate) live: LiveRuns,
-    jobs: Mutex<HashMap<String, watch::Sender<u64>>>,
+    jobs: Mutex<BTreeMap<String, watch::Sender<u64>>>,
     any: watch::Sender<u64>,
 }
 
@@ -86,7 +86,7 @@ impl Hub {
         }
     }
 
-    fn lock(&self) -> MutexGuard<'_, HashMap<String, watch::Sender<u64>>> {
+    fn lock(&self) -> MutexGuard<'_, BTreeMap<String, watch::Sender<u64>>> {
         self.jobs.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }
