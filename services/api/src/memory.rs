@@ -1,8 +1,8 @@
 //! What the C library's allocator has, and how it keeps it.
 //!
-//! A server allocates and frees from many threads for weeks. glibc gives threads arenas of their own (eight for each processor), and an arena
-//! returns memory to the system only from its end: resident memory is then mostly what was freed. [`keep_together`] bounds that, and
-//! [`heap`] tells it from a leak.
+//! A server allocates and frees from many threads for weeks. glibc gives threads arenas of their own (eight for each processor), an arena
+//! returns memory to the system only from its end, and the first large block that is freed makes large blocks part of arenas: resident memory
+//! is then mostly what was freed. [`keep_together`] bounds that, and [`heap`] tells it from a leak.
 
 /// Bytes of the heap.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -31,20 +31,28 @@ pub(crate) fn heap() -> Option<Heap> {
     None
 }
 
-/// Arenas of a server: one for each of two threads that allocate at the same time.
+/// Options of mallopt(3), with the variable of the environment that counts instead of each.
+///
+/// * Two arenas: one for each of two threads that allocate at the same time. What takes long is done by other processes.
+/// * Blocks of 128 KiB and more are mapped one by one and returned when they are freed; glibc starts so, and by default goes up to 32 MiB.
 #[cfg(target_env = "gnu")]
-const ARENAS: libc::c_int = 2;
+const OPTIONS: [(&str, libc::c_int, libc::c_int); 2] = [
+    ("MALLOC_ARENA_MAX", libc::M_ARENA_MAX, 2),
+    ("MALLOC_MMAP_THRESHOLD_", libc::M_MMAP_THRESHOLD, 128 << 10),
+];
 
-/// Bounds what the allocator keeps. Before any other thread starts; a user's `MALLOC_ARENA_MAX` counts instead.
+/// Bounds what the allocator keeps. Before any other thread starts.
 #[cfg(target_env = "gnu")]
 #[expect(unsafe_code, reason = "rustix has no call for it")]
 pub fn keep_together() {
-    if std::env::var_os("MALLOC_ARENA_MAX").is_some() {
-        return;
-    }
-    // SAFETY: a number for the allocator, before there are threads that use it.
-    if unsafe { libc::mallopt(libc::M_ARENA_MAX, ARENAS) } == 0 {
-        tracing::debug!("the allocator takes no limit of its arenas");
+    for (variable, option, value) in OPTIONS {
+        if std::env::var_os(variable).is_some() {
+            continue;
+        }
+        // SAFETY: numbers for the allocator, no pointer.
+        if unsafe { libc::mallopt(option, value) } == 0 {
+            tracing::debug!(variable, "the allocator does not take this option");
+        }
     }
 }
 

@@ -209,6 +209,7 @@ pub(crate) fn work(args: &WorkerArgs) -> ExitCode {
 const LAST_THREADS: Duration = Duration::from_millis(500);
 
 pub(crate) fn in_runtime(future: impl Future<Output = ExitCode>) -> ExitCode {
+    rotortwin_api::memory::keep_together();
     match tokio::runtime::Builder::new_multi_thread().enable_all().build() {
         Ok(runtime) => {
             let code = runtime.block_on(future);

@@ -45,6 +45,14 @@ const POSTGRES_SETTINGS: &str = "SET lock_timeout = '5s'; SET statement_timeout 
      SET tcp_keepalives_idle = 10; SET tcp_keepalives_interval = 3; SET tcp_keepalives_count = 3; SET tcp_user_timeout = '10s'; \
      SET client_min_messages = warning;";
 
+/// Settings of each connection to SQLite.
+///
+/// * An accepted job survives a power failure: FULL, not NORMAL.
+/// * 256 KiB of pages are cached. By default each connection has 2 MiB of its own, which fill over hours as the database grows: a server
+///   whose memory grows by megabytes an hour, for copies of what the kernel caches once.
+const SQLITE_SETTINGS: &str = "PRAGMA journal_mode = WAL; PRAGMA synchronous = FULL; PRAGMA busy_timeout = 10000; PRAGMA foreign_keys = ON; \
+     PRAGMA cache_size = -256;";
+
 /// Database type.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Dialect {
@@ -115,11 +123,8 @@ impl Database {
             .after_connect(move |connection, _| {
                 Box::pin(async move {
                     use sqlx::Executor as _;
-                    // An accepted job survives a power failure: FULL, not NORMAL.
                     let settings = match dialect {
-                        Dialect::Sqlite => {
-                            "PRAGMA journal_mode = WAL; PRAGMA synchronous = FULL; PRAGMA busy_timeout = 10000; PRAGMA foreign_keys = ON;"
-                        }
+                        Dialect::Sqlite => SQLITE_SETTINGS,
                         Dialect::Postgres => POSTGRES_SETTINGS,
                     };
                     connection.execute(settings).await.map(|_| ())

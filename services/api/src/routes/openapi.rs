@@ -109,9 +109,13 @@ fn state_range(object: &mut Object) {
     if !is_integer || object.enum_values.is_some() {
         return;
     }
-    let is_unsigned = object.minimum.as_ref().and_then(whole) == Some(0);
+    let least = object.minimum.as_ref().and_then(whole);
+    let is_unsigned = match &object.format {
+        // `usize`.
+        None => least.is_some_and(|least| least >= 0),
+        Some(_) => least == Some(0),
+    };
     let range = match (&object.format, is_unsigned) {
-        // `usize` has no format.
         (None | Some(SchemaFormat::KnownFormat(KnownFormat::Int64)), true) => {
             object.format = Some(SchemaFormat::Custom("uint64".to_owned()));
             (Number::UInt(0), Number::UInt(usize::MAX))
