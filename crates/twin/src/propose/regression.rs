@@ -4,11 +4,12 @@
 //! ([`Gram`]), so that fits on some blocks and errors on others are small linear algebra. Each channel has an offset of its own, which
 //! stands for the rotor biases.
 
+use rayon::prelude::*;
 use rotortwin_plant::effects::{Catalogue, EffectDocument, EffectInstance};
 
 use super::candidate::Candidate;
 use super::rest::Rest;
-use crate::estimation::columns::LogState;
+use crate::estimation::columns::{LogState, in_order};
 use crate::estimation::dense::Matrix;
 use crate::estimation::nuisances::{self, Reach};
 use crate::estimation::unseen::kind_of;
@@ -191,8 +192,7 @@ impl Regression {
         let predictor = self.predictor.with_catalogue(catalogue);
         let base_set = predictor.effect_set(&self.fitted, &[])?;
         let base = predictor.predict(&base_set, Source::Smooth, None);
-        let mut columns: Vec<[Vec<f64>; CHANNELS]> = Vec::with_capacity(documents.len());
-        for document in documents {
+        let of = |document: &EffectDocument| -> Result<[Vec<f64>; CHANNELS], PredictError> {
             let column = |c: f64| -> Result<[Vec<f64>; CHANNELS], PredictError> {
                 let instance = EffectInstance::new(&document.id, &[("c", c)]);
                 let hooks = predictor.hooks_of(&instance)?;
@@ -220,12 +220,13 @@ impl Regression {
                     0.0_f64,
                     |most, x| if x.is_finite() { most.max(x.abs()) } else { f64::NAN },
                 );
-            columns.push(if largest.is_finite() && largest > 0.0 {
-                column((STEP_NOISES / largest).clamp(1e-9, 1e8))?
+            if largest.is_finite() && largest > 0.0 {
+                column((STEP_NOISES / largest).clamp(1e-9, 1e8))
             } else {
-                std::array::from_fn(|_| Vec::new())
-            });
-        }
+                Ok(std::array::from_fn(|_| Vec::new()))
+            }
+        };
+        let columns: Vec<[Vec<f64>; CHANNELS]> = in_order(documents.par_iter().map(of))?;
         let block = self.block_rows();
         let blocks = self.block_count();
         let first = gram.blocks.len();

@@ -2,7 +2,8 @@
 //!
 //! A bin is on the ground where the motors' mean is low (a third of the way from its 2 % to its 90 % level) and the vehicle is at rest, or
 //! has been so low for 3 s: a vehicle in the air would have fallen some 30 m. What lies between is a run of flight, unless it stands still while
-//! its motors change: propellers off, or tied down.
+//! its motors change: propellers off, or tied down. A vehicle that has come down and stands still lies on the ground also while its motors still
+//! carry most of it: an autopilot that has not noticed the landing lets them run.
 //!
 //! A racing quadrotor does fall for seconds with its motors idle, and its accelerometer says so: what lies on the ground feels its weight, what
 //! falls does not. It also pulls more than a blow: a force along the thrust while the motors are asked for much is no blow.
@@ -59,6 +60,21 @@ const REST_LEAN_RAD: f64 = 0.01;
 /// Time after a blow in which a vehicle comes to rest, s; and how little its height then differs, m.
 const SETTLES_S: f64 = 1.0;
 const RESTING_HEIGHT_M: f64 = 0.05;
+
+/// A vehicle that lies with its motors still running: at rest for so long, s …
+const LIES_S: f64 = 2.0;
+/// … after it came down by this much, m, in so long, s …
+const CAME_DOWN_M: f64 = 0.2;
+const COMES_DOWN_S: f64 = 2.0;
+/// … and touched: a force that its motors do not make, m/s² …
+const TOUCH: f64 = 3.0;
+/// … and is asked for less than this share of what carried it before.
+const LIGHT: f64 = 0.985;
+/// Gravity, and how far from it the force of calm flight is, m/s².
+const WEIGHT: f64 = 9.81;
+const CALM: f64 = 0.5;
+/// Calm flight that tells what carries a vehicle, s.
+const LEAST_CALM_S: f64 = 1.0;
 
 const UNMOVED_WHY: &str = "the motors run and the vehicle does not move (no propellers, or tied down)";
 
@@ -179,6 +195,9 @@ fn ground(signals: &Signals, effort: &[f64], level: f64) -> (Vec<bool>, Vec<bool
         from = bin;
     }
     on_ground[lies_from(signals, &still)..].fill(true);
+    for lies in lies_lightly(signals, effort, &still, &on_ground) {
+        on_ground[lies].fill(true);
+    }
     let unmoved = stand_still(signals, effort, &on_ground);
     for (on_ground, unmoved) in on_ground.iter_mut().zip(&unmoved) {
         *on_ground |= unmoved;
@@ -217,6 +236,60 @@ fn lies_from(signals: &Signals, still: &[bool]) -> usize {
     let unmoved = deviation(height[rest.clone()].iter().copied()) < RESTING_HEIGHT_M;
     let down = lowest(&height[rest]) < lowest(&height[..blow]) + RESTING_HEIGHT_M;
     if unmoved && down { blow + 1 } else { none }
+}
+
+/// Bins in which a vehicle lies on the ground while its motors carry most of it, each run from the touch on: it came down, something pushed it
+/// that was not its motors, and then it stands still, as low as it was anywhere before and with less thrust than carried it in the calm
+/// moments of its flight. Such a landing may be soft: its blow need not be one of [`BLOW`].
+fn lies_lightly(signals: &Signals, effort: &[f64], still: &[bool], on_ground: &[bool]) -> Vec<Range<usize>> {
+    let (Some(shock), Some(height)) = (&signals.shock, &signals.height) else {
+        return Vec::new();
+    };
+    let mut found = Vec::new();
+    let mut from = 0;
+    for bin in 1..=still.len() {
+        let rests = |bin: usize| still[bin] && !on_ground[bin];
+        if bin < still.len() && rests(bin) == rests(from) && !signals.breaks_after(bin - 1) {
+            continue;
+        }
+        let run = from..bin;
+        from = bin;
+        if !rests(run.start) || signals.end_s[run.end - 1] - signals.start_s[run.start] < LIES_S {
+            continue;
+        }
+        // The scatter over a second still holds the touch when the vehicle stands.
+        let start_s = signals.start_s[run.start];
+        let before = signals.between(start_s - COMES_DOWN_S, start_s);
+        let calm = (0..before.start).filter(|bin| !on_ground[*bin] && (shock[*bin] - WEIGHT).abs() < CALM);
+        let calm: Vec<usize> = calm.collect();
+        let calm_s: f64 = calm.iter().map(|bin| signals.end_s[*bin] - signals.start_s[*bin]).sum();
+        let median = |bins: &mut dyn Iterator<Item = usize>, of: &[f64]| {
+            let mut values: Vec<f64> = bins.map(|bin| of[bin]).filter(|value| value.is_finite()).collect();
+            super::super::resample::median(&mut values)
+        };
+        let carries = median(&mut calm.iter().copied(), effort).filter(|_| calm_s >= LEAST_CALM_S);
+        let asked = median(&mut run.clone(), effort);
+        let (Some(carries), Some(asked)) = (carries, asked) else {
+            continue;
+        };
+        // A force that the motors make by the square of what they are asked for is none of a touch.
+        let pushed = |bin: &usize| shock[*bin] - WEIGHT * (effort[*bin] / carries).powi(2).max(1.0) > TOUCH;
+        let Some(touch) = before.clone().find(pushed) else {
+            continue;
+        };
+        let lowest = |bins: &[f64]| bins.iter().copied().fold(f64::INFINITY, f64::min);
+        let highest = height[before.start..=touch]
+            .iter()
+            .copied()
+            .fold(f64::NEG_INFINITY, f64::max);
+        let stands = median(&mut run.clone(), height).unwrap_or(f64::NAN);
+        let unmoved = deviation(run.clone().map(|bin| height[bin])) < RESTING_HEIGHT_M;
+        let is_lowest = stands < lowest(&height[..touch]) + RESTING_HEIGHT_M;
+        if unmoved && is_lowest && highest > stands + CAME_DOWN_M && asked < LIGHT * carries {
+            found.push(touch..run.end);
+        }
+    }
+    found
 }
 
 /// Whether the accelerometer says of bins with idle motors that nothing carries the vehicle.

@@ -283,6 +283,30 @@ fn regress_motors_that_carry_nothing_do_not_fly() {
 }
 
 /// Telemetry at 1 Hz, every now and then some seconds late: each row was a part of its own, and a heading that turned between two rows a jump.
+/// The flight of [`flown`], whose motors run on when it has landed: `asked` of what carried it, after a touch of so much force, m/s².
+fn landed_with_motors(asked: f64, touch: f64) -> FlightLog {
+    let columns = [&DUTIES[..], &ATTITUDE, &RATES, &FORCES, &["position_down_m"]].concat();
+    flown_with(&columns, |t, row| Row {
+        duty: if t < 25.0 { row.duty } else { [0.5 * asked; 4] },
+        accel_z: row.accel_z - if (24.98..25.02).contains(&t) { touch } else { 0.0 },
+        ..row
+    })
+}
+
+#[test]
+fn regress_a_soft_landing_with_motors_that_run_on_is_the_ground() {
+    let log = landed_with_motors(0.93, 8.0);
+    let parts = log.flight_parts(None);
+    assert_eq!(kinds(&parts), WHOLE, "{parts:?}");
+    // The last metre is the landing's.
+    assert!((parts.in_the_air()[0].1 - 24.0).abs() < 0.5, "{parts:?}");
+    // What carries as much as in flight, or was never touched, may be a hover at that height.
+    for (asked, touch) in [(1.0, 8.0), (0.93, 0.0)] {
+        let parts = landed_with_motors(asked, touch).flight_parts(None);
+        assert_eq!(kinds(&parts), WHOLE[..3], "{parts:?}");
+    }
+}
+
 #[test]
 fn regress_slow_telemetry_is_one_flight() {
     let mut t = 0.0;
