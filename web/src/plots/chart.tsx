@@ -328,6 +328,9 @@ function options(props: Props, xLabel: string, xUnit: string, width: number): uP
             plot.ctx.stroke();
             plot.ctx.fillStyle = colour("bad");
             plot.ctx.font = `${11 * devicePixelRatio}px system-ui, sans-serif`;
+            // The axes leave their own alignment behind.
+            plot.ctx.textAlign = "left";
+            plot.ctx.textBaseline = "bottom";
             plot.ctx.fillText(level.label, plot.bbox.left + 6, y - 4);
             plot.ctx.restore();
           }
