@@ -259,7 +259,11 @@ pub fn verdict_text(view: &SequentialView) -> String {
         }
         VerdictKind::Ambiguous => {
             let explanations: Vec<String> = view.explanations.iter().map(explanation_text).collect();
-            format!("ambiguous: {}", explanations.join(" or "))
+            match explanations.as_slice() {
+                // No code is of a gain, or of three rotors.
+                [only] => only.clone(),
+                several => format!("ambiguous: {}", several.join(" or ")),
+            }
         }
         VerdictKind::Faulty | VerdictKind::FaultyPair => {
             let losses: Vec<String> = view
