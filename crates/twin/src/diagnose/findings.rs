@@ -243,14 +243,12 @@ pub(crate) fn look_alikes(problem: &Problem) -> bool {
     alike.count() >= 3
 }
 
-/// The verdict where nothing speaks against what was named. `in_part`: something was named beside it that unseen blocks refute, so that it is
-/// a part of the error at the most.
-pub(crate) fn verdict(diagnosis: &Diagnosis, in_part: bool) -> Verdict {
+pub(crate) fn verdict(diagnosis: &Diagnosis) -> Verdict {
     let ids = |findings: &[Finding]| findings.iter().map(|f| f.instance.effect.clone()).collect::<Vec<_>>();
     let nothing = diagnosis.effects.is_empty() && diagnosis.sensor_or_timing.is_empty();
     let unexplained = !diagnosis.goodness.unexplained.is_empty();
     let share = diagnosis.goodness.explained_share;
-    if unexplained && (nothing || in_part || share.is_some_and(|share| share < LEAST_SHARE)) {
+    if unexplained && (nothing || share.is_some_and(|share| share < LEAST_SHARE)) {
         // What unseen blocks prove stands, whatever the rest is; but noise such as gusts takes up any error, and proves nothing.
         let can_be = |finding: &Finding| {
             finding.class == EffectClass::Physics && finding.parameters.iter().all(|parameter| parameter.plausible)

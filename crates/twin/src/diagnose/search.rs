@@ -13,7 +13,6 @@ use super::passes::gusts::GustCovariance;
 use super::passes::held_out::HeldOutCheck;
 use super::passes::nuisances::NuisanceFit;
 use super::passes::onset::OnsetTest;
-use super::passes::proved_part::ProvedPart;
 use super::passes::reconsideration::Reconsideration;
 use super::passes::selection::ForwardSelection;
 use super::passes::verdict::FinalVerdict;
@@ -32,7 +31,7 @@ const REST_SPEED_M_S: f64 = 0.3;
 const REST_RATE_RAD_S: f64 = 0.08;
 
 /// The passes in their order, each with the share of the search that is behind it when it begins.
-const PASSES: [(f64, &dyn Pass); 14] = [
+const PASSES: [(f64, &dyn Pass); 13] = [
     (0.02, &NuisanceFit),
     (0.04, &WiringTest),
     (0.05, &ForwardSelection),
@@ -42,7 +41,6 @@ const PASSES: [(f64, &dyn Pass); 14] = [
     (0.94, &BackwardElimination),
     (0.95, &GoodnessOfFit),
     (0.96, &GustCovariance),
-    (0.965, &ProvedPart),
     (0.97, &Estimates),
     (0.98, &HeldOutCheck),
     (0.985, &Coverage),
@@ -149,7 +147,6 @@ fn begin<'a>(
         plain: Vec::new(),
         before: Vec::new(),
         weather: None,
-        set_aside: Vec::new(),
         doubts: Vec::new(),
         threshold,
         options,

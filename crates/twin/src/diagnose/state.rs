@@ -27,8 +27,6 @@ pub(crate) struct State<'a> {
     pub(crate) before: Fits,
     /// Gusts, if they explain what is left.
     pub(crate) weather: Option<Gusts>,
-    /// Labels of what was named and is refuted by unseen blocks, while the rest stays.
-    pub(crate) set_aside: Vec<String>,
     /// Why what was named must not be believed.
     pub(crate) doubts: Vec<Doubt>,
     /// Threshold on the ln Bayes factor.

@@ -4,7 +4,6 @@ use super::Pass;
 use crate::diagnose::state::{Doubt, State};
 use crate::estimation::columns::{Active, instances};
 use crate::estimation::normal::not_finite;
-use crate::estimation::parameters::number;
 use crate::estimation::posterior::pulled;
 use crate::estimation::problem::Problem;
 use crate::estimation::unseen::{HeldOutError, QUANTITIES, Squares, VOLTAGE, change, kind_of};
@@ -121,19 +120,8 @@ fn noise(problem: &Problem) -> [f64; QUANTITIES.len()] {
     sums.map(|one| (one.sum / one.count).sqrt())
 }
 
-/// That an error rises with what was named, as a clause.
-pub(crate) fn rises_from_to(risen: &HeldOutError) -> String {
-    format!(
-        "with it the {} error on unseen blocks rises from {} to {} {}",
-        risen.quantity,
-        number(risen.before),
-        number(risen.after),
-        risen.unit
-    )
-}
-
 /// Errors before (`plain`: the nuisances of the given model) and after.
-pub(crate) fn errors(problem: &Problem, plain: &[Nuisances]) -> Result<Vec<HeldOutError>, PredictError> {
+fn errors(problem: &Problem, plain: &[Nuisances]) -> Result<Vec<HeldOutError>, PredictError> {
     let (active, nuisances) = even_fit(problem)?;
     let effects = instances(&problem.library, &active);
     let (mut before, mut after) = (Vec::new(), Vec::new());

@@ -9,7 +9,6 @@ pub(crate) mod gusts;
 pub(crate) mod held_out;
 pub(crate) mod nuisances;
 pub(crate) mod onset;
-pub(crate) mod proved_part;
 pub(crate) mod reconsideration;
 mod refinement;
 pub(crate) mod selection;

@@ -1,11 +1,12 @@
 //! Verdict: what was named is believed if nothing speaks against it and nothing else is left.
 
 use super::Pass;
-use super::held_out::{HeldOutCheck, rises_from_to};
+use super::held_out::HeldOutCheck;
 use super::refinement::LEFT_FACTOR;
 use crate::diagnose::result::{Diagnosis, HeldOutError, Verdict};
 use crate::diagnose::state::{Doubt, State};
 use crate::diagnose::{calibration, findings, words};
+use crate::estimation::parameters::number;
 use crate::predict::PredictError;
 
 pub(crate) struct FinalVerdict;
@@ -18,9 +19,6 @@ impl Pass for FinalVerdict {
     fn run(&self, state: &mut State<'_>) -> Result<(), PredictError> {
         let diagnosis = &mut state.diagnosis;
         let unexplained = &mut diagnosis.goodness.unexplained;
-        if !state.set_aside.is_empty() && unexplained.is_empty() {
-            unexplained.push(format!("what was taken for {}", state.set_aside.join(", ")));
-        }
         if state.left > LEFT_FACTOR * state.threshold && unexplained.is_empty() {
             unexplained.push(words::doubt(&Doubt::StretchedClutter));
         }
@@ -37,7 +35,7 @@ impl Pass for FinalVerdict {
                 constants: diagnosis.calibrate.iter().map(|one| one.key.clone()).collect(),
             }
         } else if state.doubts.is_empty() {
-            findings::verdict(diagnosis, !state.set_aside.is_empty())
+            findings::verdict(diagnosis)
         } else {
             Verdict::OutsideCatalogue
         };
@@ -64,7 +62,13 @@ fn forget_what_raises(diagnosis: &mut Diagnosis, doubts: &[Doubt]) {
     if diagnosis.effects.is_empty() && diagnosis.sensor_or_timing.is_empty() {
         return;
     }
-    let with = rises_from_to(risen);
+    let with = format!(
+        "with it the {} error on unseen blocks rises from {} to {} {}",
+        risen.quantity,
+        number(risen.before),
+        number(risen.after),
+        risen.unit
+    );
     let all = diagnosis.effects.drain(..).chain(diagnosis.sensor_or_timing.drain(..));
     let names: Vec<String> = all.map(|finding| finding.label.to_lowercase()).collect();
     diagnosis

@@ -209,15 +209,14 @@ impl Plant {
     /// Runs the stages that differ from `base`; all of them without one.
     pub(crate) fn run(&self, effects: &EffectSet, source: Source, base: Option<(&Prediction, Stages)>) -> Prediction {
         let stages = base.map_or(Stages::ALL, |(_, stages)| stages);
-        let known = base
-            .filter(|(_, stages)| !stages.actuators)
-            .map(|(base, _)| (Arc::clone(&base.thrust), Arc::clone(&base.root)));
         let motion = match base {
             Some((base, stages)) if !stages.motion => Arc::clone(&base.motion),
-            _ => Arc::new(self.motion(effects, source, known.as_ref().map(|(thrust, _)| thrust.as_slice()))),
+            _ => Arc::new(self.motion(effects, source)),
         };
-        let (thrust, root) =
-            known.unwrap_or_else(|| (Arc::new(self.actuators(effects.clone(), &motion)), Arc::default()));
+        let (thrust, root) = match base {
+            Some((base, stages)) if !stages.actuators => (Arc::clone(&base.thrust), Arc::clone(&base.root)),
+            _ => (Arc::new(self.actuators(effects.clone(), &motion)), Arc::default()),
+        };
         let mut channels: [Arc<Vec<f64>>; CHANNELS] = match base {
             Some((base, _)) => base.channels.clone(),
             None => std::array::from_fn(|_| Arc::new(Vec::new())),

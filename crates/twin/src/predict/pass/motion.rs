@@ -34,9 +34,7 @@ fn is_near(a: &Readings, b: &Readings) -> bool {
 impl Plant {
     /// The true motion behind the readings: latencies undone, sensor errors inverted; but for those of the accelerometer, which
     /// [`Self::imu`] tells where there is a model's force.
-    ///
-    /// * `thrust`: of every rotor at every sample (`k * rotors + i`), N, where it is known already
-    pub(super) fn motion(&self, effects: &EffectSet, source: Source, thrust: Option<&[f64]>) -> Kinematics {
+    pub(super) fn motion(&self, effects: &EffectSet, source: Source) -> Kinematics {
         let measured = match source {
             Source::Raw => self.series.whole(),
             Source::Smooth => &self.series.smooth,
@@ -65,26 +63,17 @@ impl Plant {
         };
         motion.ned_from_body = turned(&motion.attitude);
         if sensors_may_err(effects) {
-            self.undo_errors(effects.clone(), &mut motion, thrust);
+            self.undo_errors(effects.clone(), &mut motion);
             motion.ned_from_body = turned(&motion.attitude);
         }
         motion
     }
 
     /// Takes the errors of the sensors off the readings.
-    ///
-    /// An error that goes with the rotors' thrust is told by that of the model, as [`Self::imu`] tells it: a thrust that is made of the smoothed
-    /// specific force comes late and blunt where the throttle jumps, and the two would contradict each other by a part of the error.
-    fn undo_errors(&self, mut effects: EffectSet, motion: &mut Kinematics, thrust: Option<&[f64]>) {
+    fn undo_errors(&self, mut effects: EffectSet, motion: &mut Kinematics) {
         let mut c = *effects.constants();
         let nothing = [0.0; MAX_ROTORS];
         let n = self.series.rotors;
-        // What sets in later is not at work yet.
-        let later = effects.may_change() && effects.of_readings().is_some();
-        let asked = effects.hooks().uses(Hooks::READINGS) || later;
-        let made = (asked && thrust.is_none() && self.series.drive != Drive::None)
-            .then(|| self.actuators(effects.clone(), motion));
-        let modelled = thrust.or(made.as_deref()).filter(|_| self.series.drive != Drive::None);
         let turning = self.undelayed(&self.series.smooth.angular_acceleration, c.imu_latency_s);
         for k in 0..self.series.len {
             if effects.begin(self.series.time(k)) {
@@ -104,11 +93,10 @@ impl Plant {
                     let before = truth;
                     let mut again = truth;
                     c.corrupt(&mut again, turning[k]);
-                    // Without a model of the rotors the specific force tells the sum of their thrusts.
+                    // The rotors' thrust comes later in the chain; the specific force tells their sum.
                     let each = (-c.mass_kg * truth.specific_force[2] / n as f64).max(0.0);
-                    let told = [each; MAX_ROTORS];
-                    let thrust = modelled.map_or(&told[..n], |all| &all[k * n..(k + 1) * n]);
-                    let at = self.moment(When::Sample(k), motion, &c, thrust, &nothing[..n], &nothing[..n]);
+                    let thrust = [each; MAX_ROTORS];
+                    let at = self.moment(When::Sample(k), motion, &c, &thrust[..n], &nothing[..n], &nothing[..n]);
                     effects.readings(&at, &mut again);
                     for i in 0..3 {
                         truth.position_ned[i] += read.position_ned[i] - again.position_ned[i];
