@@ -390,7 +390,7 @@ fn regress_results_fit_the_terminal() {
                 line.strip_prefix(command.as_str())
                     .is_some_and(|rest| rest.is_empty() || rest.starts_with(' '))
             };
-            !lines.iter().chain(&SHOWN).any(|line| begins(line))
+            !lines.iter().chain(&SHOWN).any(begins)
                 && !NOT_TRIED
                     .iter()
                     .any(|(name, _)| command.split(' ').next() == Some(*name) || command == name)
