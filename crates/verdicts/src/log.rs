@@ -34,6 +34,8 @@ pub const LONGEST_S: f64 = 4.0 * 3600.0;
 const LONGEST_TIMELINE: usize = 1000;
 /// Cosine of 70°: the model is not valid beyond this tilt.
 const UPRIGHT_COSINE: f64 = 0.342;
+/// From the next usual rate down a loss of 5 % is hardly ever found; 250 Hz was not measured.
+const BLIND_BELOW_HZ: f64 = 225.0;
 /// A median rate this close to 400 Hz counts as 400 Hz.
 const SAME_RATE_HZ: f64 = 0.5;
 
@@ -409,7 +411,12 @@ fn report(log: &FlightLog, detectors: &Detectors, judge: Judge, lacks: Vec<Lack>
     if resampled {
         notes.insert(0, format!(
             "the log has {rate_hz:.1} Hz and was resampled to 400 Hz (duties held, the rest along straight lines): the detectors were made for \
-             400 Hz, their delays and false alarms on this log are not those of docs/figures.md"
+             400 Hz, their delays and false alarms on this log are not those of docs/figures.md{}",
+            if rate_hz < BLIND_BELOW_HZ {
+                "; at 200 Hz and less a loss of 5 % is hardly ever found (docs/detector.md, logs of low rates)"
+            } else {
+                ""
+            }
         ));
     }
     let suspicions = log
