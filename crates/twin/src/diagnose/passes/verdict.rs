@@ -22,9 +22,9 @@ impl Pass for FinalVerdict {
         if state.left > LEFT_FACTOR * state.threshold && unexplained.is_empty() {
             unexplained.push(words::doubt(&Doubt::StretchedClutter));
         }
-        // A guess may be anything; that a constant is wrong which somebody wrote down takes blocks that no fit has seen.
+        // A guess may be anything; that a constant is wrong which somebody wrote down takes blocks that no fit has seen, by more than they scatter.
         let guessed = diagnosis.calibrate.iter().any(|one| one.source.is_guess());
-        let proved = diagnosis.held_out.iter().any(HeldOutError::is_smaller);
+        let proved = diagnosis.held_out.iter().any(HeldOutError::falls);
         // And no guess is contradicted by a fit with which the prediction of unseen blocks becomes worse.
         let risen = diagnosis.held_out.iter().any(HeldOutCheck::contradicts_no_guess);
         if !(guessed || proved) || risen {
