@@ -218,7 +218,8 @@ fn table_6(reproduction: &Reproduction) -> ResultTable {
     let [.., waypoints] = tests;
     let mut notes = vec![
         reproduction.head_note(),
-        "std is the standard deviation over the four folds, not chance: that is what the interval over the seeds tells".to_owned(),
+        "std is the standard deviation over the four folds, not chance: that is what the interval over the seeds tells"
+            .to_owned(),
     ];
     if tests[..3].iter().all(|quiet| *quiet > waypoints + 0.05) {
         notes.push(
