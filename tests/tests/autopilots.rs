@@ -718,7 +718,7 @@ fn scenario_swapped_motors_are_named_by_the_command() {
             .run()
     };
     let right = tested(ROTOR_OF_CHANNEL).expect_code(0);
-    assert!(right.stdout.ends_with("All motors are right\n"), "{}", right.stdout);
+    assert!(right.stdout.ends_with("All motors are correct\n"), "{}", right.stdout);
     // Wires of channels 2 and 6 swapped.
     let wrong = tested([2, 4, 6, 3, 1, 5]).expect_code(1);
     let line = |channel: usize| {

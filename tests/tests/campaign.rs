@@ -99,7 +99,7 @@ fn scenario_interrupted_says_how_to_go_on_and_leaves_what_is_there() {
     let lines: Vec<&str> = ended.stdout.lines().collect();
     assert!(
         matches!(lines.as_slice(), [.., why, command]
-            if why.starts_with("Stopped: ") && why.ends_with("To go on:") && command.starts_with("rotortwin campaign ")),
+            if why.starts_with("Stopped: ") && why.ends_with("To resume:") && command.starts_with("rotortwin campaign ")),
         "{lines:?}"
     );
     let summary = summary(&scratch, "stopped");

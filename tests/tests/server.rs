@@ -172,9 +172,9 @@ fn scenario_what_cannot_be_flown_is_refused_with_the_reason() {
         (
             r#"{"scenario":"hover","set":["vehicle=../../../../etc/passwd"]}"#,
             422,
-            "leads out of the library",
+            "is outside the library",
         ),
-        (r#"{"text":"vehicle = '/etc/passwd'"}"#, 422, "leads out of the library"),
+        (r#"{"text":"vehicle = '/etc/passwd'"}"#, 422, "is outside the library"),
         (r#"{"scenario":"hover","colour":"red"}"#, 422, "colour"),
         (r#" ["short-hover"]"#, 422, "expected one JSON object"),
         ("{", 400, "JSON"),

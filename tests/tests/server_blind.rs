@@ -141,7 +141,7 @@ fn scenario_a_blind_bench_over_two_workers_has_the_rows_of_the_command_line() {
         (
             json!({ "n": 1, "vehicles": [{ "vehicle": "a", "text": "[rotors]\nblades = '/etc/hostname'" }] }),
             422,
-            "leads out of the library",
+            "is outside the library",
         ),
         (json!({ "n": 1, "duration_s": 3601 }), 422, "`duration_s`"),
         (json!({ "n": 1, "priority": 101 }), 422, "`priority` is 101"),

@@ -517,7 +517,7 @@ fn scenario_a_session_refuses_with_the_reason_and_ends() {
     post(
         &json!({ "vehicle_text": outside }).to_string(),
         422,
-        "leads out of the library",
+        "is outside the library",
     );
 
     let address = open(&server, json!({}));

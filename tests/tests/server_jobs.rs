@@ -86,7 +86,7 @@ fn scenario_a_campaign_in_parts_is_the_campaign_of_the_command_line() {
     for (body, words) in [
         (
             json!({ "text": CAMPAIGN.replace("../scenarios/short-hover.toml", "/etc/hostname") }),
-            "leads out of the library",
+            "is outside the library",
         ),
         (
             json!({ "text": CAMPAIGN.replace("uniform = [0.5, 1.0]", "values = [\"x\"]") }),

@@ -131,13 +131,13 @@ fn scenario_a_bad_document_is_refused_with_all_that_is_wrong() {
             "vehicles/escape",
             config("vehicles/f550.toml").replace("../blades/t9545.toml", "/etc/passwd"),
             422,
-            "out of the library",
+            "outside the library",
         ),
         (
             "scenarios/escape",
             "vehicle = \"../../../x.toml\"\n".to_owned(),
             422,
-            "out of the library",
+            "outside the library",
         ),
         (
             "models/escape",

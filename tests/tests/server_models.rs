@@ -231,11 +231,11 @@ fn scenario_additions_that_make_no_sense_change_nothing() {
             "f550/versions",
             json!({ "branch": "none", "effect": { "effect": "mass", "parameters": { "share": 0.1 } } }),
             404,
-            "there is no f550@none",
+            "f550@none not found",
         ),
         ("f550/undo", json!({}), 409, "nothing to undo"),
         ("f550/undo", json!({ "branch": 3 }), 422, "branch"),
-        ("f550/branches", json!({ "name": "a b" }), 400, "no name"),
+        ("f550/branches", json!({ "name": "a b" }), 400, "name"),
     ] {
         let problem = post(&server, path, &[], &body);
         let (code, problem) = (problem.status, problem.json());

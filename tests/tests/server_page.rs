@@ -105,7 +105,7 @@ fn scenario_what_a_comparison_draws_comes_as_numbers() {
         ("series?channel=none", 422),
         ("series?channel=fx&log=7", 404),
         ("series?channel=fx&from_s=2&to_s=1", 422),
-        ("series?channel=fx&points=0", 422),
+        ("series?channel=fx&points=0", 400),
         ("series", 400),
         ("conditions?colour=red", 400),
     ] {

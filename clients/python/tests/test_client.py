@@ -202,7 +202,7 @@ def test_scenario_a_campaign_is_flown(client: Client, server: Server, tmp_path: 
     assert (folder / "report.html").exists()
     with pytest.raises(Unprocessable, match="name"):
         client.campaigns.submit(text="name = 3")
-    with pytest.raises(Conflict, match="beside"):
+    with pytest.raises(Conflict, match="started by the server"):
         client.runs.ticket(client.runs.submit("short-hover", link="in-process").id)
 
     healthy = list(client.campaigns.flights(done.id, truth=0, verdict=[0, 3], page_size=3))

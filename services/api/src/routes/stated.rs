@@ -184,7 +184,12 @@ impl Form {
             }
             Self::Whole { least, most } => {
                 let number: i128 = value.parse().ok()?;
-                (!(*least..=*most).contains(&number)).then(|| format!("{least} to {most}"))
+                // The largest number of a type is no bound that helps.
+                let unbounded = *most >= i128::from(i64::MAX) && number < *least;
+                (!(*least..=*most).contains(&number)).then(|| match unbounded {
+                    true => format!("at least {least}"),
+                    false => format!("{least} to {most}"),
+                })
             }
             Self::Number { least, above, most } => {
                 let number: f64 = value.parse().ok()?;
