@@ -415,7 +415,7 @@ mod tests {
             bounds: vec![[-1e9, 1e9]; 3],
         };
         let model = fit(&structure, &y, HeldOut::Blocks).unwrap();
-        assert!(model.notes[0].contains("cannot tell"));
+        assert!(model.notes[0].contains("do not determine"));
         assert!(model.parameters[0].high.is_infinite());
     }
 }

@@ -332,6 +332,10 @@ const TOP_DEVIATION: f64 = 0.05;
 /// Deviation of a dead zone, duty.
 const DEAD_ZONE_DEVIATION: f64 = 0.01;
 
+/// Share of the drag along the body that the drag of climbs must surely be below, for the difference to be that of rotors. A thrust curve
+/// fitted to the same flight can take half of a drag along all axes for its own.
+const LITTLE_IN_CLIMBS: f64 = 0.3;
+
 /// Radii of gyration about roll and pitch that a multirotor can have, over its arm: 0.71 if its whole mass were at the rotors of an even polygon,
 /// 0.2 if a twelfth of it were there and the rest a point. Vehicles of the classes have 0.45 to 0.57.
 const GYRATION_OVER_ARM: std::ops::RangeInclusive<f64> = 0.2..=0.8;
@@ -682,8 +686,7 @@ impl Findings<'_> {
         let one = match slow::drag(self.grids) {
             Drag::Measured(k, deviation) => {
                 if let Some((up, up_deviation)) = slow::drag_in_climbs(self.grids, &self.fitted.curve)
-                    && up < 0.5 * k
-                    && k - up > 3.0 * deviation.hypot(up_deviation)
+                    && up + Z95 * up_deviation < LITTLE_IN_CLIMBS * k
                 {
                     let body = up.max(0.0);
                     let estimate = |key, name, value: f64, deviation: f64| {

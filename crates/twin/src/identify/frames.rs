@@ -412,7 +412,11 @@ mod tests {
     fn val_mappings_of_px4_logs_have_the_order_of_its_frames() {
         use rotortwin_scenario::autopilot_frame::AutopilotFrame;
         let folder = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../../config");
-        for (frame, vehicle) in [("hexa-x", "f550"), ("quad-x", "quad-x"), ("octo-x", "octo-x")] {
+        for (frame, vehicle) in [
+            ("hexa-x", "f550-skids"),
+            ("quad-x", "quad-x-skids"),
+            ("octo-x", "octo-x-skids"),
+        ] {
             let name = format!("px4-{frame}");
             let mapping =
                 std::fs::read_to_string(folder.join(format!("autopilot-settings/{name}.log-mapping.toml"))).unwrap();

@@ -12,7 +12,7 @@ const GRAVITY_M_S2: f64 = 9.81;
 /// Disc loadings of ordinary vehicles, N/m².
 const ORDINARY: RangeInclusive<f64> = 8.0..=300.0;
 /// Disc loadings with which nothing flies, or nothing stays whole, N/m².
-const POSSIBLE: RangeInclusive<f64> = 0.8..=3000.0;
+const POSSIBLE: RangeInclusive<f64> = 0.1..=3000.0;
 /// Heaviest vehicle on one cell, kg.
 const ONE_CELL_KG: f64 = 0.3;
 
@@ -27,11 +27,11 @@ fn meant(request: &Request, rotors: usize) -> String {
     let (mass, arm) = (request.mass_kg, request.arm_m);
     let fits = |mass, arm| ORDINARY.contains(&loading(mass, arm, rotors));
     let guess = if fits(mass / 1000.0, arm) {
-        format!("{mass} g would be {} kg", mass / 1000.0)
+        format!("{mass} g would be {:.4} kg", mass / 1000.0)
     } else if fits(mass, arm / 100.0) {
-        format!("{arm} cm would be {} m", arm / 100.0)
+        format!("{arm} cm would be {:.4} m", arm / 100.0)
     } else if fits(mass, arm / 1000.0) {
-        format!("{arm} mm would be {} m", arm / 1000.0)
+        format!("{arm} mm would be {:.4} m", arm / 1000.0)
     } else {
         return String::new();
     };
@@ -116,7 +116,7 @@ mod tests {
             assert!(found.contains(words), "{mass} kg, {arm} m: {found:?}");
         }
         for (mass, arm, rotors, words) in [
-            (27.0, 0.0396, 4, "27 g would be 0.027 kg"),
+            (27.0, 0.0396, 4, "27 g would be 0.0270 kg"),
             (0.027, 3.96, 4, "3.96 cm would be 0.0396 m"),
         ] {
             let found = refusal(&request(mass, arm), rotors).unwrap_or_default();

@@ -123,56 +123,68 @@ pub(crate) fn drag_in_climbs(grids: &[Grid], curve: &Curve) -> Option<(f64, f64)
         low_hz: 0.0,
         high_hz: 1.0,
     };
-    // By piece: each has its own offset, for the level of the thrust moves slowly.
-    let mut sums: Vec<(f64, f64)> = Vec::new();
-    let (mut speeds, mut count) = (0.0, 0.0);
+    // By piece: each has its own offset, for the level of the thrust moves slowly. Beside the speed, the commanded lift itself is a regressor:
+    // a slope of the curve that is a little off would else be taken for drag, as who climbs commands more. Sums of u², u·l, l², u·m, l·m.
+    let mut sums: Vec<[f64; 5]> = Vec::new();
+    let mut count = 0.0;
     for grid in grids {
         let (Some(lift), Some(velocity), Some(attitude)) = (grid.lift(), &grid.velocity, &grid.attitude) else {
             return None;
         };
         for piece in grid.pieces(6.0) {
-            let up: Vec<f64> = piece
-                .clone()
-                .map(|k| {
-                    let ((sr, cr), (sp, cp)) = (attitude[0][k].sin_cos(), attitude[1][k].sin_cos());
-                    let (sy, cy) = attitude[2][k].sin_cos();
-                    let [north, east, down] = [velocity[0][k], velocity[1][k], velocity[2][k]];
-                    -((cr * sp * cy + sr * sy) * north + (cr * sp * sy - sr * cy) * east + cr * cp * down)
-                })
-                .collect();
-            let missing: Vec<f64> = piece
-                .clone()
-                .map(|k| {
-                    let voltage = grid
-                        .voltage
-                        .as_ref()
-                        .map_or(1.0, |volts| curve.voltage_factor(volts[k]));
-                    let sum: f64 = grid.duty.iter().map(|duty| curve.shape(duty[k])).sum();
-                    lift[k] - curve.hover * voltage * sum
-                })
-                .collect();
-            if up.iter().chain(&missing).any(|x| !x.is_finite()) {
+            let up = |k: usize| {
+                let ((sr, cr), (sp, cp)) = (attitude[0][k].sin_cos(), attitude[1][k].sin_cos());
+                let (sy, cy) = attitude[2][k].sin_cos();
+                let [north, east, down] = [velocity[0][k], velocity[1][k], velocity[2][k]];
+                -((cr * sp * cy + sr * sy) * north + (cr * sp * sy - sr * cy) * east + cr * cp * down)
+            };
+            let commanded = |k: usize| {
+                let voltage = grid
+                    .voltage
+                    .as_ref()
+                    .map_or(1.0, |volts| curve.voltage_factor(volts[k]));
+                let sum: f64 = grid.duty.iter().map(|duty| curve.shape(duty[k])).sum();
+                curve.hover * voltage * sum
+            };
+            let mut columns = [
+                piece.clone().map(up).collect::<Vec<f64>>(),
+                piece.clone().map(commanded).collect(),
+                piece.clone().map(|k| lift[k] - commanded(k)).collect(),
+            ];
+            if columns.iter().flatten().any(|x| !x.is_finite()) {
                 continue;
             }
-            let (up, missing) = (low.pass(&up, grid.step_s), low.pass(&missing, grid.step_s));
-            let mean = |values: &[f64]| values.iter().sum::<f64>() / values.len() as f64;
-            let (mean_up, mean_missing) = (mean(&up), mean(&missing));
-            let (xx, xy) = up.iter().zip(&missing).fold((0.0, 0.0), |(xx, xy), (u, m)| {
-                (xx + (u - mean_up).powi(2), xy + (u - mean_up) * (m - mean_missing))
-            });
-            speeds += xx;
-            count += up.len() as f64;
-            sums.push((xx, xy));
+            for column in &mut columns {
+                *column = low.pass(column, grid.step_s);
+                let mean = column.iter().sum::<f64>() / column.len() as f64;
+                column.iter_mut().for_each(|x| *x -= mean);
+            }
+            let [u, l, m] = &columns;
+            let dot = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(a, b)| a * b).sum::<f64>();
+            sums.push([dot(u, u), dot(u, l), dot(l, l), dot(u, m), dot(l, m)]);
+            count += u.len() as f64;
         }
     }
-    if sums.len() < FEWEST_PARTS || (speeds / count).sqrt() < SLOWEST_M_S {
+    let [uu, ul, ll, um, lm] = sums
+        .iter()
+        .fold([0.0; 5], |all, piece| core::array::from_fn(|i| all[i] + piece[i]));
+    if sums.len() < FEWEST_PARTS || (uu / count).sqrt() < SLOWEST_M_S {
         return None;
     }
-    let (xx, xy) = sums.iter().fold((0.0, 0.0), |s, p| (s.0 + p.0, s.1 + p.1));
-    let k = -xy / xx;
+    // What of the speed the commanded lift does not say.
+    let share = ul / ll.max(f64::MIN_POSITIVE);
+    let own = uu - share * ul;
+    if own < 0.1 * uu {
+        return None;
+    }
+    let k = -(um - share * lm) / own;
+    let slope = (lm + k * ul) / ll.max(f64::MIN_POSITIVE);
     let n = sums.len() as f64;
-    let meat: f64 = sums.iter().map(|(pxx, pxy)| (pxy + k * pxx).powi(2)).sum();
-    Some((k, (meat * n / (n - 1.0)).sqrt() / xx))
+    let meat: f64 = sums
+        .iter()
+        .map(|[uu, ul, ll, um, lm]| (um - share * lm + k * (uu - share * ul) - slope * (ul - share * ll)).powi(2))
+        .sum();
+    Some((k, (meat * n / (n - 1.0)).sqrt() / own))
 }
 
 /// Weighted mean of values with deviations, and its deviation: no less than they lie apart.
