@@ -448,7 +448,17 @@ fn val_an_inertia_that_cannot_be_for_mass_and_arm_is_refused_with_its_reason() {
     let mut reasons = 0;
     for wrong in [12.0, 0.2, 0.15] {
         // J/(m l²) goes with 1/l.
-        let found = identify(std::slice::from_ref(&log), &request(&vehicle, wrong * arm)).unwrap();
+        let found = match identify(std::slice::from_ref(&log), &request(&vehicle, wrong * arm)) {
+            Ok(found) => found,
+            // 2.5 kg on arms of 4 cm: no propeller carries that, whatever the inertia.
+            Err(refusal) => {
+                assert!(
+                    wrong == 0.15 && refusal.0.contains("mass and arm"),
+                    "{wrong}: {refusal}"
+                );
+                continue;
+            }
+        };
         for (gyration, source) in gyrations(&found, &vehicle, wrong * arm) {
             assert!(
                 (0.2..=0.8).contains(&gyration) && source == Source::Class,
