@@ -108,7 +108,7 @@ fn scenario_documents_that_cannot_be_flown() {
         (
             "missing vehicle",
             replaced("f550.toml", "f551.toml"),
-            &["`vehicle`", "f551.toml", "there is none"],
+            &["`vehicle`", "f551.toml", "found none"],
         ),
         (
             "vehicle is a folder",
@@ -449,7 +449,7 @@ fn scenario_wrong_arguments() {
     let scratch = Scratch::new();
     let nothing = Call::new(&scratch, [] as [&str; 0]).run().expect_code(2);
     assert!(
-        nothing.stderr[0].starts_with("rotortwin: a command is missing"),
+        nothing.stderr[0].starts_with("rotortwin: expected a command"),
         "{:?}",
         nothing.stderr
     );
@@ -496,7 +496,7 @@ fn scenario_endpoints_that_do_not_work() {
         &scratch,
         "nobody there",
         fly("--connect", &endpoint),
-        &["--connect", &endpoint, "nobody answers", "expected"],
+        &["--connect", &endpoint, "no response", "expected"],
     );
 
     // The processes on their own. The peers wait for a while: the plant may be about to start.
@@ -530,7 +530,7 @@ fn scenario_endpoints_that_do_not_work() {
         let sentence = &ended.stderr[0];
         assert!(sentence.starts_with(&format!("rotortwin-{name}: ")), "{sentence}");
         assert!(
-            sentence.contains(&endpoint) && sentence.contains("nobody answers"),
+            sentence.contains(&endpoint) && sentence.contains("no response"),
             "{sentence}"
         );
     }

@@ -143,7 +143,7 @@ fn scenario_a_bad_document_is_refused_with_all_that_is_wrong() {
             "models/escape",
             "model_format = 1\nname = \"x\"\n[vehicle_file]\npath = \"/etc/passwd\"\nhash = \"0\"\n".to_owned(),
             422,
-            "stands alone",
+            "self-contained",
         ),
         ("effects/none", "id = \"x\"\n".to_owned(), 422, "name"),
         (
@@ -152,8 +152,8 @@ fn scenario_a_bad_document_is_refused_with_all_that_is_wrong() {
             422,
             "blade.a",
         ),
-        ("vehicles/UPPER", config("vehicles/f550.toml"), 400, "no name"),
-        ("vehicles/%2e%2e%2fx", config("vehicles/f550.toml"), 400, "no name"),
+        ("vehicles/UPPER", config("vehicles/f550.toml"), 400, "name"),
+        ("vehicles/%2e%2e%2fx", config("vehicles/f550.toml"), 400, "name"),
         ("scenarios/large", "#".repeat(300 << 10), 413, "at most"),
     ] {
         let answer = put(&server, path, &[], &text);

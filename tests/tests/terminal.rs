@@ -243,7 +243,8 @@ fn steps() -> String {
 const SHOWN: [&str; 6] = ["effects show", "blind effects", "fly", "show", "log show", "fdi-log"];
 
 /// Commands that are not tried at a width, and why.
-const NOT_TRIED: [(&str, &str); 23] = [
+const NOT_TRIED: [(&str, &str); 24] = [
+    ("judge", "tests/own_detector.rs"),
     ("check", "prints a document"),
     ("completions", "prints a script"),
     ("man", "prints a page that man lays out"),
@@ -690,7 +691,7 @@ fn regress_files_are_tried_before_the_work() {
         (format!("improve run --model f550 --yes --models run/models --final {nowhere}"), nowhere),
         ("improve run --model f550 --yes --models run/models --out run".to_owned(), "run: the folder is not empty"),
         (format!("vehicle from-log run --mass 1.55 --arm 0.275 --out {nowhere}.toml"), nowhere),
-        ("vehicle from-log run --mass 1.55 --arm 0.275 --out short.toml".to_owned(), "short.toml exists already"),
+        ("vehicle from-log run --mass 1.55 --arm 0.275 --out short.toml".to_owned(), "short.toml already exists"),
         (format!("train --out {nowhere}"), "short.toml"),
         (format!("reproduce --table 6 --out {nowhere}"), nowhere),
         (format!("reproduce --table 6 --out run/new --save-classifier {nowhere}"), nowhere),
