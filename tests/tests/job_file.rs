@@ -91,7 +91,7 @@ fn scenario_a_job_from_a_file_is_refused_with_a_reason() {
         (json!({ "version": 3, "job": verification }).to_string(), "a later version"),
         (
             json!({ "version": 2, "job": verification, "inputs": [{ "path": "x", "content": { "text": "" } }] }).to_string(),
-            "it wants x laid out first",
+            "it requires x as input",
         ),
         (json!({ "version": 2, "job": verification }).to_string(), "there/is/none"),
         (

@@ -152,7 +152,7 @@ fn scenario_what_cannot_be_done_is_one_sentence_and_leaves_nothing() {
         (vec!["--server", &url, "fly", hover, "--out", "."], 2, "not empty"),
         (vec!["--server", &url, "effects"], 2, "this machine only"),
         (vec!["--server", &url, "show", "0123"], 2, "no run 0123"),
-        (vec!["--server", &url, "show", "../secret"], 2, "no id"),
+        (vec!["--server", &url, "show", "../secret"], 2, "is not the id of a run"),
         (vec!["--server", &url, "runs", "list", "--status", "odd"], 2, "odd"),
         (
             vec!["--server", &url, "--token-file", "missing", "runs", "list"],
@@ -436,7 +436,7 @@ fn scenario_work_that_a_server_cannot_do_is_refused_in_one_sentence() {
             vec!["improve", log, "--model", &vehicle, "--yes", "--truth", "x.toml"],
             "--truth",
         ),
-        (vec!["log", "show", log], "without --server"),
+        (vec!["log", "show", log], "leave out --server"),
         (vec!["log", "import", log, "--truth"], "--take-truth"),
         (vec!["log", "import", run], "run folder"),
         (vec!["train", "--out", "x.json", "--threads", "1"], "--jobs"),

@@ -126,7 +126,7 @@ mod tests {
         let given = effect("rotor-thrust-scale:rotor=2,share=-0.1", 6, 3).unwrap();
         assert_eq!((given[0].rotor, given[0].parameters["share"]), (Some(2), -0.1));
         for (bad, words) in [
-            ("none", "there is no effect"),
+            ("none", "unknown effect `none`"),
             ("rotor-thrust-scale:rotor=7", "from 1 to 6"),
             ("rotor-drag:x=1", "no parameter"),
             ("wind:north_m_s=2", "rotor-drag"),

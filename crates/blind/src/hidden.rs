@@ -489,7 +489,7 @@ mod tests {
         let effect = Hidden::parse("rotor-thrust-scale:rotor=3,share=-0.05,onset_s=45").unwrap();
         assert_eq!((effect.rotor, effect.onset_s), (Some(3), Some(45.0)));
         for (text, part) in [
-            ("rotor-drga", "there is no effect `rotor-drga`"),
+            ("rotor-drga", "unknown effect `rotor-drga`"),
             ("rotor-thrust-scale:share=1", "acts on one rotor"),
             ("rotor-drag:mass=1", "has no parameter `mass`"),
             ("rotor-drag:drag_n_s_m=x", "expected a number"),

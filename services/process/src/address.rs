@@ -266,7 +266,7 @@ mod tests {
         drop(taken);
         assert_eq!(probe(listen), Ok(()));
         let sentence = probe(format!("zenoh:connect=tcp/127.0.0.1:{port}")).expect_err("nobody listens any more");
-        assert!(sentence.contains("nobody answers at tcp/127.0.0.1"), "{sentence}");
+        assert!(sentence.contains("no response at tcp/127.0.0.1"), "{sentence}");
     }
 
     #[test]

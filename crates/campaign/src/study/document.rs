@@ -420,7 +420,7 @@ mod tests {
             ),
             (
                 "[[axis]]\nname = \"a\"\ncourses = [\"hover\"]\nkey = \"x\"\n",
-                "key `axis[0].key`: courses and cases say themselves",
+                "key `axis[0].key`: courses and cases define what they set",
             ),
             (
                 "[criteria]\nisolate_within_s = 0.0\n",

@@ -760,7 +760,7 @@ mod tests {
         let (how, why) = words(&ended);
         assert_eq!(how, "failed");
         assert!(
-            why.starts_with("Ray at http://127.0.0.1:") && why.contains("somebody stopped submission rotortwin-id-2"),
+            why.starts_with("Ray at http://127.0.0.1:") && why.contains("submission rotortwin-id-2 was stopped in Ray"),
             "{why}"
         );
         let submitted = fake.submitted.lock().unwrap().clone();
@@ -799,7 +799,7 @@ mod tests {
             (
                 says("it waited", "JOB_SUPERVISOR_ACTOR_START_TIMEOUT", None),
                 "released",
-                "found no place for submission rotortwin-id-2: it waited",
+                "could not schedule submission rotortwin-id-2: it waited",
             ),
             (
                 says("not found", command, Some(127)),

@@ -293,9 +293,7 @@ mod tests {
         assert_eq!(peer.recv(&mut buffer).unwrap(), 6);
         let busy = Line::open(PilotAddress::Udp(at)).unwrap_err();
         assert!(
-            busy.starts_with(&format!(
-                "UDP {at}, where the pilot is sent to (--pilot), cannot be opened"
-            )),
+            busy.starts_with(&format!("cannot open UDP {at} for the pilot (--pilot)")),
             "{busy}"
         );
     }
