@@ -261,7 +261,7 @@ fn scenario_fdi_sessions_are_shared_by_the_accounts() {
             told["session"]["id"].as_str().expect("an id").to_owned()
         })
         .collect();
-    assert_eq!(open("").0, 503, "all are taken");
+    assert_eq!(open("").0, 429, "the caller has them all");
     let admin = token(&scratch, &data, &["admin", "--scopes", "admin"]);
     for _ in 0..4 {
         let path = format!("/api/v1/fdi/sessions/{}", mine.pop().expect("four"));

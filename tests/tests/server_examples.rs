@@ -131,7 +131,7 @@ fn scenario_an_effect_shows_what_it_does_to_a_flight() {
         "{rotor}"
     );
     for (query, status, words) in [
-        ("nothing/picture?vehicle=f550", 404, "no effect"),
+        ("nothing/picture?vehicle=f550", 404, "effect 'nothing' not found"),
         ("rotor-drag/picture?vehicle=nothing", 404, "f550"),
         (
             "rotor-drag/picture?vehicle=f550&parameters=nothing:1",
@@ -142,7 +142,7 @@ fn scenario_an_effect_shows_what_it_does_to_a_flight() {
         (
             "rotor-drag/picture?vehicle=f550&parameters=drag_n_s_m",
             400,
-            "name:value",
+            "`parameters`",
         ),
         ("rotor-drag/picture?vehicle=f550&flight=nothing", 422, "no manoeuvre"),
         ("rotor-drag/picture?vehicle=f550&rotor=1", 422, "whole vehicle"),
@@ -175,7 +175,7 @@ fn scenario_an_effect_of_ones_own_choice_and_what_is_refused() {
         (json!({}), 422, "either `preset` or `effect`"),
         (json!({ "preset": "healthy", "effect": "mass" }), 422, "either"),
         (json!({ "preset": "surprise" }), 422, "unknown variant"),
-        (json!({ "effect": "none" }), 422, "there is no effect"),
+        (json!({ "effect": "none" }), 422, "unknown effect `none`"),
         (json!({ "effect": "rotor-thrust-scale:rotor=9" }), 422, "from 1 to 6"),
         (json!({ "preset": "healthy", "vehicle": "none" }), 404, "f550"),
         (json!({ "preset": "healthy", "duration_s": 1e9 }), 422, "duration_s"),

@@ -98,7 +98,7 @@ fn scenario_from_an_upload_to_an_improved_model() {
         (
             json!({ "model": { "vehicle": "f550" }, "flights": { "runs": [format!("{run}@/etc")] } }),
             422,
-            "no part",
+            "is not a part of a log",
         ),
         (
             json!({ "model": { "vehicle": "f550" }, "flights": { "runs": [run] }, "effects": ["x"] }),

@@ -356,7 +356,7 @@ fn faults() -> Vec<Case> {
         of_sensors(|s| s.reference_yaw_rad = 0.0),
         Fault::Field,
         "reference.yaw_rad",
-        "not used",
+        "it is ignored",
     );
     add(
         "reference in degrees",

@@ -557,7 +557,7 @@ fn scenario_nobody_is_there() {
     assert_eq!(
         sentence(&outcome),
         format!(
-            "the pilot waited 0 s for a heartbeat of ArduPilot at tcp:{at}: nobody is there; --pilot names another address, and --pilot none leaves \
+            "the pilot waited 0 s for a heartbeat of ArduPilot at tcp:{at}: nothing is there; --pilot names another address, and --pilot none leaves \
              the flying to another pilot"
         )
     );
