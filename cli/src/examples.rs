@@ -30,7 +30,7 @@ Examples:
 
 pub(crate) const JUDGE: &str = "\
 Examples:
-  rotortwin judge runs/hover-1 verdicts.csv --name 'yaw rate'";
+  rotortwin judge runs/hover-1 verdicts.csv --name yaw-rate";
 
 pub(crate) const EXPORT: &str = "\
 Examples:

@@ -144,7 +144,11 @@ fn scenario_an_effect_shows_what_it_does_to_a_flight() {
             400,
             "`parameters`",
         ),
-        ("rotor-drag/picture?vehicle=f550&flight=nothing", 422, "unknown manoeuvre"),
+        (
+            "rotor-drag/picture?vehicle=f550&flight=nothing",
+            422,
+            "unknown manoeuvre",
+        ),
         ("rotor-drag/picture?vehicle=f550&rotor=1", 422, "whole vehicle"),
     ] {
         let answer = picture(query);

@@ -236,7 +236,7 @@ fn scenario_short_gaps_are_bridged_and_long_ones_begin_again() {
     };
     let short = 2000 + LONGEST_BRIDGE as usize;
     let answer = session.feed(&after(short, 200)).expect("bridged");
-    assert!(answer.notes[0].contains("coasted over"), "{:?}", answer.notes);
+    assert!(answer.notes[0].contains("extrapolated over"), "{:?}", answer.notes);
     assert_eq!(
         (session.calibration(), session.bridged_steps()),
         (Calibration::Done, LONGEST_BRIDGE)

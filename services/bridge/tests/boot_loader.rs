@@ -197,11 +197,7 @@ fn val_what_does_not_fit_the_board_is_refused_before_anything_is_erased() {
             5,
             "the program has 1966084 bytes, the board's flash takes 1966080",
         ),
-        (
-            program(56, 1000),
-            9,
-            "speaks revision 9 of its protocol, expected 3 to 5",
-        ),
+        (program(56, 1000), 9, "uses revision 9 of its protocol, expected 3 to 5"),
     ] {
         let (result, _, board) = flash(&file, revision, Fault::default());
         let error = result.expect_err(expected);
