@@ -149,7 +149,7 @@ fn scenario_what_does_not_belong_into_a_bucket_is_refused() {
     ask(&["campaign", file, "--shards", "1..2", "--out", "part"]).expect_code(0);
     refused(
         &ask(&["campaign", "merge", file, "part", there, "--out", "other"]),
-        &[there, "shard 1 is another one"],
+        &[there, "shard 1 differs"],
     );
     // The same name, different draws.
     campaign(&scratch, 6);
