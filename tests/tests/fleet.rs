@@ -193,7 +193,7 @@ fn scenario_what_cannot_be_is_refused_with_one_sentence() {
         &fleet(&scratch, &["reset", "nobody", "--rotor", "1", "--by", "x"])
             .run()
             .expect_code(2),
-        "no vehicle",
+        "vehicle not found",
     );
     refused(
         &fleet(&scratch, &["show", "../up"]).run().expect_code(2),

@@ -158,7 +158,7 @@ fn scenario_strangers_are_not_let_in() {
             "without a certificate",
             &endpoint,
             Some(&ca_only),
-            &["presents no certificate and no user"],
+            &["shows no certificate and no user"],
         ),
         (
             "without a user",
