@@ -446,7 +446,7 @@ fn scenario_work_that_a_server_cannot_do_is_refused_in_one_sentence() {
         ),
         (
             vec!["compare", "0123456789abcdef0123456789abcdef", "--model", &vehicle],
-            "no such log or run",
+            "not a log or run on",
         ),
     ] {
         let ended = remote(&scratch, &server, arguments.iter().copied())

@@ -78,7 +78,7 @@ fn scenario_a_bucket_that_is_gone_is_named() {
     assert!(
         ready.json()["detail"]
             .as_str()
-            .is_some_and(|why| why.contains("store of files")),
+            .is_some_and(|why| why.contains("file store")),
         "{}",
         ready.json()
     );
