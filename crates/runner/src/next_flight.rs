@@ -11,6 +11,7 @@ use rotortwin_jobs::NextFlight as Job;
 use rotortwin_plant::STEP_NS;
 use rotortwin_plant::effects::{Catalogue, EffectInstance};
 use rotortwin_scenario::Scenario;
+use rotortwin_store::telemetry::SENSED;
 use rotortwin_twin::diagnose::{Diagnosis, Verdict};
 use rotortwin_twin::log::FlightLog;
 use rotortwin_twin::model::store::Found;
@@ -299,26 +300,7 @@ struct Recorder {
 
 impl Recorder {
     fn new(rotors: usize, ground_down_m: Option<f64>) -> Self {
-        let mut names: Vec<String> = [
-            "position_north_m",
-            "position_east_m",
-            "position_down_m",
-            "velocity_north_m_s",
-            "velocity_east_m_s",
-            "velocity_down_m_s",
-            "roll_rad",
-            "pitch_rad",
-            "yaw_rad",
-            "roll_rate_rad_s",
-            "pitch_rate_rad_s",
-            "yaw_rate_rad_s",
-            "accel_x_m_s2",
-            "accel_y_m_s2",
-            "accel_z_m_s2",
-            "battery_voltage_v",
-        ]
-        .map(str::to_owned)
-        .to_vec();
+        let mut names: Vec<String> = SENSED.map(str::to_owned).to_vec();
         names.extend((1..=rotors).map(|rotor| format!("duty_{rotor}")));
         names.extend(ground_down_m.map(|_| "height_above_ground_m".to_owned()));
         Self {

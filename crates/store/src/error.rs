@@ -81,6 +81,9 @@ pub enum StoreError {
         /// Why; names the file.
         source: Box<crate::query::QueryError>,
     },
+    /// The telemetry could not be read.
+    #[error("{0}")]
+    Telemetry(#[source] Box<crate::query::QueryError>),
     /// Parquet could not be written.
     #[error("{}: cannot write Parquet: {source}", path.display())]
     Parquet {
@@ -113,6 +116,12 @@ pub enum StoreError {
         /// Why.
         source: mcap::McapError,
     },
+}
+
+impl From<crate::query::QueryError> for StoreError {
+    fn from(source: crate::query::QueryError) -> Self {
+        Self::Telemetry(Box::new(source))
+    }
 }
 
 /// `map_err` helper: an I/O error with its file and the attempted action.

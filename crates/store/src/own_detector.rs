@@ -18,11 +18,11 @@ use crate::error::{Result, StoreError};
 use crate::files::{MCAP_FILE, REPORT_FILE, SUMMARY_FILE, TELEMETRY_FILE};
 use crate::parquet::ParquetSink;
 use crate::plots::Plots;
-use crate::query::{QueryError, TelemetryFile};
+use crate::query::{TIME, TelemetryFile};
 use crate::run_folder::{PartFile, write_text};
 use crate::spool::{CHUNK_ROWS, Chunk, SpoolHeader};
 use crate::summary::{Evaluator, OwnDetector, Score, Summary, load_summary, verdict_text};
-use crate::telemetry::{Column, Kind, telemetry_columns};
+use crate::telemetry::{Column, Kind, SENSED, telemetry_columns};
 use crate::{mcap as streams, report};
 use rotortwin_flight_core::MAX_ROTORS;
 use rotortwin_flight_core::fdi::verdict_code::{AMBIGUOUS, NOT_READY, UNKNOWN};
@@ -88,7 +88,7 @@ pub fn judge(run: &Path, detector: &mut dyn Detector) -> Result<Summary> {
             "there is no {TELEMETRY_FILE}; expected the folder of a run that flew at least one step"
         )));
     }
-    let file = TelemetryFile::open(&path).map_err(query(&path))?;
+    let file = TelemetryFile::open(&path)?;
     let recorded = Recorded::of(&file).map_err(refused)?;
 
     let verdicts = verdicts(&file, &path, recorded.header.rotor_count, detector)?;
@@ -209,55 +209,11 @@ impl Recorded {
     }
 }
 
-fn query(path: &Path) -> impl Fn(QueryError) -> StoreError + '_ {
-    |source| StoreError::Report {
-        path: path.to_owned(),
-        source: Box::new(source),
-    }
-}
-
-/// Errors of reading blocks, as this crate's.
-struct Failure(StoreError);
-
-impl From<QueryError> for Failure {
-    fn from(source: QueryError) -> Self {
-        Self(StoreError::Report {
-            path: Path::new(TELEMETRY_FILE).to_owned(),
-            source: Box::new(source),
-        })
-    }
-}
-
-fn blocks(file: &TelemetryFile, names: &[&str], mut take: impl FnMut(&[Vec<f64>]) -> Result<()>) -> Result<()> {
-    file.for_each_block(names, |block| take(block).map_err(Failure))
-        .map_err(|Failure(error)| error)
-}
-
 /// What the detector says in each step.
 fn verdicts(file: &TelemetryFile, path: &Path, rotor_count: usize, detector: &mut dyn Detector) -> Result<Vec<i32>> {
     let rotors = 1..=rotor_count;
-    let mut names: Vec<String> = [
-        "time_s",
-        "position_north_m",
-        "position_east_m",
-        "position_down_m",
-        "velocity_north_m_s",
-        "velocity_east_m_s",
-        "velocity_down_m_s",
-        "roll_rad",
-        "pitch_rad",
-        "yaw_rad",
-        "roll_rate_rad_s",
-        "pitch_rate_rad_s",
-        "yaw_rate_rad_s",
-        "accel_x_m_s2",
-        "accel_y_m_s2",
-        "accel_z_m_s2",
-        "battery_voltage_v",
-        "window_end",
-    ]
-    .map(ToOwned::to_owned)
-    .to_vec();
+    let fixed = [TIME].into_iter().chain(SENSED).chain(["window_end"]);
+    let mut names: Vec<String> = fixed.map(ToOwned::to_owned).collect();
     let duty = names.len();
     names.extend(rotors.clone().map(|rotor| format!("duty_{rotor}")));
     let residuals = names.len();
@@ -267,7 +223,7 @@ fn verdicts(file: &TelemetryFile, path: &Path, rotor_count: usize, detector: &mu
     let mut all = Vec::with_capacity(usize::try_from(file.rows()).unwrap_or(0));
     let mut seen = Seen::default();
     detector.begin(rotor_count);
-    blocks(file, &names, |block| {
+    file.for_each_block(&names, |block| -> Result<()> {
         for row in 0..block[0].len() {
             let at = |place: usize| block[place][row];
             let triple = |place: usize| [at(place), at(place + 1), at(place + 2)];
@@ -321,7 +277,7 @@ fn scores(file: &TelemetryFile, path: &Path, summary: &Summary, verdicts: &[i32]
     let mut scores = vec![Score::default(); summary.intervals.len()];
     let (mut interval, mut is_first, mut alarm, mut row) = (0, true, false, 0);
     let step_s = summary.simulated_s / summary.steps.max(1) as f64;
-    blocks(file, &["time_s", "window_end"], |block| {
+    file.for_each_block(&["time_s", "window_end"], |block| -> Result<()> {
         for (time, window_end) in block[0].iter().zip(&block[1]) {
             // Half a step: ends of intervals are starts of steps, in another rounding.
             while summary
@@ -399,7 +355,7 @@ fn rewrite_telemetry(
         Ok(())
     };
     let names: Vec<&str> = kept.iter().map(|column| column.name.as_str()).collect();
-    blocks(file, &names, |block| {
+    file.for_each_block(&names, |block| -> Result<()> {
         if chunk.len + block[0].len() > CHUNK_ROWS {
             flush(&mut chunk)?;
         }

@@ -667,6 +667,26 @@ impl TelemetryRow {
     }
 }
 
+/// Columns of what is sensed, as in a flight log: position, velocity, attitude, body rates, specific force, voltage.
+pub const SENSED: [&str; 16] = [
+    "position_north_m",
+    "position_east_m",
+    "position_down_m",
+    "velocity_north_m_s",
+    "velocity_east_m_s",
+    "velocity_down_m_s",
+    "roll_rad",
+    "pitch_rad",
+    "yaw_rad",
+    "roll_rate_rad_s",
+    "pitch_rate_rad_s",
+    "yaw_rate_rad_s",
+    "accel_x_m_s2",
+    "accel_y_m_s2",
+    "accel_z_m_s2",
+    "battery_voltage_v",
+];
+
 /// The schema of a run with `rotor_count` rotors (at most [`MAX_ROTORS`]).
 pub fn telemetry_columns(rotor_count: usize) -> Vec<Column> {
     let mut schema = Schema(Vec::new());

@@ -18,6 +18,18 @@ pub(crate) enum Drag {
 /// Fewest parts of a flight whose scatter bounds a drag.
 const FEWEST_PARTS: usize = 6;
 
+/// The velocity at row `k` in body axes, m/s; NED, and roll, pitch, yaw.
+fn in_body_axes(velocity: &[Vec<f64>; 3], attitude: &[Vec<f64>; 3], k: usize) -> [f64; 3] {
+    let [roll, pitch, yaw] = [attitude[0][k], attitude[1][k], attitude[2][k]];
+    let v = [velocity[0][k], velocity[1][k], velocity[2][k]];
+    let ((sr, cr), (sp, cp), (sy, cy)) = (roll.sin_cos(), pitch.sin_cos(), yaw.sin_cos());
+    [
+        cp * cy * v[0] + cp * sy * v[1] - sp * v[2],
+        (sr * sp * cy - cr * sy) * v[0] + (sr * sp * sy + cr * cy) * v[1] + sr * cp * v[2],
+        (cr * sp * cy + sr * sy) * v[0] + (cr * sp * sy - sr * cy) * v[1] + cr * cp * v[2],
+    ]
+}
+
 /// k/m from force along the body over speed, below 1 Hz.
 pub(crate) fn drag(grids: &[Grid]) -> Drag {
     const FASTEST_HZ: f64 = 1.0;
@@ -28,15 +40,6 @@ pub(crate) fn drag(grids: &[Grid]) -> Drag {
         else {
             continue;
         };
-        let body = |k: usize| -> [f64; 2] {
-            let [roll, pitch, yaw] = [attitude[0][k], attitude[1][k], attitude[2][k]];
-            let v = [velocity[0][k], velocity[1][k], velocity[2][k]];
-            let ((sr, cr), (sp, cp), (sy, cy)) = (roll.sin_cos(), pitch.sin_cos(), yaw.sin_cos());
-            [
-                cp * cy * v[0] + cp * sy * v[1] - sp * v[2],
-                (sr * sp * cy - cr * sy) * v[0] + (sr * sp * sy + cr * cy) * v[1] + sr * cp * v[2],
-            ]
-        };
         let low = Band {
             low_hz: 0.0,
             high_hz: FASTEST_HZ,
@@ -45,7 +48,10 @@ pub(crate) fn drag(grids: &[Grid]) -> Drag {
             let accel = if axis == 0 { ax } else { ay };
             let mut parts: Vec<[f64; 5]> = Vec::new();
             for part in grid.pieces(6.0) {
-                let v: Vec<f64> = part.clone().map(|k| body(k)[axis]).collect();
+                let v: Vec<f64> = part
+                    .clone()
+                    .map(|k| in_body_axes(velocity, attitude, k)[axis])
+                    .collect();
                 let a = &accel[part.clone()];
                 if v.iter().chain(a).any(|x| !x.is_finite()) {
                     continue;
@@ -132,12 +138,7 @@ pub(crate) fn drag_in_climbs(grids: &[Grid], curve: &Curve) -> Option<(f64, f64)
             return None;
         };
         for piece in grid.pieces(6.0) {
-            let up = |k: usize| {
-                let ((sr, cr), (sp, cp)) = (attitude[0][k].sin_cos(), attitude[1][k].sin_cos());
-                let (sy, cy) = attitude[2][k].sin_cos();
-                let [north, east, down] = [velocity[0][k], velocity[1][k], velocity[2][k]];
-                -((cr * sp * cy + sr * sy) * north + (cr * sp * sy - sr * cy) * east + cr * cp * down)
-            };
+            let up = |k: usize| -in_body_axes(velocity, attitude, k)[2];
             let commanded = |k: usize| {
                 let voltage = grid
                     .voltage

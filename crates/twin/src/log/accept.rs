@@ -137,7 +137,7 @@ fn leave_out_what_stopped(log: &mut FlightLog) {
         .chain(&names::ACCEL)
         .filter_map(|name| {
             let (start_s, end_s) = checks::stands_still(log, name)?;
-            let commanded = end_s - start_s > 0.5 * span_s && motors_change(log, start_s, end_s);
+            let commanded = end_s - start_s > 0.5 * span_s && checks::motors_change(log, start_s, end_s);
             commanded.then_some((*name, start_s, end_s))
         })
         .collect();
@@ -145,25 +145,6 @@ fn leave_out_what_stopped(log: &mut FlightLog) {
         let reason = format!("it stands still from {start_s:.2} s to {end_s:.2} s: the sensor or its logging stopped");
         leave_out(log, &[name], &reason);
     }
-}
-
-/// Whether the motors are told other duties from time to time, as in the air.
-fn motors_change(log: &FlightLog, start_s: f64, end_s: f64) -> bool {
-    const CHANGES: f64 = 0.005;
-    log.columns
-        .iter()
-        .filter(|(name, _)| names::duty_rotor(name).is_some())
-        .any(|(_, values)| {
-            let rows = log.time_s.iter().zip(values);
-            let inside = rows.filter(|(time, value)| (start_s..=end_s).contains(*time) && value.is_finite());
-            let (mut count, mut sum, mut squares) = (0.0, 0.0, 0.0);
-            for (_, value) in inside {
-                count += 1.0;
-                sum += value;
-                squares += value * value;
-            }
-            count > 1.0 && (squares / count - (sum / count).powi(2)).max(0.0).sqrt() > CHANGES
-        })
 }
 
 /// A voltage that no number of LiPo cells has is another supply's, or that of a sensor which is not connected or not scaled: no model of the

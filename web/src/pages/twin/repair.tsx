@@ -28,12 +28,7 @@ export function Repair(props: { twin: Twin; findings: readonly Finding[]; refusa
   const facts = () => (props.twin.log.job()?.facts ?? {}) as { file?: string };
   const source = () => sourceOfFile(facts().file ?? props.twin.log.job()?.name ?? "");
   const builtIn = createLoad(source, async (name) => (await BUILT_IN[name]()).default);
-  // A log that could not be read has no channels to request.
-  const channels = createLoad(
-    () => (props.twin.log.result() ? props.twin.logs()[0] : undefined),
-    (id, signal) => ask<{ channels: { name: string }[] }>("GET", `/api/v1/logs/${id}/channels`, undefined, { signal }),
-  );
-  const rotors = () => (channels.data()?.channels ?? []).filter((one) => /^duty_\d+$/.test(one.name)).length;
+  const rotors = () => props.twin.rotorsOfLog() ?? 0;
   const [choice, setChoice] = createSignal<Choice>({ axes: {}, units: {} });
   const [order, setOrder] = createSignal("");
   const [time, setTime] = createSignal("");
@@ -121,7 +116,7 @@ export function Repair(props: { twin: Twin; findings: readonly Finding[]; refusa
         <summary>The same as a mapping (TOML, as in config/log-mappings), for columns and topics that have other names</summary>
         <textarea rows="8" spellcheck={false} aria-label="mapping" value={mapping()} onInput={(event) => setTyped(event.currentTarget.value || undefined)} />
       </details>
-      <Problem sentence={problem() ?? builtIn.error() ?? channels.error()} />
+      <Problem sentence={problem() ?? builtIn.error() ?? props.twin.channels.error()} />
       <div class="row">
         <button type="submit" class="main" disabled={busy() || !mapping().trim()}>{busy() ? "Asking …" : "Read it again so"}</button>
         <Show when={props.refusal === undefined}>

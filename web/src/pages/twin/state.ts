@@ -53,8 +53,9 @@ export function createTwin() {
   const history = createLoad(model, (name, signal) => ask<History>("GET", `/api/v1/models/${encodeURIComponent(name)}/history`, undefined, { signal }));
   const flightsReady = createMemo(() => (logs().length > 0 ? log.result() !== undefined : runs().length > 0));
   const vehicleName = () => vehicle() ?? FIRST_VEHICLE;
+  // A log that could not be read has no channels to request.
   const channels = createLoad(
-    () => (vehicle() === undefined && model() === undefined && log.result() !== undefined ? logs()[0] : undefined),
+    () => (log.result() ? logs()[0] : undefined),
     (id, signal) => ask<{ channels: { name: string }[] }>("GET", `/api/v1/logs/${id}/channels`, undefined, { signal }),
   );
   const rotorsOfLog = createMemo(() => channels.data()?.channels.filter((one) => /^duty_\d+$/.test(one.name)).length);
@@ -157,7 +158,7 @@ export function createTwin() {
 
   return {
     logs, runs, held, identification, made, nextFlight, flown, vehicle: vehicleName, model, version, log, comparison, diagnosis, history, line, branch, head, problem, add, undo, again, beginBranch,
-    flightsReady, heldProblems, unfit,
+    flightsReady, heldProblems, unfit, channels, rotorsOfLog,
     /** Logs of the comparison, in its order. */
     compared: () => [...logs(), ...heldRead()],
     /** Whether there are a flight and a model to compare. */

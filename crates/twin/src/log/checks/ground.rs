@@ -49,6 +49,18 @@ pub(crate) fn moves_under_power(log: &FlightLog) -> bool {
     turns && accel.iter().any(|axis| deviation(axis) > FLIES_M_S2) && 2 * driven.count() > log.time_s.len()
 }
 
+/// Whether the motors are told other duties from time to time between these times, s, as in the air.
+pub(crate) fn motors_change(log: &FlightLog, start_s: f64, end_s: f64) -> bool {
+    const CHANGES: f64 = 0.005;
+    let inside = |duty: &[f64]| -> Vec<f64> {
+        let rows = log.time_s.iter().zip(duty);
+        rows.filter(|(time, value)| (start_s..=end_s).contains(*time) && value.is_finite())
+            .map(|(_, value)| *value)
+            .collect()
+    };
+    log.duties().iter().any(|duty| deviation(&inside(duty)) > CHANGES)
+}
+
 pub(super) fn no_flight(log: &FlightLog, findings: &mut Vec<Finding>) {
     let duties = log.duties();
     if !duties.is_empty() {

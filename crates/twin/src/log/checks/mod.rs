@@ -7,7 +7,7 @@ mod kinematics;
 mod vehicle;
 
 pub(crate) use coverage::stands_still;
-pub(crate) use ground::{idle_current, moves_under_power};
+pub(crate) use ground::{idle_current, motors_change, moves_under_power};
 
 use super::findings::{Finding, FindingKind};
 use super::{FlightLog, names};
