@@ -54,7 +54,7 @@ fn scenario_a_table_of_verdicts_becomes_a_detector_of_the_run() {
         (own["name"].as_str(), own["column"].as_str()),
         (Some("slow one"), Some("verdict_own_slow_one"))
     );
-    assert_eq!(own["scores"][0]["not_ready"], 79);
+    assert_eq!(own["scores"][0]["not_ready"], 80);
     let again = call(&scratch, &["replay", "run"], 0).stdout;
     assert!(again.contains("same"), "{again}");
 

@@ -838,7 +838,7 @@ mod tests {
         assert!(
             words(&follow(&ray, &next, &ticket).await)
                 .1
-                .contains("knows nothing of submission rotortwin-id-2")
+                .contains("no longer knows submission rotortwin-id-2")
         );
         assert!(fake.submitted.lock().unwrap().is_empty());
         ray.stop("rotortwin-id-2").await;
