@@ -123,7 +123,7 @@ fn scenario_who_was_slow_is_told_what_it_lost() {
         }
     };
     assert!(
-        told.contains("rows are lost") && told.contains(r#""op":"status""#),
+        told.contains("rows were dropped") && told.contains(r#""op":"status""#),
         "{told}"
     );
 }

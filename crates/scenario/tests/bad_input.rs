@@ -194,7 +194,7 @@ fn val_faults_without_effect() {
     );
     assert_eq!(
         with_fault("time_s = 1.0\nrotor = 1\nblade = 'a'"),
-        format!("scenario, line 11, key `fault[0].blade`: {without} rotor 1 carries blade a already")
+        format!("scenario, line 11, key `fault[0].blade`: {without} rotor 1 already has blade a")
     );
     assert_eq!(
         with_fault("time_s = 10.0\nrotor = 1\nblade = 'b'"),
@@ -221,7 +221,7 @@ fn val_faults_without_effect() {
     );
     assert_eq!(
         with_fault("time_s = 2.0\nrotor = 1\nblade = 'b'\n[[fault]]\ntime_s = 1.0\nrotor = 1\nblade = 'b'"),
-        format!("scenario, line 11, key `fault[0].blade`: {without} rotor 1 carries blade b already"),
+        format!("scenario, line 11, key `fault[0].blade`: {without} rotor 1 already has blade b"),
         "in the order of time, not of the document"
     );
     assert_eq!(

@@ -164,7 +164,7 @@ fn scenario_wrong_plants_are_named() {
             "q",
             Wrong::Readings(|r| r.body_rates_rad_s[1] *= -1.0),
             "gyro",
-            "wrong way round",
+            "reversed",
         ),
         (
             "milliseconds",

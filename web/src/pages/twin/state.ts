@@ -56,9 +56,9 @@ export function createTwin() {
   // A log that could not be read has no channels to request.
   const channels = createLoad(
     () => (log.result() ? logs()[0] : undefined),
-    (id, signal) => ask<{ channels: { name: string }[] }>("GET", `/api/v1/logs/${id}/channels`, undefined, { signal }),
+    (id, signal) => ask<{ items: { name: string }[] }>("GET", `/api/v1/logs/${id}/channels`, undefined, { signal }),
   );
-  const rotorsOfLog = createMemo(() => channels.data()?.channels.filter((one) => /^duty_\d+$/.test(one.name)).length);
+  const rotorsOfLog = createMemo(() => channels.data()?.items.filter((one) => /^duty_\d+$/.test(one.name)).length);
   /** Rotors of a log that no vehicle was chosen for, if the default one has another number. */
   const unfit = createMemo(() => {
     const count = rotorsOfLog();
