@@ -233,7 +233,7 @@ fn judged_rate_hz(log: &FlightLog) -> f64 {
 /// Detectors for another rate than 400 Hz: windows of about the same length, a calibration as long, which begins when there are enough samples to know the noise.
 fn at_rate(config: &FdiConfig, rate_hz: f64) -> FdiConfig {
     let mut config = *config;
-    if rate_hz == STEP_RATE_HZ {
+    if rate_hz >= STEP_RATE_HZ {
         return config;
     }
     let window_s = config.period * f32::from(config.window_len);
@@ -477,7 +477,7 @@ fn report(log: &FlightLog, detectors: &Detectors, judge: Judge, lacks: Vec<Lack>
     let rate_hz = log.sample_rate_hz();
     let resampled = !(LOWEST_RATE_HZ..=STEP_RATE_HZ + SAME_RATE_HZ).contains(&rate_hz);
     let mut view = DetectorsView::from(detectors);
-    if judge.rate_hz != STEP_RATE_HZ {
+    if judge.rate_hz < STEP_RATE_HZ {
         let config = at_rate(detectors.config(), judge.rate_hz);
         let milliseconds = |seconds: f32| (1e3 * f64::from(seconds)).round() / 1e3;
         view.window_samples = config.window_len;
