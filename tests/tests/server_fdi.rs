@@ -750,7 +750,10 @@ fn scenario_logs_are_judged_and_told_what_they_lack() {
     );
     let slow: Vec<Row> = rows.iter().step_by(4).cloned().collect();
     let report = ask(query, csv(&slow).as_bytes()).json();
-    assert_eq!((&report["resampled"], &report["steps"]), (&json!(true), &json!(3197)));
+    assert_eq!(
+        (&report["resampled"], &report["judged_rate_hz"], &report["steps"]),
+        (&json!(false), &json!(100.0), &json!(800))
+    );
     assert!(
         report["notes"][0]
             .as_str()

@@ -19,12 +19,13 @@ const DETECTORS: [&str; 3] = ["t_test", "network", "sequential"];
 
 /// From a report with all its windows.
 pub(super) fn score_of(report: &LogReport, truth: &Truth) -> LogScore {
-    let window_s = f64::from(report.detectors.window_samples) * STEP_S;
-    let mut scorers = DETECTORS.map(|_| DetectorScorer::new(u64::from(report.detectors.window_samples)));
+    let window_s = f64::from(report.detectors.window_samples) / report.judged_rate_hz;
+    let window_steps = (window_s / STEP_S).round() as u64;
+    let mut scorers = DETECTORS.map(|_| DetectorScorer::new(window_steps));
     let (mut inside, mut inside_of) = (0, 0);
     let mut sizes_are_known = true;
     for window in &report.windows {
-        let end_s = report.log.start_s + window.time_s + STEP_S;
+        let end_s = report.log.start_s + window.time_s + 1.0 / report.judged_rate_hz;
         let begin_s = end_s - window_s;
         let damage = truth.at(end_s - 0.5 * window_s);
         sizes_are_known &= damage.worst().is_finite();

@@ -2,7 +2,6 @@
 
 use super::judged::JudgedLog;
 use rotortwin_campaign::table_file::{TableFile, Values};
-use rotortwin_plant::STEP_S;
 use rotortwin_verdicts::view::{ExplanationView, ExplanationWord, LossView, WindowView};
 use std::path::Path;
 
@@ -39,8 +38,9 @@ fn table(logs: &[JudgedLog]) -> TableFile {
     let code = |of: &dyn Fn(&WindowView) -> i32| {
         Values::Integer(rows.iter().map(|(_, window)| i64::from(of(window))).collect())
     };
-    let end_s = |log: &JudgedLog, window: &WindowView| log.report.log.start_s + window.time_s + STEP_S;
-    let length_s = |log: &JudgedLog| f64::from(log.report.detectors.window_samples) * STEP_S;
+    let end_s =
+        |log: &JudgedLog, window: &WindowView| log.report.log.start_s + window.time_s + 1.0 / log.report.judged_rate_hz;
+    let length_s = |log: &JudgedLog| f64::from(log.report.detectors.window_samples) / log.report.judged_rate_hz;
 
     let mut table = TableFile::default();
     table

@@ -264,7 +264,10 @@ impl Learner {
     }
 
     /// Before another flight.
-    pub(crate) fn and_a_flight(mut self) -> Self {
+    ///
+    /// * `config`: of its detectors, which may have another rate
+    pub(crate) fn and_a_flight(mut self, config: &FdiConfig) -> Self {
+        self.config = *config;
         self.begin();
         self.flights += 1;
         self

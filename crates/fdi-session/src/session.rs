@@ -39,8 +39,9 @@ use xxhash_rust::xxh3::Xxh3;
 pub const LONGEST_CHUNK: usize = 4000;
 /// Chunks that may be sent again.
 pub const REMEMBERED: usize = 8;
-/// Steps that the engine coasts over; 20 ms, a few time constants of a rotor less than the window it would spoil.
+/// Steps that the engine coasts over; 20 ms, a few time constants of a rotor less than the window it would spoil. Of samples of another rate as much time.
 pub const LONGEST_BRIDGE: u64 = 8;
+const LONGEST_BRIDGE_S: f64 = 0.02;
 /// Largest step number.
 pub const LAST_STEP: u64 = 1 << 40;
 /// Intervals that the mean rate is taken over.
@@ -452,7 +453,7 @@ impl FdiSession {
     /// The same, and the flight is healthy and taken in by a learner.
     #[must_use]
     pub fn that_learns(mut self, learner: Learner) -> Self {
-        self.learner = Some(Box::new(learner.and_a_flight()));
+        self.learner = Some(Box::new(learner.and_a_flight(self.engine.config())));
         self
     }
 
@@ -607,7 +608,7 @@ impl FdiSession {
             self.started = chunk.first_step;
             self.next_step = chunk.first_step;
         }
-        if lost > LONGEST_BRIDGE {
+        if lost as f64 * self.period_s() > LONGEST_BRIDGE_S {
             self.flight.restart();
             self.paused = None;
             self.restart(chunk.first_step);

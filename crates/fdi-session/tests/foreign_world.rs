@@ -46,7 +46,7 @@ fn judged(class: Class, n: usize, seed: u64) -> Vec<FaultRow> {
 
 fn scored(case: &FaultCase, windows: &[Window]) -> FaultRow {
     let views: Vec<_> = windows.iter().map(view).collect();
-    let report = json!({ "log": { "start_s": 0.0 }, "windows": views });
+    let report = json!({ "log": { "start_s": 0.0 }, "judged_rate_hz": 400.0, "detectors": { "window_samples": 25 }, "windows": views });
     score(case, &report.to_string()).expect("scored")
 }
 

@@ -1,10 +1,19 @@
 //! Evaluation of a whole flight log: verdicts over time, the final verdict, and missing channels.
 //!
 //! ```text
-//!  file ─▶ twin::log ─▶ parts of the flight ─▶ 400 Hz ─▶ runs of complete steps in the air ─▶ FdiSession ─▶ LogReport
+//!  file ─▶ twin::log ─▶ parts of the flight ─▶ constant rate ─▶ runs of complete steps in the air ─▶ FdiSession ─▶ LogReport
 //! ```
-//! Behind `POST /api/v1/fdi/reports` and `rotortwin fdi-log`. A log that has 400 Hz goes in as it is, bit for bit; another one is resampled
-//! as `rotortwin log import --rate 400` does (duties held, the rest along straight lines), which takes noise away: the report says so.
+//! Behind `POST /api/v1/fdi/reports` and `rotortwin fdi-log`. A log that has 400 Hz goes in as it is, bit for bit. One of 32 to 400 Hz is judged at its own rate: rows that
+//! are interpolated between others have no noise of their own, and the detectors, which measure the noise from row to row, would take what is left for gusts. A
+//! faster one is resampled to 400 Hz, a slower one to 32 Hz.
+//!
+//! Between rows that are further apart than the flight controller's steps there were duties that the log does not have. A row's duty d then counts as
+//!
+//! ```text
+//!  d_k + (d_k+1 − d_k) (1 − f/f_c)/2       f: rate of the log, f_c = 400 Hz: the mean until the next row of steps along a straight line
+//! ```
+//! Duties that answer to the noise of a sensor stay unknown between rows, and act as a white force.
+//!
 //! Steps without a value in a channel that the detectors need are lost steps; what a session does at a gap is done here. A log without velocity or
 //! attitude is judged by its accelerometer ([`crate::axial`]), one without a voltage by its duties ([`crate::voltage`]): `lacks` says what that costs.
 //!
@@ -24,7 +33,7 @@ use rotortwin_plant::STEP_RATE_HZ;
 use rotortwin_scenario::Detectors;
 use rotortwin_twin::flight_picture::FlightPicture;
 use rotortwin_twin::log::flight_parts::{FlightPart, FlightParts, PartKind};
-use rotortwin_twin::log::{FlightLog, RotorOrder, names};
+use rotortwin_twin::log::{FlightLog, GAP_FACTOR, RotorOrder, names};
 use serde::Serialize;
 use utoipa::ToSchema;
 
@@ -34,8 +43,12 @@ pub const LONGEST_S: f64 = 4.0 * 3600.0;
 const LONGEST_TIMELINE: usize = 1000;
 /// Cosine of 70°: the model is not valid beyond this tilt.
 const UPRIGHT_COSINE: f64 = 0.342;
-/// From the next usual rate down a loss of 5 % is hardly ever found; 250 Hz was not measured.
-const BLIND_BELOW_HZ: f64 = 225.0;
+/// Lowest rate that a log is judged at, Hz: a window has two samples then.
+const LOWEST_RATE_HZ: f64 = 32.0;
+/// Below it a third of the losses of 5 % is found late or never; rates between 50 and 100 Hz were not measured.
+const BLIND_BELOW_HZ: f64 = 75.0;
+/// Fewest samples before the calibration: 200 that the noise is measured from, and a quarter more that do not count.
+const NOISE_SAMPLES: f32 = 270.0;
 /// A median rate this close to 400 Hz counts as 400 Hz.
 const SAME_RATE_HZ: f64 = 0.5;
 
@@ -123,11 +136,11 @@ pub struct LogReport {
     pub log: LogView,
     /// The detectors in effect.
     pub detectors: DetectorsView,
-    /// Rate that the detectors ran at, Hz.
+    /// Rate that the detectors ran at, Hz: the log's own, from 32 to 400 Hz.
     pub judged_rate_hz: f64,
-    /// The log has another rate and was resampled.
+    /// The log has a rate outside of that and was resampled.
     pub resampled: bool,
-    /// Steps processed by the detectors.
+    /// Steps processed by the detectors, at the rate that they ran at.
     pub steps: u64,
     /// Steps at which a channel had no value.
     pub lost_steps: u64,
@@ -201,6 +214,60 @@ fn without_motion(log: &FlightLog) -> Vec<String> {
     missing.map(|name| (*name).to_owned()).collect()
 }
 
+/// Rate that a log is judged at, Hz: its own, as far as the detectors have it.
+fn judged_rate_hz(log: &FlightLog) -> f64 {
+    let median_hz = log.sample_rate_hz();
+    if median_hz > STEP_RATE_HZ - SAME_RATE_HZ {
+        return STEP_RATE_HZ;
+    }
+    // The mean, where it differs: a median of uneven rows has steps between them.
+    let intervals = log.time_s.windows(2).map(|pair| pair[1] - pair[0]);
+    let (rows, time_s) = intervals
+        .filter(|interval| interval * median_hz <= GAP_FACTOR)
+        .fold((0.0, 0.0), |(rows, time_s), interval| (rows + 1.0, time_s + interval));
+    let rate_hz = if rows > 0.0 { rows / time_s } else { median_hz };
+    // A session's period is whole tens of nanoseconds.
+    1e8 / (1e8 / rate_hz.clamp(LOWEST_RATE_HZ, STEP_RATE_HZ)).round()
+}
+
+/// Detectors for another rate than 400 Hz: windows of about the same length, a calibration as long, which begins when there are enough samples to know the noise.
+fn at_rate(config: &FdiConfig, rate_hz: f64) -> FdiConfig {
+    let mut config = *config;
+    if rate_hz >= STEP_RATE_HZ {
+        return config;
+    }
+    let window_s = config.period * f32::from(config.window_len);
+    config.period = (1.0 / rate_hz) as f32;
+    config.window_len = (window_s / config.period).round().max(2.0) as u16;
+    let later = (NOISE_SAMPLES * config.period - config.sequential.calibration_start).max(0.0);
+    for time in [
+        &mut config.sequential.calibration_start,
+        &mut config.sequential.calibration_end,
+        &mut config.t_test.baseline_start,
+        &mut config.t_test.baseline_end,
+    ] {
+        *time += later;
+    }
+    config
+}
+
+/// A log of less than 400 Hz with duties that are means until the next row, see the module.
+fn with_mean_duties(log: &FlightLog, rate_hz: f64) -> FlightLog {
+    let share = 0.5 * (1.0 - rate_hz / STEP_RATE_HZ);
+    let gap_s = GAP_FACTOR / log.sample_rate_hz();
+    let mut log = log.clone();
+    let FlightLog { time_s, columns, .. } = &mut log;
+    for (_, duty) in columns.iter_mut().filter(|(name, _)| names::duty_rotor(name).is_some()) {
+        for row in 1..duty.len() {
+            let change = duty[row] - duty[row - 1];
+            if change.is_finite() && time_s[row] - time_s[row - 1] <= gap_s {
+                duty[row - 1] += share * change;
+            }
+        }
+    }
+    log
+}
+
 /// What is not known of a log that is judged by its accelerometer.
 fn judged_by_force(log: &FlightLog, axial: &Axial) -> Lack {
     Lack {
@@ -240,15 +307,16 @@ fn lacks(log: &FlightLog, detectors: &Detectors) -> Vec<Lack> {
 
 /// The voltage of a log that has none, and what is not known for want of it.
 ///
-/// * `leak`: by which the velocity down forgets, 1/s
+/// * `rate_hz`: of the steps that it is asked for   * `leak`: by which the velocity down forgets, 1/s
 fn without_voltage(
     log: &FlightLog,
     parts: &FlightParts,
     detectors: &Detectors,
+    rate_hz: f64,
     leak: f64,
 ) -> (Option<WorkedOutVoltage>, Lack) {
     let columns = vec![names::BATTERY_VOLTAGE.to_owned()];
-    match WorkedOutVoltage::of(log, parts, detectors, leak) {
+    match WorkedOutVoltage::of(log, parts, detectors, rate_hz, leak) {
         Ok(voltage) => {
             let begin = voltage.begin;
             let rules_out = format!(
@@ -377,6 +445,10 @@ fn run(
         Some(axial) => (&axial.log, &axial.config),
         None => (log, detectors.config()),
     };
+    let rate_hz = judged_rate_hz(log);
+    let config = at_rate(config, rate_hz);
+    let slow = (rate_hz < STEP_RATE_HZ).then(|| with_mean_duties(judged, rate_hz));
+    let judged = slow.as_ref().unwrap_or(judged);
     let parts = parts_of(log);
     let mut lacks = lacks(judged, detectors);
     if let Some(axial) = &axial {
@@ -385,13 +457,13 @@ fn run(
     let mut voltage = None;
     if !has(log, names::BATTERY_VOLTAGE) && !lacks.iter().any(|lack| lack.prevents_verdicts) {
         let leak = axial.as_ref().map_or(0.0, |_| Axial::LEAK);
-        let (worked_out, lack) = without_voltage(judged, &parts, detectors, leak);
+        let (worked_out, lack) = without_voltage(judged, &parts, detectors, rate_hz, leak);
         voltage = worked_out;
         lacks.insert(0, lack);
     }
-    let session = session(config).expect("the detectors were checked");
+    let session = session(&config).expect("the detectors were checked");
     let session = if axial.is_some() { session.by_force() } else { session };
-    let mut judge = Judge::new(session, parts);
+    let mut judge = Judge::new(session, parts, rate_hz);
     judge.lists = every_window;
     judge.voltage = voltage;
     if !lacks.iter().any(|lack| lack.prevents_verdicts) {
@@ -403,17 +475,26 @@ fn run(
 fn report(log: &FlightLog, detectors: &Detectors, judge: Judge, lacks: Vec<Lack>) -> LogReport {
     let vehicle = &detectors.vehicle().vehicle;
     let rate_hz = log.sample_rate_hz();
-    let resampled = (rate_hz - STEP_RATE_HZ).abs() > SAME_RATE_HZ;
+    let resampled = !(LOWEST_RATE_HZ..=STEP_RATE_HZ + SAME_RATE_HZ).contains(&rate_hz);
+    let mut view = DetectorsView::from(detectors);
+    if judge.rate_hz < STEP_RATE_HZ {
+        let config = at_rate(detectors.config(), judge.rate_hz);
+        let milliseconds = |seconds: f32| (1e3 * f64::from(seconds)).round() / 1e3;
+        view.window_samples = config.window_len;
+        view.calibration_start_s = milliseconds(config.sequential.calibration_start);
+        view.calibration_end_s = milliseconds(config.sequential.calibration_end);
+    }
     let mut notes = judge.notes;
     if let RotorOrder::Vehicle(note) = &log.report.rotor_order {
         notes.insert(0, note.clone());
     }
-    if resampled {
+    if (rate_hz - STEP_RATE_HZ).abs() > SAME_RATE_HZ {
         notes.insert(0, format!(
-            "the log has {rate_hz:.1} Hz and was resampled to 400 Hz (duties held, the rest along straight lines): the detectors were made for \
-             400 Hz, their delays and false alarms on this log are not those of docs/figures.md{}",
+            "the log has {rate_hz:.1} Hz and was judged at {:.1} Hz: the detectors were made for 400 Hz, their delays and false alarms on this log are \
+             not those of docs/figures.md{}",
+            judge.rate_hz,
             if rate_hz < BLIND_BELOW_HZ {
-                "; at 200 Hz and less a loss of 5 % is hardly ever found (docs/detector.md, logs of low rates)"
+                "; at 50 Hz and less a loss of 5 % is often found late or never (docs/detector.md, logs of low rates)"
             } else {
                 ""
             }
@@ -434,16 +515,16 @@ fn report(log: &FlightLog, detectors: &Detectors, judge: Judge, lacks: Vec<Lack>
             rate_hz,
             gaps: log.report.gaps.len(),
         },
-        detectors: detectors.into(),
-        judged_rate_hz: STEP_RATE_HZ,
+        detectors: view,
+        judged_rate_hz: judge.rate_hz,
         resampled,
         steps: judge.session.samples(),
         lost_steps: judge.lost,
         rejected_steps: judge.session.rejected_samples(),
-        decided_s: judge.counts[2].decided as f64 * f64::from(judge.session.window_samples()) / STEP_RATE_HZ,
+        decided_s: judge.counts[2].decided as f64 * f64::from(judge.session.window_samples()) / judge.rate_hz,
         final_window: judge.last_judged.as_ref().or(judge.session.last()).map(|window| {
             let mut view = WindowView::from(window);
-            view.time_s += judge.session.origin().unwrap_or(0) as f64 / STEP_RATE_HZ;
+            view.time_s += judge.session.origin().unwrap_or(0) as f64 / judge.rate_hz;
             view
         }),
         stretches: judge.stretches.into_iter().map(|(_, stretch)| stretch).collect(),
@@ -480,6 +561,8 @@ fn duties(block: &[Vec<f64>], row: usize, rotor_count: usize) -> [f32; MAX_ROTOR
 /// Feeds a session and counts its verdicts.
 struct Judge {
     session: FdiSession,
+    /// Of its steps, Hz.
+    rate_hz: f64,
     chunk: Chunk,
     /// Replaces the missing voltage of the log.
     voltage: Option<WorkedOutVoltage>,
@@ -508,7 +591,7 @@ struct Judge {
 }
 
 impl Judge {
-    fn new(session: FdiSession, parts: FlightParts) -> Self {
+    fn new(session: FdiSession, parts: FlightParts, rate_hz: f64) -> Self {
         let count = |detector: &str| DetectorCount {
             detector: detector.to_owned(),
             decided: 0,
@@ -519,6 +602,7 @@ impl Judge {
         };
         Self {
             session,
+            rate_hz,
             chunk: Chunk::default(),
             voltage: None,
             lost: 0,
@@ -549,10 +633,10 @@ impl Judge {
             columns.push(names::BATTERY_VOLTAGE);
         }
         let start_s = log.time_s.first().copied().unwrap_or(0.0);
-        let given: Result<(), std::convert::Infallible> = log.for_each_block(&columns, STEP_RATE_HZ, |first, block| {
+        let given: Result<(), std::convert::Infallible> = log.for_each_block(&columns, self.rate_hz, |first, block| {
             for row in 0..block[0].len() {
                 let step = first + row;
-                let time_s = start_s + step as f64 / STEP_RATE_HZ;
+                let time_s = start_s + step as f64 / self.rate_hz;
                 let voltage = self.voltage_at(time_s - start_s, block, row, rotor_count);
                 match self.outside_of_air(time_s) {
                     Some(obstacle) => self.skip(step as u64, obstacle),
@@ -630,7 +714,7 @@ impl Judge {
             self.last_code = Some(CANNOT_JUDGE);
             self.turn(ChangeView {
                 step,
-                time_s: step as f64 / STEP_RATE_HZ,
+                time_s: step as f64 / self.rate_hz,
                 sequential: SequentialView::cannot_judge(),
                 cannot_judge: Some(obstacle.clone()),
             });
@@ -648,10 +732,10 @@ impl Judge {
         };
         self.accounted = to;
         let Some(obstacle) = obstacle else { return };
-        let [from_s, to_s] = [from, to].map(|step| step as f64 / STEP_RATE_HZ);
+        let [from_s, to_s] = [from, to].map(|step| step as f64 / self.rate_hz);
         let full = self.not_judged.len() >= LONGEST_TIMELINE;
         match self.not_judged.last_mut() {
-            Some(last) if last.obstacle.reason == obstacle.reason && from_s - last.to_s < 1.0 / STEP_RATE_HZ => {
+            Some(last) if last.obstacle.reason == obstacle.reason && from_s - last.to_s < 1.0 / self.rate_hz => {
                 last.to_s = to_s;
                 if obstacle.reason == Obstruction::Upset {
                     // Its tilt only increases.
@@ -701,7 +785,7 @@ impl Judge {
         let end = report.stamp.step + 1;
         let begin = end.saturating_sub(u64::from(self.session.window_samples()));
         // Since the log's first row, which may lie before the first complete step.
-        let time_s = (report.stamp.step as f64) / STEP_RATE_HZ;
+        let time_s = (report.stamp.step as f64) / self.rate_hz;
         for (index, code) in [report.t_test, report.network, report.sequential]
             .map(|code| code_in(window, code))
             .into_iter()
@@ -732,7 +816,7 @@ impl Judge {
             }
         };
         self.account(begin, end, obstacle);
-        let since_first_row_s = origin as f64 / STEP_RATE_HZ;
+        let since_first_row_s = origin as f64 / self.rate_hz;
         if self.lists {
             let mut view = WindowView::from(window);
             view.time_s += since_first_row_s;
@@ -749,7 +833,7 @@ impl Judge {
     /// A window with a verdict.
     fn judged(&mut self, begin: u64, end: u64, window: &Window) {
         self.last_judged = Some(window.clone());
-        let [from_s, to_s] = [begin, end].map(|step| step as f64 / STEP_RATE_HZ);
+        let [from_s, to_s] = [begin, end].map(|step| step as f64 / self.rate_hz);
         let sequential = SequentialView::in_window(window);
         let calibration = window.calibrated_from;
         match self.stretches.last_mut() {

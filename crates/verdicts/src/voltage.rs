@@ -14,7 +14,6 @@
 
 use rotortwin_flight_core::MAX_ROTORS;
 use rotortwin_flight_core::fdi::FdiConfig;
-use rotortwin_plant::STEP_RATE_HZ;
 use rotortwin_plant::powertrain::battery::Battery;
 use rotortwin_scenario::Detectors;
 use rotortwin_twin::log::flight_parts::{FlightPart, FlightParts, PartKind};
@@ -41,6 +40,8 @@ pub(crate) struct WorkedOutVoltage {
     battery: Battery,
     config: FdiConfig,
     rotor_count: usize,
+    /// Of the steps, Hz.
+    rate_hz: f64,
     state_of_charge: f64,
     voltage: f64,
     /// Initial state, and the airborne time used to estimate it, s since the log's first row.
@@ -60,20 +61,27 @@ pub(crate) struct Begin {
 impl WorkedOutVoltage {
     /// Estimates the initial charge.
     ///
-    /// * `parts`: of the flight   * `leak`: by which the velocity down forgets, 1/s; 0 of a measured one
+    /// * `parts`: of the flight   * `rate_hz`: of the steps that it is asked for   * `leak`: by which the velocity down forgets, 1/s; 0 of a measured one
     ///
     /// # Errors
     /// Half a sentence: why it cannot be found.
-    pub(crate) fn of(log: &FlightLog, parts: &FlightParts, detectors: &Detectors, leak: f64) -> Result<Self, String> {
+    pub(crate) fn of(
+        log: &FlightLog,
+        parts: &FlightParts,
+        detectors: &Detectors,
+        rate_hz: f64,
+        leak: f64,
+    ) -> Result<Self, String> {
         let rotor_count = detectors.vehicle().rotor_count();
-        let (from_s, steps, sinking) = first_seconds(log, parts, rotor_count, leak)?;
-        let duration_s = (steps.len() - 1) as f64 / STEP_RATE_HZ;
+        let (from_s, steps, sinking) = first_seconds(log, parts, rotor_count, rate_hz, leak)?;
+        let duration_s = (steps.len() - 1) as f64 / rate_hz;
         let config = *detectors.config();
         let impulse = f64::from(config.mass) * (f64::from(config.gravity) * duration_s - sinking);
         let begun = |state_of_charge: f64| Self {
             battery: Battery::new(&detectors.vehicle().vehicle.battery),
             config,
             rotor_count,
+            rate_hz,
             state_of_charge,
             voltage: 0.0,
             begin: Begin::default(),
@@ -84,7 +92,7 @@ impl WorkedOutVoltage {
             let (mut sum, mut voltage) = (0.0, 0.0);
             for step in &steps[1..] {
                 voltage += battery.step(&step.duty);
-                sum += battery.force(&step.duty) * step.upright / STEP_RATE_HZ;
+                sum += battery.force(&step.duty) * step.upright / rate_hz;
             }
             (sum / impulse, voltage / (steps.len() - 1) as f64)
         };
@@ -139,7 +147,7 @@ impl WorkedOutVoltage {
                 .sum::<f64>();
         let output = self.battery.output(self.state_of_charge, power);
         self.voltage = output.battery_voltage;
-        let charge = self.state_of_charge + self.battery.charge_rate(output.battery_current) / STEP_RATE_HZ;
+        let charge = self.state_of_charge + self.battery.charge_rate(output.battery_current) / self.rate_hz;
         self.state_of_charge = charge.max(0.0);
         self.voltage
     }
@@ -167,6 +175,7 @@ fn first_seconds(
     log: &FlightLog,
     parts: &FlightParts,
     rotor_count: usize,
+    rate_hz: f64,
     leak: f64,
 ) -> Result<(f64, Vec<Step>, f64), String> {
     let start_s = log.time_s.first().copied().unwrap_or(0.0);
@@ -184,9 +193,9 @@ fn first_seconds(
     let mut forgotten = 0.0;
     let mut begin_s = from_s;
     let mut over = false;
-    let given: Result<(), std::convert::Infallible> = log.for_each_block(&columns, STEP_RATE_HZ, |first, block| {
+    let given: Result<(), std::convert::Infallible> = log.for_each_block(&columns, rate_hz, |first, block| {
         for row in 0..block[0].len() {
-            let time_s = start_s + (first + row) as f64 / STEP_RATE_HZ;
+            let time_s = start_s + (first + row) as f64 / rate_hz;
             if over || time_s < from_s || time_s > to_s {
                 continue;
             }
@@ -201,7 +210,7 @@ fn first_seconds(
             }
             let down = block[0][row];
             sinking = Some(sinking.map_or((down, down), |(begin, _)| (begin, down)));
-            forgotten += leak * down / STEP_RATE_HZ;
+            forgotten += leak * down / rate_hz;
             if steps.is_empty() {
                 begin_s = time_s;
             }
@@ -216,7 +225,7 @@ fn first_seconds(
         Ok(()) => {}
     }
     match sinking {
-        Some((begin, end)) if steps.len() as f64 >= SHORTEST_S * STEP_RATE_HZ => {
+        Some((begin, end)) if steps.len() as f64 >= SHORTEST_S * rate_hz => {
             Ok((begin_s - start_s, steps, end - begin + forgotten))
         }
         _ => Err(why()),

@@ -1,4 +1,5 @@
-//! Logs of 200, 100 and 50 Hz of the independent generator's flights: every second, fourth, eighth row of 400 Hz, and nothing between.
+//! Logs of 200, 100 and 50 Hz of the independent generator's flights: every second, fourth, eighth row of 400 Hz, and nothing between; and uneven ones, as
+//! autopilots write them.
 
 use rotortwin_blind::bench::faults::{Class, End, FaultCase, FaultRow, draw_cases, fly_case, score};
 use rotortwin_blind::bench::sheet::Share;
@@ -29,47 +30,115 @@ fn cases(class: Class, n: usize, seed: u64) -> Vec<FaultCase> {
     cases
 }
 
-/// Every `nth` row, as a log that has never had the others.
-fn thinned(rows: &[Row], nth: usize) -> FlightLog {
-    let rows: Vec<&Row> = rows.iter().step_by(nth).collect();
-    let of = |value: &dyn Fn(&Row) -> f64| rows.iter().map(|row| value(row)).collect::<Vec<f64>>();
-    let mut columns = vec![(names::BATTERY_VOLTAGE.to_owned(), of(&|row| row.voltage))];
-    for axis in 0..3 {
-        columns.push((names::VELOCITY[axis].to_owned(), of(&|row| row.velocity[axis])));
-        columns.push((names::ATTITUDE[axis].to_owned(), of(&|row| row.euler[axis])));
-        columns.push((names::RATES[axis].to_owned(), of(&|row| row.rates[axis])));
-    }
-    for rotor in 0..6 {
-        columns.push((names::duty(rotor + 1), of(&|row| row.duties[rotor].clamp(0.0, 1.0))));
-    }
-    FlightLog::from_columns("thinned", of(&|row| row.time), columns).expect("a good log")
+/// A log of some rows of a flight, with values of other rows: those that the row's own follow from.
+struct Log<'a> {
+    rows: Vec<&'a Row>,
+    velocity: Vec<&'a Row>,
+    attitude: Vec<&'a Row>,
+    voltage: Vec<&'a Row>,
 }
 
-fn judged(case: &FaultCase, rows: &[Row], nth: usize) -> FaultRow {
-    let report = judge(&thinned(rows, nth), &detectors(), true).expect("judged");
+impl<'a> Log<'a> {
+    /// Every `nth` row, as a log that has never had the others.
+    fn even(rows: &'a [Row], nth: usize) -> Self {
+        let rows: Vec<&Row> = rows.iter().step_by(nth).collect();
+        let [velocity, attitude, voltage] = [rows.clone(), rows.clone(), rows.clone()];
+        Self {
+            rows,
+            velocity,
+            attitude,
+            voltage,
+        }
+    }
+
+    /// Rates and duties at 100 Hz with up to 5 ms of jitter; velocities at 10 Hz, attitudes at 50 Hz, the voltage at 2 Hz, each held.
+    fn uneven(rows: &'a [Row]) -> Self {
+        let places: Vec<usize> = (0..rows.len() / 4).map(|k| 4 * k + [0, 2, 1, 0, 1][k % 5]).collect();
+        let held = |every: usize| places.iter().map(|place| &rows[place - place % every]).collect();
+        Self {
+            rows: held(1),
+            velocity: held(40),
+            attitude: held(8),
+            voltage: held(200),
+        }
+    }
+
+    fn read(&self) -> FlightLog {
+        let of = |rows: &[&Row], value: &dyn Fn(&Row) -> f64| rows.iter().map(|row| value(row)).collect::<Vec<f64>>();
+        let mut columns = vec![(names::BATTERY_VOLTAGE.to_owned(), of(&self.voltage, &|row| row.voltage))];
+        for axis in 0..3 {
+            columns.push((
+                names::VELOCITY[axis].to_owned(),
+                of(&self.velocity, &|row| row.velocity[axis]),
+            ));
+            columns.push((
+                names::ATTITUDE[axis].to_owned(),
+                of(&self.attitude, &|row| row.euler[axis]),
+            ));
+            columns.push((names::RATES[axis].to_owned(), of(&self.rows, &|row| row.rates[axis])));
+        }
+        for rotor in 0..6 {
+            let duty = of(&self.rows, &|row| row.duties[rotor].clamp(0.0, 1.0));
+            columns.push((names::duty(rotor + 1), duty));
+        }
+        FlightLog::from_columns("thinned", of(&self.rows, &|row| row.time), columns).expect("a good log")
+    }
+}
+
+fn judged(case: &FaultCase, log: &FlightLog) -> FaultRow {
+    let report = judge(log, &detectors(), true).expect("judged");
     score(case, &serde_json::to_string(&report).expect("JSON")).expect("scored")
 }
 
-/// The figures of docs/detector.md of low rates: `ROTORTWIN_FAULTS_N` steps of 5 % and as many healthy flights, `ROTORTWIN_FAULTS_SEED`; each flight is flown
-/// once and judged at every rate.
+fn flown(class: Class, n: usize, seed: u64) -> Vec<(FaultCase, Vec<Row>)> {
+    let cases = cases(class, n, seed).into_iter();
+    cases
+        .filter_map(|case| fly_case(&case).ok().map(|rows| (case, rows)))
+        .collect()
+}
+
+fn is_found(row: &FaultRow) -> bool {
+    row.first_s.is_some_and(|s| s <= WITHIN_S)
+}
+
 #[test]
-#[ignore = "a measurement: cargo test --release -p rotortwin-verdicts --test low_rates -- --ignored --nocapture bench_"]
-fn bench_low_rates() {
-    let number =
-        |name: &str, default: usize| std::env::var(name).map_or(default, |text| text.parse().expect("a number"));
-    let (n, seed) = (number("ROTORTWIN_FAULTS_N", 24), number("ROTORTWIN_FAULTS_SEED", 1));
-    let flown = |class: Class| -> Vec<(FaultCase, Vec<Row>)> {
-        let cases = cases(class, n, seed as u64).into_iter();
-        cases
-            .filter_map(|case| fly_case(&case).ok().map(|rows| (case, rows)))
-            .collect()
+fn val_a_loss_of_5_percent_is_found_at_100_hz_and_healthy_flights_stay_healthy() {
+    let rows = |class: Class| -> Vec<FaultRow> {
+        let flights = flown(class, 8, 7);
+        let read = |rows: &[Row]| Log::even(rows, 4).read();
+        flights.iter().map(|(case, rows)| judged(case, &read(rows))).collect()
     };
-    let (steps, healthy) = (flown(Class::Step), flown(Class::Healthy));
-    for nth in [1, 2, 4, 8] {
+    let (steps, healthy) = (rows(Class::Step), rows(Class::Healthy));
+    let found = steps.iter().filter(|row| is_found(row)).count();
+    assert!(found >= 7, "{found} of {}", steps.len());
+    for row in steps.iter().chain(&healthy) {
+        assert_eq!((row.false_alarms, row.healthy_named), (0, false), "{:?}", row.case);
+    }
+}
+
+/// Steps of 5 % of the size and healthy flights, and healthy ones with five unknown effects.
+struct Flights {
+    steps: Vec<(FaultCase, Vec<Row>)>,
+    healthy: Vec<(FaultCase, Vec<Row>)>,
+    five: Vec<(FaultCase, Vec<Row>)>,
+}
+
+impl Flights {
+    /// `ROTORTWIN_FAULTS_N` of each, `ROTORTWIN_FAULTS_SEED`.
+    fn fly() -> Self {
+        let number =
+            |name: &str, default: usize| std::env::var(name).map_or(default, |text| text.parse().expect("a number"));
+        let (n, seed) = (number("ROTORTWIN_FAULTS_N", 24), number("ROTORTWIN_FAULTS_SEED", 1));
+        let [steps, healthy, five] =
+            [Class::Step, Class::Healthy, Class::FiveHealthy].map(|class| flown(class, n, seed as u64));
+        Self { steps, healthy, five }
+    }
+
+    fn print(&self, name: &str, log: impl Fn(&[Row]) -> FlightLog) {
         let rows = |flights: &[(FaultCase, Vec<Row>)]| -> Vec<FaultRow> {
-            flights.iter().map(|(case, rows)| judged(case, rows, nth)).collect()
+            flights.iter().map(|(case, rows)| judged(case, &log(rows))).collect()
         };
-        let (steps, healthy) = (rows(&steps), rows(&healthy));
+        let [steps, healthy, five] = [&self.steps, &self.healthy, &self.five].map(|flights| rows(flights));
         let share = |rows: &[FaultRow], is: &dyn Fn(&FaultRow) -> bool| {
             let share = Share::new(rows.iter().filter(|row| is(row)).count(), rows.len());
             format!(
@@ -80,24 +149,55 @@ fn bench_low_rates() {
                 100.0 * share.high
             )
         };
-        let found = |row: &FaultRow| row.first_s.is_some_and(|s| s <= WITHIN_S);
+        let alarms = |rows: &mut dyn Iterator<Item = &FaultRow>| {
+            let (count, hours) = rows.fold((0, 0.0), |(count, hours), row| {
+                (count + row.false_alarms, hours + row.healthy_s / 3600.0)
+            });
+            format!("{count} in {hours:.2} h")
+        };
+        let decided = |rows: &[FaultRow]| {
+            let decided: f64 = rows.iter().map(|row| row.decided_s).sum();
+            100.0 * decided / (60.0 * rows.len() as f64)
+        };
         let inside: Vec<FaultRow> = steps.iter().filter(|row| row.inside.is_some()).cloned().collect();
         let mut first: Vec<f64> = steps.iter().filter_map(|row| row.first_s).collect();
         first.sort_by(f64::total_cmp);
-        let both = || steps.iter().chain(&healthy);
         println!(
-            "{:>3} Hz: found within 5 s {}, median {:.2} s; right at the end {}; inside {}; a healthy rotor named {} with a step, {} healthy; \
-             false alarms {} in {:.2} h; judged {:.0} %",
-            400 / nth,
-            share(&steps, &found),
+            "{name}: found within 5 s {}, median {:.2} s; right at the end {}; inside {}; a healthy rotor named {} with a step, {} healthy, {} with five \
+             effects; false alarms {}, {} with five effects; judged {:.0} %, {:.0} % of healthy flights, {:.0} % with five effects",
+            share(&steps, &is_found),
             first.get(first.len() / 2).copied().unwrap_or(f64::NAN),
             share(&steps, &|row| row.end == Some(End::Right)),
             share(&inside, &|row| row.inside == Some(true)),
             share(&steps, &|row| row.healthy_named),
             share(&healthy, &|row| row.healthy_named),
-            both().map(|row| row.false_alarms).sum::<usize>(),
-            both().map(|row| row.healthy_s).sum::<f64>() / 3600.0,
-            100.0 * both().map(|row| row.decided_s).sum::<f64>() / (60.0 * both().count() as f64),
+            share(&five, &|row| row.healthy_named),
+            alarms(&mut steps.iter().chain(&healthy)),
+            alarms(&mut five.iter()),
+            decided(&steps),
+            decided(&healthy),
+            decided(&five),
         );
     }
+}
+
+/// The figures of docs/detector.md of low rates; each flight is flown once and judged at every rate.
+#[test]
+#[ignore = "a measurement: cargo test --release -p rotortwin-verdicts --test low_rates -- --ignored --nocapture bench_"]
+fn bench_low_rates() {
+    let flights = Flights::fly();
+    for nth in [1, 2, 4, 8] {
+        flights.print(&format!("{:>3} Hz", 400 / nth), |rows| Log::even(rows, nth).read());
+    }
+}
+
+/// The same of uneven logs, and of what they were taken for before: 400 Hz along straight lines.
+#[test]
+#[ignore = "a measurement: cargo test --release -p rotortwin-verdicts --test low_rates -- --ignored --nocapture bench_"]
+fn bench_uneven_rows() {
+    let flights = Flights::fly();
+    flights.print("uneven", |rows| Log::uneven(rows).read());
+    flights.print("uneven, resampled to 400 Hz", |rows| {
+        Log::uneven(rows).read().resampled(400.0).expect("it is short")
+    });
 }

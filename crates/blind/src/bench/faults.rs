@@ -433,7 +433,10 @@ pub fn score(case: &FaultCase, report: &str) -> std::result::Result<FaultRow, St
     let windows = value["windows"].as_array().ok_or("the report has no `windows`")?;
     let windows: Option<Vec<Window>> = windows.iter().map(|window| Window::read(window, start_s)).collect();
     let windows = windows.ok_or("a window of the report lacks time, code, probability or losses")?;
-    Ok(scored(case, &windows))
+    let samples = value["detectors"]["window_samples"].as_f64();
+    let window_s = samples.zip(value["judged_rate_hz"].as_f64()).map(|(n, hz)| n / hz);
+    let window_s = window_s.ok_or("the report has no detectors.window_samples and judged_rate_hz")?;
+    Ok(scored(case, &windows, window_s))
 }
 
 /// Rotors from 1 whose thrust has changed by at least [`SEEN`].
@@ -490,9 +493,7 @@ fn is_announced(case: &FaultCase, all: &[Window], rotor: usize, onset_s: f64) ->
     }
 }
 
-fn scored(case: &FaultCase, all: &[Window]) -> FaultRow {
-    /// s of a window.
-    const WINDOW_S: f64 = 0.0625;
+fn scored(case: &FaultCase, all: &[Window], window_s: f64) -> FaultRow {
     let windows: Vec<Window> = all.iter().filter(|window| window.decided()).cloned().collect();
     let windows = windows.as_slice();
     let lost = |time_s: f64| -> Vec<usize> {
@@ -543,7 +544,7 @@ fn scored(case: &FaultCase, all: &[Window]) -> FaultRow {
         let judged: Vec<&&Window> = during.iter().filter(asked).collect();
         if judged.last().is_some_and(|window| right(window)) && case.class != Class::Intermittent {
             let wrong = judged.iter().rev().find(|window| !right(window));
-            row.settled_s = Some(wrong.map_or(row.first_s.unwrap_or(0.0), |window| window.time_s - onset_s + WINDOW_S));
+            row.settled_s = Some(wrong.map_or(row.first_s.unwrap_or(0.0), |window| window.time_s - onset_s + window_s));
         }
         let holds = |window: &Window| {
             let truth = losses(&case.effects, window.time_s);
@@ -579,11 +580,11 @@ fn scored(case: &FaultCase, all: &[Window]) -> FaultRow {
         };
         row.healthy_named |= window.probability >= SURE && window.named().iter().any(|rotor| !is_lost(rotor));
         let alarm = window.code != 0;
-        row.decided_s += WINDOW_S;
+        row.decided_s += window_s;
         // Time after a recovery is scored by the release.
         let is_over = !any(window.time_s) && !any(window.time_s - GRACE_S);
         if is_over && last_s.is_none_or(|last_s| window.time_s < last_s) {
-            row.healthy_s += WINDOW_S;
+            row.healthy_s += window_s;
             row.false_alarms += usize::from(alarm && !alarmed);
         }
         alarmed = alarm;
@@ -755,6 +756,9 @@ pub const NAME: &str = Preset::Faults.name();
 mod tests {
     use super::*;
 
+    /// s of a window.
+    const WINDOW_S: f64 = 0.0625;
+
     fn case(effects: Vec<Hidden>, class: Class) -> FaultCase {
         FaultCase {
             index: 0,
@@ -772,7 +776,7 @@ mod tests {
     fn windows(say: impl Fn(f64) -> (i32, f64, f64, f64)) -> Vec<Window> {
         (160..960)
             .map(|k| {
-                let time_s = 0.0625 * f64::from(k);
+                let time_s = WINDOW_S * f64::from(k);
                 let (code, probability, low, high) = say(time_s);
                 let rotor = usize::try_from(code).unwrap_or(0);
                 let loss = if rotor > 0 {
@@ -804,6 +808,7 @@ mod tests {
                 t if (30.0..31.0).contains(&t) => (3, 0.97, 0.08, 0.12),
                 _ => (2, 0.99, 0.09, 0.11),
             }),
+            WINDOW_S,
         );
         assert_eq!((row.false_alarms, row.healthy_named, row.inside), (1, true, Some(true)));
         assert_eq!((row.first_s, row.settled_s), (Some(1.0), Some(11.0)));
@@ -824,6 +829,7 @@ mod tests {
                     (4, 1.0, 0.02, 0.05)
                 }
             }),
+            WINDOW_S,
         );
         assert!((row.first_s.unwrap() - 2.0).abs() < 0.02, "{:?}", row.first_s);
         assert_eq!((row.inside, row.healthy_named), (Some(false), false));
@@ -840,7 +846,7 @@ mod tests {
                     window.code = code;
                 }
             }
-            scored(&case, &windows).announced
+            scored(&case, &windows, WINDOW_S).announced
         };
         assert_eq!(row(&[0.01, 0.11, 0.01], 0), Some(true), "11 % is promised, 10 % lost");
         assert_eq!(row(&[0.11, 0.01, 0.11], 0), Some(false), "1 % is promised");
@@ -862,6 +868,7 @@ mod tests {
                     (0, 1.0, 0.0, 0.0)
                 }
             }),
+            WINDOW_S,
         );
         assert!((row.released_s.unwrap() - 0.75).abs() < 0.07, "{:?}", row.released_s);
         assert_eq!((row.inside, row.settled_s), (Some(true), row.first_s));

@@ -54,8 +54,8 @@ pub(crate) struct Which {
 
 /// Runs the detectors on a flight log, uploaded or already imported: verdicts over time, final verdict, what the log lacks.
 ///
-/// The body is a log: canonical CSV or Parquet (as written by `rotortwin log import`), or an autopilot's. A log with another rate is resampled
-/// to 400 Hz. It is not stored.
+/// The body is a log: canonical CSV or Parquet (as written by `rotortwin log import`), or an autopilot's. A log of 32 to 400 Hz is
+/// judged at its own rate, any other resampled to the nearest of these. It is not stored.
 #[utoipa::path(post, path = "/api/v1/fdi/reports", tag = "fdi", operation_id = "judge_log", params(Which),
     request_body(description = "the log, at most 128 MiB", content(
         (String = "text/csv"), (Vec<u8> = "application/vnd.apache.parquet"), (Vec<u8> = "application/octet-stream"))),
