@@ -84,7 +84,11 @@ ON_PAPER = """
 # In the rules of paper: the lightness of every surface that is not part of a picture, and what is left of what only a screen can use.
 SURFACES = """
   () => {
-    const light = (text) => { const found = text.match(/[\\d.]+/g).map(Number); return found.length > 3 && found[3] === 0 ? 255 : (found[0] + found[1] + found[2]) / 3; };
+    // `rgb(1, 2, 3)`, `rgba(1, 2, 3, 0.4)`, or what a mix is: `color(srgb 0.1 0.2 0.3 / 0.4)`; what is under it is white.
+    const light = (text) => {
+      const [red, green, blue, cover = 1] = text.match(/[\\d.]+/g).map(Number);
+      return cover * (red + green + blue) / 3 * (text.startsWith('color(') ? 255 : 1) + (1 - cover) * 255;
+    };
     const all = [document.documentElement, document.body, ...document.querySelectorAll('main, .panel, .card, figure, table, td, pre')];
     return {
       darkest: Math.min(...all.map((one) => light(getComputedStyle(one).backgroundColor))),
