@@ -18,7 +18,7 @@ pub struct Args {
     /// Flight logs of one vehicle, of any source; LOG@35:65 takes only these seconds
     #[arg(required = true, value_name = "LOG")]
     logs: Vec<PathBuf>,
-    /// Model that gives rotor speeds from duty and voltage; needed if the log holds no rotor speeds from the ESCs
+    /// Model that gives rotor speeds from duty and voltage; needed for single rotors if the log holds no rotor speeds from the ESCs
     #[arg(long, value_name = "MODEL")]
     model: Option<String>,
     /// Folder of the models
@@ -105,6 +105,18 @@ fn text(found: &Found) -> String {
         .as_ref()
         .map_or_else(String::new, |change| format!("{}\n\n", change.sentence));
     for flight in &found.flights {
+        if let Some([low, high]) = flight.band_hz {
+            text += &format!(
+                "{}: {} at {:.0} Hz, no rotor speeds: all vibration from {low:.0} to {high:.0} Hz {:.3} {}, strongest at {:.0} Hz\n\n",
+                flight.log,
+                flight.sensor.name(),
+                flight.rate_hz,
+                flight.amplitude,
+                flight.sensor.unit(),
+                flight.reference_hz
+            );
+            continue;
+        }
         text += &format!(
             "{}: {} at {:.0} Hz, rotor speeds from {}; all rotors together {:.3} {} at {:.1} Hz\n",
             flight.log,
@@ -125,6 +137,10 @@ fn text(found: &Found) -> String {
             };
         }
         text.push('\n');
+    }
+    if found.flights.iter().any(|flight| flight.band_hz.is_some()) {
+        text += "Single rotors need rotor speeds from the ESCs in the log, or --model to get them from duty and voltage. Heavier or faster \
+                 flights may vibrate more without any damage.\n";
     }
     if found.change.is_none() {
         text += "New propellers differ as well: --baseline with healthy flights shows which line has grown.\n";

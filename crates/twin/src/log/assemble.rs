@@ -278,38 +278,38 @@ fn convert(
     })
 }
 
+/// Rows over which a vibration averages out, so that gravity is left.
+const RUN_ROWS: usize = 256;
+
 /// The first unit of the row that the data allow.
+///
+/// A vehicle may shake by more than gravity: where no unit fits the samples of an accelerometer, their means over [`RUN_ROWS`] decide.
 pub(super) fn chosen_unit<'a>(row: &'a Row, values: &[Vec<f64>]) -> Result<(&'a str, f64), String> {
     let units = row.unit.list();
     let mut tried = Vec::new();
-    for name in units {
-        let (factor, dimension) = units::unit(name).ok_or_else(|| format!("unit '{name}' is not known"))?;
-        let Some(range) = units::plausible_median(dimension) else {
-            return Ok((name, factor));
-        };
-        let samples = values.first().map_or(0, Vec::len);
-        let mut sizes: Vec<f64> = (0..samples)
-            .map(|sample| {
-                factor
-                    * values
-                        .iter()
-                        .map(|column| column[sample] * column[sample])
-                        .sum::<f64>()
-                        .sqrt()
-            })
-            .filter(|size| size.is_finite())
-            .collect();
-        let Some(median) = median(&mut sizes) else {
-            return Ok((name, factor));
-        };
-        // A battery that is not connected reads 0: that is no unit's fault.
-        if range.contains(&median)
-            || median == 0.0
-            || (dimension == Dimension::Voltage && median < 1.0 && units.len() == 1)
-        {
-            return Ok((name, factor));
+    for run in [1, RUN_ROWS] {
+        for name in units {
+            let (factor, dimension) = units::unit(name).ok_or_else(|| format!("unit '{name}' is not known"))?;
+            let Some(range) = units::plausible_median(dimension) else {
+                return Ok((name, factor));
+            };
+            if run > 1 && dimension != Dimension::Acceleration {
+                continue;
+            }
+            let Some(median) = median_size(values, factor, run) else {
+                return Ok((name, factor));
+            };
+            // A battery that is not connected reads 0: that is no unit's fault.
+            if range.contains(&median)
+                || median == 0.0
+                || (dimension == Dimension::Voltage && median < 1.0 && units.len() == 1)
+            {
+                return Ok((name, factor));
+            }
+            if run == 1 {
+                tried.push(format!("{median:.4} in {name}"));
+            }
         }
-        tried.push(format!("{median:.4} in {name}"));
     }
     Err(format!(
         "{}: the unit cannot be right: the median is {}; set the unit of '{}' in a mapping",
@@ -317,6 +317,22 @@ pub(super) fn chosen_unit<'a>(row: &'a Row, values: &[Vec<f64>]) -> Result<(&'a 
         tried.join(", "),
         row.to
     ))
+}
+
+/// Median over runs of rows of the length of the mean vector.
+fn median_size(values: &[Vec<f64>], factor: f64, run: usize) -> Option<f64> {
+    let samples = values.first().map_or(0, Vec::len);
+    let size = |first: usize| {
+        let rows = first..(first + run).min(samples);
+        let mean = |column: &Vec<f64>| column[rows.clone()].iter().sum::<f64>() / rows.len() as f64;
+        factor * values.iter().map(|column| mean(column).powi(2)).sum::<f64>().sqrt()
+    };
+    let mut sizes: Vec<f64> = (0..samples)
+        .step_by(run)
+        .map(size)
+        .filter(|size| size.is_finite())
+        .collect();
+    median(&mut sizes)
 }
 
 pub(super) fn scale(values: &mut [Vec<f64>], factor: f64) {

@@ -548,6 +548,36 @@ fn triple(columns: &mut [Column], axes: &[[&str; 3]], what: &[&str], not: &[&str
     None
 }
 
+/// Three columns of one name and numbers from 0 or 1, as PX4's `sensor_combined` has them (`gyro_rad[0]`, `gyro_rad_1`); taken at once.
+///
+/// With the unit that the name states before the number.
+fn numbered(columns: &mut [Column], what: &[&str]) -> Option<([usize; 3], Option<&'static str>)> {
+    let split = |name: &str| -> Option<(String, usize)> {
+        let open = name.trim_end_matches([']', ')']);
+        let stem = open.trim_end_matches(|c: char| c.is_ascii_digit());
+        let number = open[stem.len()..].parse().ok()?;
+        Some((stem.trim_end_matches(['[', '(', '_', '.', ' ']).to_owned(), number))
+    };
+    let names: Vec<Option<(String, usize)>> = columns
+        .iter()
+        .map(|c| split(&c.name).filter(|_| !c.taken && c.has(what) && !c.has(&WANTED)))
+        .collect();
+    let find = |stem: &String, number: usize| {
+        let same = |name: &Option<(String, usize)>| name.as_ref().is_some_and(|(s, n)| s == stem && *n == number);
+        names.iter().position(same)
+    };
+    names.iter().flatten().find_map(|(stem, first)| {
+        let alone = *first <= 1 && find(stem, first + 3).is_none() && (*first == 0 || find(stem, 0).is_none());
+        let found = [find(stem, *first)?, find(stem, first + 1)?, find(stem, first + 2)?];
+        alone.then(|| {
+            for index in found {
+                columns[index].taken = true;
+            }
+            (found, unit_in(stem))
+        })
+    })
+}
+
 /// What is not measured but wanted.
 const WANTED: [&str; 16] = [
     "ref",
@@ -575,9 +605,12 @@ fn map_columns(columns: &mut [Column], out: &mut Writer) {
     quaternion(columns, out);
     let mut body = None;
     let accel = ["acc", "accel", "acceleration", "accelerometer", "force", "a"];
-    if let Some(found) =
-        triple(columns, &AXES[..1], &accel, &WANTED).or_else(|| triple(columns, &[["ax", "ay", "az"]], &[], &WANTED))
-    {
+    let by_axis =
+        triple(columns, &AXES[..1], &accel, &WANTED).or_else(|| triple(columns, &[["ax", "ay", "az"]], &[], &WANTED));
+    let found = by_axis
+        .map(|found| (found, columns[found[0]].unit))
+        .or_else(|| numbered(columns, &accel[..4]));
+    if let Some((found, stated)) = found {
         let size = {
             let mut sizes: Vec<f64> = (0..columns[found[0]].values.len())
                 .map(|row| found.map(|i| columns[i].values[row].powi(2)).iter().sum::<f64>().sqrt())
@@ -585,15 +618,12 @@ fn map_columns(columns: &mut [Column], out: &mut Writer) {
                 .collect();
             super::resample::median(&mut sizes).unwrap_or(0.0)
         };
-        let unit = columns[found[0]]
-            .unit
-            .filter(|unit| ["m/s2", "g", "mg"].contains(unit))
-            .or(match size {
-                s if (4.0..25.0).contains(&s) => Some("m/s2"),
-                s if (0.4..2.5).contains(&s) => Some("g"),
-                s if (400.0..2500.0).contains(&s) => Some("mg"),
-                _ => None,
-            });
+        let unit = stated.filter(|unit| ["m/s2", "g", "mg"].contains(unit)).or(match size {
+            s if (4.0..25.0).contains(&s) => Some("m/s2"),
+            s if (0.4..2.5).contains(&s) => Some("g"),
+            s if (400.0..2500.0).contains(&s) => Some("mg"),
+            _ => None,
+        });
         let upwards = columns[found[2]].median() > 0.0;
         let frame = if upwards { "flu" } else { "frd" };
         body = Some(frame);
@@ -624,10 +654,22 @@ fn map_columns(columns: &mut [Column], out: &mut Writer) {
         "rollspeed",
         "bodyrate",
     ];
-    let found = triple(columns, &AXES[..3], &gyro, &WANTED).or_else(|| triple(columns, &AXES[2..3], &[], &WANTED));
-    if let Some(found) = found {
+    let by_axis = triple(columns, &AXES[..3], &gyro, &WANTED).or_else(|| triple(columns, &AXES[2..3], &[], &WANTED));
+    let found = by_axis.map(|found| (found, columns[found[0]].unit)).or_else(|| {
+        // A gyroscope whose name says `rad` or `deg` means them per second.
+        let (found, unit) = numbered(columns, &gyro[..3])?;
+        Some((
+            found,
+            unit.map(|unit| match unit {
+                "rad" => "rad/s",
+                "deg" => "deg/s",
+                other => other,
+            }),
+        ))
+    });
+    if let Some((found, stated)) = found {
         let largest = found.map(|i| columns[i].largest()).into_iter().fold(0.0, f64::max);
-        let stated = columns[found[0]].unit.filter(|unit| ["deg/s", "rad/s"].contains(unit));
+        let stated = stated.filter(|unit| ["deg/s", "rad/s"].contains(unit));
         let unit = stated.unwrap_or(if largest > FAST_RAD_S { "deg/s" } else { "rad/s" });
         if stated.is_none() {
             out.ask(format!(
@@ -1050,6 +1092,87 @@ mod tests {
             "{:?}",
             counted.questions
         );
+    }
+
+    /// A table of PX4's `sensor_combined`, as its tools write it; a fourth number makes it something else.
+    #[test]
+    fn val_axes_that_are_numbered_are_taken() {
+        let table = |names: [&str; 6]| {
+            let rows: Vec<String> = (0..100)
+                .map(|k| {
+                    format!(
+                        "{:.4},0.1,{:.2},-9.8,0.01,0.02,{:.3}",
+                        0.005 * f64::from(k),
+                        0.01 * f64::from(k),
+                        1e-3 * f64::from(k)
+                    )
+                })
+                .collect();
+            let text = format!("timestamp,{}\n{}\n", names.join(","), rows.join("\n"));
+            draft(Path::new("x.csv"), text.as_bytes()).unwrap().toml
+        };
+        let a = "accelerometer_m_s2";
+        let from_one = table([
+            &format!("{a}_1"),
+            &format!("{a}_2"),
+            &format!("{a}_3"),
+            "gyro_rad_1",
+            "gyro_rad_2",
+            "gyro_rad_3",
+        ]);
+        let from_zero = table([
+            &format!("{a}[0]"),
+            &format!("{a}[1]"),
+            &format!("{a}[2]"),
+            "gyro_rad[0]",
+            "gyro_rad[1]",
+            "gyro_rad[2]",
+        ]);
+        for (toml, ends) in [(from_one, ["_1", "_2", "_3"]), (from_zero, ["[0]", "[1]", "[2]"])] {
+            let of = |stem: &str| ends.map(|end| format!("{stem}{end}")).join(",");
+            for (to, stem, unit, frame) in [("accel", a, "m/s2", "frd"), ("rates", "gyro_rad", "rad/s", "frd")] {
+                let row = format!(
+                    "to = \"{to}\"\nfrom = \"csv:{}\"\nunit = \"{unit}\"\nframe = \"{frame}\"",
+                    of(stem)
+                );
+                assert!(toml.contains(&row), "{row}\n{toml}");
+            }
+            assert!(!toml.contains("radians per second"), "{toml}");
+        }
+        let four = table(["acc_1", "acc_2", "acc_3", "acc_4", "p", "m"]);
+        assert!(!four.contains("to = \"accel\""), "{four}");
+    }
+
+    /// A broken propeller at 60 Hz: no sample is near gravity, their mean is.
+    #[test]
+    fn regress_a_vehicle_that_shakes_by_more_than_gravity_is_read() {
+        let rows: Vec<String> = (0..4000)
+            .map(|k| {
+                let t = 0.0045 * f64::from(k);
+                let (sin, cos) = (377.0 * t).sin_cos();
+                format!(
+                    "{t:.4},{:.3},{:.3},{:.3},0,0,{:.4}",
+                    40.0 * sin,
+                    40.0 * cos,
+                    10.0 * sin - 9.81,
+                    0.1 * sin
+                )
+            })
+            .collect();
+        let text = format!(
+            "timestamp,accelerometer_m_s2_1,accelerometer_m_s2_2,accelerometer_m_s2_3,gyro_rad_1,gyro_rad_2,gyro_rad_3\n{}\n",
+            rows.join("\n")
+        );
+        let folder = tempfile::tempdir().unwrap();
+        let (file, map) = (folder.path().join("shaken.csv"), folder.path().join("map.toml"));
+        std::fs::write(&file, &text).unwrap();
+        std::fs::write(&map, draft(&file, text.as_bytes()).unwrap().toml).unwrap();
+        let options = ReadOptions {
+            mapping: Some(map),
+            ..ReadOptions::default()
+        };
+        let log = FlightLog::read_with(&file, &options).unwrap();
+        assert!((log.column("accel_y_m_s2").unwrap()[0] - 40.0).abs() < 1e-3);
     }
 
     #[test]

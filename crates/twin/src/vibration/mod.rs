@@ -2,6 +2,7 @@
 //!
 //! ```text
 //! log ─▶ speeds (ESC telemetry; or duty and voltage, scaled to the lines) ─▶ orders: a line for each rotor ─▶ growth over healthy flights
+//!     └▶ neither speeds nor a model: band: the vehicle as a whole ──────────────────────────────────────────▶ growth over healthy flights
 //! ```
 //! A chipped or bent propeller is out of balance and pulls the vehicle round once in each turn, long before it costs thrust that a
 //! model would miss. The amplitude is that of the sensor at the reference speed; it grows with Ω², so that flights at other speeds
@@ -11,6 +12,7 @@
 //! Limits: a sensor that is sampled slower than some 2.2 times a turn shows nothing of it; two rotors that always turn alike are not told
 //! apart; filters of the autopilot before the log (notches at rotor speed above all) take away what is looked for.
 
+mod band;
 mod growth;
 mod orders;
 mod speeds;
@@ -33,6 +35,10 @@ const LEAST_LINE: f64 = 3.0;
 const SCALE_PASSES: usize = 2;
 /// Share of the strongest line's power that another rotor may explain at most, if the rotor is to be named.
 const MOST_RIVAL: f64 = 0.9;
+/// Half seconds that are looked at for the vibration of a vehicle as a whole.
+const MOST_WHOLE_BLOCKS: usize = 400;
+/// Bands whose upper ends differ by no more, Hz, are the same.
+const SAME_BAND_HZ: f64 = 2.0;
 /// Growth below which a rotor is not reported, at the lower end of its interval.
 const LEAST_GROWTH: f64 = 1.2;
 
@@ -114,13 +120,16 @@ pub struct Vibration {
     pub rate_hz: f64,
     /// What the speeds of the rotors are from, in words.
     pub speeds_from: String,
-    /// Mean speed of all rotors in the air, to which amplitudes refer, Hz.
+    /// Mean speed of all rotors in the air, to which amplitudes refer, Hz; where no speeds are known, frequency of the strongest vibration.
     pub reference_hz: f64,
-    /// Amplitude of the rotors' lines together (root of the sum of squares), in the sensor's unit.
+    /// Amplitude of the rotors' lines together (root of the sum of squares), in the sensor's unit; where no speeds are known, that of all vibration in the band.
     pub amplitude: f64,
+    /// Band of the vibration of the vehicle as a whole, Hz, where neither rotor speeds nor a model are given.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub band_hz: Option<[f64; 2]>,
     /// Where the speeds are from duty and voltage: what is known of the strongest line.
     pub strongest: Option<Strongest>,
-    /// Rotors in their order.
+    /// Rotors in their order; empty where no speeds are known.
     pub rotors: Vec<Line>,
     /// ln of the amplitude of all over Ω².
     #[serde(skip)]
@@ -162,23 +171,23 @@ pub struct Change {
 
 /// Vibration at the rotors' speeds in one flight.
 ///
-/// * `model`: needed where no column holds rotor speeds
+/// * `model`: needed for single rotors where no column holds rotor speeds; without either the vehicle is taken as a whole
 ///
 /// # Errors
-/// One sentence: nothing to take the speeds from, no sensor fast enough, or no lines.
+/// One sentence: no sensor fast enough, or no lines.
 pub fn vibration(log: &FlightLog, model: Option<&ModelVersion>) -> Result<Vibration, PredictError> {
+    vibration_up_to(log, model, f64::INFINITY)
+}
+
+/// As [`vibration`], with a band that ends at `top_hz` at the latest.
+fn vibration_up_to(log: &FlightLog, model: Option<&ModelVersion>, top_hz: f64) -> Result<Vibration, PredictError> {
     let problem = |what: String| PredictError(format!("{}: {what}", log.name));
     let air = log.flight_parts(None).in_the_air();
     let told = speeds::measured(log);
     let (speeds, from_telemetry) = match (told, model) {
         (Some(told), _) => (told, true),
         (None, Some(model)) => (speeds::from_thrust(log, model, &air)?, false),
-        (None, None) => {
-            return Err(problem(
-                "expected rotor speeds from the ESCs, or a model that gives them from duty and voltage (--model)"
-                    .into(),
-            ));
-        }
+        (None, None) => return as_a_whole(log, &air, top_hz),
     };
     let mean = speeds::mean_in(&log.time_s, &speeds, &air);
     let mut reasons = Vec::new();
@@ -214,6 +223,64 @@ pub fn vibration(log: &FlightLog, model: Option<&ModelVersion>) -> Result<Vibrat
         }
     }
     Err(problem(format!("no vibration by rotor: {}", reasons.join("; "))))
+}
+
+/// Vibration of the vehicle as a whole, without rotor speeds.
+fn as_a_whole(log: &FlightLog, air: &[(f64, f64)], top_hz: f64) -> Result<Vibration, PredictError> {
+    let mut reasons = Vec::new();
+    for sensor in [Sensor::Accelerometer, Sensor::Gyro] {
+        let Some(axes) = log.vector(sensor.columns()) else {
+            reasons.push(format!("no {}", sensor.name()));
+            continue;
+        };
+        let rate_hz = log.source_rate(sensor.columns()[2]).map_or(0.0, |rate| rate.source_hz);
+        let Some([low, high]) = band::of_rate(rate_hz) else {
+            reasons.push(format!(
+                "the {} comes at {rate_hz:.0} Hz; at least {:.0} Hz are needed",
+                sensor.name(),
+                band::least_rate()
+            ));
+            continue;
+        };
+        let shaken = Shaken {
+            time_s: &log.time_s,
+            axes,
+            speeds: Vec::new(),
+            reference: f64::NAN,
+            blocks: orders::blocks(&log.time_s, air, log.sample_rate_hz()),
+        };
+        if shaken.blocks.len() < LEAST_BLOCKS {
+            reasons.push(format!(
+                "{} half-second blocks of the {} in the air; {LEAST_BLOCKS} are needed",
+                shaken.blocks.len(),
+                sensor.name()
+            ));
+            continue;
+        }
+        let band_hz = [low, high.min(top_hz)];
+        let Some(whole) = band::whole(&shaken, band_hz, MOST_WHOLE_BLOCKS) else {
+            reasons.push(format!("the {} has no whole half second", sensor.name()));
+            continue;
+        };
+        return Ok(Vibration {
+            log: log.name.clone(),
+            sensor,
+            rate_hz,
+            speeds_from: "nothing: no rotor speeds from the ESCs in the log, and no model".to_owned(),
+            reference_hz: whole.strongest_hz,
+            amplitude: whole.power.sqrt(),
+            band_hz: Some(band_hz),
+            strongest: None,
+            rotors: Vec::new(),
+            level: 0.5 * whole.power.max(f64::MIN_POSITIVE).ln(),
+            levels: Vec::new(),
+        });
+    }
+    Err(PredictError(format!(
+        "{}: no vibration: {}",
+        log.name,
+        reasons.join("; ")
+    )))
 }
 
 /// Blocks in which all rotors turn.
@@ -309,6 +376,7 @@ fn of_sensor(
         speeds_from,
         reference_hz: shaken.reference / TAU,
         amplitude: total.sqrt(),
+        band_hz: None,
         strongest,
         rotors,
         level: 0.5 * total.max(f64::MIN_POSITIVE).ln() - 2.0 * shaken.reference.ln(),
@@ -340,13 +408,27 @@ pub fn change(logs: &[FlightLog], healthy: &[FlightLog], model: Option<&ModelVer
             healthy.len()
         )));
     }
-    let of = |logs: &[FlightLog]| {
+    let of = |logs: &[FlightLog], top_hz: f64| {
         logs.iter()
-            .map(|log| vibration(log, model))
+            .map(|log| vibration_up_to(log, model, top_hz))
             .collect::<Result<Vec<_>, _>>()
     };
-    let (flights, healthy) = (of(logs)?, of(healthy)?);
+    let (mut flights, mut baseline) = (of(logs, f64::INFINITY)?, of(healthy, f64::INFINITY)?);
+    let tops = || flights.iter().chain(&baseline).filter_map(|one| Some(one.band_hz?[1]));
+    let (least, most) = tops().fold((f64::INFINITY, 0.0), |(a, b), top| (top.min(a), top.max(b)));
+    if most > least + SAME_BAND_HZ {
+        (flights, baseline) = (of(logs, least)?, of(healthy, least)?);
+    }
+    let (flights, healthy) = (flights, baseline);
     let first = &flights[0];
+    let whole = |one: &Vibration| one.band_hz.is_some();
+    if let Some(other) = flights.iter().chain(&healthy).find(|one| whole(one) != whole(first)) {
+        let (with, without) = if whole(first) { (other, first) } else { (first, other) };
+        return Err(PredictError(format!(
+            "{}: expected rotor speeds as in {}, or a model that gives them from duty and voltage (--model)",
+            without.log, with.log
+        )));
+    }
     if let Some(other) = flights.iter().chain(&healthy).find(|one| one.sensor != first.sensor) {
         return Err(PredictError(format!(
             "{}: expected the vibration of the {} as in {}, only the {} shows it",
@@ -425,6 +507,17 @@ fn sentence(change: &Change, healthy: usize, told: bool) -> String {
         .iter()
         .filter_map(|one| Some(format!("rotor {} ({})", one.rotor?, one.words())))
         .collect();
+    if let Some([low, high]) = change.flights[0].band_hz {
+        return if change.together.is_certain() {
+            format!(
+                "{against} the vehicle vibrates more between {low:.0} and {high:.0} Hz ({}). Which rotor it is, is not shown without rotor \
+                 speeds.",
+                change.together.words()
+            )
+        } else {
+            format!("{against} the vehicle does not vibrate significantly more between {low:.0} and {high:.0} Hz.")
+        };
+    }
     match (named.is_empty(), change.together.is_certain()) {
         (true, false) => format!("{against} no rotor vibrates significantly more."),
         (true, true) => format!(

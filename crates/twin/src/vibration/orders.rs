@@ -79,7 +79,7 @@ pub(super) fn blocks(time_s: &[f64], air: &[(f64, f64)], rate_hz: f64) -> Vec<Ra
 }
 
 /// Hann's weights over a block.
-fn hann(time_s: &[f64]) -> Vec<f64> {
+pub(super) fn hann(time_s: &[f64]) -> Vec<f64> {
     let start = time_s[0];
     let span = time_s[time_s.len() - 1] - start;
     let weight = |t: &f64| 0.5 - 0.5 * (TAU * (t - start) / span).cos();
@@ -405,7 +405,8 @@ impl Shaken<'_> {
         }
     }
 
-    fn spread_blocks(&self, most: usize) -> impl Iterator<Item = &Range<usize>> {
+    /// Blocks evenly over the flight, `most` of them.
+    pub(super) fn spread_blocks(&self, most: usize) -> impl Iterator<Item = &Range<usize>> {
         let step = self.blocks.len().div_ceil(most.max(1)).max(1);
         self.blocks.iter().step_by(step)
     }

@@ -139,13 +139,82 @@ fn val_a_sensor_that_is_too_slow_says_so() {
     );
 }
 
+/// The same flight as an inertial unit alone records it.
+fn unit_alone(seed: u64, amplitudes: &[f64; ROTORS]) -> FlightLog {
+    let mut log = flight(seed, amplitudes);
+    log.columns.retain(|name, _| names::ACCEL.contains(&name.as_str()));
+    log
+}
+
 #[test]
-fn val_without_speeds_and_model_there_is_none() {
-    let mut log = flight(1, &HEALTHY);
-    log.columns.retain(|name, _| names::speed_rotor(name).is_none());
-    let error = vibration(&log, None).unwrap_err().to_string();
+fn val_without_speeds_and_model_the_vehicle_is_taken_as_a_whole() {
+    let found = vibration(&unit_alone(1, &HEALTHY), None).unwrap();
+    // Lines of the rotors at their mean speeds, and white noise: 2 σ² on each axis, as far as the band reaches.
+    let lines: f64 = HEALTHY
+        .iter()
+        .zip(SPEEDS_HZ)
+        .map(|(a, hz)| (a * (hz / 100.0).powi(2)).powi(2))
+        .sum();
+    let noise = 3.0 * 2.0 * NOISE * NOISE * (0.45 * RATE_HZ - 25.0) / (0.5 * RATE_HZ);
+    let expected = (lines + noise).sqrt();
     assert!(
-        error.contains("expected rotor speeds from the ESCs, or a model"),
+        (found.amplitude / expected - 1.0).abs() < 0.05,
+        "{} of {expected}",
+        found.amplitude
+    );
+    assert_eq!(found.band_hz, Some([25.0, 0.45 * RATE_HZ]));
+    assert!((94.0..118.0).contains(&found.reference_hz), "{}", found.reference_hz);
+    assert!(found.rotors.is_empty() && found.strongest.is_none());
+}
+
+#[test]
+fn val_a_vehicle_that_shakes_more_is_told_without_a_rotor() {
+    let healthy: Vec<FlightLog> = (10..14).map(|seed| unit_alone(seed, &HEALTHY)).collect();
+    let mut damaged = HEALTHY;
+    damaged[2] *= 12.0;
+    let found = change(&[unit_alone(50, &damaged)], &healthy, None).unwrap();
+    assert!(found.named.is_empty());
+    assert!(
+        found
+            .sentence
+            .contains("the vehicle vibrates more between 25 and 360 Hz (")
+            && found.sentence.contains("Which rotor it is, is not shown"),
+        "{}",
+        found.sentence
+    );
+    let quiet = change(&[unit_alone(51, &HEALTHY)], &healthy, None).unwrap();
+    assert!(
+        quiet.sentence.contains("does not vibrate significantly more"),
+        "{}",
+        quiet.sentence
+    );
+    // Other rates: the band that all of them have.
+    let every = |values: &Vec<f64>| values.iter().copied().step_by(2).collect::<Vec<f64>>();
+    let fast = unit_alone(52, &HEALTHY);
+    let columns: Vec<_> = fast.columns.iter().map(|(n, v)| (n.clone(), every(v))).collect();
+    let slower = FlightLog::from_columns("slower", every(&fast.time_s), columns).unwrap();
+    let found = change(&[slower], &healthy, None).unwrap();
+    assert!((found.flights[0].band_hz.unwrap()[1] - 180.0).abs() < 1.0);
+    // A log with rotor speeds is another kind of flight.
+    let error = change(&[flight(53, &HEALTHY)], &healthy, None).unwrap_err().to_string();
+    assert!(error.contains("expected rotor speeds as in flight-53"), "{error}");
+}
+
+#[test]
+fn val_a_knock_does_not_count_and_a_slow_sensor_says_so() {
+    let calm = unit_alone(3, &HEALTHY);
+    let mut knocked = calm.clone();
+    for value in &mut knocked.columns.get_mut(names::ACCEL[2]).unwrap()[8000..8040] {
+        *value += 300.0;
+    }
+    let amplitude = |log: &FlightLog| vibration(log, None).unwrap().amplitude;
+    assert!((amplitude(&knocked) / amplitude(&calm) - 1.0).abs() < 0.02);
+    let every = |values: &Vec<f64>| values.iter().copied().step_by(8).collect::<Vec<f64>>();
+    let columns: Vec<_> = calm.columns.iter().map(|(n, v)| (n.clone(), every(v))).collect();
+    let slow = FlightLog::from_columns("slow", every(&calm.time_s), columns).unwrap();
+    let error = vibration(&slow, None).unwrap_err().to_string();
+    assert!(
+        error.contains("the accelerometer comes at 100 Hz; at least 111 Hz are needed"),
         "{error}"
     );
 }
