@@ -5,7 +5,8 @@
 //! ```
 //! Behind `POST /api/v1/fdi/reports` and `rotortwin fdi-log`. A log that has 400 Hz goes in as it is, bit for bit. One of 32 to 400 Hz is judged at its own rate: rows that
 //! are interpolated between others have no noise of their own, and the detectors, which measure the noise from row to row, would take what is left for gusts. A
-//! faster one is resampled to 400 Hz, a slower one to 32 Hz.
+//! faster one is resampled to 400 Hz, a slower one to 32 Hz. Steps are of its mean rate, each with the row next to it: rows are uneven by a few milliseconds, and lines between
+//! them would take half of the noise.
 //!
 //! Between rows that are further apart than the flight controller's steps there were duties that the log does not have. A row's duty d then counts as
 //!
@@ -15,14 +16,14 @@
 //! Duties that answer to the noise of a sensor stay unknown between rows, and act as a white force.
 //!
 //! Steps without a value in a channel that the detectors need are lost steps; what a session does at a gap is done here. A log without velocity or
-//! attitude is judged by its accelerometer ([`crate::axial`]), one without a voltage by its duties ([`crate::voltage`]): `lacks` says what that costs.
+//! attitude, or of less than 400 Hz with a velocity slower than its rows, is judged by its accelerometer ([`crate::axial`]), one without a voltage by its duties, a slow one with them ([`crate::voltage`]): `lacks` says what that costs.
 //!
 //! Only the airborne part is passed to the session: the log shows when the vehicle left the ground and when it was near it again,
 //! which a session has to detect without the rest of the flight. A *stretch* is the part evaluated after one calibration.
 
 use crate::axial::Axial;
 use crate::view::{ChangeView, DetectorsView, ObstacleView, Obstruction, SequentialView, WindowView, code_in};
-use crate::voltage::WorkedOutVoltage;
+use crate::voltage::{WorkedOutVoltage, with_drops};
 use rotortwin_fdi_session::session::LONGEST_CHUNK;
 use rotortwin_fdi_session::validity::CANNOT_JUDGE;
 use rotortwin_fdi_session::{Chunk, FdiSession, Learner, Learnt, Sample, Window};
@@ -47,6 +48,9 @@ const UPRIGHT_COSINE: f64 = 0.342;
 const LOWEST_RATE_HZ: f64 = 32.0;
 /// Below it a third of the losses of 5 % is found late or never; rates between 50 and 100 Hz were not measured.
 const BLIND_BELOW_HZ: f64 = 75.0;
+/// Correlation time of the gusts where the momentum is integrated from samples of the force that are far apart: what lies between those is white. s, and samples.
+const FORCE_NOISE_TIME_S: f32 = 0.15;
+const FORCE_NOISE_SAMPLES: f32 = 15.0;
 /// Fewest samples before the calibration: 200 that the noise is measured from, and a quarter more that do not count.
 const NOISE_SAMPLES: f32 = 270.0;
 /// A median rate this close to 400 Hz counts as 400 Hz.
@@ -251,11 +255,13 @@ fn at_rate(config: &FdiConfig, rate_hz: f64) -> FdiConfig {
     config
 }
 
-/// A log of less than 400 Hz with duties that are means until the next row, see the module.
-fn with_mean_duties(log: &FlightLog, rate_hz: f64) -> FlightLog {
+/// A log of less than 400 Hz as steps of its mean rate, with duties that are means until the next row, see the module.
+fn as_steps(log: &FlightLog, rate_hz: f64) -> FlightLog {
     let share = 0.5 * (1.0 - rate_hz / STEP_RATE_HZ);
     let gap_s = GAP_FACTOR / log.sample_rate_hz();
+    let is_resampled = log.sample_rate_hz() < LOWEST_RATE_HZ;
     let mut log = log.clone();
+    let steps = log.steps(rate_hz);
     let FlightLog { time_s, columns, .. } = &mut log;
     for (_, duty) in columns.iter_mut().filter(|(name, _)| names::duty_rotor(name).is_some()) {
         for row in 1..duty.len() {
@@ -265,15 +271,62 @@ fn with_mean_duties(log: &FlightLog, rate_hz: f64) -> FlightLog {
             }
         }
     }
+    if is_resampled || time_s.len() < 2 {
+        return log;
+    }
+    let start_s = time_s[0];
+    let step_times: Vec<f64> = (0..steps).map(|step| start_s + step as f64 / rate_hz).collect();
+    let rows: Vec<Option<usize>> = step_times
+        .iter()
+        .map(|&step_s| {
+            let after = time_s.partition_point(|time| *time < step_s).clamp(1, time_s.len() - 1);
+            let [before_s, after_s] = [after - 1, after].map(|row| time_s[row]);
+            let (row, off_s) = if step_s - before_s < after_s - step_s {
+                (after - 1, step_s - before_s)
+            } else {
+                (after, (after_s - step_s).abs())
+            };
+            (after_s - before_s <= gap_s || off_s * rate_hz <= 0.5).then_some(row)
+        })
+        .collect();
+    for values in columns.values_mut() {
+        *values = rows.iter().map(|row| row.map_or(f64::NAN, |row| values[row])).collect();
+    }
+    *time_s = step_times;
     log
 }
 
-/// What is not known of a log that is judged by its accelerometer.
-fn judged_by_force(log: &FlightLog, axial: &Axial) -> Lack {
+/// A column has new values less often than the log has rows: its rate, Hz.
+fn slow_hz(log: &FlightLog, name: &str) -> Option<f64> {
+    let rate = log.source_rate(name)?;
+    rate.is_slower().then_some(rate.source_hz)
+}
+
+/// What is not seen in a log of a slow velocity, Hz, and no accelerometer of its own rate.
+fn judged_by_lines(hz: f64, rate_hz: f64) -> Lack {
     Lack {
-        columns: without_motion(log),
+        columns: names::VELOCITY.map(str::to_owned).to_vec(),
         rules_out: format!(
-            "attitude and velocity of the vehicle. The specific force along the rotors' axis is judged instead of the momentum; the drag along \
+            "losses of a few percent that would be seen otherwise: the velocity has {hz:.1} Hz in rows of {rate_hz:.1} Hz, and its noise lasts from row to row as a gust does \
+             (an accel_z_m_s2 of the rows' rate would do; smallest_loss says what would be seen)"
+        ),
+        prevents_verdicts: false,
+    }
+}
+
+/// What is not known of a log that is judged by its accelerometer.
+///
+/// * `slow_hz`: of a velocity that is there, but slow
+fn judged_by_force(log: &FlightLog, axial: &Axial, slow_hz: Option<f64>) -> Lack {
+    let (mut columns, mut why) = (without_motion(log), "attitude and velocity of the vehicle".to_owned());
+    if let (true, Some(hz)) = (columns.is_empty(), slow_hz) {
+        columns = names::VELOCITY.map(str::to_owned).to_vec();
+        why += &format!(", as the velocity has only {hz:.1} Hz");
+    }
+    Lack {
+        columns,
+        rules_out: format!(
+            "{why}. The specific force along the rotors' axis is judged instead of the momentum; the drag along \
              that axis counts as unknown (0 ± {:.2} N·s/m, 95 %), drag across it as none, and an accelerometer away from the centre of mass as gusts: \
              intervals and the smallest detectable loss are larger for it",
             axial.drag
@@ -438,21 +491,35 @@ fn run(
     if let Some(refusal) = log.refusal_before_detection(vehicle) {
         return Err(LogRefusal(refusal));
     }
-    let axial = (!without_motion(log).is_empty())
+    let rate_hz = judged_rate_hz(log);
+    let is_slow = rate_hz < STEP_RATE_HZ;
+    let slow_velocity = is_slow.then(|| slow_hz(log, names::VELOCITY[2])).flatten();
+    // An accelerometer of the log's own rate says more than a velocity that is joined by lines.
+    let by_force = has(log, names::ACCEL[2]) && slow_hz(log, names::ACCEL[2]).is_none();
+    let axial = (!without_motion(log).is_empty() || slow_velocity.is_some() && by_force)
         .then(|| Axial::of(log, detectors.config()))
         .flatten();
     let (judged, config) = match &axial {
         Some(axial) => (&axial.log, &axial.config),
         None => (log, detectors.config()),
     };
-    let rate_hz = judged_rate_hz(log);
-    let config = at_rate(config, rate_hz);
-    let slow = (rate_hz < STEP_RATE_HZ).then(|| with_mean_duties(judged, rate_hz));
+    let mut config = at_rate(config, rate_hz);
+    if is_slow && axial.is_some() {
+        config.sequential.disturbance_correlation_time = FORCE_NOISE_TIME_S.max(FORCE_NOISE_SAMPLES / rate_hz as f32);
+    }
+    let mut slow = is_slow.then(|| as_steps(judged, rate_hz));
+    if let Some(steps) = &mut slow
+        && slow_hz(log, names::BATTERY_VOLTAGE).is_some()
+    {
+        with_drops(steps, detectors, rate_hz);
+    }
     let judged = slow.as_ref().unwrap_or(judged);
     let parts = parts_of(log);
     let mut lacks = lacks(judged, detectors);
-    if let Some(axial) = &axial {
-        lacks.insert(0, judged_by_force(log, axial));
+    match (&axial, slow_velocity) {
+        (Some(axial), _) => lacks.insert(0, judged_by_force(log, axial, slow_velocity)),
+        (None, Some(hz)) => lacks.insert(0, judged_by_lines(hz, rate_hz)),
+        _ => {}
     }
     let mut voltage = None;
     if !has(log, names::BATTERY_VOLTAGE) && !lacks.iter().any(|lack| lack.prevents_verdicts) {

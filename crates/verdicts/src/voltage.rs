@@ -22,6 +22,8 @@ use rotortwin_twin::log::{FlightLog, names};
 /// Minimum and maximum airborne time used to estimate the charge, s.
 const SHORTEST_S: f64 = 2.0;
 const LONGEST_S: f64 = 10.0;
+/// A measured voltage is averaged over so much, s: 20 samples of the slowest that are common.
+const MEAN_S: f64 = 10.0;
 /// Search interval of the initial charge: an empty battery gives no thrust.
 const CHARGES: (f64, f64) = (0.01, 1.0);
 /// Number of bisections of that interval.
@@ -168,6 +170,67 @@ impl WorkedOutVoltage {
             .wrench_from_thrust(&self.thrusts(duty, self.voltage));
         f64::from(wrench[0]).abs()
     }
+}
+
+/// Gives a log whose voltage is slower than its steps, and held or joined by lines between, the drop over the vehicle's internal resistance at every step.
+///
+/// ```text
+///  V = ⟨V⟩ − R (i − ⟨i⟩)     i = k_P Σ f^1.5/⟨V⟩     ⟨ ⟩: mean over MEAN_S     f: Eq. 19 of duty and ⟨V⟩, lagged by the rotors
+/// ```
+/// What is left of the measured voltage is its mean: the noise of a sample that stays for many steps would be a gust.
+pub(crate) fn with_drops(log: &mut FlightLog, detectors: &Detectors, rate_hz: f64) {
+    let Some(voltage) = log.column(names::BATTERY_VOLTAGE) else {
+        return;
+    };
+    let (battery, config) = (&detectors.vehicle().vehicle.battery, detectors.config());
+    let half = (0.5 * MEAN_S * rate_hz).round() as usize;
+    let mut mean = means(voltage, half);
+    let duties = log.duties();
+    let weight = 1.0 - (-1.0 / (rate_hz * f64::from(config.sequential.rotor_time_constant))).exp();
+    let mut thrust = vec![f64::NAN; duties.len()];
+    let current: Vec<f64> = (0..mean.len())
+        .map(|step| {
+            let mut power = 0.0;
+            for (thrust, duty) in thrust.iter_mut().zip(&duties) {
+                let asked = f64::from(config.thrust_map.thrust(duty[step] as f32, mean[step] as f32));
+                if asked.is_finite() {
+                    *thrust = if thrust.is_nan() { asked } else { *thrust };
+                    power += battery.power_coefficient_w_per_n15 * thrust.max(0.0).powf(1.5);
+                    *thrust += weight * (asked - *thrust);
+                } else {
+                    power = f64::NAN;
+                }
+            }
+            power / mean[step]
+        })
+        .collect();
+    let mean_current = means(&current, half);
+    for (step, voltage) in mean.iter_mut().enumerate() {
+        *voltage -= battery.internal_resistance_ohm * (current[step] - mean_current[step]);
+    }
+    log.columns.insert(names::BATTERY_VOLTAGE.to_owned(), mean);
+}
+
+/// Mean of the values up to `half` places away, as far as they are numbers.
+fn means(values: &[f64], half: usize) -> Vec<f64> {
+    let mut sums = vec![(0.0, 0.0)];
+    for value in values {
+        let (sum, count) = sums[sums.len() - 1];
+        sums.push(if value.is_finite() {
+            (sum + value, count + 1.0)
+        } else {
+            (sum, count)
+        });
+    }
+    (0..values.len())
+        .map(|place| {
+            let (from, to) = (
+                sums[place.saturating_sub(half)],
+                sums[(place + half + 1).min(values.len())],
+            );
+            (to.0 - from.0) / (to.1 - from.1)
+        })
+        .collect()
 }
 
 /// The first seconds in the air without a gap: when they begin, s since the first row, their steps, and by how much the velocity down grew, m/s.

@@ -51,15 +51,20 @@ impl<'a> Log<'a> {
         }
     }
 
-    /// Rates and duties at 100 Hz with up to 5 ms of jitter; velocities at 10 Hz, attitudes at 50 Hz, the voltage at 2 Hz, each held.
-    fn uneven(rows: &'a [Row]) -> Self {
-        let places: Vec<usize> = (0..rows.len() / 4).map(|k| 4 * k + [0, 2, 1, 0, 1][k % 5]).collect();
-        let held = |every: usize| places.iter().map(|place| &rows[place - place % every]).collect();
+    /// Rows of 100 Hz with up to 5 ms of jitter, the other values held: velocities at 10 Hz, attitudes at 50 Hz, the voltage at 2 Hz, as far as `causes` has them.
+    fn uneven(rows: &'a [Row], causes: [bool; 4]) -> Self {
+        let [jitter, velocity, attitude, voltage] = causes;
+        let late = if jitter { [0, 2, 1, 0, 1] } else { [0; 5] };
+        let places: Vec<usize> = (0..rows.len() / 4).map(|k| 4 * k + late[k % 5]).collect();
+        let held = |is: bool, every: usize| {
+            let every = if is { every } else { 1 };
+            places.iter().map(|place| &rows[place - place % every]).collect()
+        };
         Self {
-            rows: held(1),
-            velocity: held(40),
-            attitude: held(8),
-            voltage: held(200),
+            rows: held(false, 1),
+            velocity: held(velocity, 40),
+            attitude: held(attitude, 8),
+            voltage: held(voltage, 200),
         }
     }
 
@@ -76,6 +81,7 @@ impl<'a> Log<'a> {
                 of(&self.attitude, &|row| row.euler[axis]),
             ));
             columns.push((names::RATES[axis].to_owned(), of(&self.rows, &|row| row.rates[axis])));
+            columns.push((names::ACCEL[axis].to_owned(), of(&self.rows, &|row| row.accel[axis])));
         }
         for rotor in 0..6 {
             let duty = of(&self.rows, &|row| row.duties[rotor].clamp(0.0, 1.0));
@@ -111,6 +117,21 @@ fn val_a_loss_of_5_percent_is_found_at_100_hz_and_healthy_flights_stay_healthy()
     let (steps, healthy) = (rows(Class::Step), rows(Class::Healthy));
     let found = steps.iter().filter(|row| is_found(row)).count();
     assert!(found >= 7, "{found} of {}", steps.len());
+    for row in steps.iter().chain(&healthy) {
+        assert_eq!((row.false_alarms, row.healthy_named), (0, false), "{:?}", row.case);
+    }
+}
+
+#[test]
+fn val_a_loss_of_5_percent_is_found_in_uneven_rows_of_slow_velocity_and_voltage() {
+    let judged_all = |class: Class, n: usize| -> Vec<FaultRow> {
+        let flights = flown(class, n, 7);
+        let read = |rows: &[Row]| Log::uneven(rows, [true; 4]).read();
+        flights.iter().map(|(case, rows)| judged(case, &read(rows))).collect()
+    };
+    let (steps, healthy) = (judged_all(Class::Step, 8), judged_all(Class::Healthy, 4));
+    let found = steps.iter().filter(|row| is_found(row)).count();
+    assert!(found >= 5, "{found} of {}", steps.len());
     for row in steps.iter().chain(&healthy) {
         assert_eq!((row.false_alarms, row.healthy_named), (0, false), "{:?}", row.case);
     }
@@ -191,13 +212,24 @@ fn bench_low_rates() {
     }
 }
 
-/// The same of uneven logs, and of what they were taken for before: 400 Hz along straight lines.
+/// The same of uneven logs, and of each cause alone.
 #[test]
 #[ignore = "a measurement: cargo test --release -p rotortwin-verdicts --test low_rates -- --ignored --nocapture bench_"]
 fn bench_uneven_rows() {
     let flights = Flights::fly();
-    flights.print("uneven", |rows| Log::uneven(rows).read());
-    flights.print("uneven, resampled to 400 Hz", |rows| {
-        Log::uneven(rows).read().resampled(400.0).expect("it is short")
+    let causes = [
+        ("uneven", [true; 4]),
+        ("jitter", [true, false, false, false]),
+        ("slow velocity", [false, true, false, false]),
+        ("slow attitude", [false, false, true, false]),
+        ("slow voltage", [false, false, false, true]),
+    ];
+    for (name, causes) in causes {
+        flights.print(name, |rows| Log::uneven(rows, causes).read());
+    }
+    flights.print("uneven, no accelerometer", |rows| {
+        let mut log = Log::uneven(rows, [true; 4]).read();
+        log.columns.remove(names::ACCEL[2]);
+        log
     });
 }

@@ -178,6 +178,9 @@ impl SecondLook {
     #[must_use]
     pub(crate) fn by_force(mut self, by_force: bool) -> Self {
         self.filter.by_force = by_force;
+        if by_force {
+            self.filter.gust_time = self.filter.gust_time.max(wrench::LEAST_GUST_TIME);
+        }
         self
     }
 
