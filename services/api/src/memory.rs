@@ -69,7 +69,8 @@ mod tests {
         let before = heap().expect("glibc says").used;
         let block = vec![1_u8; 50 << 20];
         let with = heap().expect("glibc says").used;
-        assert!((50 << 20..60 << 20).contains(&(with - before)), "{before} {with}");
+        // Other tests of this process allocate and free meanwhile.
+        assert!((49 << 20..60 << 20).contains(&(with - before)), "{before} {with}");
         drop(block);
         assert!(heap().expect("glibc says").used < before + (10 << 20));
     }

@@ -1,5 +1,6 @@
 """Detectors of one's own: what they see, how they are scored."""
 
+import os
 import subprocess
 from pathlib import Path
 from typing import Any
@@ -10,6 +11,8 @@ from numpy.typing import ArrayLike
 
 from rotortwin import InputError, detectors, reference_detectors
 
+# The command of the wheel that is tested.
+PROGRAM = os.environ.get("ROTORTWIN_PROGRAM", "rotortwin")
 CASES = detectors.steps([0.1], seeds=[1], rotors=[1, 4], healthy=1)
 
 
@@ -114,7 +117,7 @@ def test_regress_refusals_are_one_sentence() -> None:
 
 def test_a_run_gets_the_verdicts_of_a_detector_under_its_name(tmp_path: Path) -> None:
     run = tmp_path / "run"
-    flown = ["rotortwin", "fly", "hover", "--link", "in-process", "--set", "duration_s=12", "--out", str(run)]
+    flown = [PROGRAM, "fly", "hover", "--link", "in-process", "--set", "duration_s=12", "--out", str(run)]
     subprocess.run(flown, check=True, capture_output=True, timeout=120)
     flight = detectors.of_run(run)
     assert flight.rotor_count == 6 and flight.window_count == 192
@@ -126,7 +129,7 @@ def test_a_run_gets_the_verdicts_of_a_detector_under_its_name(tmp_path: Path) ->
     assert says["scores"][0]["share_right"] == 1.0
     # From the end of window 241 on, which is not reached; the first step said is that of the first window's end.
     assert counts["scores"][0]["healthy"] == 192
-    shown = subprocess.run(["rotortwin", "show", str(run)], check=True, capture_output=True, text=True, timeout=60).stdout
+    shown = subprocess.run([PROGRAM, "show", str(run)], check=True, capture_output=True, text=True, timeout=60).stdout
     assert "says" in shown and "counts" in shown
 
     again = detectors.judge(run, [Says(3)])
