@@ -314,6 +314,18 @@ fn judged_by_lines(hz: f64, rate_hz: f64) -> Lack {
     }
 }
 
+/// What is not known of a log whose voltage is slow, Hz.
+fn judged_with_drops(hz: f64, rate_hz: f64) -> Lack {
+    Lack {
+        columns: vec![names::BATTERY_VOLTAGE.to_owned()],
+        rules_out: format!(
+            "intervals of a loss as true as they say: the voltage has {hz:.1} Hz in rows of {rate_hz:.1} Hz, and between its values it is worked out from the duties and the \
+             vehicle's internal resistance, whose error is not in the intervals"
+        ),
+        prevents_verdicts: false,
+    }
+}
+
 /// What is not known of a log that is judged by its accelerometer.
 ///
 /// * `slow_hz`: of a velocity that is there, but slow
@@ -508,14 +520,16 @@ fn run(
         config.sequential.disturbance_correlation_time = FORCE_NOISE_TIME_S.max(FORCE_NOISE_SAMPLES / rate_hz as f32);
     }
     let mut slow = is_slow.then(|| as_steps(judged, rate_hz));
-    if let Some(steps) = &mut slow
-        && slow_hz(log, names::BATTERY_VOLTAGE).is_some()
-    {
+    let slow_voltage = slow_hz(log, names::BATTERY_VOLTAGE);
+    if let (Some(steps), Some(_)) = (&mut slow, slow_voltage) {
         with_drops(steps, detectors, rate_hz);
     }
     let judged = slow.as_ref().unwrap_or(judged);
     let parts = parts_of(log);
     let mut lacks = lacks(judged, detectors);
+    if let Some(hz) = slow_voltage.filter(|_| is_slow) {
+        lacks.insert(0, judged_with_drops(hz, rate_hz));
+    }
     match (&axial, slow_velocity) {
         (Some(axial), _) => lacks.insert(0, judged_by_force(log, axial, slow_velocity)),
         (None, Some(hz)) => lacks.insert(0, judged_by_lines(hz, rate_hz)),
