@@ -181,106 +181,126 @@ pub fn vibration(log: &FlightLog, model: Option<&ModelVersion>) -> Result<Vibrat
 
 /// As [`vibration`], with a band that ends at `top_hz` at the latest.
 fn vibration_up_to(log: &FlightLog, model: Option<&ModelVersion>, top_hz: f64) -> Result<Vibration, PredictError> {
-    let problem = |what: String| PredictError(format!("{}: {what}", log.name));
     let air = log.flight_parts(None).in_the_air();
     let told = speeds::measured(log);
     let (speeds, from_telemetry) = match (told, model) {
         (Some(told), _) => (told, true),
         (None, Some(model)) => (speeds::from_thrust(log, model, &air)?, false),
-        (None, None) => return as_a_whole(log, &air, top_hz),
+        (None, None) => return by_sensor(log, "no vibration", |sensor| as_a_whole(&sensor, &air, top_hz)),
     };
     let mean = speeds::mean_in(&log.time_s, &speeds, &air);
+    by_sensor(
+        log,
+        "no vibration by rotor",
+        |Sensed {
+             sensor, axes, rate_hz, ..
+         }| {
+            let fastest = if from_telemetry { mean / TAU } else { speeds::SLOWEST_HZ };
+            if fastest > speeds::FASTEST * rate_hz {
+                return Err(format!(
+                    "the {} comes at {rate_hz:.0} Hz, too slow for rotors at {fastest:.0} Hz{}",
+                    sensor.name(),
+                    if from_telemetry { "" } else { " and above" }
+                ));
+            }
+            let shaken = Shaken {
+                time_s: &log.time_s,
+                axes,
+                speeds: speeds.clone(),
+                reference: mean,
+                blocks: turning(
+                    orders::blocks(&log.time_s, &air, log.sample_rate_hz()),
+                    &speeds,
+                    from_telemetry,
+                ),
+            };
+            of_sensor(log, sensor, rate_hz, shaken, from_telemetry)
+        },
+    )
+}
+
+/// An inertial sensor of a log, and the rate that it comes at, Hz.
+struct Sensed<'a> {
+    log: &'a FlightLog,
+    sensor: Sensor,
+    axes: [&'a [f64]; 3],
+    rate_hz: f64,
+}
+
+/// What the first sensor that shows anything shows.
+///
+/// # Errors
+/// One sentence: `nothing`, and the reason of each sensor.
+fn by_sensor<'a>(
+    log: &'a FlightLog,
+    nothing: &str,
+    of: impl Fn(Sensed<'a>) -> Result<Vibration, String>,
+) -> Result<Vibration, PredictError> {
     let mut reasons = Vec::new();
     for sensor in [Sensor::Accelerometer, Sensor::Gyro] {
-        let Some(axes) = log.vector(sensor.columns()) else {
-            reasons.push(format!("no {}", sensor.name()));
-            continue;
-        };
         let rate_hz = log.source_rate(sensor.columns()[2]).map_or(0.0, |rate| rate.source_hz);
-        let fastest = if from_telemetry { mean / TAU } else { speeds::SLOWEST_HZ };
-        if fastest > speeds::FASTEST * rate_hz {
-            reasons.push(format!(
-                "the {} comes at {rate_hz:.0} Hz, too slow for rotors at {fastest:.0} Hz{}",
-                sensor.name(),
-                if from_telemetry { "" } else { " and above" }
-            ));
-            continue;
-        }
-        let shaken = Shaken {
-            time_s: &log.time_s,
-            axes,
-            speeds: speeds.clone(),
-            reference: mean,
-            blocks: turning(
-                orders::blocks(&log.time_s, &air, log.sample_rate_hz()),
-                &speeds,
-                from_telemetry,
-            ),
+        let found = match log.vector(sensor.columns()) {
+            Some(axes) => of(Sensed {
+                log,
+                sensor,
+                axes,
+                rate_hz,
+            }),
+            None => Err(format!("no {}", sensor.name())),
         };
-        match of_sensor(log, sensor, rate_hz, shaken, from_telemetry) {
+        match found {
             Ok(found) => return Ok(found),
             Err(reason) => reasons.push(reason),
         }
     }
-    Err(problem(format!("no vibration by rotor: {}", reasons.join("; "))))
+    Err(PredictError(format!("{}: {nothing}: {}", log.name, reasons.join("; "))))
 }
 
 /// Vibration of the vehicle as a whole, without rotor speeds.
-fn as_a_whole(log: &FlightLog, air: &[(f64, f64)], top_hz: f64) -> Result<Vibration, PredictError> {
-    let mut reasons = Vec::new();
-    for sensor in [Sensor::Accelerometer, Sensor::Gyro] {
-        let Some(axes) = log.vector(sensor.columns()) else {
-            reasons.push(format!("no {}", sensor.name()));
-            continue;
-        };
-        let rate_hz = log.source_rate(sensor.columns()[2]).map_or(0.0, |rate| rate.source_hz);
-        let Some([low, high]) = band::of_rate(rate_hz) else {
-            reasons.push(format!(
-                "the {} comes at {rate_hz:.0} Hz; at least {:.0} Hz are needed",
-                sensor.name(),
-                band::least_rate()
-            ));
-            continue;
-        };
-        let shaken = Shaken {
-            time_s: &log.time_s,
-            axes,
-            speeds: Vec::new(),
-            reference: f64::NAN,
-            blocks: orders::blocks(&log.time_s, air, log.sample_rate_hz()),
-        };
-        if shaken.blocks.len() < LEAST_BLOCKS {
-            reasons.push(format!(
-                "{} half-second blocks of the {} in the air; {LEAST_BLOCKS} are needed",
-                shaken.blocks.len(),
-                sensor.name()
-            ));
-            continue;
-        }
-        let band_hz = [low, high.min(top_hz)];
-        let Some(whole) = band::whole(&shaken, band_hz, MOST_WHOLE_BLOCKS) else {
-            reasons.push(format!("the {} has no whole half second", sensor.name()));
-            continue;
-        };
-        return Ok(Vibration {
-            log: log.name.clone(),
-            sensor,
-            rate_hz,
-            speeds_from: "nothing: no rotor speeds from the ESCs in the log, and no model".to_owned(),
-            reference_hz: whole.strongest_hz,
-            amplitude: whole.power.sqrt(),
-            band_hz: Some(band_hz),
-            strongest: None,
-            rotors: Vec::new(),
-            level: 0.5 * whole.power.max(f64::MIN_POSITIVE).ln(),
-            levels: Vec::new(),
-        });
+fn as_a_whole(sensed: &Sensed<'_>, air: &[(f64, f64)], top_hz: f64) -> Result<Vibration, String> {
+    let Sensed {
+        log,
+        sensor,
+        axes,
+        rate_hz,
+    } = *sensed;
+    let [low, high] = band::of_rate(rate_hz).ok_or_else(|| {
+        format!(
+            "the {} comes at {rate_hz:.0} Hz; at least {:.0} Hz are needed",
+            sensor.name(),
+            band::least_rate()
+        )
+    })?;
+    let shaken = Shaken {
+        time_s: &log.time_s,
+        axes,
+        speeds: Vec::new(),
+        reference: f64::NAN,
+        blocks: orders::blocks(&log.time_s, air, log.sample_rate_hz()),
+    };
+    if shaken.blocks.len() < LEAST_BLOCKS {
+        return Err(format!(
+            "{} half-second blocks of the {} in the air; {LEAST_BLOCKS} are needed",
+            shaken.blocks.len(),
+            sensor.name()
+        ));
     }
-    Err(PredictError(format!(
-        "{}: no vibration: {}",
-        log.name,
-        reasons.join("; ")
-    )))
+    let band_hz = [low, high.min(top_hz)];
+    let whole = band::whole(&shaken, band_hz, MOST_WHOLE_BLOCKS)
+        .ok_or_else(|| format!("the {} has no whole half second", sensor.name()))?;
+    Ok(Vibration {
+        log: log.name.clone(),
+        sensor,
+        rate_hz,
+        speeds_from: "nothing: no rotor speeds from the ESCs in the log, and no model".to_owned(),
+        reference_hz: whole.strongest_hz,
+        amplitude: whole.power.sqrt(),
+        band_hz: Some(band_hz),
+        strongest: None,
+        rotors: Vec::new(),
+        level: 0.5 * whole.power.max(f64::MIN_POSITIVE).ln(),
+        levels: Vec::new(),
+    })
 }
 
 /// Blocks in which all rotors turn.
