@@ -16,6 +16,7 @@ use rotortwin_flight_core::MAX_ROTORS;
 use rotortwin_flight_core::fdi::FdiConfig;
 use rotortwin_plant::powertrain::battery::Battery;
 use rotortwin_scenario::Detectors;
+use rotortwin_twin::identify::running_mean;
 use rotortwin_twin::log::flight_parts::{FlightPart, FlightParts, PartKind};
 use rotortwin_twin::log::{FlightLog, names};
 
@@ -184,7 +185,7 @@ pub(crate) fn with_drops(log: &mut FlightLog, detectors: &Detectors, rate_hz: f6
     };
     let (battery, config) = (&detectors.vehicle().vehicle.battery, detectors.config());
     let half = (0.5 * MEAN_S * rate_hz).round() as usize;
-    let mut mean = means(voltage, half);
+    let mut mean = running_mean(voltage, half);
     let duties = log.duties();
     let weight = 1.0 - (-1.0 / (rate_hz * f64::from(config.sequential.rotor_time_constant))).exp();
     let mut thrust = vec![f64::NAN; duties.len()];
@@ -204,33 +205,11 @@ pub(crate) fn with_drops(log: &mut FlightLog, detectors: &Detectors, rate_hz: f6
             power / mean[step]
         })
         .collect();
-    let mean_current = means(&current, half);
+    let mean_current = running_mean(&current, half);
     for (step, voltage) in mean.iter_mut().enumerate() {
         *voltage -= battery.internal_resistance_ohm * (current[step] - mean_current[step]);
     }
     log.columns.insert(names::BATTERY_VOLTAGE.to_owned(), mean);
-}
-
-/// Mean of the values up to `half` places away, as far as they are numbers.
-fn means(values: &[f64], half: usize) -> Vec<f64> {
-    let mut sums = vec![(0.0, 0.0)];
-    for value in values {
-        let (sum, count) = sums[sums.len() - 1];
-        sums.push(if value.is_finite() {
-            (sum + value, count + 1.0)
-        } else {
-            (sum, count)
-        });
-    }
-    (0..values.len())
-        .map(|place| {
-            let (from, to) = (
-                sums[place.saturating_sub(half)],
-                sums[(place + half + 1).min(values.len())],
-            );
-            (to.0 - from.0) / (to.1 - from.1)
-        })
-        .collect()
 }
 
 /// The first seconds in the air without a gap: when they begin, s since the first row, their steps, and by how much the velocity down grew, m/s.

@@ -417,7 +417,7 @@ pub(crate) fn mean_deviation(values: impl Iterator<Item = f64>) -> (f64, f64) {
 }
 
 /// Mean over `half` rows to either side, fewer at the ends; rows without a value do not count.
-pub(crate) fn running_mean(values: &[f64], half: usize) -> Vec<f64> {
+pub fn running_mean(values: &[f64], half: usize) -> Vec<f64> {
     let mut sums = Vec::with_capacity(values.len() + 1);
     let (mut sum, mut count) = (0.0, 0_usize);
     sums.push((0.0, 0));

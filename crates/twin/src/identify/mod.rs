@@ -40,6 +40,7 @@ pub use bench::Bench;
 pub use class::Class;
 pub use estimate::Estimate;
 pub use filters::Band;
+pub use grid::running_mean;
 pub use held_out::{HeldOut, Score, held_out, held_out_with};
 pub use order::{in_the_order_of, read_for, same_rotor_order};
 pub use wiring::Wiring;
