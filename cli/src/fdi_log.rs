@@ -9,7 +9,7 @@ mod words;
 pub use words::verdict_text;
 
 use crate::fdi_service::DetectorArgs;
-use crate::output::{bad_input, failed, line};
+use crate::output::{bad_input, failed, fitted, line};
 use judged::JudgedLog;
 use rotortwin_campaign::study::log_score::LogScore;
 use rotortwin_fdi_session::Learnt;
@@ -211,7 +211,7 @@ fn print(logs: &[JudgedLog]) {
             line(&format!("{}\n", log.file));
         }
         if log.report.final_window.is_some() || !log.report.not_judged.is_empty() {
-            line(&text_of(&log.report));
+            line(&fitted(&text_of(&log.report)));
         }
         if logs.len() > 1 {
             line("");

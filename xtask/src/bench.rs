@@ -45,7 +45,7 @@ pub(crate) fn side_by_side_only(root: &Path) -> Result<()> {
 /// Builds the benchmark programs.
 pub(crate) fn build(root: &Path) -> Result<()> {
     let mut targets = vec!["--bin", "rotortwin", "--bin", "rotortwin-network"];
-    for example in ["closed_loop_rate", "batch_rate", "link_rate"] {
+    for example in ["closed_loop_rate", "batch_rate", "dynamics_rate", "link_rate"] {
         targets.extend(["--example", example]);
     }
     crate::command::build(root, &targets)
@@ -92,6 +92,20 @@ pub(crate) fn side_by_side(root: &Path, flights: &str, scenarios: &[&str]) -> Re
         Command::new("taskset")
             .args(["-c", "0", "target/release/examples/batch_rate", flights])
             .args(scenarios),
+    )
+}
+
+/// Plant and controller alone on CPU 0, for `seconds` of CPU time on each vector unit.
+pub(crate) fn dynamics(root: &Path, scenario: &str, seconds: f64) -> Result<serde_json::Value> {
+    let bench = Bench {
+        root: root.to_path_buf(),
+        repetitions: 1,
+    };
+    bench.json(
+        Command::new("taskset")
+            .args(["-c", "0", "target/release/examples/dynamics_rate"])
+            .arg(seconds.to_string())
+            .arg(scenario),
     )
 }
 

@@ -36,7 +36,7 @@ pub(crate) fn run(root: &Path, environments: Option<&Path>, seconds: f64) -> Res
     build(root)?;
     println!("{}", machine());
     let temporary = std::env::temp_dir().join(format!("rotortwin-peers-{}", std::process::id()));
-    let mut rows = ours(root)?;
+    let mut rows = ours(root, seconds)?;
     for (package, script) in PEERS {
         let home = environments.unwrap_or(&temporary).join(package);
         let measured = match environments {
@@ -68,7 +68,8 @@ pub(crate) fn run(root: &Path, environments: Option<&Path>, seconds: f64) -> Res
     Ok(())
 }
 
-fn ours(root: &Path) -> Result<Vec<Row>> {
+fn ours(root: &Path, seconds: f64) -> Result<Vec<Row>> {
+    let dynamics = crate::bench::dynamics(root, "xtask/peers/quad-hover.toml", seconds)?;
     let json = crate::bench::side_by_side(root, FLIGHTS, &SIDE_BY_SIDE)?;
     let computes = "hexarotor, 400 Hz, RK4, battery, wind, PID, f64; sensor noise, FDI with three evaluators, run hash";
     let row = |what: &str, key: &str| -> Result<Row> {
@@ -82,6 +83,13 @@ fn ours(root: &Path) -> Result<Vec<Row>> {
     Ok(vec![
         row("rotortwin, one flight", "single_steps_per_cpu_s")?,
         row("rotortwin, 8 side by side", "batch_steps_per_cpu_s")?,
+        Row {
+            what: "rotortwin, 8, no detectors".to_owned(),
+            computes: "quadrotor, 400 Hz, RK4, battery, PID, f64; no noise, no FDI, no run hash: the same work as crazyflow's"
+                .to_owned(),
+            rate_hz: 400.0,
+            steps_per_cpu_s: crate::bench::number(&dynamics, "steps_per_cpu_s")?,
+        },
     ])
 }
 

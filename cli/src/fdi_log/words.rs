@@ -40,8 +40,9 @@ pub(super) fn overview<'a>(logs: impl Iterator<Item = (&'a Path, &'a LogReport)>
 pub(super) fn text_of(report: &LogReport) -> String {
     let detectors = &report.detectors;
     let mut text = format!(
-        "Log          {} rows, {:.2} s at {:.1} Hz\nVehicle      {} ({} rotors), classifier {}\nCalibration  {} s in the air; what is damaged by \
+        "Verdict      {}\nLog          {} rows, {:.2} s at {:.1} Hz\nVehicle      {} ({} rotors), classifier {}\nCalibration  {} s in the air; what is damaged by \
          then counts as healthy\nSteps        {} taken, {} lost, {} rejected\nJudged       {:.1} of {:.1} s\n\n",
+        answer(report),
         report.log.rows,
         report.log.duration_s,
         report.log.rate_hz,
@@ -78,7 +79,11 @@ pub(super) fn text_of(report: &LogReport) -> String {
                 || verdict_text(view),
                 |obstacle| format!("cannot judge: {}", short(obstacle.reason)),
             ),
-            obstacle.map_or_else(|| format!("{:.4}", view.probability), |_| "–".to_owned()),
+            if obstacle.is_some() || view.verdict.verdict == VerdictKind::NotReady {
+                "–".to_owned()
+            } else {
+                format!("{:.4}", view.probability)
+            },
         ]);
     };
     for change in &report.timeline {
@@ -121,7 +126,7 @@ pub(super) fn text_of(report: &LogReport) -> String {
         text += &format!("{rest}\n\n");
     }
     let mut counts = Grid::new(["detector", "windows", "healthy", "alarmed", "alarms", "first alarm"]).numbers_from(1);
-    for count in &report.counts {
+    for count in report.counts.iter().filter(|count| count.decided > 0) {
         counts.add_row([
             count.detector.clone(),
             count.decided.to_string(),
@@ -133,7 +138,9 @@ pub(super) fn text_of(report: &LogReport) -> String {
                 .map_or("–".to_owned(), |time_s| format!("{time_s:.3} s")),
         ]);
     }
-    text += &format!("{counts}\n");
+    if report.counts.iter().any(|count| count.decided > 0) {
+        text += &format!("{counts}\n");
+    }
     for lack in &report.lacks {
         text += &format!("\nNot said     {}", lack.rules_out);
     }
@@ -144,6 +151,32 @@ pub(super) fn text_of(report: &LogReport) -> String {
         text += &format!("\nNote         {note}");
     }
     text.trim_end().to_owned()
+}
+
+/// The sequential detector's answer in one sentence: its last verdict in each stretch, and its first alarm.
+fn answer(report: &LogReport) -> String {
+    let probability = |view: &SequentialView| match view.verdict.verdict {
+        VerdictKind::NotReady | VerdictKind::CannotJudge => String::new(),
+        _ => format!(" (probability {:.3})", view.probability),
+    };
+    let said = |view: &SequentialView| format!("{}{}", verdict_text(view), probability(view));
+    let verdicts = match report.stretches.as_slice() {
+        [] => return "none: nothing could be judged; the reasons are under \"not judged\"".to_owned(),
+        [only] => said(&only.sequential),
+        several if several.iter().all(|one| one.sequential.verdict.verdict == VerdictKind::Healthy) => {
+            format!("healthy at the end of each of {} stretches", several.len())
+        }
+        several => several
+            .iter()
+            .map(|one| format!("{:.0}–{:.0} s: {}", one.from_s, one.to_s, said(&one.sequential)))
+            .collect::<Vec<_>>()
+            .join("; "),
+    };
+    let sequential = report.counts.iter().find(|count| count.detector == "sequential");
+    match sequential.and_then(|count| count.first_alarm_s) {
+        Some(time_s) => format!("{verdicts}; first alarm at {time_s:.2} s"),
+        None => format!("{verdicts}; no alarm"),
+    }
 }
 
 /// Smallest detectable loss at the end of the log.

@@ -165,11 +165,21 @@ impl SensorSuite {
         self.voltage_bias
     }
 
+    /// The next three standard normals of a sensor with three axes; 0 if it is exact.
+    #[inline]
+    fn normals(&mut self, sensor: usize) -> [f64; 3] {
+        if self.deviation[sensor] > 0.0 {
+            self.noise[sensor].sample3()
+        } else {
+            [0.0; 3]
+        }
+    }
+
     /// Puts this step's standard normals into a column: three for each sensor, one for the voltage (0 if it is exact).
     #[inline]
     pub(crate) fn noise<const L: usize>(&mut self, rows: &mut [[f64; L]; 3 * SENSORS - 2], lane: usize) {
         for sensor in 0..SENSORS - 1 {
-            let normals = self.noise[sensor].sample3();
+            let normals = self.normals(sensor);
             for axis in 0..3 {
                 rows[3 * sensor + axis][lane] = normals[axis];
             }
@@ -183,7 +193,7 @@ impl SensorSuite {
     pub(crate) fn measure(&mut self, step: u64, truth: &Readings) -> (NavState, f32, u32) {
         let mut readings = *truth;
         for sensor in 0..SENSORS - 1 {
-            let (deviation, noise) = (self.deviation[sensor], self.noise[sensor].sample3());
+            let (deviation, noise) = (self.deviation[sensor], self.normals(sensor));
             for (reading, n) in readings[sensor].iter_mut().zip(noise) {
                 *reading += deviation * n;
             }
