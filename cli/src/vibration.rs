@@ -38,6 +38,9 @@ struct Found {
     flights: Vec<Vibration>,
     #[serde(skip_serializing_if = "Option::is_none")]
     change: Option<Change>,
+    /// Why the vehicle is taken as a whole although a model was named.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    not_by_rotor: Option<String>,
 }
 
 /// Runs the command.
@@ -75,19 +78,31 @@ fn find(args: &Args) -> Result<Found, String> {
             .collect::<Result<Vec<_>, _>>()
     };
     let (logs, healthy) = (read(&args.logs)?, read(&args.baseline)?);
-    let sentence = |error: PredictError| error.to_string();
-    if healthy.is_empty() {
-        let flights: Result<Vec<Vibration>, PredictError> =
-            logs.iter().map(|log| vibration(log, model.as_ref())).collect();
-        return Ok(Found {
-            flights: flights.map_err(sentence)?,
-            change: None,
-        });
+    match (of(&logs, &healthy, model.as_ref()), &model) {
+        // Most logs are too slow for the speeds of rotors, and tell how the vehicle shakes as a whole.
+        (Err(by_rotor), Some(_)) => of(&logs, &healthy, None)
+            .map(|found| Found {
+                not_by_rotor: Some(by_rotor.to_string()),
+                ..found
+            })
+            .map_err(|_| by_rotor.to_string()),
+        (found, _) => found.map_err(|error| error.to_string()),
     }
-    let change = change(&logs, &healthy, model.as_ref()).map_err(sentence)?;
+}
+
+fn of(logs: &[FlightLog], healthy: &[FlightLog], model: Option<&ModelVersion>) -> Result<Found, PredictError> {
+    let change = match healthy {
+        [] => None,
+        _ => Some(change(logs, healthy, model)?),
+    };
+    let flights = match &change {
+        Some(change) => change.flights.clone(),
+        None => logs.iter().map(|log| vibration(log, model)).collect::<Result<_, _>>()?,
+    };
     Ok(Found {
-        flights: change.flights.clone(),
-        change: Some(change),
+        flights,
+        change,
+        not_by_rotor: None,
     })
 }
 
@@ -138,7 +153,9 @@ fn text(found: &Found) -> String {
         }
         text.push('\n');
     }
-    if found.flights.iter().any(|flight| flight.band_hz.is_some()) {
+    if let Some(reason) = &found.not_by_rotor {
+        text += &format!("Not by rotor: {reason}.\n");
+    } else if found.flights.iter().any(|flight| flight.band_hz.is_some()) {
         text += "Single rotors need rotor speeds from the ESCs in the log, or --model to get them from duty and voltage. Heavier or faster \
                  flights may vibrate more without any damage.\n";
     }

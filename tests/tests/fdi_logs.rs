@@ -796,7 +796,10 @@ fn val_the_command_tells_what_happened_to_a_rotor() {
     within(&gain["shares"][0], 0.07);
     let answer = text.lines().next().expect("a line");
     assert!(answer.starts_with("Verdict      "), "{text}");
-    assert!(answer.contains("rotor 2 gives ") && answer.contains("; first alarm at 2"), "{text}");
+    assert!(
+        answer.contains("rotor 2 gives ") && answer.contains("; first alarm at 2"),
+        "{text}"
+    );
     assert!(series.contains(",gain 2 "), "no gain in the series");
     let sum: f64 = explanations.iter().map(|one| number(&one["probability"])).sum();
     assert!((0.5..1.001).contains(&sum), "{last}");

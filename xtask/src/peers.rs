@@ -85,8 +85,9 @@ fn ours(root: &Path, seconds: f64) -> Result<Vec<Row>> {
         row("rotortwin, 8 side by side", "batch_steps_per_cpu_s")?,
         Row {
             what: "rotortwin, 8, no detectors".to_owned(),
-            computes: "quadrotor, 400 Hz, RK4, battery, PID, f64; no noise, no FDI, no run hash: the same work as crazyflow's"
-                .to_owned(),
+            computes:
+                "quadrotor, 400 Hz, RK4, battery, PID, f64; no noise, no FDI, no run hash: the same work as crazyflow's"
+                    .to_owned(),
             rate_hz: 400.0,
             steps_per_cpu_s: crate::bench::number(&dynamics, "steps_per_cpu_s")?,
         },

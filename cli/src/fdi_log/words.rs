@@ -157,13 +157,14 @@ pub(super) fn text_of(report: &LogReport) -> String {
 fn answer(report: &LogReport) -> String {
     let probability = |view: &SequentialView| match view.verdict.verdict {
         VerdictKind::NotReady | VerdictKind::CannotJudge => String::new(),
+        VerdictKind::Healthy if is_unclear(view) => format!(" (healthy: probability {:.3})", view.probability),
         _ => format!(" (probability {:.3})", view.probability),
     };
     let said = |view: &SequentialView| format!("{}{}", verdict_text(view), probability(view));
     let verdicts = match report.stretches.as_slice() {
         [] => return "none: nothing could be judged; the reasons are under \"not judged\"".to_owned(),
         [only] => said(&only.sequential),
-        several if several.iter().all(|one| one.sequential.verdict.verdict == VerdictKind::Healthy) => {
+        several if several.iter().all(|one| is_healthy(&one.sequential)) => {
             format!("healthy at the end of each of {} stretches", several.len())
         }
         several => several
@@ -186,13 +187,15 @@ fn smallest_text(smallest: &[f32]) -> Option<String> {
     if smallest[least] >= 1.0 {
         return Some("Detectable   nothing: at the end even the loss of a whole rotor would be hidden by what the model does not explain".to_owned());
     }
-    Some(format!(
-        "Detectable   losses from {:.1} % of the thrust (rotor {}) to {:.1} % (rotor {}), within 10 s, at the end",
-        100.0 * smallest[least],
-        least + 1,
-        100.0 * smallest[most],
-        most + 1
-    ))
+    let [from, to] = [least, most].map(|rotor| format!("{:.1} %", 100.0 * smallest[rotor]));
+    Some(if from == to {
+        format!("Detectable   losses from {from} of the thrust, of any rotor, within 10 s, at the end")
+    } else {
+        let [least, most] = [least + 1, most + 1];
+        format!(
+            "Detectable   losses from {from} of the thrust (rotor {least}) to {to} (rotor {most}), within 10 s, at the end"
+        )
+    })
 }
 
 /// The reason in a few words; details are in the table of what was not evaluated.
@@ -275,10 +278,22 @@ fn explanation_text(one: &ExplanationView) -> String {
     format!("{what} ({:.2})", one.probability)
 }
 
+fn is_healthy(view: &SequentialView) -> bool {
+    view.verdict.verdict == VerdictKind::Healthy && !is_unclear(view)
+}
+
+/// No alarm, although health is the less likely explanation: the evidence for a rotor has not lasted, or is that of none.
+fn is_unclear(view: &SequentialView) -> bool {
+    view.verdict.verdict == VerdictKind::Healthy && view.probability < 0.5
+}
+
 /// A verdict as one line of terminal text.
 pub fn verdict_text(view: &SequentialView) -> String {
     match view.verdict.verdict {
         VerdictKind::NotReady => "calibrating".to_owned(),
+        VerdictKind::Healthy if is_unclear(view) => {
+            "unclear: more than health explains, and no rotor stands out".to_owned()
+        }
         VerdictKind::Healthy => "healthy".to_owned(),
         VerdictKind::Unknown => "unknown fault".to_owned(),
         VerdictKind::CannotJudge => "cannot judge".to_owned(),

@@ -48,14 +48,24 @@ impl VectorWork for Control {
 fn main() -> Result<(), String> {
     let [seconds, path] = <[String; 2]>::try_from(std::env::args().skip(1).collect::<Vec<_>>())
         .map_err(|_| "expected SECONDS and SCENARIO".to_owned())?;
-    let seconds: f64 = seconds.parse().map_err(|_| format!("expected seconds, got {seconds}"))?;
+    let seconds: f64 = seconds
+        .parse()
+        .map_err(|_| format!("expected seconds, got {seconds}"))?;
     let scenario = Scenario::load(&path).map_err(|error| error.to_string())?;
     let rates = VectorUnit::available()
         .iter()
-        .map(|unit| Ok((unit.name(), rate(&scenario, Dispatch::new(*unit).expect("available"), seconds)?)))
+        .map(|unit| {
+            Ok((
+                unit.name(),
+                rate(&scenario, Dispatch::new(*unit).expect("available"), seconds)?,
+            ))
+        })
         .collect::<Result<Vec<_>, String>>()?;
     let best = rates.iter().map(|(_, rate)| *rate).fold(0.0, f64::max);
-    let units: Vec<String> = rates.iter().map(|(name, rate)| format!("\"{name}\":{rate:.0}")).collect();
+    let units: Vec<String> = rates
+        .iter()
+        .map(|(name, rate)| format!("\"{name}\":{rate:.0}"))
+        .collect();
     println!("{{\"steps_per_cpu_s\":{best:.0},\"units\":{{{}}}}}", units.join(","));
     Ok(())
 }
@@ -89,7 +99,9 @@ fn fly(scenario: &Scenario, dispatch: Dispatch) -> Result<u64, String> {
     for lane in 0..LANES {
         let simulation = scenario.simulation(lane as u64).map_err(|error| error.to_string())?;
         outputs.control.seat(lane, &controller);
-        plant.seat(lane, simulation).map_err(|reason| format!("no lane: {reason:?}"))?;
+        plant
+            .seat(lane, simulation)
+            .map_err(|reason| format!("no lane: {reason:?}"))?;
     }
     let mut steps = 0;
     while !plant.simulation(0).is_some_and(rotortwin_plant::Simulation::done) {
@@ -102,7 +114,9 @@ fn fly(scenario: &Scenario, dispatch: Dispatch) -> Result<u64, String> {
         }
         steps += LANES as u64;
     }
-    let astray = (0..3).any(|axis| (0..LANES).any(|lane| (inputs.measured[axis][lane] - inputs.reference[axis][lane]).abs() > ASTRAY_M));
+    let astray = (0..3).any(|axis| {
+        (0..LANES).any(|lane| (inputs.measured[axis][lane] - inputs.reference[axis][lane]).abs() > ASTRAY_M)
+    });
     if astray {
         return Err("a flight is more than 0.2 m from its reference: it does not hover".to_owned());
     }

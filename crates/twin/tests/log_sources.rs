@@ -198,6 +198,55 @@ fn val_text_dataflash_without_times_gets_its_nominal_rate() {
     assert!((voltage[6] - 11.945).abs() < 1e-9, "{}", voltage[6]);
 }
 
+/// Messages of ArduCopter by their numbers: `CURR` is of floats since 3.4, `MOT_PWM_MIN` 0 means the throttle channel's range, and
+/// `RCOU` had other names up to 3.2.
+#[test]
+fn regress_arducopter_before_and_after_its_messages_changed() {
+    let folder = tempfile::tempdir().expect("a temporary folder");
+    let of = |name: &str, fields: &str, unit: f64| {
+        let path = folder.path().join(name);
+        let mut text = format!(
+            "FMT, 1, 9, PARM, QNf, TimeUS,Name,Value\nFMT, 2, 9, IMU, Qffffff, TimeUS,GyrX,GyrY,GyrZ,AccX,AccY,AccZ\n\
+             FMT, 3, 9, RCOU, QHHHH, TimeUS,{fields}\nFMT, 4, 9, CURR, Qfff, TimeUS,Throttle,Volt,Curr\n\
+             PARM, 100, MOT_PWM_MIN, 0\nPARM, 100, MOT_PWM_MAX, 0\nPARM, 100, SERVO1_MIN, 1100\nPARM, 100, SERVO1_MAX, 1900\n\
+             PARM, 100, RC3_MIN, 982\nPARM, 100, RC3_MAX, 2006\n"
+        );
+        for k in 0..200_u32 {
+            let (time, shake) = (1_000_000 + 20_000 * k, f64::from(k % 7));
+            text += &format!(
+                "IMU, {time}, 0.0{}, 0.0, 0.0, 0.0, 0.0, {}\n",
+                k % 3,
+                -9.81 + 0.1 * shake
+            );
+            let output = 1494 + k % 3;
+            text += &format!("RCOU, {time}, {output}, {output}, 1495, {output}\n");
+            text += &format!(
+                "CURR, {time}, 500, {}, {}\n",
+                unit * (15.9 - 0.001 * f64::from(k)),
+                unit * (21.0 + shake)
+            );
+        }
+        std::fs::write(&path, text).expect("written");
+        FlightLog::read(&path).expect("a log")
+    };
+    for (name, fields, unit) in [
+        ("new.log", "C1,C2,C3,C4", 1.0),
+        ("old.log", "Chan1,Chan2,Chan3,Chan4", 100.0),
+    ] {
+        let log = of(name, fields, unit);
+        assert!(
+            (log.column("battery_current_a").expect("mapped")[7] - 21.0).abs() < 1e-6,
+            "{name}"
+        );
+        assert!(
+            (log.column("battery_voltage_v").expect("mapped")[0] - 15.9).abs() < 1e-6,
+            "{name}"
+        );
+        let duty = log.column("duty_3").expect("mapped")[0];
+        assert!((duty - (1495.0 - 982.0) / 1024.0).abs() < 1e-9, "{name}: {duty}");
+    }
+}
+
 /// Found by `prop_damaged_files_never_panic`: the type of a variable was a line feed, which broke the sentence that quoted it.
 #[test]
 fn regress_a_line_feed_in_a_name_stays_within_the_sentence() {

@@ -267,7 +267,7 @@ fn told(log: &FlightLog, request: &Request) -> Result<Option<Told>, String> {
     let of = |frame: &Frame, source, how: String| Some((frame.name.to_owned(), frame.places(), source, how));
     if let Some(name) = &request.frame {
         let frame = Frame::named(name).ok_or_else(|| format!("--frame {name}: expected one of {}", frame_names()))?;
-        return Ok(of(frame, Source::Entered, "entered".to_owned()));
+        return Ok(of(frame, Source::Entered, "--frame".to_owned()));
     }
     if log.report.rotor_order != RotorOrder::Logged {
         // The columns have not the numbers that parameters speak of.
@@ -289,7 +289,8 @@ fn told(log: &FlightLog, request: &Request) -> Result<Option<Told>, String> {
         return Ok(of(frame, Source::Parameter, "FRAME".to_owned()));
     }
     if let Some(frame) = Frame::of_px4_airframe(&log.parameters) {
-        return Ok(of(frame, Source::Parameter, "SYS_AUTOSTART".to_owned()));
+        let airframe = log.parameters.get("SYS_AUTOSTART").copied().unwrap_or_default();
+        return Ok(of(frame, Source::Parameter, format!("SYS_AUTOSTART {airframe}")));
     }
     if log.source.kind == SourceKind::CrazyflieUsdlog {
         let frame = Frame::named("quad-cw-x").expect("in the table");
@@ -310,7 +311,7 @@ pub(crate) struct Findings<'a> {
     pub(crate) logs: &'a [FlightLog],
     pub(crate) fitted: &'a Fitted,
     pub(crate) yaw: Option<Yaw>,
-    pub(crate) voltage_slope: (f64, f64, bool),
+    pub(crate) voltage_slope: (f64, f64, Source),
     pub(crate) has_voltage: bool,
     pub(crate) rotors: usize,
     /// [`Airframe::against_the_motion`]
@@ -845,7 +846,8 @@ impl Findings<'_> {
             .how(slope_how)
             .better("10 s of throttle pulses; a thrust stand"),
         );
-        let (s, deviation, told) = self.voltage_slope;
+        let (s, deviation, source) = self.voltage_slope;
+        let of_the_bench = self.bench.is_some_and(|bench| bench.exponent.is_some());
         values.push(
             Estimate::normal(
                 "rotors.voltage_slope",
@@ -853,22 +855,14 @@ impl Findings<'_> {
                 "",
                 s,
                 deviation,
-                if self.bench.is_some_and(|bench| bench.exponent.is_some()) {
-                    Source::Bench
-                } else if told {
-                    Source::Log
-                } else {
-                    Source::Class
-                },
+                if of_the_bench { Source::Bench } else { source },
             )
-            .how(if self.bench.is_some_and(|bench| bench.exponent.is_some()) {
-                "voltages of the bench, combined with the flight by their variances"
-            } else if !self.has_voltage {
-                "no voltage in the log"
-            } else if told {
-                "slow drift of thrust over voltage; anything else that drifts with time is in it"
-            } else {
-                "the voltage hardly varies"
+            .how(match source {
+                _ if of_the_bench => "voltages of the bench, combined with the flight by their variances",
+                _ if !self.has_voltage => "no voltage in the log",
+                Source::Log => "slow drift of thrust over voltage; anything else that drifts with time is in it",
+                Source::LogAndClass => "slow drift of thrust over voltage, combined with the class by their variances",
+                _ => "the voltage hardly varies",
             })
             .better("a flight over most of the charge, with voltage"),
         );

@@ -304,14 +304,24 @@ impl Frame {
             .find(|frame| frame.class == class && f64::from(frame.kind) == kind)
     }
 
-    /// The frame of PX4's fixed airframes.
+    /// The frame of PX4's airframes: those of one group (ROMFS/px4fmu_common/init.d/airframes: 4000 to 4999 are X quadrotors, 5000 to 5999
+    /// plus quadrotors, and so on) share their motors.
     pub(crate) fn of_px4_airframe(parameters: &BTreeMap<String, f64>) -> Option<&'static Self> {
         let airframe = *parameters.get("SYS_AUTOSTART")?;
-        FRAMES
-            .iter()
-            .find(|frame| frame.airframe != 0 && f64::from(frame.airframe) == airframe)
+        if airframe == REAPER {
+            return None;
+        }
+        FRAMES.iter().find(|frame| {
+            frame.airframe != 0 && f64::from(frame.airframe / GROUP) == (airframe / f64::from(GROUP)).floor()
+        })
     }
 }
+
+/// Numbers of PX4's airframes in a group.
+const GROUP: u32 = 1000;
+
+/// 4040_reaper, an H frame among the X frames.
+const REAPER: f64 = 4040.0;
 
 /// Rotors of PX4's control allocation (`CA_ROTORn_PX`, `_PY`, `_KM`), in units of the longest arm, with that arm, m.
 pub(crate) fn of_px4_allocation(parameters: &BTreeMap<String, f64>) -> Option<(Vec<Place>, f64)> {
@@ -372,6 +382,21 @@ mod tests {
             ] {
                 assert!(sum.abs() < 1e-9, "{}: {sum}", frame.name);
             }
+        }
+    }
+
+    /// 4014 is PX4's S500, 4040 an H frame among the X frames, 13000 a VTOL.
+    #[test]
+    fn regress_an_airframe_of_px4_has_the_motors_of_its_group() {
+        let of = |number: f64| {
+            let parameters = BTreeMap::from([("SYS_AUTOSTART".to_owned(), number)]);
+            Frame::of_px4_airframe(&parameters).map(|frame| frame.name)
+        };
+        assert_eq!(of(4001.0), Some("quad-x"));
+        assert_eq!(of(4014.0), Some("quad-x"));
+        assert_eq!(of(6002.0), Some("hexa-x"));
+        for other in [0.0, 1001.0, 4040.0, 13_000.0, 2_147_483_648.0, f64::NAN] {
+            assert_eq!(of(other), None, "{other}");
         }
     }
 

@@ -264,7 +264,7 @@ fn estimate_all(
     };
     let mut fitted = fit::fit(&problem(class::VOLTAGE_SLOPE), request.arm_m);
     let has_voltage = grids.iter().all(|grid| grid.voltage.is_some());
-    let mut voltage_slope = (class::VOLTAGE_SLOPE, class::VOLTAGE_SLOPE_DEVIATION, false);
+    let mut voltage_slope = (class::VOLTAGE_SLOPE, class::VOLTAGE_SLOPE_DEVIATION, Source::Class);
     if has_voltage {
         voltage_slope = slow::voltage_slope(grids, &fitted.curve);
         if (voltage_slope.0 - class::VOLTAGE_SLOPE).abs() > 0.1 {
@@ -279,13 +279,13 @@ fn estimate_all(
     if let Some(about) = &bench {
         if let Some(of_the_bench) = about.exponent {
             let of_the_flight = (voltage_slope.0, voltage_slope.1);
-            match (voltage_slope.2, bench::together(of_the_flight, of_the_bench)) {
-                (true, Some((slope, deviation))) => voltage_slope = (slope, deviation, true),
+            match (voltage_slope.2 == Source::Log, bench::together(of_the_flight, of_the_bench)) {
+                (true, Some((slope, deviation))) => voltage_slope = (slope, deviation, Source::Log),
                 (true, None) => notes.push(format!(
                     "d ln thrust/d ln voltage is {:.2} on the bench and {:.2} in the air, more than three deviations apart: not averaged, the flight's is taken",
                     of_the_bench.0, of_the_flight.0
                 )),
-                (false, _) => voltage_slope = (of_the_bench.0, of_the_bench.1, false),
+                (false, _) => voltage_slope = (of_the_bench.0, of_the_bench.1, Source::Class),
             }
         }
         fitted = fit::fit(

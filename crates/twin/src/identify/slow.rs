@@ -4,6 +4,7 @@ use super::class;
 use super::curve::Curve;
 use super::filters::Band;
 use super::grid::{GRAVITY, Grid, mean_deviation};
+use crate::model::constants::Source;
 
 /// What a log says of the drag over the mass, 1/s.
 pub(crate) enum Drag {
@@ -34,10 +35,21 @@ fn in_body_axes(velocity: &[Vec<f64>; 3], attitude: &[Vec<f64>; 3], k: usize) ->
 pub(crate) fn drag(grids: &[Grid]) -> Drag {
     const FASTEST_HZ: f64 = 1.0;
     let mut fits = Vec::new();
-    let mut reason = "no velocity and attitude in the log".to_owned();
+    let mut reason = String::new();
     for grid in grids {
         let ([Some(ax), Some(ay), _], Some(velocity), Some(attitude)) = (&grid.accel, &grid.velocity, &grid.attitude)
         else {
+            let lacking = [
+                (grid.accel[0].is_none() || grid.accel[1].is_none(), "accelerometer"),
+                (grid.velocity.is_none(), "velocity"),
+                (grid.attitude.is_none(), "attitude"),
+            ];
+            let names: Vec<&str> = lacking
+                .iter()
+                .filter(|(lacks, _)| *lacks)
+                .map(|(_, name)| *name)
+                .collect();
+            reason = format!("no {} in the log", names.join(" and no "));
             continue;
         };
         let low = Band {
@@ -278,10 +290,10 @@ pub(crate) fn fall(grid: &Grid, curve: &Curve) -> Option<Fall> {
     })
 }
 
-/// s = d ln T/d ln V, with deviation, the class default in it; `true` where the log decides.
-pub(crate) fn voltage_slope(grids: &[Grid], curve: &Curve) -> (f64, f64, bool) {
+/// s = d ln T/d ln V, with deviation, the class default in it, and what decides.
+pub(crate) fn voltage_slope(grids: &[Grid], curve: &Curve) -> (f64, f64, Source) {
     const BLOCK_S: f64 = 2.0;
-    let default = (class::VOLTAGE_SLOPE, class::VOLTAGE_SLOPE_DEVIATION, false);
+    let default = (class::VOLTAGE_SLOPE, class::VOLTAGE_SLOPE_DEVIATION, Source::Class);
     let mut points: Vec<(f64, f64)> = Vec::new();
     for grid in grids {
         let Some(voltage) = &grid.voltage else { continue };
@@ -308,10 +320,26 @@ pub(crate) fn voltage_slope(grids: &[Grid], curve: &Curve) -> (f64, f64, bool) {
     // Neighbours agree: fewer independent points. And voltage runs with time, as drift of anything else does.
     let deviation = (variance / xx * (1.0 + rho) / (1.0 - rho)).sqrt().hypot(0.1);
     let prior = class::VOLTAGE_SLOPE_DEVIATION;
+    // Outside of what motors have, something else that drifts is in it, and neither of the two is believed alone.
+    let beyond = (s - class::VOLTAGE_SLOPE).abs();
+    let deviation = if beyond > 2.0 * prior {
+        deviation.max(0.5 * beyond)
+    } else {
+        deviation
+    };
     let (a, b) = (1.0 / (deviation * deviation), 1.0 / (prior * prior));
     let combined = (a * s + b * class::VOLTAGE_SLOPE) / (a + b);
-    (combined, (1.0 / (a + b)).sqrt(), a > 3.0 * b)
+    let source = match a / b {
+        share if share > LOG_DECIDES => Source::Log,
+        share if share > LOG_COUNTS => Source::LogAndClass,
+        _ => Source::Class,
+    };
+    (combined, (1.0 / (a + b)).sqrt(), source)
 }
+
+/// Information of the log over that of the class from which on the log decides, and counts.
+const LOG_DECIDES: f64 = 3.0;
+const LOG_COUNTS: f64 = 0.05;
 
 /// What the log says of the battery.
 #[derive(Debug, Clone, Default)]

@@ -254,7 +254,7 @@ fn convert(
     if row.frame == Some(Frame::Geodetic) {
         local_tangent(&mut values, origin, report);
     } else {
-        let (unit, factor) = chosen_unit(row, &values)?;
+        let (unit, factor) = unit_of(row, stream, &values)?;
         let factor = factor * row.factor.unwrap_or(1.0);
         scale(&mut values, factor);
         describe_conversion(row, stream, unit, report);
@@ -281,11 +281,35 @@ fn convert(
 /// Rows over which a vibration averages out, so that gravity is left.
 const RUN_ROWS: usize = 256;
 
-/// The first unit of the row that the data allow.
+/// The unit of a row: as that of another field of its message, or else the first that the data allow.
+fn unit_of<'a>(row: &'a Row, stream: &RawStream, values: &[Vec<f64>]) -> Result<(&'a str, f64), String> {
+    let place = row.unit_as.as_ref().and_then(|other| {
+        let (_, values) = stream.fields.iter().find(|(name, _)| *name == other.field)?;
+        let (chosen, _) = fitting_unit(other.unit.list(), std::slice::from_ref(values)).ok()?;
+        other.unit.list().iter().position(|name| name == chosen)
+    });
+    match place.and_then(|place| row.unit.list().get(place)) {
+        Some(name) => units::unit(name)
+            .map(|(factor, _)| (name.as_str(), factor))
+            .ok_or_else(|| format!("unit '{name}' is not known")),
+        None => chosen_unit(row, values),
+    }
+}
+
+/// The first unit of a row that the data allow.
+pub(super) fn chosen_unit<'a>(row: &'a Row, values: &[Vec<f64>]) -> Result<(&'a str, f64), String> {
+    fitting_unit(row.unit.list(), values).map_err(|found| {
+        format!(
+            "{}: the unit cannot be right: {found}; set the unit of '{}' in a mapping",
+            row.from, row.to
+        )
+    })
+}
+
+/// The first of several units that the data allow, with its factor; else what the median would be in each.
 ///
 /// A vehicle may shake by more than gravity: where no unit fits the samples of an accelerometer, their means over [`RUN_ROWS`] decide.
-pub(super) fn chosen_unit<'a>(row: &'a Row, values: &[Vec<f64>]) -> Result<(&'a str, f64), String> {
-    let units = row.unit.list();
+fn fitting_unit<'a>(units: &'a [String], values: &[Vec<f64>]) -> Result<(&'a str, f64), String> {
     let mut tried = Vec::new();
     for run in [1, RUN_ROWS] {
         for name in units {
@@ -311,12 +335,7 @@ pub(super) fn chosen_unit<'a>(row: &'a Row, values: &[Vec<f64>]) -> Result<(&'a 
             }
         }
     }
-    Err(format!(
-        "{}: the unit cannot be right: the median is {}; set the unit of '{}' in a mapping",
-        row.from,
-        tried.join(", "),
-        row.to
-    ))
+    Err(format!("the median is {}", tried.join(", ")))
 }
 
 /// Median over runs of rows of the length of the mean vector.

@@ -891,6 +891,19 @@ fn rotors(columns: &mut [Column], out: &mut Writer) {
             "{}: which number is zero throttle and which is full? They range from {low} to {high} in the rows read here, so {from} and {until} are written here",
             names.join(", ")
         ));
+        let negative: Vec<&str> = best
+            .iter()
+            .map(|i| &columns[*i])
+            .filter(|column| column.range().1 <= 0.0 && column.range().0 < 0.0)
+            .map(|column| column.name.as_str())
+            .collect();
+        if !negative.is_empty() {
+            out.ask(format!(
+                "{}: negative in all rows, as where the sign is the direction of rotation; a mapping has one range for all motors and would read \
+                 these as standing still: write their magnitudes into the table",
+                negative.join(", ")
+            ));
+        }
         out.row(
             "duty",
             &names,
@@ -924,7 +937,8 @@ fn battery(columns: &mut [Column], out: &mut Writer) {
                 .iter()
                 .any(|(_, factor)| plausible.contains(&(c.median() * factor))),
         };
-        let free = |c: &Column| !c.taken && !c.has(&["cell", "tot", "ref"]) && fits(c);
+        // "F_curr_y" is the current value of something with axes.
+        let free = |c: &Column| !c.taken && !c.has(&["cell", "tot", "ref", "x", "y", "z"]) && fits(c);
         let of_battery = ["bat", "batt", "battery", "pack", "akku", "supply", "lipo"];
         let Some(found) = columns.iter().position(|c| free(c) && c.has(words)).or_else(|| {
             columns
@@ -1063,6 +1077,34 @@ mod tests {
         assert!(found.toml.contains(part), "{}", found.toml);
         assert!(
             !found.questions.iter().any(|question| question.contains("vbatMV")),
+            "{:?}",
+            found.questions
+        );
+    }
+
+    /// A Parrot Mambo's: a force named "current" (of now), and motors whose sign is the direction in which they turn.
+    #[test]
+    fn regress_a_force_is_no_current_and_negative_motors_are_asked_about() {
+        let rows: Vec<String> = (0..50)
+            .map(|k| {
+                format!(
+                    "{},0.1,{},{},{},{}",
+                    0.005 * f64::from(k),
+                    290 + k,
+                    -300 - k,
+                    295,
+                    -310 + k % 5
+                )
+            })
+            .collect();
+        let text = format!("t,F_curr_Y_N,motor1,motor2,motor3,motor4\n{}\n", rows.join("\n"));
+        let found = draft(Path::new("x.csv"), text.as_bytes()).unwrap();
+        assert!(!found.toml.contains("battery_current_a"), "{}", found.toml);
+        assert!(
+            found
+                .questions
+                .iter()
+                .any(|question| question.starts_with("motor2, motor4: negative in all rows")),
             "{:?}",
             found.questions
         );

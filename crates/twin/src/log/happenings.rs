@@ -260,11 +260,17 @@ fn stick_positions(log: &SourceLog) -> Option<(&RawStream, [Vec<f64>; 3])> {
         return Some((stream, [of(&["roll", "y"])?, of(&["pitch", "x"])?, of(&["yaw", "r"])?]));
     }
     for (name, channels) in [
-        ("RCIN", [["C1", "Chan1"], ["C2", "Chan2"], ["C4", "Chan4"]]),
-        ("RC_CHANNELS", [["chan1_raw", ""], ["chan2_raw", ""], ["chan4_raw", ""]]),
+        (
+            "RCIN",
+            [["C1", "Ch1", "Chan1"], ["C2", "Ch2", "Chan2"], ["C4", "Ch4", "Chan4"]],
+        ),
+        (
+            "RC_CHANNELS",
+            [["chan1_raw", "", ""], ["chan2_raw", "", ""], ["chan4_raw", "", ""]],
+        ),
         (
             "RC_CHANNELS_RAW",
-            [["chan1_raw", ""], ["chan2_raw", ""], ["chan4_raw", ""]],
+            [["chan1_raw", "", ""], ["chan2_raw", "", ""], ["chan4_raw", "", ""]],
         ),
     ] {
         let Some(stream) = stream(log, name) else { continue };

@@ -72,6 +72,9 @@ pub(crate) struct Row {
     /// Unit, or units in order of preference.
     #[serde(default = "one")]
     pub(crate) unit: Units,
+    /// Several units: the unit in the same place as the one that another field of the message has.
+    #[serde(default)]
+    pub(crate) unit_as: Option<UnitAs>,
     /// Axes of the source.
     #[serde(default)]
     pub(crate) frame: Option<Frame>,
@@ -90,6 +93,14 @@ pub(crate) struct Row {
     /// A field that must not be 0 for a sample to count.
     #[serde(default)]
     pub(crate) valid: Option<String>,
+}
+
+/// A field of the same message, with the units that it can have: those of a voltage can be told apart by its size, those of a current not.
+#[derive(Clone, Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct UnitAs {
+    pub(crate) field: String,
+    pub(crate) unit: Units,
 }
 
 /// One unit or several.
@@ -273,6 +284,19 @@ impl Row {
             let geodetic = self.frame == Some(Frame::Geodetic);
             if target.dimension().is_some_and(|wanted| wanted != dimension) && !geodetic {
                 return Err(format!("unit = \"{name}\" does not fit '{}'", self.to));
+            }
+        }
+        if let Some(other) = &self.unit_as {
+            if other.unit.list().len() != self.unit.list().len() {
+                return Err("unit_as must have as many units as unit".to_owned());
+            }
+            for name in other.unit.list() {
+                if units::unit(name).is_none() {
+                    return Err(format!(
+                        "unit_as: unit \"{name}\" is not known; known: {}",
+                        units::unit_names()
+                    ));
+                }
             }
         }
         let frames: &[Frame] = match self.to.as_str() {

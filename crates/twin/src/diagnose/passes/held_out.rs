@@ -14,6 +14,8 @@ use crate::predict::{CHANNELS, ChannelResiduals, Nuisances, PredictError, Series
 const SMOOTH_S: f64 = 0.1;
 /// Factor by which an error on unseen blocks rises where a fit contradicts no guess of a constant.
 const CONTRADICTED: f64 = 3.0;
+/// Factor by which it rises where a fault of the log is none.
+const CLEARLY: f64 = 1.1;
 
 pub(crate) struct HeldOutCheck;
 
@@ -33,12 +35,17 @@ impl Pass for HeldOutCheck {
 
     fn run(&self, state: &mut State<'_>) -> Result<(), PredictError> {
         let errors = errors(&state.problem, &state.plain)?;
-        // Mending a log makes no error of the model smaller.
-        let named = !state.diagnosis.effects.is_empty();
-        if named || !state.diagnosis.calibrate.is_empty() {
-            let risen = errors
-                .iter()
-                .filter(|error| Self::contradicts_no_guess(error) || (named && error.rises()));
+        let diagnosis = &state.diagnosis;
+        let named = !diagnosis.effects.is_empty();
+        // Mending a log need make no error of the model smaller; but a fault of the log that leaves something unexplained and makes the
+        // prediction of unseen blocks clearly worse is none.
+        let log_alone = !named && !diagnosis.sensor_or_timing.is_empty() && !diagnosis.goodness.unexplained.is_empty();
+        if named || log_alone || !diagnosis.calibrate.is_empty() {
+            let risen = errors.iter().filter(|error| {
+                Self::contradicts_no_guess(error)
+                    || (named && error.rises())
+                    || (log_alone && error.rises() && error.after > CLEARLY * error.before)
+            });
             state
                 .doubts
                 .extend(risen.map(|error| Doubt::HeldOutRises(error.quantity.clone())));

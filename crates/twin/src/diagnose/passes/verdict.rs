@@ -74,4 +74,6 @@ fn forget_what_raises(diagnosis: &mut Diagnosis, doubts: &[Doubt]) {
     diagnosis
         .notes
         .push(format!("not believed: {}; {with}", names.join(", ")));
+    // They are the errors of what is not believed.
+    diagnosis.held_out.clear();
 }
