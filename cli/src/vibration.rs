@@ -154,7 +154,7 @@ fn text(found: &Found) -> String {
         text.push('\n');
     }
     if let Some(reason) = &found.not_by_rotor {
-        text += &format!("Not by rotor: {reason}.\n");
+        text += &format!("{reason}; so the vehicle is taken as a whole.\n");
     } else if found.flights.iter().any(|flight| flight.band_hz.is_some()) {
         text += "Single rotors need rotor speeds from the ESCs in the log, or --model to get them from duty and voltage. Heavier or faster \
                  flights may vibrate more without any damage.\n";
