@@ -233,6 +233,11 @@ fn wanted(
     })
 }
 
+/// True unless a quantity that is above 0 in all vehicles of its class would have to be negative.
+pub(crate) fn can_be(calibration: &Calibration) -> bool {
+    calibration.low <= 0.0 || calibration.wanted > 0.0
+}
+
 /// A guess in the problem: its candidate and the place of its unknown.
 struct Open {
     candidate: usize,
@@ -337,6 +342,7 @@ pub(crate) fn learned(problem: &Problem) -> Result<Vec<Calibration>, PredictErro
                     )
                 })
                 .flatten()
+                .filter(can_be)
         })
         .collect())
 }

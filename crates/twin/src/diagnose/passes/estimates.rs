@@ -3,6 +3,7 @@
 use rotortwin_plant::effects::EffectClass;
 
 use super::Pass;
+use crate::diagnose::result::Calibration;
 use crate::diagnose::state::{Doubt, State};
 use crate::diagnose::{calibration, findings, picture};
 use crate::estimation::settle::averaged;
@@ -34,7 +35,8 @@ impl Pass for Estimates {
         }
         let parted = calibration::set_apart(found, &state.problem.library);
         let mut found = parted.found;
-        state.diagnosis.calibrate = parted.calibrations;
+        let negative: Vec<Calibration>;
+        (state.diagnosis.calibrate, negative) = parted.calibrations.into_iter().partition(calibration::can_be);
         if !parted.withheld.is_empty() {
             state.diagnosis.notes.push(format!(
                 "not named before the guessed constants are known, because it may only compensate for them: {}",
@@ -51,6 +53,9 @@ impl Pass for Estimates {
         let drawn = diagnosis.effects.iter_mut().chain(&mut diagnosis.sensor_or_timing);
         picture::draw(&state.problem, &mut drawn.collect::<Vec<_>>())?;
         state.doubts.extend(impossible.into_iter().map(Doubt::ImpossibleSize));
+        state
+            .doubts
+            .extend(negative.into_iter().map(|one| Doubt::Negative(one.name)));
         if findings::look_alikes(&state.problem) {
             state.doubts.push(Doubt::LookAlikes);
         }
