@@ -240,7 +240,16 @@ fn vehicle_text(found: &Identified) -> String {
         .sensors
         .iter()
         .filter(|rate| rate.source_hz < 0.7 * rate.rows_hz)
-        .map(|rate| format!("{} {:.1} Hz", rate.column, rate.source_hz))
+        .map(|rate| {
+            // One of the outputs stands for all: they come together.
+            let is_output = rate.column.starts_with("duty_");
+            let name = if is_output {
+                "motor outputs"
+            } else {
+                rate.column.as_str()
+            };
+            format!("{name} {:.1} Hz", rate.source_hz)
+        })
         .collect();
     if let (Some(first), false) = (found.sensors.first(), slow.is_empty()) {
         line(format!(

@@ -28,6 +28,7 @@ mod observer;
 mod order;
 mod plausible;
 mod slow;
+mod slow_outputs;
 mod wiring;
 mod write;
 mod yaw;
@@ -322,6 +323,9 @@ fn estimate_all(
         bench: bench.as_ref(),
     }
     .values(&mut notes);
+    if let Some(slow) = slow_outputs::Slow::of(logs, grids) {
+        slow.tell(&mut notes);
+    }
     if let Some(doubt) = plausible::doubt(request, rotors, numbers.cells) {
         notes.insert(0, doubt);
     }

@@ -175,7 +175,7 @@ fn leave_out_currents_of_no_flight(log: &mut FlightLog) {
         return;
     };
     let reason = format!(
-        "at most {most:.2} A in 95 % of the rows, and the vehicle flies: the sensor is not connected or not scaled"
+        "at most {most:.2} A in 95 % of the rows, and the motors are under load: the sensor is not connected or not scaled"
     );
     leave_out(log, &[names::BATTERY_CURRENT], &reason);
 }

@@ -34,10 +34,11 @@ impl FlightLog {
         self.refusal(&found)
     }
 
-    /// The same before detectors: of what blocks, only rotors in another order make them see faults that are none; the rest is told beside.
+    /// The same before detectors: of what blocks, rotors in another order make them see faults that are none, and without a flight a verdict
+    /// would be none; the rest is told beside.
     pub fn refusal_before_detection(&self, vehicle: &VehicleModel) -> Option<String> {
         let mut found = self.blocking_findings(vehicle);
-        found.retain(|finding| finding.kind == FindingKind::SwappedMotors);
+        found.retain(|finding| matches!(finding.kind, FindingKind::SwappedMotors | FindingKind::NoFlight));
         self.refusal(&found)
     }
 

@@ -1,8 +1,8 @@
 //! Which outputs of an autopilot drive rotors.
 //!
 //! An autopilot logs all of its outputs: motors, a camera's tilt, a buzzer, and those that nothing is connected to. Where `SERVOn_FUNCTION`
-//! says what each does, that decides, and the rotors come in the order of their motor numbers. Else rotors are the outputs that move and
-//! that follow the collective: low on the ground, up in the air.
+//! says what each does, that decides, and the rotors come in the order of their motor numbers. PX4's `actuator_motors` holds motors only, as
+//! many as `CA_ROTOR_COUNT` says. Else rotors are the outputs that move and that follow the collective: low on the ground, up in the air.
 
 use std::collections::BTreeMap;
 
@@ -30,6 +30,12 @@ pub(super) fn rotors(duties: &[Vec<f64>], parameters: &BTreeMap<String, f64>) ->
         return Rotors {
             outputs: functions,
             why: "SERVOn_FUNCTION is not that of a motor",
+        };
+    }
+    if let Some(count) = by_count(duties, parameters) {
+        return Rotors {
+            outputs: (0..count).collect(),
+            why: "CA_ROTOR_COUNT says that there are no more motors",
         };
     }
     let moving: Vec<usize> = (0..duties.len()).filter(|output| moves(&duties[*output])).collect();
@@ -60,6 +66,22 @@ fn by_function(count: usize, parameters: &BTreeMap<String, f64>) -> Vec<usize> {
         .collect();
     motors.sort_unstable();
     motors.into_iter().map(|(_, output)| output).collect()
+}
+
+/// `CA_ROTOR_COUNT` of a multirotor, where just so many outputs hold numbers: the others of such a message are no motors. A vehicle whose motor
+/// stands still or is at its limit throughout (propellers off, carried by hand) has it all the same.
+fn by_count(duties: &[Vec<f64>], parameters: &BTreeMap<String, f64>) -> Option<usize> {
+    const MULTIROTOR: i64 = 0;
+    let count = *parameters.get("CA_ROTOR_COUNT")? as usize;
+    let multirotor = parameters
+        .get("CA_AIRFRAME")
+        .is_none_or(|airframe| *airframe as i64 == MULTIROTOR);
+    let has_numbers = |duty: &Vec<f64>| duty.iter().any(|value| value.is_finite());
+    let motors_only = duties
+        .iter()
+        .enumerate()
+        .all(|(output, duty)| has_numbers(duty) == (output < count));
+    (multirotor && motors_only && (FEWEST..=duties.len()).contains(&count)).then_some(count)
 }
 
 fn moves(duty: &[f64]) -> bool {
@@ -166,6 +188,23 @@ mod tests {
             .collect();
         let found = rotors(&vec![flown(0.0, 0.5); 6], &parameters);
         assert_eq!(found.outputs, [3, 2, 1, 0]);
+    }
+
+    #[test]
+    fn regress_a_message_of_motors_only_loses_none_that_does_not_follow() {
+        // Carried by hand: the third motor is at its limit throughout, the others follow.
+        let mut duties = vec![flown(0.0, 0.5), flown(0.0, 0.6), vec![1.0; 300], flown(0.0, 0.4)];
+        duties.extend(vec![vec![f64::NAN; 300]; 8]);
+        let parameters = |count: f64, airframe: f64| {
+            BTreeMap::from([
+                ("CA_ROTOR_COUNT".to_owned(), count),
+                ("CA_AIRFRAME".to_owned(), airframe),
+            ])
+        };
+        assert_eq!(rotors(&duties, &parameters(4.0, 0.0)).outputs, [0, 1, 2, 3]);
+        // Not where the count contradicts the outputs, nor where one of the motors may push forwards.
+        assert_eq!(rotors(&duties, &parameters(6.0, 0.0)).outputs, [0, 1, 3]);
+        assert_eq!(rotors(&duties, &parameters(4.0, 2.0)).outputs, [0, 1, 3]);
     }
 
     #[test]

@@ -13,6 +13,9 @@ use super::{FlightLog, names};
 const SLOWER: f64 = 0.7;
 /// Fewest new values that tell a rate.
 const FEWEST: usize = 8;
+/// A new value that comes so many usual intervals after the last one tells of a gap in the log or of a value that did not change (a motor at
+/// its limit), not of the source.
+const LATE: f64 = 4.0;
 /// Median of absolute values over the deviation, of normal ones.
 const MEDIAN_OF_NORMAL: f64 = 0.6745;
 /// Root mean square over an interval of (1 − x) x/2: a straight line's error per second difference.
@@ -50,7 +53,7 @@ impl SensorRate {
 }
 
 impl FlightLog {
-    /// Rates of the state, inertial and battery columns.
+    /// Rates of the state, inertial and battery columns, and of the motor outputs: that of the output which tells most.
     pub fn source_rates(&self) -> Vec<SensorRate> {
         names::POSITION
             .iter()
@@ -60,14 +63,16 @@ impl FlightLog {
             .chain(&names::ACCEL)
             .chain(&[names::BATTERY_VOLTAGE, names::BATTERY_CURRENT])
             .filter_map(|column| self.source_rate(column))
+            .chain(self.duty_rate())
             .collect()
     }
 
-    /// Of the motor outputs, the one that comes least often; `None` where they do not move.
+    /// Of the motor outputs, the one with the most new values; `None` where they do not move. All come in one message, and a motor at its
+    /// limit has no new values.
     pub fn duty_rate(&self) -> Option<SensorRate> {
         (1..=self.rotor_count())
             .filter_map(|rotor| self.source_rate(&names::duty(rotor)))
-            .min_by(|a, b| a.source_hz.total_cmp(&b.source_hz))
+            .max_by(|a, b| a.source_hz.total_cmp(&b.source_hz))
     }
 
     /// Corrections that an estimator makes to its position beside its own velocity, as a random walk, m/√s; worst axis, 0 where unknown.
@@ -180,8 +185,12 @@ impl FlightLog {
         if knots.len() < FEWEST {
             return None;
         }
-        let span = self.time_s[knots[knots.len() - 1]] - self.time_s[knots[0]];
-        let source_hz = ((knots.len() - 1) as f64 / span).min(rows_hz);
+        let in_time = in_time(&self.time_s, &knots);
+        let span: f64 = in_time
+            .iter()
+            .map(|pair| self.time_s[pair[1]] - self.time_s[pair[0]])
+            .sum();
+        let source_hz = (in_time.len() as f64 / span).min(rows_hz);
         let angle = names::ATTITUDE.contains(&column);
         let change = |k: usize| {
             let change = values[knots[k]] - values[knots[k - 1]];
@@ -200,8 +209,9 @@ impl FlightLog {
             median(&mut sizes).unwrap_or(0.0) / MEDIAN_OF_NORMAL
         };
         let noise = usual(&mut third.into_iter()) / 20.0_f64.sqrt();
-        let still = (1..values.len()).filter(|&row| values[row] == values[row - 1]).count();
-        let held = 4 * still > values.len();
+        let rows = || in_time.iter().flat_map(|pair| pair[0] + 1..pair[1] + 1);
+        let still = rows().filter(|&row| values[row] == values[row - 1]).count();
+        let held = 4 * still > rows().count();
         let mut rate = SensorRate {
             column: column.to_owned(),
             rows_hz,
@@ -219,6 +229,14 @@ impl FlightLog {
         }
         Some(rate)
     }
+}
+
+/// Pairs of neighbouring new values that follow each other as usual.
+fn in_time<'a>(time_s: &[f64], knots: &'a [usize]) -> Vec<&'a [usize]> {
+    let apart = |pair: &[usize]| time_s[pair[1]] - time_s[pair[0]];
+    let mut sizes: Vec<f64> = knots.windows(2).map(apart).collect();
+    let usual = median(&mut sizes).unwrap_or(f64::INFINITY);
+    knots.windows(2).filter(|pair| apart(pair) <= LATE * usual).collect()
 }
 
 /// Rows with a new value: where a straight line through its neighbours breaks. A sample of the source between two rows breaks the line at
@@ -293,6 +311,51 @@ mod tests {
         let of = |name: &str| found.iter().find(|rate| rate.column == name).expect(name);
         assert!(!of(names::RATES[0]).is_slower() && of(names::RATES[0]).between == 0.0);
         assert!(of(names::VELOCITY[0]).held && !of(names::VELOCITY[1]).held);
+    }
+
+    #[test]
+    fn regress_a_gap_and_a_motor_at_its_limit_do_not_slow_a_source() {
+        let noise = |k: i64| ((k * k * 31 + k * 7) % 101) as f64 / 101.0;
+        // 20 s at 25 Hz, 600 s without a row, 20 s more; the motor outputs at 5 Hz, one of them at its limit for three fifths of the time.
+        let time: Vec<f64> = (0..1000)
+            .map(|k| 0.04 * f64::from(k) + if k < 500 { 0.0 } else { 600.0 })
+            .collect();
+        let gyroscope: Vec<f64> = (0..1000).map(noise).collect();
+        let output = |shift: i64| -> Vec<f64> {
+            let at = |k: i64| 0.3 + 0.2 * noise(k + shift);
+            (0..1000)
+                .map(|row| {
+                    let (k, part) = (row / 5, (row % 5) as f64 / 5.0);
+                    at(k) * (1.0 - part) + at(k + 1) * part
+                })
+                .collect()
+        };
+        let mut saturated = output(40);
+        for (row, value) in saturated.iter_mut().enumerate() {
+            if row % 250 < 150 {
+                *value = 1.0;
+            }
+        }
+        let columns = [
+            (names::RATES[0].to_owned(), gyroscope),
+            (names::duty(1), output(0)),
+            (names::duty(2), output(10)),
+            (names::duty(3), output(20)),
+            (names::duty(4), saturated),
+        ];
+        let log = FlightLog::from_columns("gap", time, columns).expect("a log");
+        let rates = log.source_rate(names::RATES[0]).expect("it has values");
+        assert!(
+            (rates.source_hz - 25.0).abs() < 0.5 && rates.between == 0.0,
+            "{rates:?}"
+        );
+        for rotor in 1..=4 {
+            let rate = log.source_rate(&names::duty(rotor)).expect("it has values");
+            assert!((rate.source_hz - 5.0).abs() < 0.3 && !rate.held, "{rate:?}");
+        }
+        let duties = log.duty_rate().expect("they move");
+        assert!((duties.source_hz - 5.0).abs() < 0.3, "{duties:?}");
+        assert!(log.source_rates().contains(&duties));
     }
 
     #[test]

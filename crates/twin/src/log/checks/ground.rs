@@ -3,6 +3,7 @@
 use super::kinematics::mean;
 use super::push;
 use crate::log::findings::{Finding, FindingKind};
+use crate::log::resample::median;
 use crate::log::{FlightLog, names};
 
 /// Below this duty no propeller lifts its vehicle.
@@ -35,10 +36,51 @@ pub(crate) fn idle_current(log: &FlightLog) -> Option<f64> {
         .filter(|current| *current > 0.0 && *current < IDLE_CURRENT_A)
 }
 
-/// Motors above idle while the body turns and shakes as nobody's hand or stand makes it.
+/// By how much the battery's voltage falls from where the motors are asked for little to where they are asked for much, over the voltage;
+/// `None` where the log lacks either.
+fn sag(log: &FlightLog) -> Option<f64> {
+    /// Of what the motors are asked for at their highest.
+    const RESTING: f64 = 0.2;
+    const DRIVEN: f64 = 0.6;
+    const LEAST_S: f64 = 1.0;
+    let voltage = log.column(names::BATTERY_VOLTAGE)?;
+    let duties = log.duties();
+    if duties.is_empty() {
+        return None;
+    }
+    let mean_duty: Vec<f64> = (0..log.time_s.len())
+        .map(|row| duties.iter().map(|duty| duty[row]).sum::<f64>() / duties.len() as f64)
+        .collect();
+    let most = high(&mean_duty).filter(|most| *most > 2.0 * IDLE_DUTY)?;
+    let usual = |of: &dyn Fn(f64) -> bool| {
+        let rows = mean_duty.iter().zip(voltage);
+        let mut values: Vec<f64> = rows
+            .filter(|(duty, volts)| of(**duty) && volts.is_finite())
+            .map(|(_, volts)| *volts)
+            .collect();
+        if (values.len() as f64) < LEAST_S * log.sample_rate_hz() {
+            return None;
+        }
+        median(&mut values)
+    };
+    let resting = usual(&|duty| duty < RESTING * most)?;
+    let driven = usual(&|duty| duty > DRIVEN * most)?;
+    Some((resting - driven) / resting)
+}
+
+/// Motors above idle that load the battery; where its voltage does not tell, while the body turns and shakes as nobody's hand or stand makes it.
 pub(crate) fn moves_under_power(log: &FlightLog) -> bool {
     const FLIES_RAD_S: f64 = 0.3;
     const FLIES_M_S2: f64 = 1.0;
+    /// A battery gives way to nothing that flies by less, over its voltage, and to no current below [`IDLE_CURRENT_A`] by more.
+    const FLIES_NOT: f64 = 0.01;
+    const FLIES: f64 = 0.02;
+    match sag(log) {
+        // Knocks of a hand shake as much as a flight.
+        Some(sag) if sag < FLIES_NOT => return false,
+        Some(sag) if sag > FLIES => return true,
+        _ => {}
+    }
     let duties = log.duties();
     let (Some(rates), Some(accel)) = (log.vector(names::RATES), log.vector(names::ACCEL)) else {
         return false;
@@ -59,6 +101,18 @@ pub(crate) fn motors_change(log: &FlightLog, start_s: f64, end_s: f64) -> bool {
             .collect()
     };
     log.duties().iter().any(|duty| deviation(&inside(duty)) > CHANGES)
+}
+
+impl FlightLog {
+    /// What the log as a whole says against a flight, whatever a part of it looks like: the finding that all commands go by.
+    pub(crate) fn says_no_flight(&self) -> Option<&str> {
+        let found = self
+            .report
+            .findings
+            .iter()
+            .find(|finding| finding.kind == FindingKind::NoFlight);
+        found.map(|finding| finding.detail.as_str())
+    }
 }
 
 pub(super) fn no_flight(log: &FlightLog, findings: &mut Vec<Finding>) {
@@ -100,5 +154,61 @@ pub(super) fn no_flight(log: &FlightLog, findings: &mut Vec<Finding>) {
                 ),
             );
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::log::flight_parts::PartKind;
+
+    /// 50 Hz: 8 s at rest, 40 s with the motors up, 4 s at rest; the motors take `sag` volts off the battery, whose current sensor reads 0.3 A.
+    /// The body turns and is knocked about all the time that the motors are up.
+    fn handled(sag: f64) -> FlightLog {
+        let time: Vec<f64> = (0..2600).map(|k| 0.02 * f64::from(k)).collect();
+        let up = |t: f64| f64::from(u8::from((8.0..48.0).contains(&t)));
+        let of = |f: &dyn Fn(f64) -> f64| -> Vec<f64> { time.iter().map(|t| f(*t)).collect() };
+        let knock = |t: f64| if t % 2.0 < 0.1 { 8.0 } else { 0.0 };
+        let mut columns: Vec<(String, Vec<f64>)> = (1..=4)
+            .map(|rotor| {
+                (
+                    names::duty(rotor),
+                    of(&|t| up(t) * (0.5 + 0.1 * (3.0 * t + f64::from(rotor as u8)).sin())),
+                )
+            })
+            .collect();
+        for (axis, name) in names::RATES.iter().enumerate() {
+            columns.push(((*name).to_owned(), of(&|t| up(t) * 0.6 * (2.0 * t + axis as f64).sin())));
+        }
+        for (name, rest) in names::ACCEL.iter().zip([0.0, 0.0, -9.81]) {
+            columns.push(((*name).to_owned(), of(&|t| rest + up(t) * (knock(t) + (1.7 * t).sin()))));
+        }
+        columns.push((
+            names::BATTERY_VOLTAGE.to_owned(),
+            of(&|t| 11.2 + 0.02 * (50.0 * t).sin() - up(t) * sag),
+        ));
+        columns.push((names::BATTERY_CURRENT.to_owned(), of(&|t| 0.2 + 0.1 * (40.0 * t).sin())));
+        FlightLog::from_columns("handled", time, columns).expect("a log")
+    }
+
+    #[test]
+    fn regress_a_vehicle_carried_by_hand_is_no_flight_for_any_command() {
+        let log = handled(0.05);
+        let why = log.says_no_flight().expect("the battery gives nothing");
+        assert!(why.contains("the battery gives less than"), "{why}");
+        let parts = log.flight_parts(None);
+        assert!(
+            parts.parts.iter().all(|part| part.kind == PartKind::Ground),
+            "{parts:?}"
+        );
+        assert!(parts.no_flight().is_some_and(|found| found == why), "{parts:?}");
+    }
+
+    #[test]
+    fn val_a_battery_that_gives_way_has_a_current_sensor_that_is_not_connected() {
+        let log = handled(0.7);
+        assert_eq!(log.says_no_flight(), None, "{:?}", log.report.findings);
+        assert!(log.column(names::BATTERY_CURRENT).is_none());
+        assert!(log.flight_parts(None).air_s() > 20.0);
     }
 }

@@ -4,7 +4,8 @@
 //! `S_i = max(0, s_i) · max(0, h_i)`, the sink rate of the arm `s_i = p y_i − q x_i` (unit positions) times the excess
 //! `h_i = u_i/ū` over its mean of the past 10 s, both averaged over 0.4 s; an alarm above 1.0 rad/s. Healthy flights stay below 0.7
 //! (1500 s of 12 logs of multirotors). The first alarm counts, and only below 70° of tilt: the tumble that follows accuses the others. What
-//! comes after a blow of 25 m/s² is the blow's. Elsewhere: the first output that
+//! comes after a blow of 25 m/s² is the blow's. An arm whose angular acceleration still follows what its rotors are asked for has lost none: an
+//! attitude that swings ever further with a sound vehicle sinks each arm in turn. Elsewhere: the first output that
 //! reaches its upper limit, alone, within 2 s before the tilt passes 60°.
 
 use super::events::upper_limit;
@@ -21,6 +22,15 @@ const BLOW: f64 = 25.0;
 const MEAN_S: f64 = 0.4;
 /// What an excess is counted from, s.
 const PAST_S: f64 = 10.0;
+/// An arm answers its rotors by such a correlation at the best lag within this time, s …
+const ANSWERS: f64 = 0.8;
+const ANSWERS_WITHIN_S: f64 = 0.25;
+/// … over so long after the alarm, and not less, s …
+const ANSWER_S: f64 = 1.2;
+const LEAST_ANSWER_S: f64 = 0.8;
+/// … with a gain that is this share of the gain before, where that correlates at least by so much.
+const GAIN_SHARE: f64 = 0.6;
+const CORRELATED: f64 = 0.3;
 /// The attitude has run away, rad: 60°.
 const AWAY_RAD: f64 = 1.05;
 /// How long before that the motor reaches its limit, s.
@@ -162,7 +172,7 @@ fn by_sinking_arm(signals: &Signals, part: &FlightPart, begin_s: f64, places: &[
     }
     let (rotor, bin, size) = first?;
     let tilted = signals.tilt.as_ref().is_some_and(|tilt| tilt[bin] > UPRIGHT_RAD);
-    if tilted || struck(signals, bin) {
+    if tilted || struck(signals, bin) || answers(signals, part, bin, (begin_s, rotor, places)) {
         return None;
     }
     let output = signals.outputs[rotor];
@@ -175,6 +185,83 @@ fn by_sinking_arm(signals: &Signals, part: &FlightPart, begin_s: f64, places: &[
             "rotor {output} lost its thrust, or most of it: its arm sinks while its motor is asked for more (sink rate times excess {size:.1} rad/s; healthy flights stay below 0.7)"
         ),
     ))
+}
+
+/// Whether the arm of a rotor still answers what the rotors about it are asked for, from an alarm on.
+fn answers(
+    signals: &Signals,
+    part: &FlightPart,
+    bin: usize,
+    (begin_s, rotor, places): (f64, usize, &[[f64; 2]]),
+) -> bool {
+    let Some([roll_rate, pitch_rate, _]) = &signals.rates else {
+        return false;
+    };
+    let [x, y] = places[rotor];
+    let arm = x.hypot(y);
+    // Upwards: the opposite of its sink rate.
+    let rise: Vec<f64> = roll_rate
+        .iter()
+        .zip(pitch_rate)
+        .map(|(p, q)| (q * x - p * y) / arm)
+        .collect();
+    // Duties by their levers about the axis that the arm rises on.
+    let asked: Vec<f64> = (0..signals.bins())
+        .map(|bin| {
+            let moment = |(duty, [there_x, there_y]): (&Vec<f64>, &[f64; 2])| duty[bin] * (x * there_x + y * there_y);
+            signals.duty.iter().zip(places).map(moment).sum::<f64>() / (arm * arm)
+        })
+        .collect();
+    let from_s = signals.start_s[bin] - MEAN_S;
+    let blow_s = signals.shock.as_ref().and_then(|shock| {
+        let after = signals.between(from_s, f64::INFINITY);
+        after.into_iter().find(|bin| shock[*bin] > BLOW)
+    });
+    let to_s = (signals.start_s[bin] + ANSWER_S)
+        .min(part.end_s)
+        .min(blow_s.map_or(f64::INFINITY, |bin| signals.start_s[bin]));
+    if to_s - from_s < LEAST_ANSWER_S {
+        return false;
+    }
+    let (correlation, gain) = follows(signals, &rise, &asked, (from_s, to_s));
+    let (before, gain_before) = follows(
+        signals,
+        &rise,
+        &asked,
+        ((from_s - 3.0 * PAST_S).max(begin_s), from_s - 1.0),
+    );
+    correlation > ANSWERS && gain > 0.0 && (before < CORRELATED || gain > GAIN_SHARE * gain_before)
+}
+
+/// How the rate of change of one signal follows another within a span, s: the largest correlation of all lags, and the gain there.
+fn follows(signals: &Signals, rate: &[f64], asked: &[f64], (from_s, to_s): (f64, f64)) -> (f64, f64) {
+    let bins = signals.between(from_s, to_s);
+    let step_s = signals.end_s[0] - signals.start_s[0];
+    let lags = (ANSWERS_WITHIN_S / step_s).round() as usize;
+    let mut best = (0.0, 0.0);
+    for lag in 0..=lags {
+        let pairs: Vec<(f64, f64)> = bins
+            .clone()
+            .filter(|bin| *bin >= lag.max(1) && bin + 1 < rate.len())
+            .map(|bin| {
+                let apart_s = signals.start_s[bin + 1] - signals.start_s[bin - 1];
+                (asked[bin - lag], (rate[bin + 1] - rate[bin - 1]) / apart_s)
+            })
+            .filter(|(asked, turn)| asked.is_finite() && turn.is_finite())
+            .collect();
+        let count = pairs.len() as f64;
+        let [sum_u, sum_a] = pairs.iter().fold([0.0, 0.0], |[u, a], pair| [u + pair.0, a + pair.1]);
+        let (mean_u, mean_a) = (sum_u / count, sum_a / count);
+        let [uu, ua, aa] = pairs.iter().fold([0.0; 3], |[uu, ua, aa], pair| {
+            let (u, a) = (pair.0 - mean_u, pair.1 - mean_a);
+            [uu + u * u, ua + u * a, aa + a * a]
+        });
+        let correlation = ua / (uu * aa).sqrt();
+        if correlation > best.0 {
+            best = (correlation, ua / uu);
+        }
+    }
+    best
 }
 
 fn event(signals: &Signals, part: &FlightPart, bin: usize, output: usize, detail: String) -> FlightEvent {

@@ -8,8 +8,11 @@
 //! only ([`FlightParts::in_the_air`]): on the ground the ground carries the vehicle, near it there is ground effect, and past
 //! 70° of tilt a multirotor's loads are no longer those of the model.
 //!
+//! What the log as a whole says against a flight (its finding of no flight: motors that idle, a battery that gives nothing) goes first: no part
+//! of it is one then.
+//!
 //! Limits: a flight that begins and ends outside of the log has neither take-off nor landing; a vehicle that is carried by hand with
-//! turning motors looks as if it flew; without attitude a tumble shows by its blow only.
+//! turning motors looks as if it flew, unless its battery's current tells; without attitude a tumble shows by its blow only.
 
 mod events;
 mod lost_rotor;
@@ -103,7 +106,10 @@ impl FlightLog {
     ///   that reaches its limit first
     pub fn flight_parts(&self, rotors: Option<&[RotorPlace]>) -> FlightParts {
         let signals = Signals::of(self);
-        let parts = stages::parts(&signals);
+        let parts = match self.says_no_flight() {
+            Some(why) => stages::on_the_ground(&signals, why),
+            None => stages::parts(&signals),
+        };
         let mut events = events::gaps(self);
         events.extend(events::resets(self, &parts));
         let saturated = events::saturated(&signals, &parts);

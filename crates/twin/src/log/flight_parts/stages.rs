@@ -2,7 +2,7 @@
 //!
 //! A bin is on the ground where the motors' mean is low (a third of the way from its 2 % to its 90 % level) and the vehicle is at rest, or
 //! has been so low for 3 s: a vehicle in the air would have fallen some 30 m. What lies between is a run of flight, unless it stands still while
-//! its motors change: propellers off, or tied down. A vehicle that has come down and stands still lies on the ground also while its motors still
+//! its motors change, or does not even shake as the calmest flight does: propellers off, or tied down. A vehicle that has come down and stands still lies on the ground also while its motors still
 //! carry most of it: an autopilot that has not noticed the landing lets them run.
 //!
 //! A racing quadrotor does fall for seconds with its motors idle, and its accelerometer says so: what lies on the ground feels its weight, what
@@ -39,12 +39,22 @@ const UNMOVED_RATE_RAD_S: f64 = 0.05;
 /// … of roll and pitch, which follow every step of a flight however gentle, rad; and of the height, m.
 const UNMOVED_LEAN_RAD: f64 = 0.005;
 const UNMOVED_HEIGHT_M: f64 = 0.4;
+/// What lies on a bench with its motors running turns and shakes less than the calmest flight for as long as they run: deviations of rates and
+/// force, more than those of a simulation that has no noise; and it stays at the height of the ground, m.
+const LIES_RATE_RAD_S: Range<f64> = 1e-5..0.015;
+const LIES_FORCE: Range<f64> = 1e-3..0.2;
+const LIES_HEIGHT_M: f64 = 0.5;
+/// … with its motors running for so long, s.
+const LIES_RUNNING_S: f64 = 3.0;
 /// Shorter runs are a motor test or a jerk of the throttle, s.
 const SHORTEST_FLIGHT_S: f64 = 1.5;
 /// Take-off and landing where no height tells, s.
 const NEAR_GROUND_S: f64 = 3.0;
 /// They last so long at least, and at most, s.
 const NEAR_GROUND_RANGE_S: Range<f64> = 1.0..15.0;
+/// A vehicle has lifted off where its motors are asked for this share of what they fly with, and for a second from there on.
+const LIFTS: f64 = 0.9;
+const LIFTED_S: f64 = 1.0;
 /// Height that is clear of the ground, m; half of what is reached where that is less.
 const CLEAR_M: f64 = 1.0;
 /// Flight for so long after an upset: it was none of a crash, s.
@@ -77,6 +87,19 @@ const CALM: f64 = 0.5;
 const LEAST_CALM_S: f64 = 1.0;
 
 const UNMOVED_WHY: &str = "the motors run and the vehicle does not move (no propellers, or tied down)";
+
+/// The whole log on the ground, without a hole but where the log has one.
+pub(super) fn on_the_ground(signals: &Signals, why: &str) -> Vec<FlightPart> {
+    let mut found = Vec::new();
+    let mut from = 0;
+    for bin in 1..=signals.bins() {
+        if bin == signals.bins() || signals.breaks_after(bin - 1) {
+            found.push(part(signals, from..bin, PartKind::Ground, why));
+            from = bin;
+        }
+    }
+    found
+}
 
 /// All parts, without a hole but where the log has one.
 pub(super) fn parts(signals: &Signals) -> Vec<FlightPart> {
@@ -314,7 +337,8 @@ fn turns(signals: &Signals, bins: Range<usize>) -> bool {
     super::super::resample::median(&mut rates).is_some_and(|rate| rate > TURNS_RAD_S)
 }
 
-/// Runs of motors that change by much while force, rates, attitude and height do not move at all are on the ground.
+/// Runs of motors that change by much while force, rates, attitude and height do not move at all are on the ground; and so are those of motors
+/// that change little over a body that lies at the height of the ground and shakes less than anything that flies.
 fn stand_still(signals: &Signals, effort: &[f64], on_ground: &[bool]) -> Vec<bool> {
     let mut found = vec![false; on_ground.len()];
     let (Some(shock), Some(rates)) = (&signals.shock, &signals.rates) else {
@@ -348,11 +372,40 @@ fn stand_still(signals: &Signals, effort: &[f64], on_ground: &[bool]) -> Vec<boo
                 .flatten()
                 .all(|lean| unmoved(lean, UNMOVED_LEAN_RAD))
             && signals.height.iter().all(|height| unmoved(height, UNMOVED_HEIGHT_M))
+            || lies(signals, run.clone(), on_ground)
         {
             found[run].fill(true);
         }
     }
     found
+}
+
+/// Whether a body lies on the ground for all of a run of its motors.
+fn lies(signals: &Signals, run: Range<usize>, on_ground: &[bool]) -> bool {
+    let (Some(shock), Some(rates)) = (&signals.shock, &signals.rates) else {
+        return false;
+    };
+    let of = |values: &[f64]| deviation(run.clone().map(|bin| values[bin]));
+    let turns = rates.iter().map(|rate| of(rate)).fold(0.0, f64::max);
+    let length_s = signals.end_s[run.end - 1] - signals.start_s[run.start];
+    if length_s < LIES_RUNNING_S || !LIES_RATE_RAD_S.contains(&turns) || !LIES_FORCE.contains(&of(shock)) {
+        return false;
+    }
+    let Some(height) = &signals.height else {
+        return true;
+    };
+    // The ground next to the run, as the height drifts.
+    let usual = |bins: &mut dyn Iterator<Item = usize>| {
+        let mut values: Vec<f64> = bins.map(|bin| height[bin]).filter(|value| value.is_finite()).collect();
+        super::super::resample::median(&mut values)
+    };
+    let before = (0..run.start).rev().take_while(|bin| on_ground[*bin]);
+    let after = (run.end..on_ground.len()).take_while(|bin| on_ground[*bin]);
+    let ground = usual(&mut before.take(50)).or_else(|| usual(&mut after.take(50)));
+    match (ground, usual(&mut run.clone())) {
+        (Some(ground), Some(now)) => (now - ground).abs() < LIES_HEIGHT_M,
+        _ => false,
+    }
 }
 
 /// Of the values that are there, from their 10 % to their 90 % level: a jerk at an end does not count. 0 of none.
@@ -490,6 +543,15 @@ fn clear(signals: &Signals, run: Range<usize>, ground: usize, backwards: bool) -
         return by_time(NEAR_GROUND_S);
     }
     let clear_m = CLEAR_M.min(0.5 * top);
+    // Its motors may run long before it lifts off, and it may fly low for as long as it likes.
+    let most = if backwards {
+        most
+    } else {
+        lifted(signals, run.clone()).map_or(most, |lift| {
+            most.min(by_time(signals.start_s[lift] - start_s + NEAR_GROUND_S))
+                .max(least)
+        })
+    };
     let is_clear = |bin: &usize| height[*bin] - height[ground] > clear_m;
     if backwards {
         let last = run.clone().rev().find(is_clear).map_or(run.start, |bin| bin + 1);
@@ -498,6 +560,20 @@ fn clear(signals: &Signals, run: Range<usize>, ground: usize, backwards: bool) -
         let first = run.clone().find(is_clear).unwrap_or(run.end);
         first.clamp(least, most)
     }
+}
+
+/// The first bin of a run in which the motors are asked for nearly what they fly with, and go on with it.
+fn lifted(signals: &Signals, run: Range<usize>) -> Option<usize> {
+    let effort = signals.effort.as_ref()?;
+    let usual = |bins: Range<usize>| {
+        let mut values: Vec<f64> = bins.map(|bin| effort[bin]).filter(|value| value.is_finite()).collect();
+        super::super::resample::median(&mut values)
+    };
+    let flies = LIFTS * usual(run.clone())?;
+    run.clone().find(|bin| {
+        let from_s = signals.start_s[*bin];
+        effort[*bin] > flies && usual(signals.between(from_s, from_s + LIFTED_S)).is_some_and(|mean| mean > flies)
+    })
 }
 
 /// A stretch beyond the limits of the model.

@@ -171,6 +171,59 @@ fn val_a_motor_at_its_limit_while_the_attitude_runs_away_is_a_lost_rotor() {
     }
 }
 
+/// Roll swings ever further from 12 s on, each motor in its turn asked for more while its arm sinks, and every arm answers; it lies from 17.6 s.
+#[test]
+fn regress_an_arm_that_answers_its_motor_has_lost_no_rotor() {
+    let swing = |t: f64| 0.02 * (0.9 * (t - 12.0)).exp() * (5.2 * (t - 12.0)).sin();
+    let rate = |t: f64| (swing(t + 1e-4) - swing(t - 1e-4)) / 2e-4;
+    let turn = |t: f64| (rate(t + 1e-4) - rate(t - 1e-4)) / 2e-4;
+    let positions = [[0.7, 0.7], [-0.7, 0.7], [0.7, -0.7], [-0.7, -0.7]];
+    let places = [0, 1, 2, 3].map(|rotor| RotorPlace {
+        output: rotor + 1,
+        position: positions[rotor],
+    });
+    let columns = [&DUTIES[..], &ATTITUDE, &RATES, &FORCES].concat();
+    // Of what rotor 3 is asked for in the swing, so much reaches its arm.
+    let swung = |reaches: bool| {
+        let log = flown_with(&columns, |t, mut row| {
+            if (12.0..17.6).contains(&t) {
+                // The motors lag by 0.1 s.
+                let asked = 0.018 * turn(t + 0.1);
+                row.duty = [-1.0, -1.0, 1.0, 1.0].map(|side: f64| (0.5 + side * asked).clamp(0.0, 1.0));
+                row.roll = swing(t);
+                row.rate = rate(t);
+                if !reaches {
+                    // Asked for ever more while the arm sinks.
+                    let sinks = (t - 16.0).max(0.0);
+                    row.duty = [0.5, 0.5 - 0.5 * sinks.min(1.0), 0.5 + 0.5 * sinks.min(1.0), 0.5];
+                    row.roll = -2.0 * sinks * sinks;
+                    row.rate = -4.0 * sinks;
+                }
+            } else if t >= 17.6 {
+                row = Row {
+                    duty: [0.0; 4],
+                    roll: -2.5,
+                    rate: 0.0,
+                    accel_z: if t < 17.7 { -60.0 } else { 7.9 },
+                    down: 0.0,
+                };
+            }
+            row
+        });
+        let parts = log.flight_parts(Some(&places));
+        assert!(parts.parts.iter().any(|part| part.kind == PartKind::Crash), "{parts:?}");
+        let lost: Vec<FlightEvent> = parts
+            .events
+            .into_iter()
+            .filter(|e| e.kind == EventKind::LostRotor)
+            .collect();
+        lost
+    };
+    assert_eq!(swung(true), []);
+    let lost = swung(false);
+    assert!(lost.len() == 1 && lost[0].output == Some(3), "{lost:?}");
+}
+
 #[test]
 fn val_a_tumble_with_all_motors_alike_names_no_rotor() {
     let columns = [&DUTIES[..], &ATTITUDE].concat();
@@ -280,6 +333,57 @@ fn regress_motors_that_carry_nothing_do_not_fly() {
         ..row
     });
     assert!(hover.flight_parts(None).air_s() > 10.0);
+}
+
+/// The motors run at one duty throughout, without propellers on a bench: nothing turns, and what shakes is their noise.
+#[test]
+fn regress_a_bench_that_shakes_less_than_any_flight_is_the_ground() {
+    let columns = [&DUTIES[..], &RATES, &FORCES, &["position_down_m"]].concat();
+    let on_a_bench = |force: f64, height: f64| {
+        let log = flown_with(&columns, |t, row| Row {
+            rate: 0.01 * (40.0 * t).sin(),
+            accel_z: -9.7 + force * (31.0 * t).sin(),
+            down: if (7.0..23.0).contains(&t) { -height } else { 0.0 },
+            ..row
+        });
+        log.flight_parts(None)
+    };
+    let parts = on_a_bench(0.1, 0.1);
+    assert_eq!(parts.air_s(), 0.0, "{parts:?}");
+    assert!(
+        parts.no_flight().is_some_and(|why| why.contains("does not move")),
+        "{parts:?}"
+    );
+    // What is above the ground, or shakes more, flies.
+    assert!(on_a_bench(0.1, 2.0).air_s() > 10.0);
+    assert!(on_a_bench(1.0, 0.1).air_s() > 10.0);
+}
+
+/// The motors run for 10 s before they lift the vehicle, which then stays low.
+#[test]
+fn regress_a_take_off_ends_soon_after_the_lift_however_low_the_flight() {
+    let columns = [&DUTIES[..], &ATTITUDE, &RATES, &FORCES, &["position_down_m"]].concat();
+    let log = flown_with(&columns, |t, row| {
+        let lifted = t >= 12.0 || t < 5.0;
+        Row {
+            duty: if lifted {
+                row.duty
+            } else {
+                row.duty.map(|duty| 0.6 * duty)
+            },
+            down: if t < 12.0 {
+                0.0
+            } else if t < 21.0 {
+                -0.2
+            } else {
+                row.down
+            },
+            ..row
+        }
+    });
+    let parts = log.flight_parts(None);
+    assert_eq!(kinds(&parts), WHOLE, "{parts:?}");
+    assert!((parts.in_the_air()[0].0 - 15.0).abs() < 0.5, "{parts:?}");
 }
 
 /// Telemetry at 1 Hz, every now and then some seconds late: each row was a part of its own, and a heading that turned between two rows a jump.

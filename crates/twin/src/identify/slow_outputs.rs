@@ -1,0 +1,103 @@
+//! Motor outputs that are logged too slowly for roll and pitch: what cannot be known then, and the setting that would mend it.
+//!
+//! PX4 and ArduPilot log their outputs at 10 Hz unless told otherwise. Between two samples a controller of attitude moves its motors up and
+//! down again, so that the torque which the vehicle answered to is not in the log: a fit then makes the vehicle sluggish, by any factor.
+
+use super::grid::Grid;
+use crate::log::{FlightLog, SensorRate, SourceKind};
+
+/// Samples of the outputs in a period of the fastest motion that roll and pitch are compared in.
+const SAMPLES: f64 = 3.0;
+/// Advice for a vehicle that does not fit its log, at the end of a note; with slow outputs it leads astray.
+const ADVICE: &str = ": check mass, arm, frame and the order of the outputs before all else";
+
+/// Outputs that are too slow.
+pub(super) struct Slow {
+    hz: f64,
+    /// What roll and pitch are compared up to, Hz.
+    band_hz: f64,
+    kind: SourceKind,
+}
+
+impl Slow {
+    /// The slowest of the logs, if its outputs are too slow.
+    pub(super) fn of(logs: &[FlightLog], grids: &[Grid]) -> Option<Self> {
+        let rates = logs.iter().zip(grids).filter_map(|(log, grid)| {
+            let rate = log.duty_rate().filter(SensorRate::is_slower)?;
+            let band = super::Band::of_torque(grid.step_s, grid.fast);
+            Some(Self {
+                hz: rate.source_hz,
+                band_hz: band.high_hz,
+                kind: log.source.kind,
+            })
+        });
+        rates
+            .filter(|slow| slow.hz < SAMPLES * slow.band_hz)
+            .min_by(|a, b| a.hz.total_cmp(&b.hz))
+    }
+
+    /// Says so before all other notes, and takes back what they blame instead.
+    pub(super) fn tell(&self, notes: &mut Vec<String>) {
+        for note in notes.iter_mut() {
+            if let Some(fact) = note.strip_suffix(ADVICE) {
+                *note = format!("{fact}: the motor outputs are too slow to tell");
+            }
+        }
+        notes.insert(
+            0,
+            format!(
+                "motor outputs come at {:.1} Hz, and motion of roll and pitch up to {:.0} Hz takes {:.0} Hz: inertia and motor lag cannot be known from this log, nor is an \
+                 impossible value a sign of a wrong mass, arm, frame or order of the outputs; {}",
+                self.hz,
+                self.band_hz,
+                SAMPLES * self.band_hz,
+                self.setting()
+            ),
+        );
+    }
+
+    /// What would make it better.
+    fn setting(&self) -> &'static str {
+        match self.kind {
+            SourceKind::Px4Ulog => "PX4: set SDLOG_PROFILE to high rate (17), which logs actuator_motors at full rate",
+            SourceKind::ArdupilotDataflash | SourceKind::ArdupilotDataflashText => {
+                "ArduPilot writes RCOU at 10 Hz whatever LOG_BITMASK says: record SERVO_OUTPUT_RAW by telemetry (SR*_RC_CHAN 50), with LOG_BITMASK of fast attitude and fast IMU for the rest"
+            }
+            SourceKind::MavlinkTlog => "ask for SERVO_OUTPUT_RAW at 50 Hz or more (ArduPilot: SR*_RC_CHAN 50)",
+            _ => "log the motor outputs as fast as the gyroscope",
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn val_slow_outputs_are_told_with_a_setting_and_blame_nothing_else() {
+        // The note whose advice is taken back is made there.
+        assert!(include_str!("airframe.rs").contains(ADVICE));
+        let impossible =
+            "inertia, roll: a radius of gyration of 2.21 arms, which is impossible; the class default is written";
+        for (kind, word) in [
+            (SourceKind::Px4Ulog, "SDLOG_PROFILE"),
+            (SourceKind::ArdupilotDataflash, "RCOU"),
+            (SourceKind::Csv, "as fast as the gyroscope"),
+        ] {
+            let mut notes = vec!["another".to_owned(), format!("{impossible}{ADVICE}")];
+            let slow = Slow {
+                hz: 10.0,
+                band_hz: 10.0,
+                kind,
+            };
+            slow.tell(&mut notes);
+            assert!(notes[0].contains("10.0 Hz") && notes[0].contains("30 Hz"), "{notes:?}");
+            assert!(notes[0].contains(word), "{notes:?}");
+            assert_eq!(notes[1], "another");
+            assert_eq!(
+                notes[2],
+                format!("{impossible}: the motor outputs are too slow to tell")
+            );
+        }
+    }
+}
