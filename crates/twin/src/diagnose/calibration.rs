@@ -233,9 +233,18 @@ fn wanted(
     })
 }
 
-/// True unless a quantity that is above 0 in all vehicles of its class would have to be negative.
+/// Exponents of a rotor's thrust over duty and over voltage that can be: 1 to 2 by momentum theory and ESC, with a margin for what a fit
+/// about a curved law finds. 13 motors on a thrust stand have 1.40 to 1.92 over voltage (docs/bench-fit.md).
+const EXPONENTS: [(&str, std::ops::Range<f64>); 2] =
+    [("rotors.thrust_slope", 0.5..3.0), ("rotors.voltage_slope", 0.2..3.0)];
+
+/// True unless no vehicle has such a value: an exponent of thrust near 0, or a negative value of what is above 0 in all vehicles of the class.
 pub(crate) fn can_be(calibration: &Calibration) -> bool {
-    calibration.low <= 0.0 || calibration.wanted > 0.0
+    let exponent = EXPONENTS.iter().find(|(key, _)| *key == calibration.key);
+    match exponent {
+        Some((_, possible)) => possible.contains(&calibration.wanted),
+        None => calibration.low <= 0.0 || calibration.wanted > 0.0,
+    }
 }
 
 /// A guess in the problem: its candidate and the place of its unknown.

@@ -69,8 +69,8 @@ pub(crate) enum Doubt {
     StretchedClutter,
     /// The size of this effect cannot be.
     ImpossibleSize(String),
-    /// This constant would have to be negative.
-    Negative(String),
+    /// No vehicle has such a value of this constant.
+    ImpossibleConstant(String),
     /// Three effects that are easily confused with one another.
     LookAlikes,
     /// The error of this quantity on blocks that the fit did not see rises.

@@ -136,7 +136,7 @@ pub(crate) fn doubt(doubt: &Doubt) -> String {
         Doubt::ImpossibleSize(label) => {
             format!("what only an impossible size of {} would explain", label.to_lowercase())
         }
-        Doubt::Negative(constant) => format!("what only a negative value of {constant} would explain"),
+        Doubt::ImpossibleConstant(constant) => format!("what only an impossible value of {constant} would explain"),
         Doubt::LookAlikes => "what three effects of one kind patch together".to_owned(),
         Doubt::HeldOutRises(quantity) => {
             format!("the {quantity} error on unseen blocks (it rises with what was found)")

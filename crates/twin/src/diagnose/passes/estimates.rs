@@ -35,8 +35,9 @@ impl Pass for Estimates {
         }
         let parted = calibration::set_apart(found, &state.problem.library);
         let mut found = parted.found;
-        let negative: Vec<Calibration>;
-        (state.diagnosis.calibrate, negative) = parted.calibrations.into_iter().partition(calibration::can_be);
+        let impossible_constants: Vec<Calibration>;
+        (state.diagnosis.calibrate, impossible_constants) =
+            parted.calibrations.into_iter().partition(calibration::can_be);
         if !parted.withheld.is_empty() {
             state.diagnosis.notes.push(format!(
                 "not named before the guessed constants are known, because it may only compensate for them: {}",
@@ -53,9 +54,11 @@ impl Pass for Estimates {
         let drawn = diagnosis.effects.iter_mut().chain(&mut diagnosis.sensor_or_timing);
         picture::draw(&state.problem, &mut drawn.collect::<Vec<_>>())?;
         state.doubts.extend(impossible.into_iter().map(Doubt::ImpossibleSize));
-        state
-            .doubts
-            .extend(negative.into_iter().map(|one| Doubt::Negative(one.name)));
+        state.doubts.extend(
+            impossible_constants
+                .into_iter()
+                .map(|one| Doubt::ImpossibleConstant(one.name)),
+        );
         if findings::look_alikes(&state.problem) {
             state.doubts.push(Doubt::LookAlikes);
         }
