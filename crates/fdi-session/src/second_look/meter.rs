@@ -75,8 +75,6 @@ pub(crate) struct Meter {
     /// Vertical speed without specific force: integral, rate and its value at the last sample; and mean of its difference to the true one.
     coasting: [f64; 3],
     specific_sum: f64,
-    /// m/s.
-    vertical_speed: Option<f64>,
     integral_rate: [f64; INTEGRALS],
     integral: [f64; INTEGRALS],
     integral_sum: [f64; INTEGRALS],
@@ -119,7 +117,6 @@ impl Meter {
             last_defect: None,
             coasting: [0.0; 3],
             specific_sum: 0.0,
-            vertical_speed: None,
             integral_rate: [0.0; INTEGRALS],
             integral: [0.0; INTEGRALS],
             integral_sum: [0.0; INTEGRALS],
@@ -136,12 +133,10 @@ impl Meter {
         let (momentum, drift) = (body.momentum.map(f64::from), body.drift.map(f64::from));
         let speed = f64::from(body.vertical_speed);
         let pull = (drift[0] + f64::from(self.body.linear_drag) * speed) / f64::from(self.body.mass);
-        if self.vertical_speed.replace(speed).is_none() {
-            self.coasting = [speed, pull, pull];
-        }
         let goal = static_thrust(&self.config.thrust_map, n, input).map(f64::from);
         let lag = self.lag.get_or_insert_with(|| {
             (self.accounted, self.last_drift) = (momentum, drift);
+            self.coasting = [speed, pull, pull];
             goal.map(|state| Lag { state, slope: 0.0 })
         });
         // The step before this sample: the drift was held, now its other end is known.
@@ -193,18 +188,16 @@ impl Meter {
         self.hold();
     }
 
-    /// The vehicle is heavier by this from now on, kg. The momentum of what hangs there now is none that rotors have made; the change of the gyroscopic torque is
-    /// left out, as a load has no known inertia.
+    /// The vehicle is heavier by this, kg, as of the middle of the last block, from which the next one counts. That a load changes the gyroscopic torque is left
+    /// out: its inertia is not known.
     pub(crate) fn take_load(&mut self, mass: f64) {
-        let Some(speed) = self.vertical_speed else {
-            return;
-        };
         let weight = mass * f64::from(self.config.gravity);
         self.body.mass += mass as f32;
         self.weight += weight;
-        self.accounted[0] += mass * speed;
-        self.last_drift[0] += weight;
-        self.rate[0] += weight;
+        self.accounted[0] += mass * self.coasting[0];
+        self.last_drift[0] += mass * self.coasting[2];
+        self.rate[0] += mass * self.coasting[1];
+        self.integral[0] += weight / self.arm[0] * self.integral[TIME];
         self.integral_rate[0] += weight / self.arm[0];
     }
 

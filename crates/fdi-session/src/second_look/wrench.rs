@@ -45,6 +45,8 @@ const SCALE_WEIGHT: f64 = 2e-3;
 /// Standard deviation of what a load changes in a block, where it may, share of a rotor's thrust in hover: of its force, and of its moments over the levers.
 const FREE: f64 = 0.3;
 const FREE_MOMENT: f64 = 0.05;
+/// What the force of a load may be off by while the vehicle still climbs or sinks, share of it.
+const LOAD_ERROR: f64 = 0.015;
 /// Degrees of freedom of the innovations' distribution.
 const FREEDOM: f64 = 8.0;
 
@@ -397,6 +399,7 @@ impl WrenchFilter {
             }
             let change = filter.x[LOST];
             if axis == 0 {
+                filter.p[LOST][LOST] += (LOAD_ERROR * change).powi(2);
                 force = [change, filter.p[LOST][LOST]];
             }
             // b ← b + u, but for what is mass from now on.
@@ -411,6 +414,16 @@ impl WrenchFilter {
             }
             for i in 0..STATES {
                 (p[LOST][i], p[i][LOST]) = (0.0, 0.0);
+            }
+            // What the transient said of gains, drag and lag is not kept: a load has a shape and swings, and none of that is in the model.
+            for i in BIAS + 1..OWN {
+                x[i] = state[i];
+                for j in 0..=BIAS {
+                    (p[i][j], p[j][i]) = (0.0, 0.0);
+                }
+                for j in BIAS + 1..OWN {
+                    p[i][j] = covariance[i][j];
+                }
             }
             if axis > 0 {
                 // The centre of mass has moved: thrust beyond the weight turns the vehicle, too. Half of it may be air.
