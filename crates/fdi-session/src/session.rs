@@ -752,7 +752,9 @@ impl FdiSession {
         let looked = self.look.revise(engine, &output);
         let load = self.look.load();
         if let Some(load) = load.filter(LoadChange::is_new) {
-            notes.push(format!("step {step}: {load}; rotors are judged with the new weight from here on"));
+            notes.push(format!(
+                "step {step}: {load}; rotors are judged with the new weight from here on"
+            ));
         }
         let obstacle = self.obstacle.or(self.turning.take()).or(looked.err());
         let report = possible(looked.unwrap_or(engine));

@@ -28,20 +28,42 @@ struct Kind {
 const KINDS: [Kind; 6] = [
     Kind::of("dropped", -1.0),
     Kind::of("taken up", 1.0),
-    Kind { is_beside: true, ..Kind::of("dropped beside the centre", -1.0) },
-    Kind { is_beside: true, ..Kind::of("taken up beside the centre", 1.0) },
-    Kind { is_followed: true, ..Kind::of("dropped, 5 % of a rotor 15 s later", -1.0) },
-    Kind { is_unknown: true, ..Kind::of("dropped, five effects", -1.0) },
+    Kind {
+        is_beside: true,
+        ..Kind::of("dropped beside the centre", -1.0)
+    },
+    Kind {
+        is_beside: true,
+        ..Kind::of("taken up beside the centre", 1.0)
+    },
+    Kind {
+        is_followed: true,
+        ..Kind::of("dropped, 5 % of a rotor 15 s later", -1.0)
+    },
+    Kind {
+        is_unknown: true,
+        ..Kind::of("dropped, five effects", -1.0)
+    },
 ];
 
 impl Kind {
     const fn of(words: &'static str, sign: f64) -> Self {
-        Self { words, sign, is_beside: false, is_followed: false, is_unknown: false }
+        Self {
+            words,
+            sign,
+            is_beside: false,
+            is_followed: false,
+            is_unknown: false,
+        }
     }
 
     /// `n` flights of 60 s over waypoints and in hover: 5 to 12 % of the mass at 20 to 30 s, up to 4 cm beside the centre of mass.
     fn cases(self, n: usize, seed: u64) -> Vec<FaultCase> {
-        let bare = if self.is_unknown { Class::FiveHealthy } else { Class::Healthy };
+        let bare = if self.is_unknown {
+            Class::FiveHealthy
+        } else {
+            Class::Healthy
+        };
         let drawn = cases_of(bare, n, seed, 60.0).into_iter().enumerate();
         drawn
             .map(|(round, mut case)| {
@@ -53,15 +75,20 @@ impl Kind {
                 let hidden = |text: String| Hidden::parse(&text).expect("an effect");
                 case.class = Class::LoadDropped;
                 case.vehicle = VEHICLE.to_owned();
-                case.effects.push(hidden(format!("mass:share={share},onset_s={onset_s}")));
+                case.effects
+                    .push(hidden(format!("mass:share={share},onset_s={onset_s}")));
                 if self.is_beside {
                     let shift = lever_m * share / (1.0 + share);
                     let [forward, right] = [shift * angle.cos(), shift * angle.sin()];
-                    case.effects.push(hidden(format!("centre-of-mass:forward_m={forward},right_m={right},onset_s={onset_s}")));
+                    case.effects.push(hidden(format!(
+                        "centre-of-mass:forward_m={forward},right_m={right},onset_s={onset_s}"
+                    )));
                 }
                 if self.is_followed {
                     let later_s = onset_s + 15.0;
-                    case.effects.push(hidden(format!("rotor-thrust-scale:share=-0.05,rotor={rotor},onset_s={later_s}")));
+                    case.effects.push(hidden(format!(
+                        "rotor-thrust-scale:share=-0.05,rotor={rotor},onset_s={later_s}"
+                    )));
                 }
                 case
             })
@@ -90,7 +117,10 @@ struct Said {
 }
 
 fn said(case: &FaultCase, windows: &[Window]) -> Said {
-    let change = case.effects.iter().find(|effect| effect.id == "mass" && effect.onset_s.is_some());
+    let change = case
+        .effects
+        .iter()
+        .find(|effect| effect.id == "mass" && effect.onset_s.is_some());
     let row = scored(case, windows);
     let mut said = Said {
         healthy_named: row.healthy_named,
@@ -101,7 +131,9 @@ fn said(case: &FaultCase, windows: &[Window]) -> Said {
         inside: row.inside == Some(true),
         ..Said::default()
     };
-    let named = windows.iter().filter(|window| window.load.is_some_and(|load| load.is_new()));
+    let named = windows
+        .iter()
+        .filter(|window| window.load.is_some_and(|load| load.is_new()));
     for window in named {
         let load = window.load.expect("it is there");
         said.named += 1;
@@ -114,12 +146,7 @@ fn said(case: &FaultCase, windows: &[Window]) -> Said {
             said.is_inside = (f64::from(low)..=f64::from(high)).contains(&truth);
             let after_s = seconds(window) - change.onset_s.expect("an onset");
             said.after_s = (after_s > 0.0).then_some(after_s);
-            if !said.is_inside { println!("outside: {truth:.4} {load} {:?} {}", case.effects.iter().map(|e| e.id.as_str()).collect::<Vec<_>>(), case.flight); }
         }
-    }
-    if std::env::var("DBG").is_ok() {
-        let last = windows.last().unwrap();
-        println!("{} {:?} inside {:?} still {:?} moving {:?} end {:?} first {:?} loss {:?} obstacle {:?} engine {} load {:?}", case.flight, case.effects.iter().map(|e| (e.id.as_str(), e.rotor, e.onset_s, e.parameters.get("share"))).collect::<Vec<_>>(), row.inside, row.still, row.moving, row.end, row.first_s, last.report.thrust_loss, last.obstacle, last.engine.sequential, last.load);
     }
     said.is_suspected = change.and_then(|change| change.onset_s).is_some_and(|onset_s| {
         let is_load = |window: &&Window| matches!(window.obstacle, Some(Obstacle::Load { .. }));
@@ -132,13 +159,29 @@ fn said(case: &FaultCase, windows: &[Window]) -> Said {
 /// Flights of a list, judged on all cores; a flight that the pilot loses counts nowhere.
 fn all_said(cases: &[FaultCase]) -> Vec<Said> {
     let cores = std::thread::available_parallelism().map_or(1, usize::from);
-    let judge = |case: &FaultCase| Some(said(case, &windows_of(&fly_case(case).ok()?)));
+    let judge = |case: &FaultCase| {
+        let rows = fly_case(case).ok()?;
+        if let Ok(folder) = std::env::var("ROTORTWIN_LOAD_LOGS") {
+            let name = format!(
+                "{folder}/{:?}-{}-{}.parquet",
+                case.class,
+                case.index,
+                case.effects.len()
+            );
+            rotortwin_blind::log_file::write(name.as_ref(), &rows).unwrap();
+            std::fs::write(format!("{name}.json"), serde_json::to_string(case).unwrap()).unwrap();
+        }
+        Some(said(case, &windows_of(&rows)))
+    };
     std::thread::scope(|scope| {
         let parts = cases.chunks(cases.len().div_ceil(cores).max(1));
         let parts: Vec<_> = parts
             .map(|part| scope.spawn(move || part.iter().filter_map(judge).collect::<Vec<_>>()))
             .collect();
-        parts.into_iter().flat_map(|part| part.join().expect("judged")).collect()
+        parts
+            .into_iter()
+            .flat_map(|part| part.join().expect("judged"))
+            .collect()
     })
 }
 
@@ -154,10 +197,14 @@ fn share(count: usize, of: usize) -> String {
 fn bench_changed_loads() {
     let of = |name: &str, default: &str| std::env::var(name).unwrap_or_else(|_| default.to_owned());
     let number = |name: &str, default: &str| of(name, default).parse::<usize>().expect("a number");
-    let (n, seed) = (number("ROTORTWIN_FAULTS_N", "24"), number("ROTORTWIN_FAULTS_SEED", "1") as u64);
-    let kinds = of("KIND", "012345");
-    for (k, kind) in KINDS.into_iter().enumerate() {
-        if !kinds.contains(&k.to_string()) { continue; }
+    let (n, seed) = (
+        number("ROTORTWIN_FAULTS_N", "24"),
+        number("ROTORTWIN_FAULTS_SEED", "1") as u64,
+    );
+    for kind in KINDS
+        .iter()
+        .filter(|kind| of("ROTORTWIN_LOAD_KINDS", kind.words).contains(kind.words))
+    {
         let all = all_said(&kind.cases(n, seed));
         let count = |is: &dyn Fn(&Said) -> bool| all.iter().filter(|said| is(said)).count();
         let mut after: Vec<f64> = all.iter().filter_map(|said| said.after_s).collect();
@@ -181,7 +228,10 @@ fn bench_changed_loads() {
             );
         }
     }
-    let classes = of("ROTORTWIN_FAULTS_CLASS", "healthy,step,ramp,gain,two-rotors,three-rotors,five-healthy,five-step");
+    let classes = of(
+        "ROTORTWIN_FAULTS_CLASS",
+        "healthy,step,ramp,gain,two-rotors,three-rotors,five-healthy,five-step",
+    );
     for class in classes.split(',').filter(|class| !class.is_empty()) {
         let class: Class = serde_json::from_value(json!(class)).expect("a class");
         let all = all_said(&cases_of(class, n, seed, number("ROTORTWIN_FAULTS_S", "60") as f64));

@@ -6,14 +6,14 @@
 //! two seconds, or grow slowly. A load
 //!
 //! * is the explanation of [`HOLD`] windows (where the model has failed [`HOLD_CAREFUL`]) in a row, but for [`MISSES`] at a time;
-//! * was not there a second before the first of them: at least [`SUDDEN`] of the force is new;
+//! * was not there a second before the first of them, and all but there a second after it: at least [`SUDDEN`] of the force is new;
 //! * is the same in the last half second as in the one before.
 
 use super::details::Interval;
 use std::collections::VecDeque;
 
 /// Probability from which on a window is explained by a load.
-const LIKELY: f64 = 0.9;
+const LIKELY: f64 = 0.75;
 /// Windows of a load before it is named: 3 s; 6 s where the model has failed.
 const HOLD: usize = 48;
 const HOLD_CAREFUL: usize = 96;
@@ -28,6 +28,8 @@ pub(super) const LATER: usize = 8;
 const BEFORE: usize = 16;
 /// Share of the force that has to be new.
 const SUDDEN: f64 = 0.7;
+/// Share of the force by which it may differ from what it was within a second.
+const SOON: f64 = 0.3;
 /// Share of the force, beside two standard deviations, by which it may differ from half a second before.
 const STEADY: f64 = 0.08;
 /// Smallest load, share of the mass.
@@ -36,10 +38,10 @@ const LEAST: f64 = 0.025;
 /// A load that was dropped or taken up.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct LoadChange {
-    /// Windows from when it changed to when it was named, and to now.
-    pub named_after: u32,
-    /// See `named_after`.
-    pub windows_ago: u32,
+    /// From when it changed to the end of this window, s.
+    pub since_s: f64,
+    /// And to the end of the window that named it, s.
+    pub named_after_s: f64,
     /// Of a load, next to everything else that makes such a wrench; of the window that named it.
     pub probability: f32,
     /// Taken up; negative: dropped; with its 95 % interval, kg.
@@ -49,7 +51,7 @@ pub struct LoadChange {
 impl LoadChange {
     /// Named in this window.
     pub fn is_new(&self) -> bool {
-        self.windows_ago == self.named_after
+        self.since_s <= self.named_after_s
     }
 }
 
@@ -84,6 +86,8 @@ pub(super) struct Seen {
 pub(super) struct Found {
     /// Windows since it came or went.
     pub windows: usize,
+    /// What is new of the force down, N.
+    pub force: f64,
     /// Mean of the last windows.
     pub probability: f64,
 }
@@ -128,10 +132,13 @@ impl LoadWatch {
         let before = self.before.iter().take(long_ago).sum::<f64>() / long_ago as f64;
         let variance = seen.force[1];
         let is_steady = (now - earlier).abs() < STEADY * now.abs() + 2.0 * variance.sqrt();
-        let is_sudden = (now - before) * now > SUDDEN * now * now;
+        // Half of the first second is the filter's.
+        let soon = mean(&self.run[MEAN..2 * MEAN]);
+        let is_sudden = (now - before) * now > SUDDEN * now * now && (now - soon).abs() < SOON * now.abs();
         let probability = last.iter().map(|seen| seen.probability).sum::<f64>() / MEAN as f64;
         (is_steady && is_sudden && probability > LIKELY).then_some(Found {
             windows: self.run.len(),
+            force: now - before,
             probability,
         })
     }
@@ -144,5 +151,58 @@ impl LoadWatch {
     /// A load was taken into account, or the flight has become another.
     pub(super) fn clear(&mut self) {
         *self = Self::default();
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Window in which a load is found, with its force, of forces from window to window; a force of more than 0.3 N is explained by a load.
+    fn found(is_trusted: bool, windows: usize, force: impl Fn(usize) -> f64) -> Option<(usize, Found)> {
+        let mut watch = LoadWatch::default();
+        (0..windows).find_map(|window| {
+            let force = force(window);
+            let seen = Seen {
+                force: [force, 1e-4],
+                probability: if force.abs() > 0.3 { 0.98 } else { 0.02 },
+            };
+            Some((window, watch.take(seen, 10.0, is_trusted)?))
+        })
+    }
+
+    #[test]
+    fn val_a_sudden_force_that_stays_is_a_load() {
+        let step = |window: usize| if window < 100 { 0.05 } else { -1.0 };
+        let (window, load) = found(true, 300, step).expect("a load");
+        assert_eq!((window + 1 - 100, load.windows), (HOLD, HOLD));
+        assert!((load.force + 1.05).abs() < 1e-9 && load.probability > 0.9, "{load:?}");
+        let (window, _) = found(false, 300, step).expect("a load");
+        assert_eq!(window + 1 - 100, HOLD_CAREFUL);
+        // A window or two that say otherwise are noise.
+        let noisy = |window: usize| if window % 10 == 0 { 0.0 } else { step(window) };
+        assert!(found(true, 300, noisy).is_some());
+    }
+
+    #[test]
+    fn val_gusts_and_slow_errors_are_none() {
+        // Gone after two seconds.
+        assert_eq!(
+            found(true, 300, |window| if (100..132).contains(&window) { 1.0 } else { 0.0 }),
+            None
+        );
+        // Grows over ten seconds.
+        assert_eq!(found(true, 300, |window| 0.006 * window as f64), None);
+        // Comes and goes.
+        assert_eq!(
+            found(true, 600, |window| if window < 100 {
+                0.0
+            } else {
+                1.0 + 0.5 * (0.3 * window as f64).sin()
+            }),
+            None
+        );
+        // There from the beginning: the calibration has missed it, and nothing says when it came.
+        assert_eq!(found(true, 300, |_| 1.0), None);
     }
 }

@@ -82,6 +82,8 @@ const REAL_SIGMAS: f64 = 3.0;
 const SLOPE_ERROR: f64 = 0.577;
 /// Standard deviation of the slope of a thrust curve that was learnt.
 const LEARNT_ERROR: f64 = 0.04;
+/// Share by which the force of a load may differ between the filter that begins before it and the present one.
+const SAME_LOAD: f64 = 0.25;
 /// Low-pass of the unexplained wrench, s: as the engine's residuals have.
 const UNEXPLAINED_TIME: f64 = 0.2;
 /// Low-pass of what each rotor is asked for over what all are, s.
@@ -238,6 +240,9 @@ impl SecondLook {
     fn take(&mut self, block: Block) {
         self.settling.pass(block.elapsed);
         self.time_s += block.elapsed;
+        if let Some(load) = &mut self.load {
+            load.since_s += block.elapsed;
+        }
         let frozen = self.alarm.is_some();
         let full = self
             .snapshots
@@ -528,9 +533,6 @@ impl SecondLook {
 
     /// A load that was dropped or taken up, once it is sure.
     fn changed_load(&mut self) -> Option<Found> {
-        if let Some(load) = &mut self.load {
-            load.windows_ago = load.windows_ago.saturating_add(1);
-        }
         let (value, variance) = self.lost();
         if !value.iter().chain(&variance).all(|x| x.is_finite()) {
             return None;
@@ -551,9 +553,13 @@ impl SecondLook {
 
     /// Makes a load part of the model: the mass of the momentum, the weight, and the moment as a bias. What was found was no rotor.
     fn take_load(&mut self, load: &Found) {
-        let Some((filter, [force, variance])) = self.filter_with_load(load.windows) else {
+        let Some((filter, [force, variance], after_s)) = self.filter_with_load(load.windows) else {
             return;
         };
+        // Else it changed at another time.
+        if (force - load.force * self.thrust).abs() > SAME_LOAD * force.abs() {
+            return;
+        }
         let mass = force / self.gravity;
         let scale = MODEL_ERROR.hypot(filter.thrust_error()).hypot(self.learnt_error);
         let air = self.filter.noise()[0].gust * self.trust.worst().max(1.0);
@@ -570,29 +576,39 @@ impl SecondLook {
         self.settling.dismiss();
         self.load_watch.clear();
         self.load = Some(LoadChange {
-            named_after: load.windows as u32,
-            windows_ago: load.windows as u32,
+            since_s: after_s,
+            named_after_s: after_s,
             probability: load.probability as f32,
             mass_kg: Interval::of(mass, deviation, [f64::NEG_INFINITY, f64::INFINITY]),
         });
     }
 
-    /// Goes back to before the load changed so many windows ago, and leads the filter to now with a load; also the force of the load, N, down, and its
-    /// variance.
-    fn filter_with_load(&self, windows: usize) -> Option<(WrenchFilter, [f64; 2])> {
+    /// Goes back to before the load changed so many windows ago, and leads the filter to now with a load; also the force of the load,
+    /// N, down, with its variance, and the time since, s.
+    fn filter_with_load(&self, windows: usize) -> Option<(WrenchFilter, [f64; 2], f64)> {
         let mut count = 0;
         let first = self.snapshots.iter().rposition(|(_, since)| {
             count += since.len();
             count > windows + load::EARLIER
         })?;
         let mut filter = self.snapshots[first].0.clone();
-        let blocks: Vec<Block> = self.snapshots.range(first..).flat_map(|(_, since)| since.iter().copied()).collect();
+        let blocks: Vec<Block> = self
+            .snapshots
+            .range(first..)
+            .flat_map(|(_, since)| since.iter().copied())
+            .collect();
         let (before, since) = blocks.split_at(count - windows - load::EARLIER);
         for block in before {
             filter.step(block, self.demand(block, u32::MAX));
         }
-        let force = filter.take_load(since, load::EARLIER + load::LATER, self.hover * self.rotor_count as f64, self.gravity);
-        Some((filter, force))
+        let force = filter.take_load(
+            since,
+            load::EARLIER + load::LATER,
+            self.hover * self.rotor_count as f64,
+            self.gravity,
+        );
+        let after_s = since[load::EARLIER..].iter().map(|block| block.elapsed).sum();
+        Some((filter, force, after_s))
     }
 
     /// The last load that was dropped or taken up since the calibration.

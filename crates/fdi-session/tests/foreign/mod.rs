@@ -71,9 +71,18 @@ pub fn view(window: &Window) -> serde_json::Value {
             .filter(|rotor| mask >> (rotor - 1) & 1 == 1)
             .collect::<Vec<u32>>()
     });
+    let time_s = report.stamp.sim_time_ns as f64 * 1e-9;
+    let load = window.load.map(|load| {
+        json!({
+            "time_s": time_s - load.since_s,
+            "named_s": time_s - load.since_s + load.named_after_s,
+            "mass_kg": { "low": load.mass_kg.low, "high": load.mass_kg.high },
+        })
+    });
     json!({
         "smallest_loss": window.smallest_loss,
-        "time_s": report.stamp.sim_time_ns as f64 * 1e-9,
+        "load": load,
+        "time_s": time_s,
         "sequential": {
             "code": code,
             "probability": report.sequential_probability,
