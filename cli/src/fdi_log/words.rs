@@ -3,7 +3,8 @@
 use rotortwin_runner::grid::Grid;
 use rotortwin_verdicts::log::LogReport;
 use rotortwin_verdicts::view::{
-    ExplanationView, ExplanationWord, IntervalView, LossView, ObstacleView, Obstruction, SequentialView, VerdictKind,
+    ExplanationView, ExplanationWord, IntervalView, LoadView, LossView, ObstacleView, Obstruction, SequentialView,
+    VerdictKind,
 };
 use std::path::Path;
 
@@ -141,6 +142,9 @@ pub(super) fn text_of(report: &LogReport) -> String {
     if report.counts.iter().any(|count| count.decided > 0) {
         text += &format!("{counts}\n");
     }
+    for load in &report.loads {
+        text += &format!("\nLoad         {}", load_text(load));
+    }
     for lack in &report.lacks {
         text += &format!("\nNot said     {}", lack.rules_out);
     }
@@ -250,6 +254,25 @@ fn loss_text(loss: &LossView, explanations: &[ExplanationView]) -> String {
         text += &format!(", its blade drags {} more for its lift", percent(drag));
     }
     text
+}
+
+/// `128 g [123, 133] dropped at 24.06 s (1.00), named 3.1 s later; rotors are judged with it from then on`.
+fn load_text(load: &LoadView) -> String {
+    let IntervalView { value, low, high } = load.mass_kg;
+    let (word, low, high) = if value < 0.0 {
+        ("dropped", -high, -low)
+    } else {
+        ("taken up", low, high)
+    };
+    format!(
+        "{:.0} g [{:.0}, {:.0}] {word} at {:.2} s ({:.2}), named {:.1} s later; rotors are judged with it from then on",
+        1000.0 * value.abs(),
+        1000.0 * low,
+        1000.0 * high,
+        load.time_s,
+        load.probability,
+        load.named_s - load.time_s
+    )
 }
 
 /// One of several explanations.

@@ -18,5 +18,5 @@ pub mod session;
 pub mod validity;
 
 pub use learnt::{Learner, Learnt};
-pub use second_look::{Details, Explained, ExplanationKind, Interval, Motion};
+pub use second_look::{Details, Explained, ExplanationKind, Interval, LoadChange, Motion};
 pub use session::{Answer, Calibration, Chunk, FdiSession, Refusal, Sample, Window};

@@ -21,7 +21,7 @@
 //! Glossary: *window*, 25 samples (a setting) that are decided on together; *chunk*, samples that come in one message.
 
 use super::learnt::{Corrected, Learner, Learnt};
-use super::second_look::{Details, SecondLook, with_sequential};
+use super::second_look::{Details, LoadChange, SecondLook, with_sequential};
 use super::validity::{FlightWatch, MOST_TILT, ModelCheck, Obstacle};
 use rotortwin_flight_core::MAX_ROTORS;
 use rotortwin_flight_core::fdi::verdict_code::NOT_READY;
@@ -198,6 +198,8 @@ pub struct Window {
     pub smallest_loss: Vec<f32>,
     /// What stands behind a verdict other than healthy: explanations, and how fast the loss moves; empty else.
     pub details: Details,
+    /// The last load that was dropped or taken up since the calibration; rotors are judged with it from the window on that is the first to have it.
+    pub load: Option<LoadChange>,
 }
 
 /// What a chunk gave.
@@ -748,6 +750,12 @@ impl FdiSession {
         }
         let engine = report(self.stamp(step), &output).canonical();
         let looked = self.look.revise(engine, &output);
+        let load = self.look.load();
+        if let Some(load) = load.filter(LoadChange::is_new) {
+            notes.push(format!(
+                "step {step}: {load}; rotors are judged with the new weight from here on"
+            ));
+        }
         let obstacle = self.obstacle.or(self.turning.take()).or(looked.err());
         let report = possible(looked.unwrap_or(engine));
         let (smallest_loss, details) = if obstacle.is_none() {
@@ -768,6 +776,7 @@ impl FdiSession {
             calibrated_from: self.started,
             smallest_loss,
             details,
+            load,
         };
         if spoilt && self.obstacle.is_none() {
             self.restart(self.next_step);
@@ -806,6 +815,7 @@ impl FdiSession {
                 calibrated_from: self.started,
                 smallest_loss: Vec::new(),
                 details: Details::default(),
+                load: None,
             }
         })
     }

@@ -1,6 +1,9 @@
 //! What sessions say of faults in the independent generator's world. Shares are asserted with room for chance, at fixed seeds; figures with
 //! intervals come from `rotortwin blind --preset faults`.
 
+mod foreign;
+
+use foreign::{cases_of, detectors, fed, scored, seconds, windows, windows_of};
 use rotortwin_blind::bench::faults::{Class, End, FaultCase, FaultRow, draw_cases, fly_case, other_days, score};
 use rotortwin_blind::bench::faults_sheet;
 use rotortwin_blind::bench::sheet::Share;
@@ -11,29 +14,11 @@ use rotortwin_flight_core::MAX_ROTORS;
 use rotortwin_scenario::{DetectorSettings, Detectors, VehicleDocuments};
 use serde_json::json;
 
-const VEHICLE: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../../config/vehicles/f550.toml");
 /// Of an interval that is promised to hold 95 %, next to the chance of so few flights.
 const LEAST_INSIDE: f64 = 0.88;
 
 fn cases(class: Class, n: usize, seed: u64) -> Vec<FaultCase> {
     cases_of(class, n, seed, 60.0)
-}
-
-fn cases_of(class: Class, n: usize, seed: u64, duration_s: f64) -> Vec<FaultCase> {
-    let cases = draw_cases(n, seed, duration_s, &[(VEHICLE.to_owned(), 6)]);
-    cases.into_iter().filter(|case| case.class == class).collect()
-}
-
-/// What a session says of a flight.
-fn windows(case: &FaultCase) -> Vec<Window> {
-    windows_of(&fly_case(case).expect("flown"))
-}
-
-fn windows_of(rows: &[Row]) -> Vec<Window> {
-    fed(
-        &mut FdiSession::new(*detectors().config(), 1).expect("a good configuration"),
-        rows,
-    )
 }
 
 /// The same, scored.
@@ -42,63 +27,6 @@ fn judged(class: Class, n: usize, seed: u64) -> Vec<FaultRow> {
         .iter()
         .map(|case| scored(case, &windows(case)))
         .collect()
-}
-
-fn scored(case: &FaultCase, windows: &[Window]) -> FaultRow {
-    let views: Vec<_> = windows.iter().map(view).collect();
-    let report = json!({ "log": { "start_s": 0.0 }, "judged_rate_hz": 400.0, "detectors": { "window_samples": 25 }, "windows": views });
-    score(case, &report.to_string()).expect("scored")
-}
-
-fn sample(row: &Row) -> Sample {
-    let numbers = |v: [f64; 3]| v.map(|x| x as f32);
-    let mut duty = [0.0; MAX_ROTORS];
-    for (to, from) in duty.iter_mut().zip(&row.duties) {
-        *to = (*from as f32).clamp(0.0, 1.0);
-    }
-    Sample {
-        position_ned_m: numbers(row.position.into()),
-        velocity_ned_m_s: numbers(row.velocity.into()),
-        attitude_rad: numbers(row.euler.into()),
-        body_rates_rad_s: numbers(row.rates.into()),
-        duty,
-        battery_voltage_v: row.voltage as f32,
-        time_s: None,
-    }
-}
-
-/// As `fdi-log --windows` writes it.
-fn view(window: &Window) -> serde_json::Value {
-    let report = &window.report;
-    let code = if window.obstacle.is_some() {
-        -4
-    } else {
-        report.sequential
-    };
-    let rotors = match code {
-        1..100 => vec![code],
-        100.. => vec![code / 100, code % 100],
-        _ => vec![],
-    };
-    let losses = rotors.iter().zip([report.thrust_loss, report.second_thrust_loss]);
-    let losses = losses
-        .map(|(rotor, loss)| json!({ "rotor": rotor, "share_low": loss.share_low, "share_high": loss.share_high }));
-    let sets = report.hypothesis_rotors.iter().take(report.hypothesis_count as usize);
-    let sets = sets.map(|mask| {
-        (1..=16)
-            .filter(|rotor| mask >> (rotor - 1) & 1 == 1)
-            .collect::<Vec<u32>>()
-    });
-    json!({
-        "smallest_loss": window.smallest_loss,
-        "time_s": report.stamp.sim_time_ns as f64 * 1e-9,
-        "sequential": {
-            "code": code,
-            "probability": report.sequential_probability,
-            "thrust_loss": losses.collect::<Vec<_>>(),
-            "hypotheses": sets.collect::<Vec<_>>(),
-        },
-    })
 }
 
 fn ends(rows: &[FaultRow], wanted: &[End]) -> usize {
@@ -382,24 +310,6 @@ fn prop_a_vehicle_that_is_its_model_teaches_nothing() {
     );
 }
 
-fn detectors() -> Detectors {
-    let documents = VehicleDocuments::load(VEHICLE).expect("shipped");
-    Detectors::new(documents, &DetectorSettings::default(), None).expect("a good configuration")
-}
-
-fn fed(session: &mut FdiSession, rows: &[Row]) -> Vec<Window> {
-    let mut windows = Vec::new();
-    for (part, rows) in rows.chunks(1000).enumerate() {
-        let chunk = Chunk {
-            first_step: 1000 * part as u64,
-            after_gap: false,
-            samples: rows.iter().map(sample).collect(),
-        };
-        windows.extend(session.feed(&chunk).expect("taken").windows);
-    }
-    windows
-}
-
 /// What healthy flights say of a vehicle.
 fn learnt_from(flights: &[Vec<Row>]) -> Learnt {
     let config = *detectors().config();
@@ -463,10 +373,6 @@ fn val_a_loss_of_the_size_that_would_be_seen_is_seen() {
         half_found <= announced / 2,
         "{half_found} of {announced} losses of half the size are found"
     );
-}
-
-fn seconds(window: &Window) -> f64 {
-    window.report.stamp.sim_time_ns as f64 * 1e-9
 }
 
 /// How often the truth is among the explanations that are told, and its sizes inside of their intervals.

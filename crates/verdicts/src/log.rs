@@ -22,7 +22,9 @@
 //! which a session has to detect without the rest of the flight. A *stretch* is the part evaluated after one calibration.
 
 use crate::axial::Axial;
-use crate::view::{ChangeView, DetectorsView, ObstacleView, Obstruction, SequentialView, WindowView, code_in};
+use crate::view::{
+    ChangeView, DetectorsView, LoadView, ObstacleView, Obstruction, SequentialView, WindowView, code_in,
+};
 use crate::voltage::{WorkedOutVoltage, with_drops};
 use rotortwin_fdi_session::session::LONGEST_CHUNK;
 use rotortwin_fdi_session::validity::CANNOT_JUDGE;
@@ -164,6 +166,8 @@ pub struct LogReport {
     pub timeline: Vec<ChangeView>,
     /// Changes that the timeline leaves out.
     pub timeline_left_out: u64,
+    /// Loads that were dropped or taken up, times since the log's first row.
+    pub loads: Vec<LoadView>,
     /// Every window of all detectors, times since the log's first row; only where asked for (`fdi-log --windows`).
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub windows: Vec<WindowView>,
@@ -603,11 +607,12 @@ fn report(log: &FlightLog, detectors: &Detectors, judge: Judge, lacks: Vec<Lack>
         lost_steps: judge.lost,
         rejected_steps: judge.session.rejected_samples(),
         decided_s: judge.counts[2].decided as f64 * f64::from(judge.session.window_samples()) / judge.rate_hz,
-        final_window: judge.last_judged.as_ref().or(judge.session.last()).map(|window| {
-            let mut view = WindowView::from(window);
-            view.time_s += judge.session.origin().unwrap_or(0) as f64 / judge.rate_hz;
-            view
-        }),
+        final_window: judge
+            .last_judged
+            .as_ref()
+            .or(judge.session.last())
+            .map(|window| WindowView::from(window).later(judge.session.origin().unwrap_or(0) as f64 / judge.rate_hz)),
+        loads: judge.loads,
         stretches: judge.stretches.into_iter().map(|(_, stretch)| stretch).collect(),
         not_judged: judge.not_judged,
         not_judged_left_out: judge.not_judged_left_out,
@@ -650,6 +655,7 @@ struct Judge {
     lost: u64,
     timeline: Vec<ChangeView>,
     left_out: u64,
+    loads: Vec<LoadView>,
     /// List every window.
     lists: bool,
     windows: Vec<WindowView>,
@@ -689,6 +695,7 @@ impl Judge {
             lost: 0,
             timeline: Vec::new(),
             left_out: 0,
+            loads: Vec::new(),
             lists: false,
             windows: Vec::new(),
             last_code: None,
@@ -899,9 +906,11 @@ impl Judge {
         self.account(begin, end, obstacle);
         let since_first_row_s = origin as f64 / self.rate_hz;
         if self.lists {
-            let mut view = WindowView::from(window);
-            view.time_s += since_first_row_s;
-            self.windows.push(view);
+            self.windows.push(WindowView::from(window).later(since_first_row_s));
+        }
+        if window.load.is_some_and(|load| load.is_new()) {
+            self.loads
+                .extend(WindowView::from(window).later(since_first_row_s).load);
         }
         if self.last_code != Some(code) {
             let mut change = ChangeView::of(window);

@@ -1,7 +1,9 @@
 //! Detector results as JSON. Codes and names of verdicts: `docs/conventions.md`.
 
 use rotortwin_fdi_session::validity::{CANNOT_JUDGE, Obstacle};
-use rotortwin_fdi_session::{Answer, Calibration, Details, Explained, ExplanationKind, Interval, Motion, Window};
+use rotortwin_fdi_session::{
+    Answer, Calibration, Details, Explained, ExplanationKind, Interval, LoadChange, Motion, Window,
+};
 use rotortwin_flight_core::MAX_ROTORS;
 use rotortwin_flight_core::fdi::verdict_code::{AMBIGUOUS, HEALTHY, UNKNOWN};
 use rotortwin_scenario::Detectors;
@@ -382,6 +384,51 @@ pub struct WindowView {
     pub cannot_judge: Option<ObstacleView>,
     /// Smallest loss of each rotor, as a share of its thrust, that would now be detected within 10 s; empty without a verdict and while a fault or an obstacle is reported.
     pub smallest_loss: Vec<f32>,
+    /// The last load that was dropped or taken up since the calibration began, from the window that named it on; rotors are judged with it. Absent without one.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub load: Option<LoadView>,
+}
+
+/// A load that was dropped or taken up.
+#[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]
+pub struct LoadView {
+    /// When it changed, s on the clock of the windows.
+    pub time_s: f64,
+    /// When it was named, s on the same clock.
+    pub named_s: f64,
+    /// Taken up, or dropped (negative), kg.
+    pub mass_kg: IntervalView,
+    /// Of a load, next to everything else that makes such a force.
+    pub probability: f32,
+}
+
+impl LoadView {
+    /// As of a window that ends at a time, s.
+    fn of(load: &LoadChange, time_s: f64) -> Self {
+        let changed_s = time_s - load.since_s;
+        Self {
+            time_s: changed_s,
+            named_s: changed_s + load.named_after_s,
+            mass_kg: load.mass_kg.into(),
+            probability: load.probability,
+        }
+    }
+
+    /// On a clock that began earlier, s.
+    pub(crate) fn later(mut self, by_s: f64) -> Self {
+        self.time_s += by_s;
+        self.named_s += by_s;
+        self
+    }
+}
+
+impl WindowView {
+    /// The window on a clock that began earlier, s.
+    pub(crate) fn later(mut self, by_s: f64) -> Self {
+        self.time_s += by_s;
+        self.load = self.load.map(|load| load.later(by_s));
+        self
+    }
 }
 
 /// The code of a detector, as in JSON.
@@ -406,6 +453,10 @@ impl From<&Window> for WindowView {
                 .filter(|engine| *engine != SequentialView::in_window(window).bare()),
             cannot_judge: window.obstacle.as_ref().map(ObstacleView::from),
             smallest_loss: window.smallest_loss.clone(),
+            load: window
+                .load
+                .as_ref()
+                .map(|load| LoadView::of(load, report.stamp.sim_time_ns as f64 * 1e-9)),
         }
     }
 }

@@ -10,6 +10,8 @@
 //! *First*: end of the first right window, counted from when a loss passes [`SEEN`]. *Settled*: end of the last window before the end of the
 //! flight, or before the loss ends, that is not right. *Announced*: see [`is_announced`]. *Inside*: the truth at that time lies in the 95 % interval of each named rotor, at the
 //! end of the flight; *windows inside*, the same over all windows that name the rotors rightly, apart for those in which the loss moves.
+//! *Isolated* ([`ISOLATED_S`]): of a ramp, the first right window comes at most so long after the loss has passed what would be seen: `smallest_loss` of the last
+//! window that announced one. *Load named*: a window has a `load` that changed at that time; *false load*: at any other.
 //! *Healthy named*: a rotor without a loss is named, alone or in a pair, with a probability of 0.95 or more. *False alarm*: a verdict other
 //! than healthy begins while nothing has happened to any rotor or to the load, nor a quarter of a second before. *End*: the last verdict ([`End`]).
 
@@ -34,6 +36,10 @@ pub const SEEN: f64 = 0.02;
 const GRACE_S: f64 = 0.25;
 /// A loss is to be found within so many seconds.
 pub(super) const WITHIN_S: f64 = 10.0;
+/// A ramp is to be isolated within so many seconds of passing the announced size.
+pub(super) const ISOLATED_S: f64 = 2.0;
+/// A load that is told changed within so many seconds of the truth.
+const SAME_CHANGE_S: f64 = 1.0;
 /// A name with this probability is meant.
 const SURE: f64 = 0.95;
 /// Idling on the ground, s.
@@ -354,10 +360,30 @@ pub struct FaultRow {
     /// Of a single, sudden loss that was not found within [`WITHIN_S`]: that it might be missed was said ([`is_announced`]).
     #[serde(default)]
     pub announced: Option<bool>,
+    /// Of a ramp that passes the announced size: from then to the first right window, s, negative before; infinite where there is none.
+    #[serde(default)]
+    pub past_announced_s: Option<f64>,
+    /// From the change of a load to the window that names it, s, and whether its mass is inside.
+    #[serde(default)]
+    pub load_named_s: Option<f64>,
+    /// See `load_named_s`.
+    #[serde(default)]
+    pub load_inside: Option<bool>,
+    /// A load was named that did not change.
+    #[serde(default)]
+    pub false_load: bool,
     /// While the losses stand still.
     pub still: WindowCount,
     /// While a loss moves.
     pub moving: WindowCount,
+}
+
+/// A load that was named: when it changed and when it was named, s; interval of the mass, kg.
+#[derive(Debug, Clone, Copy, PartialEq)]
+struct NamedLoad {
+    time_s: f64,
+    named_s: f64,
+    mass_kg: [f64; 2],
 }
 
 /// One window of the report.
@@ -372,6 +398,7 @@ struct Window {
     sets: Vec<Vec<usize>>,
     /// Smallest lost share of each rotor that would be found; empty where nothing is promised.
     smallest: Vec<f64>,
+    load: Option<NamedLoad>,
 }
 
 impl Window {
@@ -388,7 +415,16 @@ impl Window {
                 .map(|rotor| usize::try_from(rotor.as_u64()?).ok());
             rotors.collect()
         };
+        let load = &value["load"];
+        let named = || {
+            Some(NamedLoad {
+                time_s: load["time_s"].as_f64()? + start_s,
+                named_s: load["named_s"].as_f64()? + start_s,
+                mass_kg: [load["mass_kg"]["low"].as_f64()?, load["mass_kg"]["high"].as_f64()?],
+            })
+        };
         Some(Self {
+            load: named(),
             smallest: value["smallest_loss"]
                 .as_array()
                 .map_or_else(Vec::new, |all| all.iter().filter_map(Value::as_f64).collect()),
@@ -569,6 +605,13 @@ fn scored(case: &FaultCase, all: &[Window], window_s: f64) -> FaultRow {
             row.released_s = after.map(|window| window.time_s - last_s);
         }
     }
+    if case.class == Class::Ramp
+        && let [effect] = &case.effects[..]
+        && let Some(rotor) = effect.rotor
+    {
+        row.past_announced_s = past_announced(case, all, rotor);
+    }
+    score_loads(&mut row, all);
     let mut alarmed = false;
     for window in windows {
         let now = losses(&case.effects, window.time_s);
@@ -607,8 +650,64 @@ fn empty(case: &FaultCase, failure: Option<String>) -> FaultRow {
         recovers: false,
         end: None,
         announced: None,
+        past_announced_s: None,
+        load_named_s: None,
+        load_inside: None,
+        false_load: false,
         still: WindowCount::default(),
         moving: WindowCount::default(),
+    }
+}
+
+/// From when a growing loss of a rotor passes what would be seen to the first window that names the rotor, s; infinite without one, nothing where it does not pass it.
+fn past_announced(case: &FaultCase, all: &[Window], rotor: usize) -> Option<f64> {
+    let lost = |time_s: f64| {
+        let of_rotor = losses(&case.effects, time_s)
+            .into_iter()
+            .find(|(other, _)| *other == rotor);
+        of_rotor.map_or(0.0, |(_, loss)| loss)
+    };
+    let mut announced = None;
+    let mut passed_s = None;
+    for window in all {
+        // Nothing is announced while something is wrong: the last size stands.
+        announced = window.smallest.get(rotor - 1).copied().or(announced);
+        if announced.is_some_and(|size| lost(window.time_s) >= size) {
+            passed_s = Some(window.time_s);
+            break;
+        }
+    }
+    let passed_s = passed_s?;
+    let is_right = |window: &&Window| window.named() == [rotor] && lost(window.time_s) > 0.0;
+    let first = all.iter().find(is_right);
+    Some(first.map_or(f64::INFINITY, |window| window.time_s - passed_s))
+}
+
+/// What was said of loads. The generator's vehicle has the mass of its document; of a load only the share of it is drawn.
+fn score_loads(row: &mut FaultRow, all: &[Window]) {
+    let truth = row
+        .case
+        .effects
+        .iter()
+        .find(|effect| effect.id == "mass" && effect.onset_s.is_some());
+    let truth = truth.and_then(|effect| Some((effect.onset_s?, *effect.parameters.get("share")?)));
+    let mass_kg = Vehicle::load(Path::new(&row.case.vehicle))
+        .ok()
+        .map(|vehicle| vehicle.mass);
+    let mut last = None;
+    for load in all.iter().filter_map(|window| window.load) {
+        if last.replace(load.named_s) == Some(load.named_s) {
+            continue;
+        }
+        match truth {
+            Some((onset_s, share)) if (load.time_s - onset_s).abs() < SAME_CHANGE_S => {
+                row.load_named_s.get_or_insert(load.named_s - onset_s);
+                let [low, high] = load.mass_kg;
+                let inside = mass_kg.map(|mass_kg| (low..=high).contains(&(share * mass_kg)));
+                row.load_inside = row.load_inside.or(inside);
+            }
+            _ => row.false_load = true,
+        }
     }
 }
 
@@ -791,6 +890,7 @@ mod tests {
                     loss,
                     sets: Vec::new(),
                     smallest: Vec::new(),
+                    load: None,
                 }
             })
             .collect()
@@ -833,6 +933,58 @@ mod tests {
         );
         assert!((row.first_s.unwrap() - 2.0).abs() < 0.02, "{:?}", row.first_s);
         assert_eq!((row.inside, row.healthy_named), (Some(false), false));
+    }
+
+    #[test]
+    fn val_a_ramp_is_isolated_from_the_announced_size_on() {
+        // 10 % over 20 s from 20 s on: 3 % at 26 s.
+        let ramp = Some(Profile::Ramp { ramp_s: 20.0 });
+        let case = case(vec![fault(2, 0.1, 20.0, ramp)], Class::Ramp);
+        let past = |named_s: f64, announced: f64| {
+            let mut windows = windows(|t| {
+                if t < named_s {
+                    (0, 1.0, 0.0, 0.0)
+                } else {
+                    (2, 1.0, 0.0, 1.0)
+                }
+            });
+            for window in &mut windows {
+                window.smallest = if window.code == 0 {
+                    vec![announced; 6]
+                } else {
+                    Vec::new()
+                };
+            }
+            scored(&case, &windows, WINDOW_S).past_announced_s
+        };
+        assert!((past(27.0, 0.03).unwrap() - 1.0).abs() < 0.07, "{:?}", past(27.0, 0.03));
+        assert!((past(25.0, 0.03).unwrap() + 1.0).abs() < 0.07, "{:?}", past(25.0, 0.03));
+        assert_eq!(past(100.0, 0.03), Some(f64::INFINITY));
+        assert_eq!(past(25.0, 0.11), None, "it was not to be seen");
+    }
+
+    #[test]
+    fn val_a_load_is_named_at_its_time_and_a_false_one_is_not_it() {
+        let mut load = fault(1, 0.0, 20.0, None);
+        (load.id, load.rotor) = ("mass".to_owned(), None);
+        load.parameters.insert("share".to_owned(), -0.1);
+        let mut case = case(vec![load], Class::LoadDropped);
+        case.vehicle = concat!(env!("CARGO_MANIFEST_DIR"), "/../../config/vehicles/f550.toml").to_owned();
+        let row = |time_s: f64, mass_kg: [f64; 2]| {
+            let mut windows = windows(|_| (0, 1.0, 0.0, 0.0));
+            for window in windows.iter_mut().filter(|window| window.time_s >= 23.0) {
+                window.load = Some(NamedLoad {
+                    time_s,
+                    named_s: 23.0,
+                    mass_kg,
+                });
+            }
+            let row = scored(&case, &windows, WINDOW_S);
+            (row.load_named_s, row.load_inside, row.false_load)
+        };
+        assert_eq!(row(20.1, [-0.16, -0.15]), (Some(3.0), Some(true), false));
+        assert_eq!(row(20.1, [0.15, 0.16]), (Some(3.0), Some(false), false));
+        assert_eq!(row(14.0, [-0.16, -0.15]), (None, None, true));
     }
 
     #[test]

@@ -1,6 +1,6 @@
 //! Rows of [`super::faults`] to tables of at most 80 columns, and to `score.json`.
 
-use super::faults::{Class, End, FaultRow, NAME, WITHIN_S, WindowCount};
+use super::faults::{Class, End, FaultRow, ISOLATED_S, NAME, WITHIN_S, WindowCount};
 use super::sheet::Share;
 use crate::error::{BlindError, Result};
 use serde::Serialize;
@@ -31,6 +31,14 @@ pub struct ClassSheet {
     pub released: Share,
     /// Single, sudden losses that were not found within 10 s, and were said to be too small to be seen, or "cannot judge".
     pub announced: Share,
+    /// Ramps that pass the announced size, isolated within 2 s of it.
+    pub isolated: Share,
+    /// Loads that changed, named within 10 s.
+    pub load_named: Share,
+    /// Their masses inside of the interval.
+    pub load_inside: Share,
+    /// Flights in which a load was named that did not change.
+    pub false_load: Share,
     /// Alarms without a loss.
     pub false_alarms: usize,
     /// Hours with a verdict and without a loss.
@@ -96,6 +104,19 @@ pub fn sum_up(rows: &[FaultRow]) -> Vec<ClassSheet> {
                     count(&|row| row.announced == Some(true)),
                     count(&|row| row.announced.is_some()),
                 ),
+                isolated: Share::new(
+                    count(&|row| row.past_announced_s.is_some_and(|s| s <= ISOLATED_S)),
+                    count(&|row| row.past_announced_s.is_some()),
+                ),
+                load_named: Share::new(
+                    count(&|row| row.load_named_s.is_some_and(|s| s <= WITHIN_S)),
+                    if *class == Class::LoadDropped { judged.len() } else { 0 },
+                ),
+                load_inside: Share::new(
+                    count(&|row| row.load_inside == Some(true)),
+                    count(&|row| row.load_inside.is_some()),
+                ),
+                false_load: Share::new(count(&|row| row.false_load), judged.len()),
                 false_alarms: judged.iter().map(|row| row.false_alarms).sum(),
                 healthy_h: judged.iter().map(|row| row.healthy_s).sum::<f64>() / 3600.0,
                 decided: if all_s > 0.0 {
@@ -217,6 +238,26 @@ pub fn text(sheets: &[ClassSheet]) -> String {
             share(&sheet.released)
         );
     }
+    for sheet in sheets.iter().filter(|sheet| sheet.isolated.of > 0) {
+        text += &format!(
+            "Isolated in 2 s  {} of ramps that pass the announced size\n",
+            share(&sheet.isolated)
+        );
+    }
+    for sheet in sheets.iter().filter(|sheet| sheet.load_named.of > 0) {
+        text += &format!(
+            "Loads            {} named in 10 s, mass inside {}\n",
+            share(&sheet.load_named),
+            share(&sheet.load_inside)
+        );
+    }
+    let false_load = sheets.iter().fold([0, 0], |sum, sheet| {
+        [sum[0] + sheet.false_load.count, sum[1] + sheet.false_load.of]
+    });
+    text += &format!(
+        "Loads, false     in {} flights\n",
+        share(&Share::new(false_load[0], false_load[1]))
+    );
     let announced = sheets.iter().fold([0, 0], |sum, sheet| {
         [sum[0] + sheet.announced.count, sum[1] + sheet.announced.of]
     });
@@ -261,6 +302,10 @@ mod tests {
             healthy_named: Share::new(100, 100),
             released: Share::new(100, 100),
             announced: Share::new(99, 100),
+            isolated: Share::new(99, 100),
+            load_named: Share::new(100, 100),
+            load_inside: Share::new(100, 100),
+            false_load: Share::new(0, 100),
             false_alarms: 1234,
             healthy_h: 12.345,
             decided: 0.87,

@@ -36,6 +36,8 @@ pub(crate) struct Block {
     pub lag_slope: [f64; AXES],
     /// ∫ vertical speed, m.
     pub path: f64,
+    /// ∫ specific force down along the rotors' axis, m/s: what a mass that the model does not know adds to the defect, per kg and negative.
+    pub specific: f64,
     /// ∫ √(J_b² + J_c²) ω_b ω_c of roll, pitch and yaw over the levers, N·s.
     pub gyroscopic: [f64; 3],
     /// ∫ lagged thrust of each rotor as if it were healthy, N·s.
@@ -70,6 +72,9 @@ pub(crate) struct Meter {
     rate: [f64; AXES],
     last_drift: [f64; AXES],
     last_defect: Option<[f64; AXES]>,
+    /// Vertical speed without specific force: integral, rate and its value at the last sample; and mean of its difference to the true one.
+    coasting: [f64; 3],
+    specific_sum: f64,
     integral_rate: [f64; INTEGRALS],
     integral: [f64; INTEGRALS],
     integral_sum: [f64; INTEGRALS],
@@ -110,6 +115,8 @@ impl Meter {
             rate: [0.0; AXES],
             last_drift: [0.0; AXES],
             last_defect: None,
+            coasting: [0.0; 3],
+            specific_sum: 0.0,
             integral_rate: [0.0; INTEGRALS],
             integral: [0.0; INTEGRALS],
             integral_sum: [0.0; INTEGRALS],
@@ -124,9 +131,12 @@ impl Meter {
         let n = self.config.geometry.rotor_count();
         let body = BodyMomentum::from_nav(&self.body, &input.nav);
         let (momentum, drift) = (body.momentum.map(f64::from), body.drift.map(f64::from));
+        let speed = f64::from(body.vertical_speed);
+        let pull = (drift[0] + f64::from(self.body.linear_drag) * speed) / f64::from(self.body.mass);
         let goal = static_thrust(&self.config.thrust_map, n, input).map(f64::from);
         let lag = self.lag.get_or_insert_with(|| {
             (self.accounted, self.last_drift) = (momentum, drift);
+            self.coasting = [speed, pull, pull];
             goal.map(|state| Lag { state, slope: 0.0 })
         });
         // The step before this sample: the drift was held, now its other end is known.
@@ -139,6 +149,9 @@ impl Meter {
                 self.roughness[axis] += (defect[axis] - last[axis]).powi(2);
             }
         }
+        self.coasting[0] += 0.5 * self.period * (pull - self.coasting[2]);
+        self.specific_sum += speed - self.coasting[0];
+        (self.coasting[1], self.coasting[2]) = (pull, pull);
         (self.last_drift, self.last_defect) = (drift, Some(defect));
         self.samples += 1.0;
         for k in 0..INTEGRALS {
@@ -175,8 +188,22 @@ impl Meter {
         self.hold();
     }
 
+    /// The vehicle is heavier by this, kg, as of the middle of the last block, from which the next one counts. That a load changes the gyroscopic torque is left
+    /// out: its inertia is not known.
+    pub(crate) fn take_load(&mut self, mass: f64) {
+        let weight = mass * f64::from(self.config.gravity);
+        self.body.mass += mass as f32;
+        self.weight += weight;
+        self.accounted[0] += mass * self.coasting[0];
+        self.last_drift[0] += mass * self.coasting[2];
+        self.rate[0] += mass * self.coasting[1];
+        self.integral[0] += weight / self.arm[0] * self.integral[TIME];
+        self.integral_rate[0] += weight / self.arm[0];
+    }
+
     /// One step at the rates of the last one: also what a sample does that was lost or rejected.
     pub(crate) fn hold(&mut self) {
+        self.coasting[0] += self.period * self.coasting[1];
         for axis in 0..AXES {
             self.accounted[axis] += self.period * self.rate[axis];
         }
@@ -202,12 +229,16 @@ impl Meter {
                 last[axis] -= defect[axis];
             }
         }
+        let specific = self.specific_sum * share;
+        self.coasting[0] += specific;
+        self.specific_sum = 0.0;
         let block = Block {
             defect,
             elapsed: means[TIME],
             wrench: std::array::from_fn(|axis| means[axis]),
             lag_slope: std::array::from_fn(|axis| means[AXES + axis]),
             path: means[PATH],
+            specific,
             gyroscopic: std::array::from_fn(|k| means[GYROSCOPIC + k]),
             thrust: std::array::from_fn(|rotor| means[THRUST + rotor]),
             roughness: self.roughness.map(|sum| sum * share),

@@ -10,12 +10,14 @@
 //! * severity comes from a lost wrench that may move (a ramp, a recovery), with the interval of the present, not of the moment of naming;
 //! * a name is given only as far as nothing else makes the same wrench: a gain of the opposite rotor, a blade that drags, two small losses, three
 //!   rotors, a changed load;
+//! * a load that was dropped or taken up is told by itself ([`load`]), and becomes part of the model;
 //! * what is named for a moment only was a disturbance ([`settling`]), and evidence counts as far as the model has explained the flight so far
 //!   ([`trust`]);
 //! * what stands behind a verdict is kept beside it: kinds, probabilities and sizes of all explanations, and how fast a loss moves ([`details`]).
 
 mod details;
 mod joint;
+mod load;
 pub(crate) mod meter;
 mod sets;
 mod settling;
@@ -23,10 +25,12 @@ mod trust;
 mod wrench;
 
 pub use details::{Details, Explained, ExplanationKind, Interval, Motion};
+pub use load::LoadChange;
 
 use super::validity::Obstacle;
 use details::Track;
 use joint::JointFilter;
+use load::{Found, LoadWatch, Seen};
 use meter::{AXES, Block, Meter};
 use rotortwin_flight_core::MAX_ROTORS;
 use rotortwin_flight_core::fdi::verdict_code::{AMBIGUOUS, HEALTHY, UNKNOWN};
@@ -78,6 +82,8 @@ const REAL_SIGMAS: f64 = 3.0;
 const SLOPE_ERROR: f64 = 0.577;
 /// Standard deviation of the slope of a thrust curve that was learnt.
 const LEARNT_ERROR: f64 = 0.04;
+/// Share by which the force of a load may differ between the filter that begins before it and the present one.
+const SAME_LOAD: f64 = 0.25;
 /// Low-pass of the unexplained wrench, s: as the engine's residuals have.
 const UNEXPLAINED_TIME: f64 = 0.2;
 /// Low-pass of what each rotor is asked for over what all are, s.
@@ -121,6 +127,11 @@ pub struct SecondLook {
     time_s: f64,
     track: Track,
     details: Details,
+    load_watch: LoadWatch,
+    /// The last load that was named.
+    load: Option<LoadChange>,
+    /// Of all rotors over that in hover, now.
+    thrust: f64,
     /// Demand of each rotor over that of all, both over hover: mean and variance of the last seconds. The wrench filter knows that of all.
     uneven: [[f64; 2]; MAX_ROTORS],
 }
@@ -162,6 +173,9 @@ impl SecondLook {
             time_s: 0.0,
             track: Track::default(),
             details: Details::default(),
+            load_watch: LoadWatch::default(),
+            load: None,
+            thrust: 1.0,
             uneven: [[1.0, 0.0]; MAX_ROTORS],
         }
     }
@@ -226,6 +240,9 @@ impl SecondLook {
     fn take(&mut self, block: Block) {
         self.settling.pass(block.elapsed);
         self.time_s += block.elapsed;
+        if let Some(load) = &mut self.load {
+            load.since_s += block.elapsed;
+        }
         let frozen = self.alarm.is_some();
         let full = self
             .snapshots
@@ -240,6 +257,7 @@ impl SecondLook {
         }
         let demand = self.demand(&block, u32::MAX);
         let weight = (block.elapsed / UNEVEN_TIME).min(1.0);
+        self.thrust = demand / block.elapsed.max(1e-6);
         for rotor in 0..self.rotor_count {
             let off = self.demand(&block, 1 << rotor) / demand.max(1e-6) - self.uneven[rotor][0];
             let [mean, variance] = &mut self.uneven[rotor];
@@ -371,8 +389,9 @@ impl SecondLook {
             };
             let mass_kg = (kind == ExplanationKind::Load).then(|| {
                 let [force, variance] = sizes[0];
-                let deviation = (variance + (relative * force).powi(2)).sqrt() / self.gravity;
-                Interval::of(force / self.gravity, deviation, [f64::NEG_INFINITY, f64::INFINITY])
+                let mass = self.thrust / self.gravity;
+                let deviation = (variance + (relative * force).powi(2)).sqrt() * mass;
+                Interval::of(force * mass, deviation, [f64::NEG_INFINITY, f64::INFINITY])
             });
             let rotors: Vec<usize> = (0..self.rotor_count)
                 .filter(|rotor| e.rotors >> rotor & 1 == 1)
@@ -446,6 +465,9 @@ impl SecondLook {
         if !self.filter.is_ready() {
             return Ok(report);
         }
+        if let Some(load) = self.changed_load() {
+            self.take_load(&load);
+        }
         if !found {
             if self.alarm.take().is_some() {
                 self.end_episode();
@@ -509,6 +531,91 @@ impl SecondLook {
         }
     }
 
+    /// A load that was dropped or taken up, once it is sure.
+    fn changed_load(&mut self) -> Option<Found> {
+        let (value, variance) = self.lost();
+        if !value.iter().chain(&variance).all(|x| x.is_finite()) {
+            return None;
+        }
+        let found = sets::weigh(&self.column, self.rotor_count, &value, &variance, self.hover);
+        let load = found.iter().filter(|e| e.kind == Kind::Load);
+        let seen = Seen {
+            force: [value[0], variance[0]],
+            probability: load.map(|e| e.probability).sum(),
+        };
+        let is_trusted = self.trust.is_proven() && self.trust.is_kept_before(self.load_watch.windows());
+        self.load_watch.take(seen, self.weight(), is_trusted)
+    }
+
+    fn weight(&self) -> f64 {
+        self.hover * self.rotor_count as f64
+    }
+
+    /// Makes a load part of the model: the mass of the momentum, the weight, and the moment as a bias. What was found was no rotor.
+    fn take_load(&mut self, load: &Found) {
+        let Some((filter, [force, variance], after_s)) = self.filter_with_load(load.windows) else {
+            return;
+        };
+        // Else it changed at another time.
+        if (force - load.force * self.thrust).abs() > SAME_LOAD * force.abs() {
+            return;
+        }
+        let mass = force / self.gravity;
+        let scale = MODEL_ERROR.hypot(filter.thrust_error()).hypot(self.learnt_error);
+        let air = self.filter.noise()[0].gust * self.trust.worst().max(1.0);
+        let deviation = (variance + air).sqrt().hypot(scale * force) / self.gravity;
+        self.meter.take_load(mass);
+        self.filter = filter;
+        self.unexplained[0] -= force;
+        self.trust.forget(load.windows);
+        self.snapshots.clear();
+        self.tracked.clear();
+        self.track.clear();
+        self.named = (0, 0);
+        self.alarm = None;
+        self.settling.dismiss();
+        self.load_watch.clear();
+        self.load = Some(LoadChange {
+            since_s: after_s,
+            named_after_s: after_s,
+            probability: load.probability as f32,
+            mass_kg: Interval::of(mass, deviation, [f64::NEG_INFINITY, f64::INFINITY]),
+        });
+    }
+
+    /// Goes back to before the load changed so many windows ago, and leads the filter to now with a load; also the force of the load,
+    /// N, down, with its variance, and the time since, s.
+    fn filter_with_load(&self, windows: usize) -> Option<(WrenchFilter, [f64; 2], f64)> {
+        let mut count = 0;
+        let first = self.snapshots.iter().rposition(|(_, since)| {
+            count += since.len();
+            count > windows + load::EARLIER
+        })?;
+        let mut filter = self.snapshots[first].0.clone();
+        let blocks: Vec<Block> = self
+            .snapshots
+            .range(first..)
+            .flat_map(|(_, since)| since.iter().copied())
+            .collect();
+        let (before, since) = blocks.split_at(count - windows - load::EARLIER);
+        for block in before {
+            filter.step(block, self.demand(block, u32::MAX));
+        }
+        let force = filter.take_load(
+            since,
+            load::EARLIER + load::LATER,
+            self.hover * self.rotor_count as f64,
+            self.gravity,
+        );
+        let after_s = since[load::EARLIER..].iter().map(|block| block.elapsed).sum();
+        Some((filter, force, after_s))
+    }
+
+    /// The last load that was dropped or taken up since the calibration.
+    pub fn load(&self) -> Option<LoadChange> {
+        self.load
+    }
+
     fn begin_episode(&mut self) {
         let before = self.snapshots.front().map_or(&self.filter, |(filter, _)| filter);
         self.caution = [self.trust.worst().max(1.0), before.thrust_error()];
@@ -557,7 +664,7 @@ impl SecondLook {
         let load = of(&|e| e.kind == Kind::Load);
         if load > 0.5 * (1.0 - nothing) {
             return Err(Obstacle::Load {
-                mass_kg: (force_down / self.gravity) as f32,
+                mass_kg: (force_down * self.thrust / self.gravity) as f32,
             });
         }
         if any < 0.5 * (1.0 - nothing) {

@@ -3,7 +3,7 @@
 //!
 //! Each explanation says what wrenches it makes: a normal distribution with the covariance
 //!
-//! C = diag V + s² Σ_i F_i F_iᵀ (rotors)   + s_z² e_z e_zᵀ (load)   + s_y² e_yaw e_yawᵀ (a blade that drags)   + s² 1 (something else)
+//! C = diag V + s² Σ_i F_i F_iᵀ (rotors)   + s_z² e_z e_zᵀ + s_m² (e_roll e_rollᵀ + e_pitch e_pitchᵀ) (load)   + s_y² e_yaw e_yawᵀ (a blade that drags)   + s² 1 (something else)
 //!
 //! so that p(û | explanation) is closed, an explanation with more rotors pays for its freedom by itself (Occam), and two that make the same
 //! wrench are as likely as their priors. Losses and gains are one-sided: the density counts with the posterior probability of the sides.
@@ -21,6 +21,8 @@ const LOSS: f64 = 0.12;
 const GAIN: f64 = 0.08;
 /// A changed load, the same unit times the rotors.
 const LOAD: f64 = 0.1;
+/// Where a load hangs beside the centre of mass: standard deviation of its lever over that of the rotors.
+const BESIDE: f64 = 0.1;
 /// Change of a blade's drag, share of the rotor's torque.
 const DRAG: f64 = 0.2;
 /// Something else.
@@ -33,6 +35,7 @@ const AGAINST_GAIN: f64 = 2.6;
 const AGAINST_PAIR: f64 = 3.0;
 const AGAINST_THREE: f64 = 4.8;
 const AGAINST_LOAD: f64 = 2.0;
+const AGAINST_BESIDE: f64 = 3.0;
 const AGAINST_OTHER: f64 = 6.0;
 
 /// An explanation.
@@ -85,7 +88,10 @@ pub(super) fn weigh(
     let loss = |rotor: usize| loss(&column[rotor], hover);
     let unit = |axis: usize, size: f64| unit(axis, size, hover);
     add(Kind::Nothing, 0, AGAINST_NOTHING, &[], 0);
-    add(Kind::Load, 0, AGAINST_LOAD, &[unit(0, LOAD * rotor_count as f64)], 0);
+    let beside = |axis: usize| unit(axis, BESIDE * value[0].abs() / hover);
+    let load = [unit(0, LOAD * rotor_count as f64), beside(1), beside(2)];
+    add(Kind::Load, 0, AGAINST_LOAD, &load[..1], 0);
+    add(Kind::Load, 0, AGAINST_BESIDE, &load, 0);
     let free: [_; AXES] = std::array::from_fn(|axis| unit(axis, OTHER));
     add(Kind::Other, 0, AGAINST_OTHER, &free, 0);
     for i in 0..rotor_count {
@@ -116,6 +122,13 @@ pub(super) fn weigh(
             probability: (log - most).exp() / sum,
         })
         .collect();
+    // At the centre or beside it: one load.
+    if let Some(second) = found.iter().rposition(|e| e.kind == Kind::Load)
+        && let beside = found.remove(second)
+        && let Some(load) = found.iter_mut().find(|e| e.kind == Kind::Load)
+    {
+        load.probability += beside.probability;
+    }
     found.sort_by(|a, b| b.probability.total_cmp(&a.probability));
     found
 }
@@ -160,7 +173,10 @@ pub(super) fn sizes(
         Kind::Gain => rotors().map(|rotor| gain(&column[rotor], hover)).collect(),
         Kind::Losses | Kind::LossWithDrag => rotors().map(|rotor| loss(&column[rotor], hover)).collect(),
         // As many rotors as may be: nothing else is known of its size.
-        Kind::Load => vec![unit(0, LOAD * MAX_ROTORS as f64, hover)],
+        Kind::Load => {
+            let beside = |axis: usize| unit(axis, BESIDE * value[0].abs() / hover, hover);
+            vec![unit(0, LOAD * MAX_ROTORS as f64, hover), beside(1), beside(2)]
+        }
         Kind::Nothing | Kind::Other => Vec::new(),
     };
     if explanation.kind == Kind::LossWithDrag {
@@ -190,6 +206,10 @@ pub(super) fn sizes(
         Kind::Load => LOAD * MAX_ROTORS as f64,
         _ => return sizes,
     };
+    if explanation.kind == Kind::Load {
+        // Its moments are no size that is told.
+        sizes.truncate(1);
+    }
     if let Some([mean, variance]) = sizes.last_mut() {
         (*mean, *variance) = (*mean * unit, *variance * unit * unit);
     }

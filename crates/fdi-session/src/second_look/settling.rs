@@ -149,6 +149,11 @@ impl Settling {
         was_loss
     }
 
+    /// What was wrong was something else that is known by now: neither a loss nor a disturbance.
+    pub(super) fn dismiss(&mut self) {
+        self.episode = None;
+    }
+
     /// What each rotor seemed to have lost in the disturbances that are remembered, N: a loss of that size would be taken for one.
     pub(super) fn size(&self) -> &[f64; MAX_ROTORS] {
         &self.size

@@ -69,6 +69,12 @@ impl Trust {
         self.past.truncate(kept);
     }
 
+    /// What has been found for so many blocks was a load: the model did not fail.
+    pub(super) fn forget(&mut self, blocks: usize) {
+        let kept = self.past.len().saturating_sub(blocks + LATEST);
+        self.past.truncate(kept);
+    }
+
     /// Surprise of the last quarter of a second.
     pub(super) fn now(&self) -> f64 {
         self.blocks.iter().sum::<f64>() / self.blocks.len().max(1) as f64
@@ -77,6 +83,12 @@ impl Trust {
     /// The model has explained the flight since the calibration.
     pub(super) fn is_kept(&self) -> bool {
         self.worst() <= 1.0
+    }
+
+    /// The model had explained the flight until so many blocks ago.
+    pub(super) fn is_kept_before(&self, blocks: usize) -> bool {
+        let counted = self.past.len().saturating_sub(blocks + LATEST);
+        self.past.range(..counted).all(|q| *q <= MOST)
     }
 
     /// The flight has been long enough to tell.

@@ -20,6 +20,7 @@ pub(super) const OWN: usize = STATES - 1;
 const DEFECT: usize = 0;
 const GUST: usize = 1;
 const BIAS: usize = 2;
+const SECOND: usize = 4;
 const LOST: usize = 7;
 
 /// Standard deviation of the lost wrench's step in a block, share of a rotor's thrust in hover.
@@ -41,6 +42,11 @@ const WHITE_LEVELS: i32 = 7;
 const LIMIT: f64 = 6.0;
 /// Weight of a block in the scale of the noise: half a minute.
 const SCALE_WEIGHT: f64 = 2e-3;
+/// Standard deviation of what a load changes in a block, where it may, share of a rotor's thrust in hover: of its force, and of its moments over the levers.
+const FREE: f64 = 0.3;
+const FREE_MOMENT: f64 = 0.05;
+/// What the force of a load may be off by while the vehicle still climbs or sinks, share of it.
+const LOAD_ERROR: f64 = 0.015;
 /// Degrees of freedom of the innovations' distribution.
 const FREEDOM: f64 = 8.0;
 
@@ -276,8 +282,7 @@ impl WrenchFilter {
                 *mean += square / AXES as f64;
             }
         }
-        self.modes = vec![start; SPEEDS.len()];
-        self.probability = std::array::from_fn(|speed| if speed == 0 { 0.97 } else { 0.01 });
+        self.begin(start);
         surprise
     }
 
@@ -365,6 +370,76 @@ impl WrenchFilter {
             });
             (state, covariance)
         })
+    }
+
+    /// Leads the filter over blocks in the first of which a load has changed, and makes the load part of the vehicle; its force down at rest and the variance of it, N and N².
+    ///
+    /// The load pulls with its mass times the specific force, and turns with a constant moment; no rotor loses anything meanwhile.
+    /// * `free`: blocks in which it may have changed   * `weight`: of the vehicle before, N   * `gravity`: m/s²
+    pub(super) fn take_load(&mut self, blocks: &[Block], free: usize, weight: f64, gravity: f64) -> [f64; 2] {
+        let noise = self.noise();
+        let states = self.healthy(true);
+        let mut force = [0.0; 2];
+        let start = std::array::from_fn(|axis| {
+            let mut filter = Filter::new(&[0.0; STATES]);
+            let (state, covariance) = &states[axis];
+            filter.x[..OWN].copy_from_slice(state);
+            for i in 0..OWN {
+                filter.p[i][..OWN].copy_from_slice(&covariance[i]);
+            }
+            let walk = ([FREE, FREE_MOMENT, FREE_MOMENT, 0.0][axis] * self.hover).powi(2);
+            for (place, block) in blocks.iter().enumerate() {
+                let pull = if axis == 0 {
+                    -block.specific / gravity
+                } else {
+                    block.elapsed
+                };
+                let walk = if place < free { walk } else { 0.0 };
+                filter.step(&self.phi(axis, block, pull), &noise[axis], walk, block.defect[axis]);
+            }
+            let change = filter.x[LOST];
+            if axis == 0 {
+                filter.p[LOST][LOST] += (LOAD_ERROR * change).powi(2);
+                force = [change, filter.p[LOST][LOST]];
+            }
+            // b ← b + u, but for what is mass from now on.
+            let (x, p) = (&mut filter.x, &mut filter.p);
+            x[BIAS] += if axis == 0 { 0.0 } else { change };
+            x[LOST] = 0.0;
+            for i in 0..STATES {
+                p[BIAS][i] += p[LOST][i];
+            }
+            for i in 0..STATES {
+                p[i][BIAS] += p[i][LOST];
+            }
+            for i in 0..STATES {
+                (p[LOST][i], p[i][LOST]) = (0.0, 0.0);
+            }
+            // What the transient said of gains, drag and lag is not kept: a load has a shape and swings, and none of that is in the model.
+            for i in BIAS + 1..OWN {
+                x[i] = state[i];
+                for j in 0..=BIAS {
+                    (p[i][j], p[j][i]) = (0.0, 0.0);
+                }
+                for j in BIAS + 1..OWN {
+                    p[i][j] = covariance[i][j];
+                }
+            }
+            if axis > 0 {
+                // The centre of mass has moved: thrust beyond the weight turns the vehicle, too. Half of it may be air.
+                let shift = -change / ((weight + force[0]) * self.centre_scale[axis]);
+                x[SECOND] += shift;
+                p[SECOND][SECOND] += 0.25 * shift * shift;
+            }
+            filter
+        });
+        self.begin(start);
+        force
+    }
+
+    fn begin(&mut self, start: [Filter; AXES]) {
+        self.modes = vec![start; SPEEDS.len()];
+        self.probability = std::array::from_fn(|speed| if speed == 0 { 0.97 } else { 0.01 });
     }
 
     /// Bias of the vertical force over the weight: what the thrust of all rotors is off by, as far as it is not the mass that is.
