@@ -945,6 +945,111 @@ def editor(browser: Browser) -> None:
     watch.check()
 
 
+def logger_table(name: str) -> None:
+    """A log as somebody's logger writes it: a line before the header, names of its own, milliseconds, degrees, g, PWM, axes forward, left, up."""
+    rows = rows_of("healthy.parquet")
+    place = {column: k for k, column in enumerate(rows[0])}
+    degrees = 180 / math.pi
+
+    def cell(row: list[str], column: str, factor: float, offset: float = 0.0) -> str:
+        text = row[place[column]]
+        return "" if text == "" else f"{offset + factor * float(text):.6f}"
+
+    written = [["Logger 4.1"]]
+    written.append(["Uhr", "Kreisel1", "Kreisel2", "Kreisel3", "b1", "b2", "b3", *(f"Regler {k}" for k in range(1, 7)), "Akku", "phi", "theta", "psi", "Modus"])
+    for row in rows[1:]:
+        written.append([
+            cell(row, "time_s", 1000.0),
+            *(cell(row, f"{axis}_rate_rad_s", sign * degrees) for axis, sign in zip(("roll", "pitch", "yaw"), (1, -1, -1))),
+            *(cell(row, f"accel_{axis}_m_s2", sign / 9.80665) for axis, sign in zip("xyz", (1, -1, -1))),
+            *(cell(row, f"duty_{rotor}", 1000.0, 1000.0) for rotor in range(1, 7)),
+            cell(row, "battery_voltage_v", 1000.0),
+            *(cell(row, f"{axis}_rad", degrees) for axis in ("roll", "pitch", "yaw")),
+            "AUTO",
+        ])
+    write(name, written)
+
+
+def table(browser: Browser) -> None:
+    """A table of another program: refused, its columns drafted; what is missing is chosen, each complaint stands at its field, and it is read."""
+    page, watch = open_page(browser)
+    logger_table("logger.csv")
+    drop(page, "logger.csv")
+    refusal = page.locator("#step-1 .say.bad")
+    refusal.wait_for()
+    assert "rotortwin log map" not in refusal.inner_text(), "a command is no help on a page"
+    form = page.locator("#step-2").get_by_role("form", name="What the columns are")
+    form.wait_for()
+    draft = api(f"/logs/{query(page, 'log')}/mapping")
+    meaning = {name: form.get_by_label(f"meaning of {name}", exact=True) for name in (column["name"] for column in draft["columns"])}
+    assert len(meaning) == 17 and draft["layout"]["clock"] == "Uhr"
+    for row in draft["rows"]:
+        assert all(meaning[name].input_value() != "" for name in row["from"]), row
+    # Nobody can know what these are but their owner.
+    for name in ("Kreisel1", "b1", "Regler 1", "Modus"):
+        assert meaning[name].input_value() == "", name
+    assert form.get_by_label("unit of phi").input_value() == "deg"
+    form.get_by_text("no columns for the body rates (gyroscope) were recognised").wait_for()
+    for k, axis in enumerate(("about x", "about y", "about z"), 1):
+        meaning[f"Kreisel{k}"].select_option(label=f"rate {axis} ({('roll', 'pitch', 'yaw')[k - 1]})")
+    for k, axis in enumerate("xyz", 1):
+        meaning[f"b{k}"].select_option(label=f"acceleration {axis}")
+    form.get_by_label("axes of accelerometer").select_option(label="x forward, y left, z up")
+    form.get_by_label("axes of body rates (gyroscope)").select_option(label="x forward, y left, z up")
+    meaning["Akku"].select_option(label="battery voltage")
+    form.get_by_label("unit of Akku").select_option("mV")
+    # One motor is left out, and full throttle is no number: each complaint stands at its field.
+    for rotor in (1, 2, 3, 4, 6):
+        meaning[f"Regler {rotor}"].select_option(f"duty_{rotor}")
+    form.get_by_label("Full throttle").fill("full")
+    form.get_by_label("Zero throttle").fill("1000")
+    read = form.get_by_role("button", name="Read it so")
+    read.click()
+    form.locator("tr", has=meaning["Regler 6"]).get_by_text("There is no motor 5").wait_for()
+    form.get_by_text("'full' is no number.").wait_for()
+    assert meaning["Regler 6"].evaluate("one => one === document.activeElement"), "the first field to put right has the focus"
+    picture(page, "table")
+    meaning["Regler 5"].select_option("duty_5")
+    form.get_by_label("Full throttle").fill("2000")
+    # Rates in degrees are left at rad/s, and the accelerometer at m/s²: the import finds that, at its field, and nothing chosen is lost.
+    read.click()
+    form.locator("tr", has=meaning["b1"]).locator(".complaint", has_text="the unit cannot be right").wait_for()
+    assert meaning["Regler 5"].input_value() == "duty_5" and form.get_by_label("unit of Akku").input_value() == "mV"
+    form.get_by_label("unit of b1").select_option("g")
+    assert form.get_by_label("unit of b3").input_value() == "g", "three axes of one sensor have one unit"
+    assert form.locator(".complaint").count() == 0
+    page.reload()
+    form.wait_for()
+    assert form.get_by_label("unit of b2").input_value() == "g", "what was chosen outlives a reload"
+    read.click()
+    finding = page.locator("#step-2 .say.bad", has_text="Rates in degrees per second")
+    finding.wait_for()
+    form.get_by_role("button", name="Choose what the finding says").click()
+    assert form.get_by_label("unit of Kreisel1").input_value() == "deg/s"
+    read.click()
+    page.locator("#step-5").get_by_text("The model agrees with the flight.").wait_for()
+    log = api(f"/logs/{query(page, 'log')}")
+    report = log["result"]["report"]
+    assert log["result"]["source"]["kind"] == "mapped_csv" and not report["findings"], report["findings"]
+    columns = {one["name"] for one in api(f"/logs/{log['id']}/channels")["items"]}
+    assert {"roll_rate_rad_s", "accel_z_m_s2", "duty_6", "battery_voltage_v", "pitch_rad"} <= columns, columns
+    # From "What I read" the same form, as it was chosen.
+    page.locator("#step-2 summary", has_text="what each column is").click()
+    form.wait_for()
+    assert meaning["Regler 6"].input_value() == "duty_6"
+    form.get_by_text("The same as a mapping file").click()
+    mapping = form.get_by_label("mapping").inner_text()
+    (FOLDER / "map.toml").write_text(mapping)
+    # The command reads the same file by it, and finds the same.
+    made = subprocess.run([os.environ["ROTORTWIN"], "log", "import", FOLDER / "logger.csv", "--mapping", FOLDER / "map.toml", "--out", FOLDER / "mapped"], capture_output=True, text=True)
+    assert made.returncode == 0 and json.loads((FOLDER / "mapped/logger.import.json").read_text())["report"]["rows"] == report["rows"], made.stderr
+    # A picture is no table, and says so.
+    drop(page, "picture.csv")
+    page.locator("#step-2 summary", has_text="a table of another program").click()
+    page.locator("#step-2 .say.bad", has_text="picture.csv").wait_for()
+    watch.check()
+
+
 def formats(browser: Browser) -> None:
     """Logs of other programs, let go over the page: ArduPilot's `.bin`, a Crazyflie's file without an ending, PX4's `.ulg`."""
     page, watch = open_page(browser)
@@ -1969,7 +2074,7 @@ def promised(browser: Browser) -> None:
         print(f"{what}: {figure}" + ("" if met is None else ": met" if met else ": NOT met"))
 
 
-SCENARIOS = {f.__name__: f for f in (loop, healthy, steps, vehicle, untold, repair, cancel, strangers, session, many, keyboard, live, behind, tabs, killed, full, scrub, pages, cells, filters, branches, clicks, over_time, sandbox, seeds, filled, bench, copies, monitor, editor, formats, promised)}
+SCENARIOS = {f.__name__: f for f in (loop, healthy, steps, vehicle, untold, repair, cancel, strangers, session, many, keyboard, live, behind, tabs, killed, full, scrub, pages, cells, filters, branches, clicks, over_time, sandbox, seeds, filled, bench, copies, monitor, editor, table, formats, promised)}
 
 with sync_playwright() as playwright:
     chromium = playwright.chromium.launch(executable_path=CHROMIUM, args=OPTIONS)

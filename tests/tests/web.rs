@@ -422,6 +422,11 @@ fn scenario_documents_and_forms_say_what_is_wrong_where_it_is_typed() {
 }
 
 #[test]
+fn scenario_a_table_of_another_program_is_read_once_its_columns_are_chosen() {
+    passes("table", &["healthy"]);
+}
+
+#[test]
 fn scenario_logs_of_other_programs_are_let_go_over_the_page() {
     passes("formats", &[]);
 }

@@ -4,6 +4,7 @@ import type { Values } from "../plots/series";
 export interface ImportResult {
   headline: string;
   account: string;
+  source: { kind: string };
   report: {
     rows: number;
     sample_rate_hz: number;

@@ -8,6 +8,7 @@ import { type JobView, createJob } from "../../api/job";
 import { createLoad } from "../../api/load";
 import { ApiError, sentenceOf } from "../../api/problem";
 import { type Comparison, type Diagnosis, type History, type ImportResult, findingBlocks, keyOf, lineTo } from "../../model/twin";
+import { isOfAnotherProgram, refusalWithoutCommand } from "../../model/table";
 import { route, setQuery } from "../../router";
 
 /** Default vehicle, that of the examples, and its rotors. */
@@ -40,14 +41,19 @@ export function createTwin() {
 
   const imported = createJob<ImportResult>("logs", () => logs()[0]);
   // The server stores an upload as `log.csv`; its owner knows it by another name.
-  const log = { ...imported, error: () => imported.error()?.replace(/^log(\.\w+)?: /, `${imported.job()?.name}: `) };
+  const log = { ...imported, error: () => { const refusal = imported.error(); return refusal && refusalWithoutCommand(refusal.replace(/^log(\.\w+)?: /, `${imported.job()?.name}: `)); } };
+  /** The columns have names of their own: the page asks what they are. */
+  const ofAnotherProgram = () => isOfAnotherProgram(imported.error() ?? "");
   // Held-out flights are waited for, too; one that cannot be read is told, and left out of the comparison.
   const heldJobs = createMemo(mapArray(held, (id) => ({ id, ...createJob<ImportResult>("logs", () => id) })));
   const heldSettled = createMemo(() => heldJobs().every((one) => one.result() !== undefined || one.error() !== undefined));
   const heldRead = createMemo(() => heldJobs().filter((one) => one.result() !== undefined).map((one) => one.id), undefined, { equals: (a, b) => a.join() === b.join() });
   const heldProblems = createMemo(() =>
-    heldJobs().flatMap((one) => (one.error() === undefined ? [] : [`${one.job()?.name ?? one.id}, to be held out: ${one.error()?.replace(/^log(\.\w+)?: /, "")}`])),
+    heldJobs().flatMap((one) => (one.error() === undefined ? [] : [`${one.job()?.name ?? one.id}, to be held out: ${refusalWithoutCommand(one.error()?.replace(/^log(\.\w+)?: /, "") ?? "")}`])),
   );
+  /** Held-out logs that were refused, and their files: what is said of the first log's columns may hold for them. */
+  const heldRefused = () =>
+    heldJobs().flatMap((one) => (one.job()?.status === "failed" ? [{ id: one.id, file: ((one.job()?.facts ?? {}) as { file?: string }).file ?? "" }] : []));
   const comparison = createJob<Comparison>("comparisons", cmp);
   const diagnosis = createJob<Diagnosis>("diagnoses", diag);
   const history = createLoad(model, (name, signal) => ask<History>("GET", `/api/v1/models/${encodeURIComponent(name)}/history`, undefined, { signal }));
@@ -158,7 +164,7 @@ export function createTwin() {
 
   return {
     logs, runs, held, identification, made, nextFlight, flown, vehicle: vehicleName, model, version, log, comparison, diagnosis, history, line, branch, head, problem, add, undo, again, beginBranch,
-    flightsReady, heldProblems, unfit, channels, rotorsOfLog,
+    flightsReady, heldProblems, heldRefused, ofAnotherProgram, unfit, channels, rotorsOfLog,
     /** Logs of the comparison, in its order. */
     compared: () => [...logs(), ...heldRead()],
     /** Whether there are a flight and a model to compare. */
@@ -166,8 +172,9 @@ export function createTwin() {
     /** Starts with other flights. */
     choose: (flights: { logs?: string[]; runs?: string[] }) =>
       setQuery({ log: flights.logs, run: flights.runs, held: undefined, vehicle: undefined, ident: undefined, made: undefined, ...begun, ch: undefined, again: undefined }),
-    /** The same flight, imported again with other settings: vehicle and held-out flights stay. */
-    reread: (id: string) => setQuery({ log: [id, ...logs().slice(1)], ident: undefined, made: undefined, ...begun, again: undefined }),
+    /** The same flight, imported again with other settings: the vehicle stays, and so do the held-out flights unless others are given. */
+    reread: (id: string, holdNow: readonly string[] = held()) =>
+      setQuery({ log: [id, ...logs().slice(1)], held: [...holdNow], ident: undefined, made: undefined, ...begun, again: undefined }),
     /** The training flights, as submissions name them. */
     flights: () => flightsOf(logs(), runs()),
     chooseVehicle: (name: string) => setQuery({ vehicle: name, made: undefined, ...begun }),
