@@ -619,10 +619,18 @@ fn scenario_a_table_of_another_program_is_drafted_and_imported() {
         answer.json()["id"].as_str().expect("an id").to_owned()
     };
     // A degree sign as old loggers write it (Latin-1) is no reason to refuse the table.
-    let mut table = b"Clock [ms],GyrX [dps],GyrY [dps],GyrZ [dps],AccX,AccY,AccZ,Motor1,Motor2,Motor3,Motor4,Temp [\xb0C]\n".to_vec();
+    let mut table =
+        b"Clock [ms],GyrX [dps],GyrY [dps],GyrZ [dps],AccX,AccY,AccZ,Motor1,Motor2,Motor3,Motor4,Temp [\xb0C]\n"
+            .to_vec();
     for k in 0..400 {
         table.extend(
-            format!("{},{}.5,0,1,0.01,0.02,0.998,{},1500,1498,1502,25\n", 10 * k, k % 7, 1500 + k % 9).as_bytes(),
+            format!(
+                "{},{}.5,0,1,0.01,0.02,0.998,{},1500,1498,1502,25\n",
+                10 * k,
+                k % 7,
+                1500 + k % 9
+            )
+            .as_bytes(),
         );
     }
     let log = sent("logger.csv", &table);
@@ -632,7 +640,10 @@ fn scenario_a_table_of_another_program_is_drafted_and_imported() {
     assert_eq!(answer.status, 200, "{}", answer.json());
     let draft = answer.json();
     assert!(!draft.to_string().contains(&data.display().to_string()), "{draft}");
-    assert!(draft["mapping"].as_str().expect("a text").contains("logger.csv"), "{draft}");
+    assert!(
+        draft["mapping"].as_str().expect("a text").contains("logger.csv"),
+        "{draft}"
+    );
     assert_eq!(draft["layout"]["clock_format"], "ms");
     assert_eq!(draft["columns"].as_array().map(Vec::len), Some(12));
     assert_eq!(draft["columns"][1]["unit"], "deg/s");
@@ -640,8 +651,14 @@ fn scenario_a_table_of_another_program_is_drafted_and_imported() {
         let rows = draft["rows"].as_array().expect("rows");
         rows.iter().find(|row| row["to"] == to).cloned().unwrap_or_default()
     };
-    assert_eq!((&row("accel")["unit"], &row("accel")["frame"]), (&json!("g"), &json!("flu")));
-    assert_eq!((&row("duty")["low"], &row("duty")["high"]), (&json!(1000.0), &json!(2000.0)));
+    assert_eq!(
+        (&row("accel")["unit"], &row("accel")["frame"]),
+        (&json!("g"), &json!("flu"))
+    );
+    assert_eq!(
+        (&row("duty")["low"], &row("duty")["high"]),
+        (&json!(1000.0), &json!(2000.0))
+    );
     assert_eq!(draft["questions"][0]["about"], "duty");
     let body = json!({ "mapping": draft["mapping"] }).to_string();
     let again = server.ask("POST", &format!("/api/v1/logs/{log}/import"), &[], &body);
@@ -651,7 +668,10 @@ fn scenario_a_table_of_another_program_is_drafted_and_imported() {
     assert_eq!(read["result"]["report"]["rows"], 400);
     // Drafted again of the log that was read: it is the same file.
     let id = read["id"].as_str().expect("an id");
-    assert_eq!(server.get(&format!("/api/v1/logs/{id}/mapping"))["columns"], draft["columns"]);
+    assert_eq!(
+        server.get(&format!("/api/v1/logs/{id}/mapping"))["columns"],
+        draft["columns"]
+    );
 
     let picture = sent("picture.csv", b"\x89PNG\r\n\x1a\n\0\0\0\rIHDR\0\0\0\x01");
     let refusal = server.ask("GET", &format!("/api/v1/logs/{picture}/mapping"), &[], "");

@@ -552,9 +552,7 @@ fn table(text: &str) -> Result<Table, String> {
     let mut columns: Vec<Column> = names
         .iter()
         .zip(&raw)
-        .map(|(name, cells)| {
-            Column::new(name, cells, decimal)
-        })
+        .map(|(name, cells)| Column::new(name, cells, decimal))
         .collect();
     let clock = clock(&mut columns, &raw, decimal);
     Ok(Table {
@@ -852,10 +850,13 @@ fn map_columns(columns: &mut [Column], out: &mut Writer) {
         let stated = stated.filter(|unit| ["deg/s", "rad/s"].contains(unit));
         let unit = stated.unwrap_or(if largest > FAST_RAD_S { "deg/s" } else { "rad/s" });
         if stated.is_none() {
-            out.ask("rates", format!(
-                "{} to {}: degrees or radians per second? The largest is {largest:.2}, so {unit} is written here",
-                columns[found[0]].name, columns[found[2]].name
-            ));
+            out.ask(
+                "rates",
+                format!(
+                    "{} to {}: degrees or radians per second? The largest is {largest:.2}, so {unit} is written here",
+                    columns[found[0]].name, columns[found[2]].name
+                ),
+            );
         }
         if body.is_none() {
             out.ask("rates", "which way do the axes of the body point: forward, right, down (frd) or forward, left, up (flu)? frd is written here".to_owned());
@@ -946,10 +947,13 @@ fn attitude(columns: &mut [Column], out: &mut Writer) {
         "rad"
     });
     if stated.is_none() {
-        out.ask("attitude", format!(
-            "{}: degrees or radians? The largest of roll and pitch is {tilt:.2}, so {unit} is written here",
-            columns[found[0]].name
-        ));
+        out.ask(
+            "attitude",
+            format!(
+                "{}: degrees or radians? The largest of roll and pitch is {tilt:.2}, so {unit} is written here",
+                columns[found[0]].name
+            ),
+        );
     }
     out.row(DraftedRow {
         to: "attitude".to_owned(),
@@ -1006,12 +1010,15 @@ fn world(columns: &mut [Column], out: &mut Writer) {
         let Some((found, frame)) = found else { continue };
         let stated = columns[found[0]].unit.filter(|unit| units.contains(unit));
         if stated.is_none() {
-            out.ask(to, format!(
-                "{} to {}: what is the unit of the {to} ({})? {default} is written here",
-                columns[found[0]].name,
-                columns[found[2]].name,
-                units.join(", ")
-            ));
+            out.ask(
+                to,
+                format!(
+                    "{} to {}: what is the unit of the {to} ({})? {default} is written here",
+                    columns[found[0]].name,
+                    columns[found[2]].name,
+                    units.join(", ")
+                ),
+            );
         }
         if frame.is_empty() && !up_asked {
             up_asked = true;
@@ -1152,11 +1159,14 @@ fn battery(columns: &mut [Column], out: &mut Writer) {
             .find(|(_, factor)| plausible.contains(&(median * factor)))
             .map_or(units[0].0, |(name, _)| *name);
         if stated.is_none() {
-            out.ask(to, format!(
-                "{}: which unit ({})? Its median is {median:.3}, so {likely} is written here",
-                columns[found].name,
-                units.map(|(name, _)| name).join(", ")
-            ));
+            out.ask(
+                to,
+                format!(
+                    "{}: which unit ({})? Its median is {median:.3}, so {likely} is written here",
+                    columns[found].name,
+                    units.map(|(name, _)| name).join(", ")
+                ),
+            );
         }
         let unit = stated.unwrap_or(likely);
         out.row(DraftedRow {
@@ -1221,14 +1231,21 @@ mod tests {
         let text = strangers();
         let found = draft(&file, text.as_bytes()).unwrap();
         assert!(
-            found.questions.iter().any(|q| q.about == "duty" && q.sentence.contains("Motor1")),
+            found
+                .questions
+                .iter()
+                .any(|q| q.about == "duty" && q.sentence.contains("Motor1")),
             "{:?}",
             found.questions
         );
         assert_eq!(found.left_out, ["Mode"]);
         let layout = &found.layout;
         assert_eq!(
-            (layout.skip_lines, layout.clock.as_deref(), layout.clock_format.as_deref()),
+            (
+                layout.skip_lines,
+                layout.clock.as_deref(),
+                layout.clock_format.as_deref()
+            ),
             (1, Some("Time"), Some("hh:mm:ss"))
         );
         let duty = found.rows.iter().find(|row| row.to == "duty").unwrap();
@@ -1293,7 +1310,10 @@ mod tests {
         let part = "to = \"battery_voltage_v\"\nfrom = \"csv:pm.vbatMV\"\nunit = \"mV\"";
         assert!(found.toml.contains(part), "{}", found.toml);
         assert!(
-            !found.questions.iter().any(|question| question.sentence.contains("vbatMV")),
+            !found
+                .questions
+                .iter()
+                .any(|question| question.sentence.contains("vbatMV")),
             "{:?}",
             found.questions
         );
@@ -1319,7 +1339,9 @@ mod tests {
         let counted = table("row", 1.0);
         assert!(counted.toml.contains("rate_hz = 100.0"), "{}", counted.toml);
         assert!(
-            counted.questions[0].sentence.contains("which column is the time? row rises"),
+            counted.questions[0]
+                .sentence
+                .contains("which column is the time? row rises"),
             "{:?}",
             counted.questions
         );

@@ -1,7 +1,7 @@
 /** Step 2: the data read from the log, what is missing and what that rules out, what looks wrong and how to repair it. */
 import { For, Show, createMemo, createSignal } from "solid-js";
 import { duration, short } from "../../format";
-import { isChosen, suggestionOfRefusal } from "../../model/repair";
+import { adviceFor, isChosen, sourceOfFile, suggestionOfRefusal } from "../../model/repair";
 import { mayBeTable } from "../../model/table";
 import { findingBlocks, findingTitle } from "../../model/twin";
 import { Figures } from "../../parts/bits";
@@ -32,6 +32,8 @@ export function Read(props: { twin: Twin }) {
   // A table whose header is that of a log, or almost: its owner may know better.
   const couldBeTable = () => refusal() !== undefined && !asTable() && mayBeTable(facts().file ?? "");
   const swapped = createMemo(() => (motors() ? [{ kind: "swapped_motors", detail: motors() ?? "" }] : []));
+  // A log without a flight is not repaired: another one is the way on.
+  const hopeless = () => (blocking().some((one) => one.kind === "no_flight" || one.kind === "one_column") ? adviceFor(blocking()[0]?.kind ?? "", sourceOfFile(facts().file ?? "")) : undefined);
   const isRun = () => props.twin.runs().length > 0;
   return (
     <Step
@@ -52,7 +54,27 @@ export function Read(props: { twin: Twin }) {
               )}
             </For>
             <Show when={blocking().length > 0}>
-              <Show when={isMapped()} fallback={<Repair twin={props.twin} findings={blocking()} />}><TableForm twin={props.twin} findings={blocking()} /></Show>
+              <Show
+                when={isMapped()}
+                fallback={
+                  <Show when={hopeless()} fallback={<Repair twin={props.twin} findings={blocking()} />}>
+                    {(advice) => (
+                      <>
+                        <div class="row">
+                          <span>{advice()}</span>
+                          <button type="button" class="main" onClick={() => props.twin.choose({})}>Choose another log</button>
+                        </div>
+                        <details onToggle={(event) => setOtherwise(event.currentTarget.open)}>
+                          <summary>Or say what its columns really hold, if they were read wrongly</summary>
+                          <Show when={otherwise()}><Repair twin={props.twin} findings={blocking()} /></Show>
+                        </details>
+                      </>
+                    )}
+                  </Show>
+                }
+              >
+                <TableForm twin={props.twin} findings={blocking()} />
+              </Show>
             </Show>
             <Figures
               items={[
