@@ -64,7 +64,8 @@ describe("a table of another program", () => {
   });
   it("leaves the advice for the command line out", () => {
     const refusal = "f.csv: column time_s is missing (found: a, b); a table of another program: `rotortwin log map FILE` drafts a mapping for it";
-    expect([isOfAnotherProgram(refusal), refusalWithoutCommand(refusal)]).toEqual([true, "f.csv: column time_s is missing (found: a, b)"]);
-    expect(refusalWithoutCommand("f.csv: row 1 has 2 cells; the header has 1 columns (a table of another program: `rotortwin log map FILE` drafts a mapping for it)")).toBe("f.csv: row 1 has 2 cells; the header has 1 columns");
+    expect([isOfAnotherProgram(refusal), refusalWithoutCommand(refusal)]).toEqual([true, "f.csv: column time_s is missing (found: a, b). It is a table of another program: say in step 2 what its columns are."]);
+    expect(refusalWithoutCommand("f.csv: row 1 has 2 cells; the header has 1 columns (a table of another program: `rotortwin log map FILE` drafts a mapping for it)")).toMatch(/^f\.csv: row 1 has 2 cells; the header has 1 columns\. It is a table/);
+    expect(refusalWithoutCommand("f.csv: csv:b: the unit cannot be right: the median is 1.0 in m/s2; set the unit of 'accel' in a mapping")).toBe("f.csv: csv:b: the unit cannot be right: the median is 1.0 in m/s2");
   });
 });

@@ -307,6 +307,9 @@ const float = (value: number) => (Number.isInteger(value) ? value.toFixed(1) : S
 
 /** A refusal of the import because the columns have names of their own: what was found, without the advice for the command line. */
 export const isOfAnotherProgram = (refusal: string) => refusal.includes("a table of another program");
-export const refusalWithoutCommand = (refusal: string) => refusal.replace(/(; | \()a table of another program: `rotortwin log map FILE` drafts a mapping for it\)?/, "");
+export const refusalWithoutCommand = (refusal: string) =>
+  refusal
+    .replace(/(; | \()a table of another program: `rotortwin log map FILE` drafts a mapping for it\)?/, ". It is a table of another program: say in step 2 what its columns are.")
+    .replace(/; set the unit of '\w+' in a mapping$/, "");
 /** Files that may hold such a table. */
 export const mayBeTable = (file: string) => /\.(csv|tsv|txt|log)$/i.test(file);

@@ -16,8 +16,10 @@ const HEADLINES: Record<Diagnosis["verdict"]["kind"], { words: string; kind: str
 };
 
 /** The sentence without the part that the headline already says. */
-function restOf(found: Diagnosis): string {
-  const rest = found.sentence.replace(found.verdict.kind === "agrees" ? /^The model agrees with (this|the) flights?: / : /^Calibrate first \(`rotortwin [^)]*\): /, "");
+function restOf(found: Diagnosis, onPage: boolean): string {
+  let rest = found.sentence.replace(/^The model agrees with (this|the) flights?: /, "");
+  // The page has a button for what a report names a command for.
+  if (onPage) rest = rest.replace(/^Calibrate first \(`rotortwin [^)]*\): /, "");
   // The headline has said it.
   if (found.verdict.kind === "nothing-testable" && HEADLINES["nothing-testable"].words.startsWith(rest.replace(/ [^ ]*\.?$/, ""))) return "What is missing in it, and what that rules out, is listed where it is read.";
   return rest.charAt(0).toUpperCase() + rest.slice(1);
@@ -41,7 +43,7 @@ export function DiagnosisView(props: { found: Diagnosis; add?: AddToModel; calib
     <>
       <Show when={props.found.trim}>{(trim) => <TrimView trim={trim()} />}</Show>
       <div class={`say sentence ${headline().kind}`} role="status">
-        <strong>{headline().words}</strong> {restOf(props.found)}
+        <strong>{headline().words}</strong> {restOf(props.found, props.calibrating !== undefined)}
       </div>
       <div class="stack">
         <For each={props.found.effects}>

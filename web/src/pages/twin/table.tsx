@@ -148,9 +148,11 @@ export function TableForm(props: { twin: Twin; findings: readonly { kind: string
 
 const NOTHING_TYPED = { ...NOTHING, clock: undefined, rate: undefined, low: undefined, high: undefined } as unknown as Partial<Choice>;
 
+const isAnswered = (table: Table, key: string) => QUANTITIES.some((one) => one.key === key && table.of(one).length > 0);
+
 /** Questions of the draft on a quantity. The answer is a choice of this form, so the words on what a file would hold are left out. */
 const open = (table: Table, key: string) =>
-  table.draft.questions.filter((one) => one.about === key).map((one) => {
+  table.draft.questions.filter((one) => one.about === key && !(isAnswered(table, key) && one.sentence.startsWith("no columns"))).map((one) => {
     const sentence = one.sentence.replaceAll("is written here", "is chosen here").replaceAll("are written here", "are chosen here");
     return /[.?]$/.test(sentence) ? sentence : `${sentence}.`;
   });

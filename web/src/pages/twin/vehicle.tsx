@@ -55,17 +55,22 @@ export function Vehicle(props: { twin: Twin }) {
         )}
       </Show>
       <Show when={props.twin.assumed()}>
-        <div class="say row">
-          <span>The log does not say which vehicle flew: <strong>{props.twin.vehicle()}</strong> is taken until you choose. Is yours another one? Its mass and its size are enough.</span>
-          <button type="button" onClick={() => props.twin.openFromLog()}>Make it from this log</button>
-        </div>
+        <Show
+          when={props.twin.rotorsOfLog() !== 0}
+          fallback={<div class="say">The log holds no motor outputs: it does not say which vehicle flew, and none can be made from it. <strong>{props.twin.vehicle()}</strong> is taken until you choose.</div>}
+        >
+          <div class="say row">
+            <span>The log does not say which vehicle flew: <strong>{props.twin.vehicle()}</strong> is taken until you choose. Is yours another one? Its mass and its size are enough.</span>
+            <button type="button" onClick={() => props.twin.openFromLog()}>Make it from this log</button>
+          </div>
+        </Show>
       </Show>
       <Problem sentence={props.twin.history.error()} retry={props.twin.history.reload} />
       <Problem sentence={names.error()} retry={names.reload} />
       <div class="side">
         <div class="stack">
           <label class="field">
-            Vehicle, for a model of its own; or a model that is there
+            Vehicle, whose model begins at version 0; or a model that exists
             <select onChange={(event) => pick(event.currentTarget.value)}>
               <Show when={props.twin.unfit() !== undefined}><option value="" disabled selected>choose …</option></Show>
               <optgroup label="Vehicles: a new model begins at version 0">
