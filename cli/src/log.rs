@@ -57,6 +57,9 @@ pub struct MapArgs {
     /// Mapping file to write; it must not exist. Without it the mapping is printed
     #[arg(long, value_name = "FILE")]
     out: Option<PathBuf>,
+    /// Print the draft as JSON: layout, columns, rows with what they are based on, questions
+    #[arg(long, conflicts_with = "out")]
+    json: bool,
 }
 
 /// What is imported, and where to.
@@ -174,6 +177,9 @@ fn map(args: &MapArgs) -> ExitCode {
         Ok(drafted) => drafted,
         Err(refusal) => return bad_input(refusal),
     };
+    if args.json {
+        return printed(&drafted);
+    }
     match &args.out {
         None => print!("{}", drafted.toml),
         Some(out) => {
@@ -194,7 +200,7 @@ fn map(args: &MapArgs) -> ExitCode {
         }
     }
     for question in &drafted.questions {
-        output::say_aside(format!("Question: {question}."));
+        output::say_aside(format!("Question: {}.", question.sentence));
     }
     if !drafted.left_out.is_empty() {
         output::say_aside(format!("Left out: {}.", drafted.left_out.join(", ")));

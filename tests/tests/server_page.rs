@@ -605,3 +605,80 @@ fn scenario_two_effects_that_look_alike_get_a_manoeuvre_that_tells() {
         422
     );
 }
+
+/// A CSV whose columns have names of their own: refused, drafted as data, imported by the draft. What is no table is refused with the name that
+/// its owner knows, and nothing tells where the server keeps it.
+#[test]
+fn scenario_a_table_of_another_program_is_drafted_and_imported() {
+    let scratch = Scratch::new();
+    let data = scratch.path("data");
+    let server = Server::start(&data);
+    let headers = [("content-type", "application/octet-stream")];
+    let sent = |name: &str, bytes: &[u8]| -> String {
+        let answer = server.ask_bytes("POST", &format!("/api/v1/logs?name={name}"), &headers, bytes);
+        answer.json()["id"].as_str().expect("an id").to_owned()
+    };
+    // A degree sign as old loggers write it (Latin-1) is no reason to refuse the table.
+    let mut table =
+        b"Clock [ms],GyrX [dps],GyrY [dps],GyrZ [dps],AccX,AccY,AccZ,Motor1,Motor2,Motor3,Motor4,Temp [\xb0C]\n"
+            .to_vec();
+    for k in 0..400 {
+        table.extend(
+            format!(
+                "{},{}.5,0,1,0.01,0.02,0.998,{},1500,1498,1502,25\n",
+                10 * k,
+                k % 7,
+                1500 + k % 9
+            )
+            .as_bytes(),
+        );
+    }
+    let log = sent("logger.csv", &table);
+    let refused = server.ended_in("logs", &log);
+    assert_eq!(refused["status"], "failed", "{refused}");
+    let answer = server.ask("GET", &format!("/api/v1/logs/{log}/mapping"), &[], "");
+    assert_eq!(answer.status, 200, "{}", answer.json());
+    let draft = answer.json();
+    assert!(!draft.to_string().contains(&data.display().to_string()), "{draft}");
+    assert!(
+        draft["mapping"].as_str().expect("a text").contains("logger.csv"),
+        "{draft}"
+    );
+    assert_eq!(draft["layout"]["clock_format"], "ms");
+    assert_eq!(draft["columns"].as_array().map(Vec::len), Some(12));
+    assert_eq!(draft["columns"][1]["unit"], "deg/s");
+    let row = |to: &str| {
+        let rows = draft["rows"].as_array().expect("rows");
+        rows.iter().find(|row| row["to"] == to).cloned().unwrap_or_default()
+    };
+    assert_eq!(
+        (&row("accel")["unit"], &row("accel")["frame"]),
+        (&json!("g"), &json!("flu"))
+    );
+    assert_eq!(
+        (&row("duty")["low"], &row("duty")["high"]),
+        (&json!(1000.0), &json!(2000.0))
+    );
+    assert_eq!(draft["questions"][0]["about"], "duty");
+    let body = json!({ "mapping": draft["mapping"] }).to_string();
+    let again = server.ask("POST", &format!("/api/v1/logs/{log}/import"), &[], &body);
+    assert_eq!(again.status, 202, "{}", again.json());
+    let read = server.ended_in("logs", again.json()["id"].as_str().expect("an id"));
+    assert_eq!(read["result"]["source"]["kind"], "mapped_csv", "{read}");
+    assert_eq!(read["result"]["report"]["rows"], 400);
+    // Drafted again of the log that was read: it is the same file.
+    let id = read["id"].as_str().expect("an id");
+    assert_eq!(
+        server.get(&format!("/api/v1/logs/{id}/mapping"))["columns"],
+        draft["columns"]
+    );
+
+    let picture = sent("picture.csv", b"\x89PNG\r\n\x1a\n\0\0\0\rIHDR\0\0\0\x01");
+    let refusal = server.ask("GET", &format!("/api/v1/logs/{picture}/mapping"), &[], "");
+    assert_eq!(refusal.status, 422);
+    let detail = refusal.json()["detail"].as_str().expect("a sentence").to_owned();
+    assert!(detail.starts_with("picture.csv: not UTF-8 text"), "{detail}");
+    let example = server.generated(&json!({ "preset": "healthy", "seed": 1 }));
+    let none = server.ask("GET", &format!("/api/v1/logs/{example}/mapping"), &[], "");
+    assert_eq!(none.status, 404, "an example has no upload");
+}

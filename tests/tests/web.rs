@@ -42,11 +42,30 @@ fn chromium() -> Option<PathBuf> {
     found
 }
 
+/// A heavier and larger quadrotor than those of the library, as a document.
+fn a_vehicle_of_no_library(scratch: &Scratch) -> String {
+    let config = repository().join("config");
+    let mut text = std::fs::read_to_string(config.join("vehicles/quad-x.toml")).expect("it is shipped");
+    for (from, to) in [
+        ("mass_kg = 1.55 ", "mass_kg = 2.2 "),
+        ("[0.0266, 0.0266, 0.0498]", "[0.035, 0.041, 0.07]"),
+        ("thrust_lag_s = 0.05 ", "thrust_lag_s = 0.07 "),
+        ("arm_length_m = 0.275 ", "arm_length_m = 0.33 "),
+        ("moment_ratio_m = 0.016 ", "moment_ratio_m = 0.02 "),
+        ("../blades", &config.join("blades").display().to_string()),
+    ] {
+        assert!(text.contains(from), "quad-x.toml has no `{from}`");
+        text = text.replace(from, to);
+    }
+    scratch.write("own.toml", &text).display().to_string()
+}
+
 /// These logs of the independent simulator, and an invalid file.
 fn logs(scratch: &Scratch, wanted: &[&str]) {
     let vehicle = repository().join("config/vehicles/f550.toml").display().to_string();
+    let own = a_vehicle_of_no_library(scratch);
     // A short flight at one speed cannot tell one kind of drag from another.
-    let kinds: [(&str, &str, &[&str]); 5] = [
+    let kinds: [(&str, &str, &[&str]); 7] = [
         ("drag", "excitation/2/60", &["--effect", "rotor-drag"]),
         ("drag-again", "excitation/3/60", &["--effect", "rotor-drag"]),
         ("healthy", "excitation/2/60", &[]),
@@ -56,11 +75,14 @@ fn logs(scratch: &Scratch, wanted: &[&str]) {
             &["--effect", "rotor-drag", "--effect", "motor-time-constant"],
         ),
         ("untold", "helix/4/12", &["--effect", "rotor-drag:drag_n_s_m=0.04"]),
+        ("own-1", "excitation/11/60", &["--effect", "rotor-drag"]),
+        ("own-2", "excitation/12/60", &["--effect", "rotor-drag"]),
     ];
     for (name, flight, more) in kinds.into_iter().filter(|(name, ..)| wanted.contains(name)) {
         let out = scratch.path(&format!("{name}.parquet")).display().to_string();
         let mut parts = flight.split('/');
-        let mut words = vec!["blind", "generate", "--model", &vehicle, "--out", &out];
+        let flown = if name.starts_with("own") { &own } else { &vehicle };
+        let mut words = vec!["blind", "generate", "--model", flown, "--out", &out];
         for option in ["--flight", "--seed", "--duration-s"] {
             words.extend([option, parts.next().expect("three parts")]);
         }
@@ -422,6 +444,11 @@ fn scenario_documents_and_forms_say_what_is_wrong_where_it_is_typed() {
 }
 
 #[test]
+fn scenario_a_table_of_another_program_is_read_once_its_columns_are_chosen() {
+    passes("table", &["healthy"]);
+}
+
+#[test]
 fn scenario_logs_of_other_programs_are_let_go_over_the_page() {
     passes("formats", &[]);
 }
@@ -476,6 +503,11 @@ fn scenario_a_healthy_flight_agrees_and_a_file_that_is_no_log_is_refused() {
 #[test]
 fn scenario_a_vehicle_is_identified_from_the_log_and_kept() {
     passes("vehicle", &["healthy"]);
+}
+
+#[test]
+fn scenario_a_vehicle_of_no_library_is_made_from_its_log_calibrated_and_compared() {
+    passes("stranger", &["own-1", "own-2"]);
 }
 
 #[test]

@@ -18,6 +18,9 @@ export function createTyped(name: string, initial = ""): [Accessor<string>, (tex
   ];
 }
 
+/** Whether something was typed under a name. */
+export const isTyped = (name: string) => read(`rotortwin.typed.${name}`) !== null;
+
 function read(key: string): string | null {
   try {
     return sessionStorage.getItem(key);

@@ -56,6 +56,22 @@ def test_scenario_a_log_is_uploaded_once_and_read_back(client: Client, flown: Ru
         client.logs.wait(broken.id, check=True)
 
 
+def test_scenario_a_table_of_another_program_is_read_by_a_drafted_mapping(client: Client, tmp_path: Path) -> None:
+    rows = [f"{10 * k},{k % 7 - 3}.5,0,1,0.01,0.02,0.998,{1500 + k % 9},1500,1498,1502,AUTO" for k in range(400)]
+    table = "\n".join(["Clock [ms],GyrX [dps],GyrY [dps],GyrZ [dps],AccX,AccY,AccZ,Motor1,Motor2,Motor3,Motor4,Mode", *rows])
+    refused = client.logs.submit(table.encode(), name="logger.csv")
+    with pytest.raises(JobFailed, match="column time_s is missing"):
+        client.logs.wait(refused.id, check=True)
+    draft = client.logs.draft_mapping(refused.id)
+    assert draft["layout"]["clock"] == "Clock [ms]" and draft["left_out"] == ["Mode"]
+    assert {row["to"]: row["unit"] for row in draft["rows"]} == {"accel": "g", "rates": "deg/s", "duty": None}
+    assert [question["about"] for question in draft["questions"]] == ["duty"]
+    mapping = tmp_path / "map.toml"
+    mapping.write_text(draft["mapping"], encoding="utf-8")
+    read = client.logs.wait(client.logs.submit_again(refused.id, mapping=mapping).id, check=True)
+    assert read.parent == refused.id and client.logs.frame(read.id)["duty_1"][0] == 0.5
+
+
 def test_scenario_a_model_is_held_against_flights(client: Client, server: Server, flown: Run, log: Job) -> None:
     comparison = client.comparisons.submit(vehicle="f550", logs=[log.id], runs=[f"{flown.id}@1:4"])
     comparison = client.comparisons.wait(comparison.id, check=True)

@@ -74,6 +74,26 @@ export function bandWords(band: { low_hz: number; high_hz: number }): string {
 /** R² as a percentage; a fit worse than the mean has none. */
 export const predicted = (r2: number) => (r2 < 0 ? "worse than the mean" : percent(r2));
 
+/** R² from which a channel counts as predicted, and below which it is not. */
+const PREDICTED = 0.9;
+const HARDLY = 0.5;
+/** Channels of the validation as the subject of a sentence. */
+const SUBJECTS: Record<string, string> = {
+  "vertical specific force": "thrust", "the same without drift": "thrust without slow drift", "roll acceleration": "roll", "pitch acceleration": "pitch", "yaw acceleration": "yaw",
+};
+
+/** Where the vehicle fails on the half of a flight that it was not fitted to: the answer in a sentence. */
+export function failsOn(scores: Identification["held_out"]): { head: string; rest: string; kind: string } | undefined {
+  const all = scores.flatMap((log) => log.scores);
+  if (all.length === 0) return undefined;
+  const words = (list: typeof all) => list.map((one) => `${SUBJECTS[one.channel] ?? one.channel} ${one.calibrated < 0 ? "worse than the mean" : percent(one.calibrated, 0)}`).join(", ");
+  const [good, fair, bad] = [all.filter((one) => one.calibrated >= PREDICTED), all.filter((one) => one.calibrated >= HARDLY && one.calibrated < PREDICTED), all.filter((one) => one.calibrated < HARDLY)];
+  const rest = [good.length > 0 ? `Predicted: ${words(good)}.` : "", fair.length > 0 ? `In part: ${words(fair)}.` : "", bad.length > 0 ? `Hardly or not: ${words(bad)}.` : ""].filter(Boolean).join(" ");
+  if (fair.length + bad.length === 0) return { head: "On the half of the flight that it was not fitted to, it predicts every motion.", rest, kind: "good" };
+  const failing = [...bad, ...fair].map((one) => SUBJECTS[one.channel] ?? one.channel);
+  return { head: `On the half of the flight that it was not fitted to, it still fails in ${failing.join(", ")}.`, rest, kind: "warn" };
+}
+
 /** How a value is known, without repeating the source. */
 export function knownHow(it: { source: Source; how: string }): string {
   const words = sourceOf(it.source).words;
@@ -98,6 +118,12 @@ export function answerOf(values: readonly Estimate[]): { head: string; rest: str
     kind: guesses.length === 0 ? "good" : "warn",
   };
 }
+
+/** What may be improved first, then what is known, then what was entered. */
+export const inOrder = (values: readonly Estimate[]): Estimate[] => {
+  const order: Source[] = ["class", "log-and-class", "log", "bench", "parameter", "entered", "assumed"];
+  return [...values].sort((a, b) => order.indexOf(a.source) - order.indexOf(b.source));
+};
 
 /** Values grouped by confidence; those that need attention first. */
 export function groupsOf(values: readonly Estimate[]): { title: string; values: Estimate[]; open: boolean }[] {

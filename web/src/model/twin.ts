@@ -4,6 +4,7 @@ import type { Values } from "../plots/series";
 export interface ImportResult {
   headline: string;
   account: string;
+  source: { kind: string };
   report: {
     rows: number;
     sample_rate_hz: number;
@@ -140,6 +141,13 @@ export interface Unconsidered {
   setting: string | null;
   reason: string;
 }
+/** The effect that is the error of a constant, with the values that the flight wants. */
+export interface Correction {
+  effect: string;
+  rotor?: number;
+  parameters: Record<string, number>;
+  deviations: Record<string, number>;
+}
 export interface Diagnosis {
   model: { name: string; hash: string };
   verdict: { kind: "agrees" | "missing" | "partly-missing" | "cannot-tell" | "calibrate-first" | "outside-catalogue" | "log-fault" | "nothing-testable"; effects?: string[]; group?: string[] };
@@ -149,7 +157,7 @@ export interface Diagnosis {
   ranking: { label: string; ln_bayes_factor: number; held_out_chi2_change: number }[];
   not_testable: Unseen[];
   not_considered: Unconsidered[];
-  calibrate: { key: string; name: string; unit: string; value: number; low: number; high: number; wanted: number; wanted_interval_95: number; ln_bayes_factor: number; blocking: boolean; how: string; better: string }[];
+  calibrate: { key: string; name: string; unit: string; value: number; low: number; high: number; wanted: number; wanted_interval_95: number; ln_bayes_factor: number; blocking: boolean; how: string; better: string; correction?: Correction }[];
   trim?: {
     sentence: string;
     thrust_change: number[];
@@ -258,6 +266,25 @@ export function lineTo(history: History, head: number): Version[] {
     at = version.parent;
   }
   return line;
+}
+
+/** Corrections of several constants, each effect once: a parameter has the value of the correction that is about it. */
+export function together(corrections: readonly Correction[]): Correction[] {
+  const found = new Map<string, Correction>();
+  for (const one of corrections) {
+    const key = `${one.effect}#${one.rotor ?? ""}`;
+    const there = found.get(key);
+    if (!there) {
+      found.set(key, { ...one, parameters: { ...one.parameters }, deviations: { ...one.deviations } });
+      continue;
+    }
+    for (const [name, deviation] of Object.entries(one.deviations)) {
+      if (deviation <= 0) continue;
+      there.parameters[name] = one.parameters[name] ?? 0;
+      there.deviations[name] = deviation;
+    }
+  }
+  return [...found.values()];
 }
 
 /** A key that is the same for the same inputs: repeating a request returns the existing job. */

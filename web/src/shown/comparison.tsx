@@ -124,6 +124,13 @@ function Where(props: { log: LogComparison; model: ModelOnLog; looks: Looks; vie
   };
   return (
     <>
+      <Show when={rows().length === 0}>
+        <p>
+          No channel of the model has all that it needs. A flight can be compared once the log holds the motor outputs with the body rates (torque) or the accelerometer (force): what each missing column
+          rules out is listed where the log is read.
+        </p>
+      </Show>
+      <Show when={rows().length > 0}>
       <div class="two">
         <div class="stack">
           <h3>Channel over time</h3>
@@ -161,7 +168,9 @@ function Where(props: { log: LogComparison; model: ModelOnLog; looks: Looks; vie
           <For each={rows()}>{(one) => <option value={one.channel} selected={one.channel === channel()}>{channelTitle(one.channel)}: {one.verdict}</option>}</For>
         </select>
       </label>
+      </Show>
       <Show when={picture()}>{(flight) => <FlightLanes flight={flight()} view={props.view} more={props.looks.lanes?.(props.log.log.name) ?? []} />}</Show>
+      <Show when={rows().length > 0}>
       <div class="side">
         <ChannelSeries looks={props.looks} channel={channel()} model={props.model.model} view={props.view} />
         <Show when={(curve()?.bins.length ?? 0) > 1}>
@@ -177,6 +186,7 @@ function Where(props: { log: LogComparison; model: ModelOnLog; looks: Looks; vie
           />
         </Show>
       </div>
+      </Show>
       <Show when={picture()}>
         {(flight) => (
           <details class="whole" open>

@@ -1,7 +1,7 @@
 /** A diagnosis: missing effects. "Agrees", "the log is at fault", "cannot tell" and "not in the catalogue" are complete answers. */
 import { For, type JSX, Show } from "solid-js";
 import { count, percent, plusMinus, short } from "../format";
-import { type Diagnosis, type Finding, type Proposal, channelTitle, evidenceWords, togetherByReason } from "../model/twin";
+import { type Correction, type Diagnosis, type Finding, type Proposal, channelTitle, evidenceWords, togetherByReason } from "../model/twin";
 import { Chart } from "../plots/chart";
 
 const HEADLINES: Record<Diagnosis["verdict"]["kind"], { words: string; kind: string }> = {
@@ -16,22 +16,34 @@ const HEADLINES: Record<Diagnosis["verdict"]["kind"], { words: string; kind: str
 };
 
 /** The sentence without the part that the headline already says. */
-function restOf(found: Diagnosis): string {
-  const rest = found.verdict.kind === "agrees" ? found.sentence.replace(/^The model agrees with (this|the) flights?: /, "") : found.sentence;
+function restOf(found: Diagnosis, onPage: boolean): string {
+  let rest = found.sentence.replace(/^The model agrees with (this|the) flights?: /, "");
+  // The page has a button for what a report names a command for.
+  if (onPage) rest = rest.replace(/^Calibrate first \(`rotortwin [^)]*\): /, "");
+  // The headline has said it.
+  if (found.verdict.kind === "nothing-testable" && HEADLINES["nothing-testable"].words.startsWith(rest.replace(/ [^ ]*\.?$/, ""))) return "What is missing in it, and what that rules out, is listed where it is read.";
   return rest.charAt(0).toUpperCase() + rest.slice(1);
 }
 
 /** Adds a finding (its number from 1), all of them, or the proposal to the model. */
 export type AddToModel = (what: { pick?: number; proposal?: true }) => void;
 
-export function DiagnosisView(props: { found: Diagnosis; add?: AddToModel; children?: JSX.Element }) {
+/** What a page can do about constants that are wrong. */
+export interface Calibrating {
+  /** Takes values that the flight wants into the model. */
+  take: (corrections: readonly Correction[]) => void;
+  /** Opens the form that makes a vehicle from the flight. */
+  fromLog: (() => void) | undefined;
+}
+
+export function DiagnosisView(props: { found: Diagnosis; add?: AddToModel; calibrating?: Calibrating; children?: JSX.Element }) {
   const headline = () => HEADLINES[props.found.verdict.kind];
   const add = () => (props.found.verdict.kind !== "agrees" ? props.add : undefined);
   return (
     <>
       <Show when={props.found.trim}>{(trim) => <TrimView trim={trim()} />}</Show>
       <div class={`say sentence ${headline().kind}`} role="status">
-        <strong>{headline().words}</strong> {restOf(props.found)}
+        <strong>{headline().words}</strong> {restOf(props.found, props.calibrating !== undefined)}
       </div>
       <div class="stack">
         <For each={props.found.effects}>
@@ -45,7 +57,7 @@ export function DiagnosisView(props: { found: Diagnosis; add?: AddToModel; child
       <Show when={props.found.sensor_or_timing.length > 0}>
         <p class="small">Faults of sensors and clocks are repaired in the log, not added to a model.</p>
       </Show>
-      <Show when={(props.found.calibrate ?? []).length > 0}><Calibrate found={props.found} /></Show>
+      <Show when={(props.found.calibrate ?? []).length > 0}><Calibrate found={props.found} calibrating={props.calibrating} /></Show>
       {props.children}
       <Show when={props.found.proposal}>{(proposal) => <ProposalCard proposal={proposal()} add={props.add && (() => props.add?.({ proposal: true }))} />}</Show>
       <NotConsidered found={props.found} />
@@ -110,8 +122,23 @@ function TrimView(props: { trim: NonNullable<Diagnosis["trim"]> }) {
 }
 
 /** Guessed values of the vehicle that the flights contradict. */
-function Calibrate(props: { found: Diagnosis }) {
+function Calibrate(props: { found: Diagnosis; calibrating: Calibrating | undefined }) {
+  const corrections = () => props.found.calibrate.flatMap((one) => (one.correction ? [one.correction] : []));
   return (
+    <div class="stack">
+    <Show when={props.calibrating}>
+      {(calibrating) => (
+        <div class="row">
+          <Show when={corrections().length > 0}>
+            <button type="button" class="main" onClick={() => calibrating().take(corrections())}>
+              Take {corrections().length === 1 ? "the value" : `the ${corrections().length} values`} that the flight wants
+            </button>
+          </Show>
+          <Show when={calibrating().fromLog}>{(open) => <button type="button" onClick={() => open()()}>Make the vehicle from this flight</button>}</Show>
+          <span class="small muted">It becomes the next version of the model, and everything is compared again; Undo takes it back.</span>
+        </div>
+      )}
+    </Show>
     <div class="scroll" tabindex="0" role="region" aria-label="Constants to calibrate">
       <table class="small">
         <thead><tr><th scope="col">To calibrate</th><th class="r" scope="col">as guessed</th><th class="r" scope="col">the flights want</th><th class="r" scope="col">ln Bayes factor</th><th scope="col">guessed from</th><th scope="col">better</th></tr></thead>
@@ -130,6 +157,7 @@ function Calibrate(props: { found: Diagnosis }) {
           </For>
         </tbody>
       </table>
+    </div>
     </div>
   );
 }

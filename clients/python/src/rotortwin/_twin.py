@@ -47,6 +47,16 @@ class LogOperations(JobOperations[Job]):
         answer = yield from self.settings.call("POST", self.root, params=params, content=content, headers=headers)
         return self.parse(answer.json())
 
+    def draft(self, id: str) -> Operation[Json]:
+        # Read by a process of the server.
+        answer = yield from self.settings.call("GET", self.path(id, "mapping"), timeout_s=max(130.0, self.settings.timeout_s))
+        found: Json = answer.json()
+        return found
+
+    def again(self, id: str, mapping: str | Path | None, body: Json, key: str | None) -> Operation[Job]:
+        text = mapping.read_text(encoding="utf-8") if isinstance(mapping, Path) else mapping
+        return (yield from self.submit(body | without_none(mapping=text), key, self.path(id, "import")))
+
 
 def model_body(vehicle: str | None, improvement: str | None, version: str | Path | None, model: str | None = None) -> Json:
     """Which model a submission means."""

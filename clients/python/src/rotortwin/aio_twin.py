@@ -49,6 +49,32 @@ class AsyncLogs(AsyncResource[Job]):
         query = without_none(rate_hz=rate_hz, align="true" if align else None, damaged="true" if damaged else None, vehicle=vehicle)
         return await self._do(self._operations.upload(log, name, query, idempotency_key))
 
+    async def draft_mapping(self, id: str) -> Json:
+        """A mapping for an uploaded CSV whose columns have names of their own, also where its import failed.
+
+        `mapping` is the text that `submit_again` takes; `columns` and `rows` say what was recognised and why, `questions` what only the
+        owner of the log knows.
+        """
+        return await self._do(self._operations.draft(id))
+
+    async def submit_again(
+        self,
+        id: str,
+        *,
+        mapping: str | Path | None = None,
+        rate_hz: float | None = None,
+        align: bool = False,
+        damaged: bool = False,
+        vehicle: str | None = None,
+        idempotency_key: str | None = None,
+    ) -> Job:
+        """Imports an uploaded log once more, in another way: another log, with the first one as its parent.
+
+        mapping: a text or `Path`, as `rotortwin log map` and `draft_mapping` write it. The rest: as for `submit`.
+        """
+        body: Json = {"align": align, "damaged": damaged} | without_none(rate_hz=rate_hz, vehicle=vehicle)
+        return await self._do(self._operations.again(id, mapping, body, idempotency_key))
+
     async def table(self, id: str, columns: Sequence[str] | None = None) -> pyarrow.Table:
         """An imported log as an Arrow table."""
         return as_table(await self.artifact(id, _LOG), columns)

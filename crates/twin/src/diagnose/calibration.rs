@@ -9,7 +9,7 @@
 
 use rotortwin_plant::effects::{ChannelGroup, CorrectionScale, EffectClass};
 
-use super::result::{Calibration, Finding};
+use super::result::{Calibration, Correction, Finding};
 use crate::estimation::candidates::{Candidate, Library};
 use crate::estimation::columns::{Active, instances};
 use crate::estimation::normal::Posterior;
@@ -194,13 +194,20 @@ fn calibration(finding: &Finding, library: &Library, far_off: bool) -> Option<Ca
         .map(|(parameter, constant)| (*parameter, constant));
     let (parameter, constant) = guess.or(constant.filter(|_| far_off && finding.onset_s.is_none()))?;
     let fitted = &finding.parameters[parameter];
-    wanted(
+    let mut found = wanted(
         candidate,
         (parameter, constant),
         (fitted.value, fitted.interval_95),
         finding.ln_bayes_factor,
         true,
-    )
+    )?;
+    // Fitted together: the others belong to this value.
+    for one in &finding.parameters {
+        let correction = &mut found.correction;
+        correction.parameters.insert(one.name.clone(), one.value);
+        correction.deviations.insert(one.name.clone(), one.deviation);
+    }
+    Some(found)
 }
 
 /// What a constant should be, by the error that was found of it with half its 95 % interval.
@@ -230,6 +237,7 @@ fn wanted(
         blocking,
         how: constant.how.clone(),
         better: constant.better.clone(),
+        correction: correction(candidate, parameter, error, interval_95),
     })
 }
 
@@ -244,6 +252,29 @@ pub(crate) fn can_be(calibration: &Calibration) -> bool {
     match exponent {
         Some((_, possible)) => possible.contains(&calibration.wanted),
         None => calibration.low <= 0.0 || calibration.wanted > 0.0,
+    }
+}
+
+/// The effect with this error of one of its parameters, and nothing else.
+fn correction(candidate: &Candidate, parameter: usize, error: f64, interval_95: f64) -> Correction {
+    let names = || candidate.parameters.iter().map(|one| one.name.to_string());
+    let mut values = candidate.neutral();
+    values[parameter] = error;
+    let deviation = |place| {
+        if place == parameter {
+            interval_95 / QUANTILE_95
+        } else {
+            0.0
+        }
+    };
+    Correction {
+        effect: candidate.declaration.id.to_owned(),
+        rotor: candidate.rotor,
+        parameters: names().zip(values).collect(),
+        deviations: names()
+            .enumerate()
+            .map(|(place, name)| (name, deviation(place)))
+            .collect(),
     }
 }
 

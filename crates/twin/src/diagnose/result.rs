@@ -2,6 +2,7 @@
 
 use rotortwin_plant::effects::{ChannelGroup, EffectClass, EffectInstance};
 use serde::Serialize;
+use std::collections::BTreeMap;
 use utoipa::ToSchema;
 
 use super::named::Quantity;
@@ -370,4 +371,21 @@ pub struct Calibration {
     pub how: String,
     /// What would make it better.
     pub better: String,
+    /// What puts it right in a model.
+    pub correction: Correction,
+}
+
+/// The effect that is the error of a constant, with the values that the flights indicate: added to a model, the constant has its wanted value.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, ToSchema)]
+#[schema(as = ConstantCorrection)]
+pub struct Correction {
+    /// Id in the catalogue.
+    pub effect: String,
+    /// Rotor, from 1, of an effect of one rotor.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub rotor: Option<usize>,
+    /// Values by name.
+    pub parameters: BTreeMap<String, f64>,
+    /// Standard deviations by name.
+    pub deviations: BTreeMap<String, f64>,
 }

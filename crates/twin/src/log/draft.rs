@@ -6,12 +6,17 @@
 //! What the names and numbers say is written down; what they do not is asked in a sentence, above the row that it is about. The draft is
 //! a mapping that the import takes as it is: whoever knows better changes a word.
 //!
+//! Beside the file the draft is there in parts (layout, columns, rows, questions), so that a page can show it as a form.
+//!
 //! Limits: a guess by names; columns in words that are not English, or numbered, stay out. The import's own checks (axes, units, clock)
 //! tell most wrong guesses.
 
 use super::sources::csv_table::{Clock, cells, number, plain};
 use super::{LogError, MAX_COLUMNS, mapping};
+use serde::Serialize;
+use std::borrow::Cow;
 use std::path::Path;
+use utoipa::ToSchema;
 
 /// Rows that are looked at.
 const ROWS: usize = 5000;
@@ -19,16 +24,100 @@ const ROWS: usize = 5000;
 const MOST_PREAMBLE: usize = 50;
 /// Rates beyond this are no rad/s of an ordinary flight.
 const FAST_RAD_S: f64 = 12.0;
+/// Rows per second that are assumed where no column is a time.
+const GUESSED_HZ: f64 = 100.0;
+/// Cells of a column that are shown, and characters of each.
+const EXAMPLES: usize = 3;
+const LONGEST_EXAMPLE: usize = 40;
 
 /// A drafted mapping.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, Serialize, ToSchema)]
+#[schema(as = TableDraft)]
 pub struct Draft {
-    /// The mapping file.
+    /// The mapping file (TOML), as an import takes it.
+    #[serde(rename = "mapping")]
     pub toml: String,
-    /// What only the owner of the log can tell, one sentence each; they stand in the file, too.
-    pub questions: Vec<String>,
+    /// How the table is laid out, and its clock.
+    pub layout: DraftedLayout,
+    /// Every column of the table.
+    pub columns: Vec<DraftedColumn>,
+    /// Which columns become what.
+    pub rows: Vec<DraftedRow>,
+    /// What only the owner of the log can tell; they stand in the mapping file, too.
+    pub questions: Vec<DraftQuestion>,
     /// Columns that no row takes.
     pub left_out: Vec<String>,
+}
+
+/// Layout of a table.
+#[derive(Debug, Clone, Serialize, ToSchema)]
+#[schema(as = TableLayout)]
+pub struct DraftedLayout {
+    /// `,`, `;`, `tab` or `space`.
+    pub separator: String,
+    /// `.` or `,`.
+    pub decimal: String,
+    /// Lines before the header.
+    pub skip_lines: usize,
+    /// Column that holds the time.
+    pub clock: Option<String>,
+    /// How it is written: `s`, `ms`, `us`, `ns`, `mm:ss`, `hh:mm:ss` or `date hh:mm:ss`.
+    pub clock_format: Option<String>,
+    /// Rows per second where no column holds the time: a guess that a question is about.
+    pub rate_hz: Option<f64>,
+    /// What the choice of the clock is based on.
+    pub evidence: String,
+}
+
+/// A column of a table.
+#[derive(Debug, Clone, Serialize, ToSchema)]
+#[schema(as = TableColumn)]
+pub struct DraftedColumn {
+    /// As a mapping names it: commas and colons of the header are spaces.
+    pub name: String,
+    /// Unit that the header states.
+    pub unit: Option<String>,
+    /// Its first cells.
+    pub examples: Vec<String>,
+    /// Least number in the rows that were looked at; none if no cell is a number.
+    pub low: Option<f64>,
+    /// Greatest number.
+    pub high: Option<f64>,
+    /// Cells that are numbers.
+    pub numbers: usize,
+    /// Cells that were looked at.
+    pub cells: usize,
+}
+
+/// A row of the mapping.
+#[derive(Debug, Clone, Default, Serialize, ToSchema)]
+#[schema(as = TableRow)]
+pub struct DraftedRow {
+    /// What the columns become: `accel`, `rates`, `attitude`, `quaternion`, `velocity`, `position`, `duty`, `rotor_speed`, `battery_voltage_v` or
+    /// `battery_current_a`.
+    pub to: String,
+    /// The columns, in its order.
+    pub from: Vec<String>,
+    /// Unit of the columns.
+    pub unit: Option<String>,
+    /// Axes of the columns.
+    pub frame: Option<String>,
+    /// Of motor outputs: the number that means zero throttle.
+    pub low: Option<f64>,
+    /// Of motor outputs: the number that means full throttle.
+    pub high: Option<f64>,
+    /// What the guess is based on.
+    pub evidence: String,
+}
+
+/// A question that the table leaves open.
+#[derive(Debug, Clone, Serialize, ToSchema)]
+#[schema(as = TableQuestion)]
+pub struct DraftQuestion {
+    /// `clock`, or the `to` of the row that it is about, whether the draft has this row or not.
+    pub about: String,
+    /// The question, and what is assumed until it is answered.
+    pub sentence: String,
 }
 
 /// A column: name as a mapping's row names it, words, unit that the name states, numbers.
@@ -37,17 +126,37 @@ struct Column {
     words: Vec<String>,
     unit: Option<&'static str>,
     values: Vec<f64>,
+    examples: Vec<String>,
     taken: bool,
 }
 
 impl Column {
-    fn new(header: &str, values: Vec<f64>) -> Self {
+    fn new(header: &str, cells: &[&str], decimal: char) -> Self {
+        let example = |cell: &&str| cell.chars().take(LONGEST_EXAMPLE).collect();
         Self {
             name: plain(header),
             words: words(header),
             unit: unit_in(header),
-            values,
+            values: cells
+                .iter()
+                .map(|cell| number(cell, decimal).unwrap_or(f64::NAN))
+                .collect(),
+            examples: cells.iter().take(EXAMPLES).map(example).collect(),
             taken: false,
+        }
+    }
+
+    fn drafted(&self) -> DraftedColumn {
+        let (low, high) = self.range();
+        let numbers = self.values.iter().filter(|value| value.is_finite()).count();
+        DraftedColumn {
+            name: self.name.clone(),
+            unit: self.unit.map(str::to_owned),
+            examples: self.examples.clone(),
+            low: (numbers > 0).then_some(low),
+            high: (numbers > 0).then_some(high),
+            numbers,
+            cells: self.values.len(),
         }
     }
 
@@ -189,32 +298,56 @@ fn unit_in(header: &str) -> Option<&'static str> {
 }
 
 /// The draft as it grows.
+#[derive(Default)]
 struct Writer {
-    rows: String,
-    questions: Vec<String>,
+    text: String,
+    rows: Vec<DraftedRow>,
+    questions: Vec<DraftQuestion>,
 }
 
 impl Writer {
-    fn ask(&mut self, question: String) {
-        self.rows += &format!("\n# QUESTION: {question}");
-        self.questions.push(question);
+    fn ask(&mut self, about: &str, sentence: String) {
+        self.text += &format!("\n# QUESTION: {sentence}");
+        self.questions.push(DraftQuestion {
+            about: about.to_owned(),
+            sentence,
+        });
     }
 
-    fn row(&mut self, to: &str, from: &[&str], unit: Option<&str>, frame: Option<&str>, more: &str) {
+    fn row(&mut self, row: DraftedRow) {
         let quoted = |text: &str| toml::Value::String(text.to_owned()).to_string();
-        self.rows += &format!(
+        self.text += &format!(
             "\n[[column]]\nto = {}\nfrom = {}\n",
-            quoted(to),
-            quoted(&format!("csv:{}", from.join(",")))
+            quoted(&row.to),
+            quoted(&format!("csv:{}", row.from.join(",")))
         );
-        if let Some(unit) = unit {
-            self.rows += &format!("unit = {}\n", quoted(unit));
+        if let Some(unit) = &row.unit {
+            self.text += &format!("unit = {}\n", quoted(unit));
         }
-        if let Some(frame) = frame {
-            self.rows += &format!("frame = {}\n", quoted(frame));
+        if let Some(frame) = &row.frame {
+            self.text += &format!("frame = {}\n", quoted(frame));
         }
-        self.rows += more;
+        if let Some((low, high)) = row.low.zip(row.high) {
+            self.text += &format!("low = {low:?}\nhigh = {high:?}\n");
+        }
+        self.rows.push(row);
     }
+}
+
+/// What a unit is based on: the header, or else a guess.
+fn evidence(stated: bool, unit: &str, guess: &str) -> String {
+    if stated {
+        format!("by name; the header says {unit}")
+    } else {
+        format!("by name; {guess}")
+    }
+}
+
+/// A clock that was recognised.
+struct FoundClock {
+    column: String,
+    format: Clock,
+    evidence: &'static str,
 }
 
 /// The table's layout and its columns.
@@ -223,7 +356,7 @@ struct Table {
     decimal: char,
     skip_lines: usize,
     columns: Vec<Column>,
-    clock: Option<(String, Clock)>,
+    clock: Option<FoundClock>,
 }
 
 /// Drafts the mapping of a CSV.
@@ -237,13 +370,9 @@ pub fn draft(path: &Path, bytes: &[u8]) -> Result<Draft, LogError> {
             "this program reads the file as it is; a mapping is for a CSV with columns of its own",
         ));
     }
-    let text = std::str::from_utf8(bytes)
-        .map_err(|bad| LogError::format(path, format!("not UTF-8 text ({bad}); a table in CSV was expected")))?;
+    let text = text_of(bytes).map_err(|reason| LogError::format(path, reason))?;
     let mut table = table(text.trim_start_matches('\u{feff}')).map_err(|reason| LogError::format(path, reason))?;
-    let mut writer = Writer {
-        rows: String::new(),
-        questions: Vec::new(),
-    };
+    let mut writer = Writer::default();
     map_columns(&mut table.columns, &mut writer);
     let mut head = format!(
         "# Mapping of {}, drafted by `rotortwin log map`: check it, answer the questions, then\n#   rotortwin log import {} --mapping THIS.toml\n",
@@ -260,10 +389,22 @@ pub fn draft(path: &Path, bytes: &[u8]) -> Result<Draft, LogError> {
     if table.skip_lines > 0 {
         head += &format!("skip_lines = {} # before the header\n", table.skip_lines);
     }
+    let mut layout = DraftedLayout {
+        separator,
+        decimal: table.decimal.to_string(),
+        skip_lines: table.skip_lines,
+        clock: None,
+        clock_format: None,
+        rate_hz: None,
+        evidence: String::new(),
+    };
     match &table.clock {
-        Some((name, format)) => {
-            let name = toml::Value::String(name.clone());
-            head += &format!("clock = {name}\nclock_format = \"{}\"\n", format.name());
+        Some(found) => {
+            let name = toml::Value::String(found.column.clone());
+            head += &format!("clock = {name}\nclock_format = \"{}\"\n", found.format.name());
+            layout.clock = Some(found.column.clone());
+            layout.clock_format = Some(found.format.name().to_owned());
+            layout.evidence = found.evidence.to_owned();
         }
         None => {
             let question = match rising(&table.columns)[..] {
@@ -274,8 +415,16 @@ pub fn draft(path: &Path, bytes: &[u8]) -> Result<Draft, LogError> {
                     if names.len() == 1 { "rises" } else { "rise" }
                 ),
             };
-            head += &format!("# QUESTION: {question}\nrate_hz = 100.0\n");
-            writer.questions.insert(0, question);
+            head += &format!("# QUESTION: {question}\nrate_hz = {GUESSED_HZ:?}\n");
+            layout.rate_hz = Some(GUESSED_HZ);
+            layout.evidence = "no column is named as a time".to_owned();
+            writer.questions.insert(
+                0,
+                DraftQuestion {
+                    about: "clock".to_owned(),
+                    sentence: question,
+                },
+            );
         }
     }
     let left_out: Vec<String> = table
@@ -284,7 +433,7 @@ pub fn draft(path: &Path, bytes: &[u8]) -> Result<Draft, LogError> {
         .filter(|c| !c.taken)
         .map(|c| c.name.clone())
         .collect();
-    let mut toml = head + &writer.rows;
+    let mut toml = head + &writer.text;
     if !left_out.is_empty() {
         toml += "\n# No row uses these columns:\n";
         for name in &left_out {
@@ -294,9 +443,22 @@ pub fn draft(path: &Path, bytes: &[u8]) -> Result<Draft, LogError> {
     mapping::check_draft(&toml)?;
     Ok(Draft {
         toml,
+        layout,
+        columns: table.columns.iter().map(Column::drafted).collect(),
+        rows: writer.rows,
         questions: writer.questions,
         left_out,
     })
+}
+
+/// Text of a table; an import reads bytes that are not UTF-8, such as the degree sign of an old logger, in the same way.
+fn text_of(bytes: &[u8]) -> Result<Cow<'_, str>, String> {
+    match std::str::from_utf8(bytes) {
+        Ok(text) => Ok(Cow::Borrowed(text)),
+        // No table holds a zero byte, and most binary formats do.
+        Err(bad) if bytes.contains(&0) => Err(format!("not UTF-8 text ({bad}); a table in CSV was expected")),
+        Err(_) => Ok(String::from_utf8_lossy(bytes)),
+    }
 }
 
 /// The lines that are looked at: the beginning, and lines from all over the rest.
@@ -390,15 +552,7 @@ fn table(text: &str) -> Result<Table, String> {
     let mut columns: Vec<Column> = names
         .iter()
         .zip(&raw)
-        .map(|(name, cells)| {
-            Column::new(
-                name,
-                cells
-                    .iter()
-                    .map(|cell| number(cell, decimal).unwrap_or(f64::NAN))
-                    .collect(),
-            )
-        })
+        .map(|(name, cells)| Column::new(name, cells, decimal))
         .collect();
     let clock = clock(&mut columns, &raw, decimal);
     Ok(Table {
@@ -411,7 +565,7 @@ fn table(text: &str) -> Result<Table, String> {
 }
 
 /// The column that holds the time, and how it is written.
-fn clock(columns: &mut [Column], raw: &[Vec<&str>], decimal: char) -> Option<(String, Clock)> {
+fn clock(columns: &mut [Column], raw: &[Vec<&str>], decimal: char) -> Option<FoundClock> {
     let named = |column: &Column| {
         column.has(&[
             "time",
@@ -460,7 +614,15 @@ fn clock(columns: &mut [Column], raw: &[Vec<&str>], decimal: char) -> Option<(St
                 unit_of_time(&columns[index], &times)
             };
             columns[index].taken = true;
-            return Some((columns[index].name.clone(), format));
+            return Some(FoundClock {
+                column: columns[index].name.clone(),
+                format,
+                evidence: if by_name {
+                    "its name says time, and it rises from row to row"
+                } else {
+                    "it holds times of day"
+                },
+            });
         }
     }
     // Of another name: the first column, if it rises like a clock. One that rises by 1 may count rows.
@@ -472,7 +634,11 @@ fn clock(columns: &mut [Column], raw: &[Vec<&str>], decimal: char) -> Option<(St
         return None;
     }
     first.taken = true;
-    Some((first.name.clone(), unit_of_time(first, &times)))
+    Some(FoundClock {
+        column: first.name.clone(),
+        format: unit_of_time(first, &times),
+        evidence: "it is the first column, and rises from row to row as a time does",
+    })
 }
 
 /// Columns that always rise, as no clock was recognised.
@@ -618,7 +784,8 @@ fn map_columns(columns: &mut [Column], out: &mut Writer) {
                 .collect();
             super::resample::median(&mut sizes).unwrap_or(0.0)
         };
-        let unit = stated.filter(|unit| ["m/s2", "g", "mg"].contains(unit)).or(match size {
+        let stated = stated.filter(|unit| ["m/s2", "g", "mg"].contains(unit));
+        let unit = stated.or(match size {
             s if (4.0..25.0).contains(&s) => Some("m/s2"),
             s if (0.4..2.5).contains(&s) => Some("g"),
             s if (400.0..2500.0).contains(&s) => Some("mg"),
@@ -628,18 +795,29 @@ fn map_columns(columns: &mut [Column], out: &mut Writer) {
         let frame = if upwards { "flu" } else { "frd" };
         body = Some(frame);
         if unit.is_none() {
-            out.ask(format!(
+            out.ask("accel", format!(
                 "{} to {}: what is the unit of the accelerometer (m/s2, g, mg)? Its median is {size:.3}; m/s2 is written here, and at rest it must read 9.81",
                 columns[found[0]].name, columns[found[2]].name
             ));
         }
-        let [x, y, z] = names(columns, found);
-        out.rows += if upwards {
-            "\n# The z axis reads upwards at rest: body axes forward, left, up.\n"
+        let axes = if upwards {
+            "he z axis reads upwards at rest: body axes forward, left, up"
         } else {
-            "\n# The z axis reads downwards at rest: body axes forward, right, down.\n"
+            "he z axis reads downwards at rest: body axes forward, right, down"
         };
-        out.row("accel", &[&x, &y, &z], Some(unit.unwrap_or("m/s2")), Some(frame), "");
+        out.text += &format!("\n# T{axes}.\n");
+        let unit = unit.unwrap_or("m/s2");
+        out.row(DraftedRow {
+            to: "accel".to_owned(),
+            from: names(columns, found).to_vec(),
+            unit: Some(unit.to_owned()),
+            frame: Some(frame.to_owned()),
+            evidence: format!(
+                "{}; t{axes}",
+                evidence(stated.is_some(), unit, &format!("its median length is {size:.3}"))
+            ),
+            ..DraftedRow::default()
+        });
     }
     let gyro = [
         "gyro",
@@ -672,18 +850,27 @@ fn map_columns(columns: &mut [Column], out: &mut Writer) {
         let stated = stated.filter(|unit| ["deg/s", "rad/s"].contains(unit));
         let unit = stated.unwrap_or(if largest > FAST_RAD_S { "deg/s" } else { "rad/s" });
         if stated.is_none() {
-            out.ask(format!(
-                "{} to {}: degrees or radians per second? The largest is {largest:.2}, so {unit} is written here",
-                columns[found[0]].name, columns[found[2]].name
-            ));
+            out.ask(
+                "rates",
+                format!(
+                    "{} to {}: degrees or radians per second? The largest is {largest:.2}, so {unit} is written here",
+                    columns[found[0]].name, columns[found[2]].name
+                ),
+            );
         }
         if body.is_none() {
-            out.ask("which way do the axes of the body point: forward, right, down (frd) or forward, left, up (flu)? frd is written here".to_owned());
+            out.ask("rates", "which way do the axes of the body point: forward, right, down (frd) or forward, left, up (flu)? frd is written here".to_owned());
         }
-        let [x, y, z] = names(columns, found);
-        out.row("rates", &[&x, &y, &z], Some(unit), Some(body.unwrap_or("frd")), "");
+        out.row(DraftedRow {
+            to: "rates".to_owned(),
+            from: names(columns, found).to_vec(),
+            unit: Some(unit.to_owned()),
+            frame: Some(body.unwrap_or("frd").to_owned()),
+            evidence: evidence(stated.is_some(), unit, &format!("the largest is {largest:.2}")),
+            ..DraftedRow::default()
+        });
     } else {
-        out.ask("no columns for the body rates (gyroscope) were recognised: which ones are they? Without them no torque can be tested".to_owned());
+        out.ask("rates", "no columns for the body rates (gyroscope) were recognised: which ones are they? Without them no torque can be tested".to_owned());
     }
     attitude(columns, out);
     world(columns, out);
@@ -708,10 +895,16 @@ fn quaternion(columns: &mut [Column], out: &mut Writer) {
                 columns[index].taken = true;
             }
             out.ask(
+                "quaternion",
                 "the quaternion: from which body axes to which world axes (ned-frd, enu-flu, nwu-flu)? ned-frd is written here".to_owned(),
             );
-            let names: Vec<&str> = names.iter().map(String::as_str).collect();
-            out.row("quaternion", &names, None, Some("ned-frd"), "");
+            out.row(DraftedRow {
+                to: "quaternion".to_owned(),
+                from: names,
+                frame: Some("ned-frd".to_owned()),
+                evidence: "by name; no number is beyond 1".to_owned(),
+                ..DraftedRow::default()
+            });
             return;
         }
     }
@@ -754,13 +947,26 @@ fn attitude(columns: &mut [Column], out: &mut Writer) {
         "rad"
     });
     if stated.is_none() {
-        out.ask(format!(
-            "{}: degrees or radians? The largest of roll and pitch is {tilt:.2}, so {unit} is written here",
-            columns[found[0]].name
-        ));
+        out.ask(
+            "attitude",
+            format!(
+                "{}: degrees or radians? The largest of roll and pitch is {tilt:.2}, so {unit} is written here",
+                columns[found[0]].name
+            ),
+        );
     }
-    let [roll, pitch, yaw] = found.map(|i| columns[i].name.clone());
-    out.row("attitude", &[&roll, &pitch, &yaw], Some(unit), Some("ned-frd"), "");
+    out.row(DraftedRow {
+        to: "attitude".to_owned(),
+        from: found.map(|i| columns[i].name.clone()).to_vec(),
+        unit: Some(unit.to_owned()),
+        frame: Some("ned-frd".to_owned()),
+        evidence: evidence(
+            stated.is_some(),
+            unit,
+            &format!("the largest of roll and pitch is {tilt:.2}"),
+        ),
+        ..DraftedRow::default()
+    });
 }
 
 fn world(columns: &mut [Column], out: &mut Writer) {
@@ -804,23 +1010,33 @@ fn world(columns: &mut [Column], out: &mut Writer) {
         let Some((found, frame)) = found else { continue };
         let stated = columns[found[0]].unit.filter(|unit| units.contains(unit));
         if stated.is_none() {
-            out.ask(format!(
-                "{} to {}: what is the unit of the {to} ({})? {default} is written here",
-                columns[found[0]].name,
-                columns[found[2]].name,
-                units.join(", ")
-            ));
+            out.ask(
+                to,
+                format!(
+                    "{} to {}: what is the unit of the {to} ({})? {default} is written here",
+                    columns[found[0]].name,
+                    columns[found[2]].name,
+                    units.join(", ")
+                ),
+            );
         }
         if frame.is_empty() && !up_asked {
             up_asked = true;
             let (low, high) = columns[found[2]].range();
-            out.ask(format!(
+            out.ask(to, format!(
                 "which way do the axes of {to} point: north, east, down (ned), east, north, up (enu) or north, west, up (nwu)? {} is {low:.2} to {high:.2}; ned is written here",
                 columns[found[2]].name
             ));
         }
-        let [x, y, z] = found.map(|i| columns[i].name.clone());
-        out.row(to, &[&x, &y, &z], Some(stated.unwrap_or(default)), Some("ned"), "");
+        let unit = stated.unwrap_or(default);
+        out.row(DraftedRow {
+            to: to.to_owned(),
+            from: found.map(|i| columns[i].name.clone()).to_vec(),
+            unit: Some(unit.to_owned()),
+            frame: Some("ned".to_owned()),
+            evidence: evidence(stated.is_some(), unit, "no unit is stated"),
+            ..DraftedRow::default()
+        });
     }
 }
 
@@ -855,7 +1071,7 @@ fn rotors(columns: &mut [Column], out: &mut Writer) {
         }
         if best.len() < 3 {
             if to == "duty" {
-                out.ask("no columns for the motor outputs were recognised: which ones are they? Without them nothing can be predicted".to_owned());
+                out.ask("duty", "no columns for the motor outputs were recognised: which ones are they? Without them nothing can be predicted".to_owned());
             }
             continue;
         }
@@ -863,15 +1079,16 @@ fn rotors(columns: &mut [Column], out: &mut Writer) {
             columns[*index].taken = true;
         }
         let names: Vec<String> = best.iter().map(|i| columns[*i].name.clone()).collect();
-        let names: Vec<&str> = names.iter().map(String::as_str).collect();
         if to == "rotor_speed" {
-            out.row(
-                "rotor_speed",
-                &names,
-                Some(columns[best[0]].unit.filter(|u| *u == "rad/s").unwrap_or("rpm")),
-                None,
-                "",
-            );
+            let stated = columns[best[0]].unit.filter(|unit| *unit == "rad/s");
+            let unit = stated.unwrap_or("rpm");
+            out.row(DraftedRow {
+                to: "rotor_speed".to_owned(),
+                from: names,
+                unit: Some(unit.to_owned()),
+                evidence: evidence(stated.is_some(), unit, "numbered columns of one name"),
+                ..DraftedRow::default()
+            });
             continue;
         }
         let (low, high) = best
@@ -887,7 +1104,7 @@ fn rotors(columns: &mut [Column], out: &mut Writer) {
             most if most <= 2047.5 => (48.0, 2047.0),
             _ => (0.0, 65_535.0),
         };
-        out.ask(format!(
+        out.ask("duty", format!(
             "{}: which number is zero throttle and which is full? They range from {low} to {high} in the rows read here, so {from} and {until} are written here",
             names.join(", ")
         ));
@@ -904,13 +1121,14 @@ fn rotors(columns: &mut [Column], out: &mut Writer) {
                 negative.join(", ")
             ));
         }
-        out.row(
-            "duty",
-            &names,
-            None,
-            None,
-            &format!("low = {from:?}\nhigh = {until:?}\n"),
-        );
+        out.row(DraftedRow {
+            to: "duty".to_owned(),
+            from: names,
+            low: Some(from),
+            high: Some(until),
+            evidence: format!("numbered columns of one name; they range from {low} to {high}"),
+            ..DraftedRow::default()
+        });
     }
 }
 
@@ -955,14 +1173,23 @@ fn battery(columns: &mut [Column], out: &mut Writer) {
             .find(|(_, factor)| plausible.contains(&(median * factor)))
             .map_or(units[0].0, |(name, _)| *name);
         if stated.is_none() {
-            out.ask(format!(
-                "{}: which unit ({})? Its median is {median:.3}, so {likely} is written here",
-                columns[found].name,
-                units.map(|(name, _)| name).join(", ")
-            ));
+            out.ask(
+                to,
+                format!(
+                    "{}: which unit ({})? Its median is {median:.3}, so {likely} is written here",
+                    columns[found].name,
+                    units.map(|(name, _)| name).join(", ")
+                ),
+            );
         }
-        let name = columns[found].name.clone();
-        out.row(to, &[&name], Some(stated.unwrap_or(likely)), None, "");
+        let unit = stated.unwrap_or(likely);
+        out.row(DraftedRow {
+            to: to.to_owned(),
+            from: vec![columns[found].name.clone()],
+            unit: Some(unit.to_owned()),
+            evidence: evidence(stated.is_some(), unit, &format!("its median is {median:.3}")),
+            ..DraftedRow::default()
+        });
     }
 }
 
@@ -1018,11 +1245,32 @@ mod tests {
         let text = strangers();
         let found = draft(&file, text.as_bytes()).unwrap();
         assert!(
-            found.questions.iter().any(|q| q.contains("Motor1")),
+            found
+                .questions
+                .iter()
+                .any(|q| q.about == "duty" && q.sentence.contains("Motor1")),
             "{:?}",
             found.questions
         );
         assert_eq!(found.left_out, ["Mode"]);
+        let layout = &found.layout;
+        assert_eq!(
+            (
+                layout.skip_lines,
+                layout.clock.as_deref(),
+                layout.clock_format.as_deref()
+            ),
+            (1, Some("Time"), Some("hh:mm:ss"))
+        );
+        let duty = found.rows.iter().find(|row| row.to == "duty").unwrap();
+        assert_eq!((duty.from.len(), duty.low, duty.high), (4, Some(1000.0), Some(2000.0)));
+        let rates = found.rows.iter().find(|row| row.to == "rates").unwrap();
+        assert_eq!(rates.unit.as_deref(), Some("deg/s"));
+        assert!(rates.evidence.contains("the header says deg/s"), "{}", rates.evidence);
+        let time = &found.columns[0];
+        assert_eq!((time.examples[0].as_str(), time.low), ("12:00:30,000", None));
+        let voltage = found.columns.iter().find(|column| column.name == "VBat").unwrap();
+        assert_eq!((voltage.low, voltage.high), (Some(16.1), Some(16.1)));
         std::fs::write(&file, &text).unwrap();
         std::fs::write(&map, &found.toml).unwrap();
         let options = ReadOptions {
@@ -1076,7 +1324,10 @@ mod tests {
         let part = "to = \"battery_voltage_v\"\nfrom = \"csv:pm.vbatMV\"\nunit = \"mV\"";
         assert!(found.toml.contains(part), "{}", found.toml);
         assert!(
-            !found.questions.iter().any(|question| question.contains("vbatMV")),
+            !found
+                .questions
+                .iter()
+                .any(|question| question.sentence.contains("vbatMV")),
             "{:?}",
             found.questions
         );
@@ -1130,7 +1381,9 @@ mod tests {
         let counted = table("row", 1.0);
         assert!(counted.toml.contains("rate_hz = 100.0"), "{}", counted.toml);
         assert!(
-            counted.questions[0].contains("which column is the time? row rises"),
+            counted.questions[0]
+                .sentence
+                .contains("which column is the time? row rises"),
             "{:?}",
             counted.questions
         );

@@ -15,7 +15,7 @@ use rotortwin_scenario::toml_document::Document;
 use serde::{Deserialize, Serialize};
 
 /// How the description of a vehicle ends that an identification wrote.
-pub(crate) const FROM_LOG: &str = "; mass and arm as entered";
+pub const FROM_LOG: &str = "; mass and arm as entered";
 
 /// Where a value came from.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, utoipa::ToSchema)]

@@ -18,6 +18,8 @@ use std::io;
 use std::path::{Path, PathBuf};
 use utoipa::ToSchema;
 
+/// How the name of a file of intervals ends, before its extension.
+const INTERVALS: &str = ".intervals";
 /// Maximum size of a library file.
 const LARGEST_FILE: u64 = 16 << 20;
 
@@ -30,6 +32,8 @@ pub(crate) enum DocumentKind {
     Effect,
     /// A version of a model, as `rotortwin model export` writes it.
     Model,
+    /// How well the constants of a vehicle of the same name are known; kept with an identified vehicle, and in no list.
+    Intervals,
 }
 
 impl DocumentKind {
@@ -41,7 +45,16 @@ impl DocumentKind {
             Self::Blades => "blades",
             Self::Effect => "effects",
             Self::Model => "models",
+            Self::Intervals => "intervals",
         }
+    }
+
+    /// Path of a document in the library. Intervals are in the same folder as their vehicle: who loads the one gets the other with it.
+    pub(crate) fn path(folder: &str, name: &str) -> String {
+        if folder == Self::Intervals.folder() {
+            return format!("{}/{name}{INTERVALS}.toml", Self::Vehicle.folder());
+        }
+        format!("{folder}/{name}.toml")
     }
 }
 
@@ -92,6 +105,7 @@ impl Library {
             .map(|entry| entry.path())
             .filter(|path| path.extension().is_some_and(|extension| extension == ending))
             .filter_map(|path| path.file_stem().map(|stem| stem.to_string_lossy().into_owned()))
+            .filter(|name| !name.ends_with(INTERVALS))
             .collect();
         names.sort();
         names
@@ -164,6 +178,8 @@ impl Library {
             DocumentKind::Model => complaints("model", text, "", |text| {
                 ModelVersion::parse("model", text, &folder).map(|_| ())
             }),
+            // Nobody sends them: an identification writes them.
+            DocumentKind::Intervals => Vec::new(),
         };
         found.iter().map(|error| self.complaint(error)).collect()
     }
@@ -311,6 +327,18 @@ impl Library {
         VehicleDocuments::load(self.file("vehicles", name, "toml")).map_err(|error| self.refusal(&error))
     }
 
+    /// Version 0 of the model of a vehicle, with the intervals of its constants where they are known.
+    ///
+    /// # Errors
+    /// 404 for the name; 422 for an unflyable vehicle.
+    pub(crate) fn first_version(&self, name: &str) -> Result<ModelVersion, Problem> {
+        self.text("vehicles", name)?;
+        let mut version =
+            ModelVersion::load(self.file("vehicles", name, "toml")).map_err(|error| self.refusal(&error))?;
+        name.clone_into(&mut version.name);
+        Ok(version)
+    }
+
     /// A vehicle from a text, with paths relative to `vehicles/`.
     ///
     /// # Errors
@@ -358,7 +386,7 @@ fn paths_inside(kind: DocumentKind, document: &toml::Table) -> Result<(), Proble
         DocumentKind::Model if document.contains_key("vehicle_file") => Err(Problem::unprocessable(
             "key `vehicle_file`: expected a self-contained version, with `[vehicle]` and `[blades]`, as `rotortwin model export` writes it",
         )),
-        DocumentKind::Model | DocumentKind::Blades | DocumentKind::Effect => Ok(()),
+        DocumentKind::Model | DocumentKind::Blades | DocumentKind::Effect | DocumentKind::Intervals => Ok(()),
     }
 }
 

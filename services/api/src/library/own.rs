@@ -257,9 +257,9 @@ fn lay_over(shelf: &Library, own: &[(OwnDocument, String)], root: &Path) -> io::
     let beside = root.with_extension(new_id());
     copy_all(shelf.root(), &beside)?;
     for (document, text) in own {
-        let folder = beside.join(&document.folder);
-        std::fs::create_dir_all(&folder)?;
-        std::fs::write(folder.join(format!("{}.toml", document.name)), text)?;
+        let path = beside.join(DocumentKind::path(&document.folder, &document.name));
+        std::fs::create_dir_all(path.parent().unwrap_or(&beside))?;
+        std::fs::write(path, text)?;
     }
     std::fs::write(beside.join(COMPLETE), "")?;
     match std::fs::rename(&beside, root) {

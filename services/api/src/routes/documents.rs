@@ -8,6 +8,7 @@ use crate::problem::Problem;
 use axum::Json;
 use axum::http::{HeaderMap, StatusCode, header};
 use axum::response::{IntoResponse as _, Response};
+use rotortwin_twin::model::constants::FROM_LOG;
 use serde::Serialize;
 use utoipa::ToSchema;
 
@@ -78,6 +79,11 @@ pub(super) async fn put(
         .database
         .put_document(&caller.tenant, kind, name, text, &precondition)
         .await?;
+    // A constant that was edited is exact; a vehicle that no identification wrote has nothing of the earlier one.
+    let is_written = matches!(written, Written::Created | Written::Replaced);
+    if kind == DocumentKind::Vehicle && is_written && !text.contains(FROM_LOG) {
+        forget_intervals(app, caller, name).await?;
+    }
     let stored = StoredDocument {
         name: name.to_owned(),
         hash: hash_of(text),
@@ -104,6 +110,9 @@ pub(super) async fn put(
 }
 
 pub(super) async fn delete(app: &App, caller: &Caller, kind: DocumentKind, name: &str) -> Result<StatusCode, Problem> {
+    if kind == DocumentKind::Vehicle {
+        forget_intervals(app, caller, name).await?;
+    }
     let had_versions = kind == DocumentKind::Model && app.database.forget_model(&caller.tenant, name).await?;
     if app.database.delete_document(&caller.tenant, kind, name).await? || had_versions {
         return Ok(StatusCode::NO_CONTENT);
@@ -112,6 +121,14 @@ pub(super) async fn delete(app: &App, caller: &Caller, kind: DocumentKind, name:
         "you have no '{name}' under {}; the server's own documents cannot be deleted",
         kind.folder()
     )))
+}
+
+/// Intervals of a vehicle that is another one now, or none.
+async fn forget_intervals(app: &App, caller: &Caller, name: &str) -> Result<(), Problem> {
+    app.database
+        .delete_document(&caller.tenant, DocumentKind::Intervals, name)
+        .await?;
+    Ok(())
 }
 
 /// It becomes the name of a file.

@@ -5,10 +5,12 @@ use super::documents::{self, checked_name};
 use super::facts::{IdentificationFacts, JobFacts};
 use super::jobs::{self, JobView, Shared, Terms};
 use super::tasks::{Draft, OUT, done};
+use crate::App;
 use crate::access::Caller;
 use crate::jobs::JobKind;
 use crate::json_object::JsonObject;
 use crate::library::DocumentKind;
+use crate::library::own::{Precondition, Written};
 use crate::problem::Problem;
 use axum::Json;
 use axum::extract::Path;
@@ -241,7 +243,7 @@ pub(crate) async fn keep(
     let job = done(&app, &caller, JobKind::Identification, &id).await?;
     let texts: Texts =
         serde_json::from_str(&job.result.unwrap_or_default()).map_err(|error| Problem::internal(&error))?;
-    let name = job.new.name;
+    let (name, folder) = (job.new.name, job.folder.unwrap_or_default());
     // Beside each other where the job wrote them, in two folders in the library.
     let vehicle = texts.vehicle.replace(
         &format!("\"{name}.blades.toml\""),
@@ -252,7 +254,36 @@ pub(crate) async fn keep(
     for (kind, text) in [(DocumentKind::Blades, &texts.blades), (DocumentKind::Vehicle, &vehicle)] {
         documents::put(&app, &caller, kind, &name, &headers, text).await?;
     }
+    // With them the diagnosis knows what is a guess.
+    if let Some(intervals) = intervals_of(&app, &folder, &name).await? {
+        let database = &app.database;
+        let written = database
+            .put_document(
+                &caller.tenant,
+                DocumentKind::Intervals,
+                &name,
+                &intervals,
+                &Precondition::None,
+            )
+            .await?;
+        if written == Written::Full {
+            return Err(Problem::disk_full(format!(
+                "'{}' has reached its quota of documents; delete some that are no longer needed",
+                caller.tenant
+            )));
+        }
+    }
     let location = format!("/api/v1/vehicles/{name}");
     let kept = KeptVehicle { vehicle: name };
     Ok((StatusCode::CREATED, [(header::LOCATION, location)], Json(kept)).into_response())
+}
+
+/// What an identification knows of its constants; none where its files were deleted.
+async fn intervals_of(app: &App, folder: &str, name: &str) -> Result<Option<String>, Problem> {
+    let file = app.artifacts.file(folder, &format!("{name}.intervals.toml")).await;
+    let Some(file) = file.map_err(|error| Problem::of_files(&error))? else {
+        return Ok(None);
+    };
+    let text = tokio::fs::read_to_string(file).await;
+    text.map(Some).map_err(|error| Problem::internal(&error))
 }

@@ -38,8 +38,8 @@ const MAPPING: &str = "mapping.toml";
 /// Bytes.
 const LONGEST_MAPPING: usize = 64 << 10;
 /// Endings by which the import knows what a file is.
-const ENDINGS: [&str; 11] = [
-    "csv", "parquet", "ulg", "bin", "log", "tlog", "bbl", "bfl", "txt", "mcap", "usd",
+const ENDINGS: [&str; 12] = [
+    "csv", "tsv", "parquet", "ulg", "bin", "log", "tlog", "bbl", "bfl", "txt", "mcap", "usd",
 ];
 
 /// How a log is to be read.
@@ -162,7 +162,8 @@ pub(crate) struct ImportAgain {
     damaged: bool,
     /// Name of one of the library's vehicles to check the log against: number and order of the rotors.
     vehicle: Option<String>,
-    /// A mapping (TOML) whose rows override the built-in ones of PX4, ArduPilot and Crazyflie logs: columns, units, axes, order of the motors.
+    /// A mapping (TOML) whose rows override the built-in ones of PX4, ArduPilot and Crazyflie logs: columns, units, axes, order of the motors;
+    /// of a CSV with columns of its own what `GET /api/v1/logs/{id}/mapping` drafts.
     #[schema(max_length = 65_536)]
     mapping: Option<String>,
 }
@@ -299,7 +300,7 @@ fn check_rate(rate_hz: Option<f64>) -> Result<(), Problem> {
 }
 
 /// `log`, with the ending of what was sent.
-fn file_name(name: &str) -> Result<String, Problem> {
+pub(super) fn file_name(name: &str) -> Result<String, Problem> {
     let plain = |c: char| c.is_ascii_alphanumeric() || "._- ()+".contains(c);
     if name.is_empty() || name.len() > 200 || !name.chars().all(plain) {
         return Err(Problem::unprocessable(

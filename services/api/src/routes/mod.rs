@@ -26,6 +26,7 @@ mod jobs;
 mod library;
 mod live;
 mod log_examples;
+mod log_mapping;
 mod log_telemetry;
 mod logs;
 mod model_views;
@@ -166,6 +167,7 @@ fn described() -> OpenApiRouter<Arc<App>> {
         .routes(routes!(flights::of_run))
         .routes(routes!(log_telemetry::channels))
         .routes(routes!(log_telemetry::telemetry))
+        .routes(routes!(log_mapping::draft))
         .routes(routes!(logs::again))
         .routes(routes!(logs::submit))
         .merge(logs::logs::routes())

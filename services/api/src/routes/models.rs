@@ -451,7 +451,7 @@ impl Base {
         let first = if there("models") {
             library.model(name)?
         } else if there("vehicles") {
-            ModelVersion::first(name, library.vehicle_documents(name)?)
+            library.first_version(name)?
         } else {
             return Err(Problem::not_found(format!(
                 "model or vehicle '{name}' not found; /api/v1/models and /api/v1/vehicles list those that exist"

@@ -293,7 +293,7 @@ impl ModelChoice {
         }
         let library = app.library(caller).await?;
         match (&self.vehicle, &self.improvement, &self.version, &self.model) {
-            (Some(name), None, None, None) => Ok(ModelVersion::first(name, library.vehicle_documents(name)?)),
+            (Some(name), None, None, None) => library.first_version(name),
             (None, Some(id), None, None) => {
                 let job = done(app, caller, JobKind::Improvement, id).await?;
                 let file = app

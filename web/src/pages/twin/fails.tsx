@@ -8,6 +8,7 @@ import { Problem } from "../../parts/bits";
 import { JobProgress } from "../../parts/job";
 import { ComparisonView, type Looks, type Wanted } from "../../shown/comparison";
 import { Flight } from "./flight";
+import { OtherVehicle } from "./other-vehicle";
 import { Step } from "./step";
 import type { Twin } from "./state";
 
@@ -51,6 +52,7 @@ export function Fails(props: { twin: Twin }) {
   return (
     <Step number={4} title="Where it fails" later="each measured channel against the model, over time and over the flight condition" state={state()} note={result() ? "each channel one step ahead, against its noise" : undefined}>
       <JobProgress job={props.twin.comparison} what="Comparing the model with the flight" retry={props.twin.again} />
+      <OtherVehicle twin={props.twin} when={props.twin.comparison.job()?.status === "failed"} />
       <Problem sentence={flight.error() && `No picture of the flight: ${flight.error()}`} retry={flight.reload} />
       <Show when={result()}>{(found) => <ComparisonView result={found()} looks={looks} />}</Show>
     </Step>

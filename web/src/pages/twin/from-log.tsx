@@ -1,11 +1,11 @@
 /** In step 3: a custom vehicle from the flight, mass and arm; each value with its interval and source; stored under a name. */
-import { For, Show, createEffect, createMemo, createSignal } from "solid-js";
+import { For, Show, createEffect, createMemo, createSignal, on } from "solid-js";
 import { createAttempt } from "../../api/attempt";
 import { ask, freshKey } from "../../api/client";
 import { type JobView, createJob } from "../../api/job";
 import { count, short } from "../../format";
 import { type BenchTable, benchNotes, benchTable, shapeOf, tablesOf, tooMuch, withoutPlace } from "../../model/bench";
-import { type Identification, FRAMES, nameFrom, nameProblem, numberOf, rotorsOf, sourceOf } from "../../model/identify";
+import { type Identification, FRAMES, answerOf, failsOn, inOrder, nameFrom, nameProblem, numberOf, rotorsOf, sourceOf } from "../../model/identify";
 import { Problem } from "../../parts/bits";
 import { JobProgress } from "../../parts/job";
 import { VehiclePicture } from "../../parts/vehicle-picture";
@@ -50,7 +50,7 @@ export function FromLog(props: { twin: Twin; taken: readonly string[]; onKept: (
     const [heavy, wide] = [kg.value, reach.value];
     await attempt(async () => {
       const made = await ask<JobView>("POST", "/api/v1/identifications", {
-        name: name(), flights: props.twin.flights(), mass_kg: heavy, arm_m: way().toArm(wide), held_out: halves() === "yes",
+        name: name(), flights: props.twin.flights(), mass_kg: heavy, arm_m: way().toArm(wide), held_out: halves() !== "no",
         ...(frame().trim() ? { frame: frame().trim() } : {}),
         ...(series.value !== undefined ? { cells: series.value } : {}),
         ...(charge.value !== undefined ? { capacity_ah: charge.value } : {}),
@@ -92,7 +92,7 @@ export function FromLog(props: { twin: Twin; taken: readonly string[]; onKept: (
             <datalist id="frames"><For each={FRAMES}>{(one) => <option value={one} />}</For></datalist>
             <label class="field">Cells in series<input type="text" inputmode="numeric" size="4" value={cells()} onInput={(event) => setCells(event.currentTarget.value)} /></label>
             <label class="field">Capacity, A h<input type="text" inputmode="decimal" size="6" value={capacity()} onInput={(event) => setCapacity(event.currentTarget.value)} /></label>
-            <label class="check small"><input type="checkbox" checked={halves() === "yes"} onChange={(event) => setHalves(event.currentTarget.checked ? "yes" : "")} /> score each half of the flight with what the other half gave</label>
+            <label class="check small"><input type="checkbox" checked={halves() !== "no"} onChange={(event) => setHalves(event.currentTarget.checked ? "" : "no")} /> predict each half of the flight with what the other half gave (takes longer)</label>
           </div>
         </details>
         <BenchTables tables={tables()} change={(next) => setBench(next.length > 0 ? JSON.stringify(next) : "")} />
@@ -177,6 +177,13 @@ function Found(props: { found: Identification; job: JobView | undefined; id: str
     props.onKept();
     props.twin.chooseMade(answer.vehicle, props.id);
   });
+  // Who asks for a vehicle wants to go on with it. It is kept unless it would take the place of another one than that of this flight.
+  createEffect(on(() => props.twin.justIdentified() === props.id && !kept(), (go) => {
+    const again = props.twin.made() !== undefined && props.twin.vehicle() === name();
+    if (!go || (props.taken.includes(name()) && !again)) return;
+    props.twin.identifiedSeen();
+    void keep();
+  }));
   return (
     <div class="card found" aria-label="The identified vehicle" role="group">
       <div class="row">
@@ -184,14 +191,14 @@ function Found(props: { found: Identification; job: JobView | undefined; id: str
         <span class="tag">{it().airframe.name}</span>
         <span class="tag">defaults of the class {it().class.name}</span>
       </div>
-      <div class="side">
+      <div class={kept() ? "stack" : "side"}>
         <div class="stack">
           <p class="small">
             {it().outputs.length} rotors on outputs {it().outputs.join(", ")}; order and spin: {sourceOf(it().airframe.source).words} ({it().airframe.how}).
             In the air: {it().airborne.map((part) => `${short(part.start_s)} – ${short(part.end_s)} s`).join(", ")}.
           </p>
           <div class="row">
-            <Show when={!kept()} fallback={<span class="tag good">kept as {name()}, and chosen</span>}>
+            <Show when={!kept()} fallback={<><span class="tag good">kept as {name()}, and chosen</span><span class="small">The comparison with it is in <a href="#step-4">step 4</a>.</span></>}>
               <button type="button" class="main" disabled={busy()} onClick={() => void keep()}>{busy() ? "Keeping …" : `Keep it as ${name()} and go on with it`}</button>
             </Show>
             <Show when={!kept() && props.taken.includes(name())}>
@@ -200,7 +207,7 @@ function Found(props: { found: Identification; job: JobView | undefined; id: str
           </div>
           <Problem sentence={problem()} />
         </div>
-        <Show when={rotors()} fallback={<p class="small muted">The picture comes when the vehicle is kept.</p>}>
+        <Show when={!kept() && rotors()} fallback={<Show when={!kept()}><p class="small muted">The picture comes when the vehicle is kept.</p></Show>}>
           {(list) => <VehiclePicture geometry={{ name: name(), rotors: list() }} />}
         </Show>
       </div>
@@ -210,8 +217,10 @@ function Found(props: { found: Identification; job: JobView | undefined; id: str
           <ul class="small"><For each={benchNotes(it().notes).bench}>{(one) => <li>{one}</li>}</For></ul>
         </div>
       </Show>
-      <ValueTable values={it().values} label="Identified values" />
+      <div class={`say ${answerOf(it().values).kind}`}><strong>{answerOf(it().values).head}</strong> {answerOf(it().values).rest}</div>
+      <Show when={failsOn(props.found.held_out)}>{(answer) => <div class={`say ${answer().kind}`}><strong>{answer().head}</strong> {answer().rest}</div>}</Show>
       <Advice values={it().values} />
+      <ValueTable values={inOrder(it().values)} label="Identified values" />
       <HeldOut scores={props.found.held_out} />
       <Show when={benchNotes(it().notes).rest.length > 0}><ul class="small"><For each={benchNotes(it().notes).rest}>{(one) => <li>{one}</li>}</For></ul></Show>
       <details>

@@ -8,8 +8,12 @@ import { Problem } from "../../parts/bits";
 import { JobProgress } from "../../parts/job";
 import { DiagnosisView } from "../../shown/diagnosis";
 import { NextFlight } from "./next-flight";
+import { OtherVehicle } from "./other-vehicle";
 import { Step } from "./step";
 import type { Twin } from "./state";
+
+/** How a model that is too far from the log is calibrated by command; here it is a button. */
+const CALIBRATE_COMMAND = / \(`rotortwin vehicle from-log[^)]*\)/;
 
 export function Missing(props: { twin: Twin }) {
   const result = () => props.twin.diagnosis.result();
@@ -20,10 +24,11 @@ export function Missing(props: { twin: Twin }) {
   };
   return (
     <Step number={5} title="What is missing" later="the physics that explains the error, with its size, its interval and what else it could be" state={state()} note={result() ? `${result()?.model.name} diagnosed` : undefined}>
-      <JobProgress job={props.twin.diagnosis} what="Looking for what is missing" retry={props.twin.again} />
+      <JobProgress job={{ ...props.twin.diagnosis, error: () => props.twin.diagnosis.error()?.replace(CALIBRATE_COMMAND, "") }} what="Looking for what is missing" retry={props.twin.again} />
+      <OtherVehicle twin={props.twin} when={CALIBRATE_COMMAND.test(props.twin.diagnosis.error() ?? "")} />
       <Show when={result()}>
         {(found) => (
-          <DiagnosisView found={found()} add={(what) => void props.twin.add(what)}>
+          <DiagnosisView found={found()} add={(what) => void props.twin.add(what)} calibrating={{ take: (corrections) => void props.twin.calibrate(corrections), fromLog: () => props.twin.openFromLog() }}>
             <Show when={["cannot-tell", "missing"].includes(found().verdict.kind) && candidatesOf(found()).length > 1 && found().effects.some((one) => one.also_compatible.length > 0)}>
               <NextFlight twin={props.twin} found={found()} />
             </Show>

@@ -1,32 +1,46 @@
 /** Step 2: the data read from the log, what is missing and what that rules out, what looks wrong and how to repair it. */
-import { For, Show, createSignal } from "solid-js";
+import { For, Show, createMemo, createSignal } from "solid-js";
 import { duration, short } from "../../format";
-import { isChosen, suggestionOfRefusal } from "../../model/repair";
+import { adviceFor, isChosen, sourceOfFile, suggestionOfRefusal } from "../../model/repair";
+import { mayBeTable } from "../../model/table";
 import { findingBlocks, findingTitle } from "../../model/twin";
 import { Figures } from "../../parts/bits";
 import { Repair } from "./repair";
+import { isTyped } from "../../typed";
 import { Step } from "./step";
+import { TableForm } from "./table";
 import type { Twin } from "./state";
 
 export function Read(props: { twin: Twin }) {
   const result = () => props.twin.log.result();
   const report = () => result()?.report;
-  const blocking = () => (report()?.findings ?? []).filter((one) => findingBlocks(one.kind));
+  const blocking = createMemo(() => (report()?.findings ?? []).filter((one) => findingBlocks(one.kind)));
   const [otherwise, setOtherwise] = createSignal(false);
+  const [columns, setColumns] = createSignal(false);
   // A consistent log may still not fit the vehicle: the comparison says so.
   const motors = () => (/swapped motors: .*drives rotor/.test(props.twin.comparison.error() ?? "") ? props.twin.comparison.error() : undefined);
+  const refusal = () => (props.twin.log.job()?.status === "failed" ? props.twin.log.error() : undefined);
+  const facts = () => (props.twin.log.job()?.facts ?? {}) as { file?: string; xxh3?: string };
+  // A table that was read by columns which its owner chose is read again in the same way, whatever is wrong with it.
+  const isMapped = () => result()?.source.kind === "mapped_csv";
+  const asTable = () => refusal() !== undefined && mayBeTable(facts().file ?? "") && (props.twin.ofAnotherProgram() || isTyped(`table.${facts().xxh3 ?? ""}`));
   // A file refused for a unit or a checksum can be imported with other settings.
   const mendable = () => {
-    const refusal = props.twin.log.job()?.status === "failed" ? props.twin.log.error() : undefined;
-    return refusal !== undefined && (isChosen(suggestionOfRefusal(refusal)) || /CRC|checksum|damaged/.test(refusal)) ? refusal : undefined;
+    const words = asTable() ? undefined : refusal();
+    return words !== undefined && (isChosen(suggestionOfRefusal(words)) || /CRC|checksum|damaged/.test(words)) ? words : undefined;
   };
+  // A table whose header is that of a log, or almost: its owner may know better.
+  const couldBeTable = () => refusal() !== undefined && !asTable() && mayBeTable(facts().file ?? "");
+  const swapped = createMemo(() => (motors() ? [{ kind: "swapped_motors", detail: motors() ?? "" }] : []));
+  // A log without a flight is not repaired: another one is the way on.
+  const hopeless = () => (blocking().some((one) => one.kind === "no_flight" || one.kind === "one_column") ? adviceFor(blocking()[0]?.kind ?? "", sourceOfFile(facts().file ?? "")) : undefined);
   const isRun = () => props.twin.runs().length > 0;
   return (
     <Step
       number={2}
       title="What I read"
       later="columns, rate, gaps; what is missing in the log and what that rules out"
-      state={isRun() ? "done" : mendable() ? "problem" : result() === undefined ? "waiting" : blocking().length > 0 ? "problem" : "done"}
+      state={isRun() ? "done" : mendable() || asTable() || couldBeTable() ? "problem" : result() === undefined ? "waiting" : blocking().length > 0 ? "problem" : "done"}
       note={isRun() ? "a run of this server: every channel, without gaps" : result()?.headline.replace(/^\w+: /, "")}
     >
       <Show when={report()}>
@@ -39,7 +53,29 @@ export function Read(props: { twin: Twin }) {
                 </div>
               )}
             </For>
-            <Show when={blocking().length > 0}><Repair twin={props.twin} findings={blocking()} /></Show>
+            <Show when={blocking().length > 0}>
+              <Show
+                when={isMapped()}
+                fallback={
+                  <Show when={hopeless()} fallback={<Repair twin={props.twin} findings={blocking()} />}>
+                    {(advice) => (
+                      <>
+                        <div class="row">
+                          <span>{advice()}</span>
+                          <button type="button" class="main" onClick={() => props.twin.choose({})}>Choose another log</button>
+                        </div>
+                        <details onToggle={(event) => setOtherwise(event.currentTarget.open)}>
+                          <summary>Or say what its columns really hold, if they were read wrongly</summary>
+                          <Show when={otherwise()}><Repair twin={props.twin} findings={blocking()} /></Show>
+                        </details>
+                      </>
+                    )}
+                  </Show>
+                }
+              >
+                <TableForm twin={props.twin} findings={blocking()} />
+              </Show>
+            </Show>
             <Figures
               items={[
                 ["rows", found().rows.toLocaleString("en")],
@@ -84,14 +120,29 @@ export function Read(props: { twin: Twin }) {
             </details>
             <Show when={blocking().length === 0}>
               <details onToggle={(event) => setOtherwise(event.currentTarget.open)} open={motors() !== undefined}>
-                <summary>Read it again otherwise: axes, units, order of the motors, delays</summary>
-                <Show when={otherwise() || motors()}><Repair twin={props.twin} findings={motors() ? [{ kind: "swapped_motors", detail: motors() ?? "" }] : []} /></Show>
+                <summary>Read it again otherwise: {isMapped() ? "what each column is, units, axes, the clock" : "axes, units, order of the motors, delays"}</summary>
+                <Show when={otherwise() || motors()}>
+                  <Show when={isMapped()} fallback={<Repair twin={props.twin} findings={swapped()} />}><TableForm twin={props.twin} findings={swapped()} /></Show>
+                </Show>
               </details>
+              <Show when={result()?.source.kind === "csv" && mayBeTable(facts().file ?? "")}>
+                <details onToggle={(event) => setColumns(event.currentTarget.open)}>
+                  <summary>The columns are not what their names say: choose what each is</summary>
+                  <Show when={columns()}><TableForm twin={props.twin} findings={[]} /></Show>
+                </details>
+              </Show>
             </Show>
           </>
         )}
       </Show>
-      <Show when={mendable()}>{(refusal) => <Repair twin={props.twin} findings={[]} refusal={refusal()} />}</Show>
+      <Show when={mendable()}>{(words) => <Repair twin={props.twin} findings={[]} refusal={words()} />}</Show>
+      <Show when={asTable()}><TableForm twin={props.twin} findings={[]} refusal={props.twin.ofAnotherProgram() ? undefined : refusal()} /></Show>
+      <Show when={couldBeTable()}>
+        <details onToggle={(event) => setColumns(event.currentTarget.open)}>
+          <summary>It is a table of another program: choose what its columns are</summary>
+          <Show when={columns()}><TableForm twin={props.twin} findings={[]} refusal={refusal()} /></Show>
+        </details>
+      </Show>
     </Step>
   );
 }

@@ -7,7 +7,8 @@ import { ask, freshKey } from "../../api/client";
 import { type JobView, createJob } from "../../api/job";
 import { createLoad } from "../../api/load";
 import { ApiError, sentenceOf } from "../../api/problem";
-import { type Comparison, type Diagnosis, type History, type ImportResult, findingBlocks, keyOf, lineTo } from "../../model/twin";
+import { type Comparison, type Correction, type Diagnosis, type History, type ImportResult, findingBlocks, keyOf, lineTo, together } from "../../model/twin";
+import { isOfAnotherProgram, refusalWithoutCommand } from "../../model/table";
 import { route, setQuery } from "../../router";
 
 /** Default vehicle, that of the examples, and its rotors. */
@@ -28,6 +29,9 @@ export function createTwin() {
   const [identification, made] = [one("ident"), one("made")];
   // The manoeuvre that distinguishes two effects, and the run that shows it.
   const [nextFlight, flown] = [one("next"), one("flown")];
+  const [justIdentified, setJustIdentified] = createSignal<string>();
+  const [fromLog, setFromLog] = createSignal(0);
+  const [chosenVehicle, setChosenVehicle] = createSignal<string>();
   const [problem, setProblem] = createSignal<string>();
   const attempt = async (what: () => Promise<void>) => {
     setProblem(undefined);
@@ -40,14 +44,19 @@ export function createTwin() {
 
   const imported = createJob<ImportResult>("logs", () => logs()[0]);
   // The server stores an upload as `log.csv`; its owner knows it by another name.
-  const log = { ...imported, error: () => imported.error()?.replace(/^log(\.\w+)?: /, `${imported.job()?.name}: `) };
+  const log = { ...imported, error: () => { const refusal = imported.error(); return refusal && refusalWithoutCommand(refusal.replace(/^log(\.\w+)?: /, `${imported.job()?.name}: `)); } };
+  /** The columns have names of their own: the page asks what they are. */
+  const ofAnotherProgram = () => isOfAnotherProgram(imported.error() ?? "");
   // Held-out flights are waited for, too; one that cannot be read is told, and left out of the comparison.
   const heldJobs = createMemo(mapArray(held, (id) => ({ id, ...createJob<ImportResult>("logs", () => id) })));
   const heldSettled = createMemo(() => heldJobs().every((one) => one.result() !== undefined || one.error() !== undefined));
   const heldRead = createMemo(() => heldJobs().filter((one) => one.result() !== undefined).map((one) => one.id), undefined, { equals: (a, b) => a.join() === b.join() });
   const heldProblems = createMemo(() =>
-    heldJobs().flatMap((one) => (one.error() === undefined ? [] : [`${one.job()?.name ?? one.id}, to be held out: ${one.error()?.replace(/^log(\.\w+)?: /, "")}`])),
+    heldJobs().flatMap((one) => (one.error() === undefined ? [] : [`${one.job()?.name ?? one.id}, to be held out: ${refusalWithoutCommand(one.error()?.replace(/^log(\.\w+)?: /, "") ?? "")}`])),
   );
+  /** Held-out logs that were refused, and their files: what is said of the first log's columns may hold for them. */
+  const heldRefused = () =>
+    heldJobs().flatMap((one) => (one.job()?.status === "failed" ? [{ id: one.id, file: ((one.job()?.facts ?? {}) as { file?: string }).file ?? "" }] : []));
   const comparison = createJob<Comparison>("comparisons", cmp);
   const diagnosis = createJob<Diagnosis>("diagnoses", diag);
   const history = createLoad(model, (name, signal) => ask<History>("GET", `/api/v1/models/${encodeURIComponent(name)}/history`, undefined, { signal }));
@@ -64,6 +73,8 @@ export function createTwin() {
     const count = rotorsOfLog();
     return vehicle() === undefined && model() === undefined && logs().length > 0 && count !== undefined && count > 0 && count !== FIRST_ROTORS ? count : undefined;
   });
+  /** The vehicle was not chosen: the default one is taken for a log of its owner's, of which no parameter says what flew. */
+  const assumed = createMemo(() => made() === undefined && (log.job()?.facts as { upload?: string } | undefined)?.upload !== undefined && chosenVehicle() !== vehicle() && vehicle() === FIRST_VEHICLE);
   const vehicleKnown = createMemo(() => vehicle() !== undefined || logs().length === 0 || channels.error() !== undefined || (rotorsOfLog() !== undefined && unfit() === undefined));
   const head = () => history.data()?.branches.find((one) => one.name === branch());
   const shownVersion = () => (version() === undefined ? head()?.version : Number(version()));
@@ -105,7 +116,8 @@ export function createTwin() {
   createEffect(
     on([ready, heldSettled, cmp, line, query], ([go, settled, there, versions]) => {
       if (!go || !settled || there !== undefined || problem() !== undefined) return;
-      const models = versions.map((one) => ({ model: `${model()}@v${one.version}`, label: one.label }));
+      // By the vehicle: the name of the model has a part of the flight's id in it.
+      const models = versions.map((one) => ({ model: `${model()}@v${one.version}`, label: vehicle() === undefined ? one.label : `${vehicle()}@${one.label.replace(/^.*@/, "")}` }));
       const [first, ...more] = models;
       void attempt(() => submit("comparisons", {
         model: first,
@@ -134,6 +146,22 @@ export function createTwin() {
       history.reload();
       goTo(answer.version.version);
     });
+  /** Adds the corrections of constants that the flight contradicts, each effect once, to the head of the branch. */
+  const calibrate = (corrections: readonly Correction[]) =>
+    attempt(async () => {
+      let seen = line().at(-1)?.hash ?? head()?.hash;
+      let last: number | undefined;
+      for (const one of together(corrections)) {
+        const answer = await ask<{ version: { version: number; hash: string } }>(
+          "POST", `/api/v1/models/${model()}/versions`, { effect: one, branch: branch(), note: `calibrated by the diagnosis ${diag()}` },
+          { headers: seen ? { "if-match": `"${seen}"`, "idempotency-key": freshKey() } : {} },
+        );
+        seen = answer.version.hash;
+        last = answer.version.version;
+      }
+      history.reload();
+      if (last !== undefined) goTo(last);
+    });
   const undo = () =>
     attempt(async () => {
       const seen = head()?.hash;
@@ -157,8 +185,8 @@ export function createTwin() {
   };
 
   return {
-    logs, runs, held, identification, made, nextFlight, flown, vehicle: vehicleName, model, version, log, comparison, diagnosis, history, line, branch, head, problem, add, undo, again, beginBranch,
-    flightsReady, heldProblems, unfit, channels, rotorsOfLog,
+    logs, runs, held, identification, made, nextFlight, flown, vehicle: vehicleName, model, version, log, comparison, diagnosis, history, line, branch, head, problem, add, calibrate, undo, again, beginBranch,
+    flightsReady, heldProblems, heldRefused, ofAnotherProgram, unfit, channels, rotorsOfLog,
     /** Logs of the comparison, in its order. */
     compared: () => [...logs(), ...heldRead()],
     /** Whether there are a flight and a model to compare. */
@@ -166,13 +194,27 @@ export function createTwin() {
     /** Starts with other flights. */
     choose: (flights: { logs?: string[]; runs?: string[] }) =>
       setQuery({ log: flights.logs, run: flights.runs, held: undefined, vehicle: undefined, ident: undefined, made: undefined, ...begun, ch: undefined, again: undefined }),
-    /** The same flight, imported again with other settings: vehicle and held-out flights stay. */
-    reread: (id: string) => setQuery({ log: [id, ...logs().slice(1)], ident: undefined, made: undefined, ...begun, again: undefined }),
+    /** The same flight, imported again with other settings: the vehicle stays, and so do the held-out flights unless others are given. */
+    reread: (id: string, holdNow: readonly string[] = held()) =>
+      setQuery({ log: [id, ...logs().slice(1)], held: [...holdNow], ident: undefined, made: undefined, ...begun, again: undefined }),
     /** The training flights, as submissions name them. */
     flights: () => flightsOf(logs(), runs()),
-    chooseVehicle: (name: string) => setQuery({ vehicle: name, made: undefined, ...begun }),
+    chooseVehicle: (name: string) => {
+      setChosenVehicle(name);
+      setQuery({ vehicle: name, made: undefined, ...begun });
+    },
+    assumed,
     /** Shows how a vehicle is identified. */
-    identify: (id: string) => setQuery({ ident: id }, true),
+    identify: (id: string) => {
+      setJustIdentified(id);
+      setQuery({ ident: id }, true);
+    },
+    /** The identification that was asked for on this page and not yet continued with; a link to one continues with nothing by itself. */
+    justIdentified,
+    identifiedSeen: () => setJustIdentified(undefined),
+    /** Opens the form for a vehicle from this flight. */
+    fromLog,
+    openFromLog: () => setFromLog((count) => count + 1),
     /** Continues with an identified and stored vehicle. */
     chooseMade: (name: string, id: string) => setQuery({ vehicle: name, made: id, ...begun }),
     chooseModel: (name: string) => setQuery({ made: undefined, ...begun, model: name }),

@@ -1,5 +1,5 @@
 /** Step 3: the vehicle of the flight, drawn, and its model with versions. */
-import { For, Show, createSignal } from "solid-js";
+import { For, Show, createEffect, createSignal, on } from "solid-js";
 import { ask, get } from "../../api/client";
 import { createLoad } from "../../api/load";
 import { percent, short } from "../../format";
@@ -25,6 +25,16 @@ export function Vehicle(props: { twin: Twin }) {
   const models = () => (names.data()?.models ?? []).filter((name) => !names.data()?.vehicles.includes(name));
   const [opened, setOpen] = createSignal<boolean>();
   const open = () => opened() ?? (props.twin.identification() !== undefined || props.twin.unfit() !== undefined);
+  // Asked for from another step: the form opens where the eyes are led to.
+  createEffect(on(() => props.twin.fromLog(), (asked) => {
+    if (asked === 0) return;
+    setOpen(true);
+    queueMicrotask(() => {
+      const form = document.querySelector("#from-log form");
+      form?.scrollIntoView({ block: "start" });
+      form?.querySelector("input")?.focus({ preventScroll: true });
+    });
+  }));
   const pick = (value: string) => {
     if (value.startsWith("model:")) props.twin.chooseModel(value.slice(6));
     else props.twin.chooseVehicle(value);
@@ -44,12 +54,23 @@ export function Vehicle(props: { twin: Twin }) {
           </div>
         )}
       </Show>
+      <Show when={props.twin.assumed()}>
+        <Show
+          when={props.twin.rotorsOfLog() !== 0}
+          fallback={<div class="say">The log holds no motor outputs: it does not say which vehicle flew, and none can be made from it. <strong>{props.twin.vehicle()}</strong> is taken until you choose.</div>}
+        >
+          <div class="say row">
+            <span>The log does not say which vehicle flew: <strong>{props.twin.vehicle()}</strong> is taken until you choose. Is yours another one? Its mass and its size are enough.</span>
+            <button type="button" onClick={() => props.twin.openFromLog()}>Make it from this log</button>
+          </div>
+        </Show>
+      </Show>
       <Problem sentence={props.twin.history.error()} retry={props.twin.history.reload} />
       <Problem sentence={names.error()} retry={names.reload} />
       <div class="side">
         <div class="stack">
           <label class="field">
-            Vehicle, for a model of its own; or a model that is there
+            Vehicle, whose model begins at version 0; or a model that exists
             <select onChange={(event) => pick(event.currentTarget.value)}>
               <Show when={props.twin.unfit() !== undefined}><option value="" disabled selected>choose …</option></Show>
               <optgroup label="Vehicles: a new model begins at version 0">
