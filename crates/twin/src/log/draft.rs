@@ -1115,7 +1115,7 @@ fn rotors(columns: &mut [Column], out: &mut Writer) {
             .map(|column| column.name.as_str())
             .collect();
         if !negative.is_empty() {
-            out.ask(format!(
+            out.ask("duty", format!(
                 "{}: negative in all rows, as where the sign is the direction of rotation; a mapping has one range for all motors and would read \
                  these as standing still: write their magnitudes into the table",
                 negative.join(", ")
@@ -1355,7 +1355,7 @@ mod tests {
             found
                 .questions
                 .iter()
-                .any(|question| question.starts_with("motor2, motor4: negative in all rows")),
+                .any(|question| question.sentence.starts_with("motor2, motor4: negative in all rows")),
             "{:?}",
             found.questions
         );
