@@ -8,6 +8,8 @@ use crate::log::{FlightLog, names};
 
 /// Below this duty no propeller lifts its vehicle.
 const IDLE_DUTY: f64 = 0.05;
+/// Above it a motor is driven, not idling.
+const DRIVEN_DUTY: f64 = 2.0 * IDLE_DUTY;
 /// Less current than this lifts nothing that carries a logger, A.
 const IDLE_CURRENT_A: f64 = 1.0;
 /// A vehicle at rest turns and shakes less than this (a simulated hover does more), rad/s and m/s².
@@ -29,11 +31,29 @@ fn high(values: &[f64]) -> Option<f64> {
     Some(*present.select_nth_unstable_by(place, f64::total_cmp).1)
 }
 
-/// The current that 95 % of the rows stay below, where it is too small for a flight, A.
+/// Mean duty of each row; none without motor outputs.
+fn mean_duties(log: &FlightLog) -> Vec<f64> {
+    let duties = log.duties();
+    if duties.is_empty() {
+        return Vec::new();
+    }
+    (0..log.time_s.len())
+        .map(|row| duties.iter().map(|duty| duty[row]).sum::<f64>() / duties.len() as f64)
+        .collect()
+}
+
+/// The current that 95 % of the rows stay below, of those in which the motors are driven, where it is too small for a flight, A. Of all rows
+/// where no motor is, or none is in the log: a flight may be short beside the time that its logger ran.
 pub(crate) fn idle_current(log: &FlightLog) -> Option<f64> {
-    log.column(names::BATTERY_CURRENT)
-        .and_then(high)
-        .filter(|current| *current > 0.0 && *current < IDLE_CURRENT_A)
+    let current = log.column(names::BATTERY_CURRENT)?;
+    let driven: Vec<f64> = mean_duties(log)
+        .iter()
+        .zip(current)
+        .filter(|(duty, current)| **duty > DRIVEN_DUTY && current.is_finite())
+        .map(|(_, current)| *current)
+        .collect();
+    let lasts = driven.len() as f64 > FLIGHT_S * log.sample_rate_hz();
+    high(if lasts { &driven } else { current }).filter(|current| *current > 0.0 && *current < IDLE_CURRENT_A)
 }
 
 /// By how much the battery's voltage falls from where the motors are asked for little to where they are asked for much, over the voltage;
@@ -44,14 +64,9 @@ fn sag(log: &FlightLog) -> Option<f64> {
     const DRIVEN: f64 = 0.6;
     const LEAST_S: f64 = 1.0;
     let voltage = log.column(names::BATTERY_VOLTAGE)?;
-    let duties = log.duties();
-    if duties.is_empty() {
-        return None;
-    }
-    let mean_duty: Vec<f64> = (0..log.time_s.len())
-        .map(|row| duties.iter().map(|duty| duty[row]).sum::<f64>() / duties.len() as f64)
-        .collect();
-    let most = high(&mean_duty).filter(|most| *most > 2.0 * IDLE_DUTY)?;
+    let mean_duty = mean_duties(log);
+    let driven: Vec<f64> = mean_duty.iter().copied().filter(|duty| *duty > DRIVEN_DUTY).collect();
+    let most = high(&driven)?;
     let usual = |of: &dyn Fn(f64) -> bool| {
         let rows = mean_duty.iter().zip(voltage);
         let mut values: Vec<f64> = rows
@@ -73,20 +88,15 @@ pub(crate) fn moves_under_power(log: &FlightLog) -> bool {
     const FLIES_RAD_S: f64 = 0.3;
     const FLIES_M_S2: f64 = 1.0;
     /// A battery gives way to nothing that flies by less, over its voltage, and to no current below [`IDLE_CURRENT_A`] by more.
-    const FLIES_NOT: f64 = 0.01;
-    const FLIES: f64 = 0.02;
-    match sag(log) {
-        // Knocks of a hand shake as much as a flight.
-        Some(sag) if sag < FLIES_NOT => return false,
-        Some(sag) if sag > FLIES => return true,
-        _ => {}
+    const FLIES: f64 = 0.01;
+    // Knocks of a hand shake as much as a flight.
+    if let Some(sag) = sag(log) {
+        return sag > FLIES;
     }
-    let duties = log.duties();
     let (Some(rates), Some(accel)) = (log.vector(names::RATES), log.vector(names::ACCEL)) else {
         return false;
     };
-    let mean_duty = |row: usize| duties.iter().map(|duty| duty[row]).sum::<f64>() / duties.len() as f64;
-    let driven = (0..log.time_s.len()).filter(|row| mean_duty(*row) > 2.0 * IDLE_DUTY);
+    let driven = mean_duties(log).into_iter().filter(|duty| *duty > DRIVEN_DUTY);
     let turns = rates.iter().any(|axis| deviation(axis) > FLIES_RAD_S);
     turns && accel.iter().any(|axis| deviation(axis) > FLIES_M_S2) && 2 * driven.count() > log.time_s.len()
 }
@@ -116,14 +126,12 @@ impl FlightLog {
 }
 
 pub(super) fn no_flight(log: &FlightLog, findings: &mut Vec<Finding>) {
-    let duties = log.duties();
-    if !duties.is_empty() {
-        let rows = log.time_s.len();
-        let mean_duty = |row: usize| duties.iter().map(|duty| duty[row]).sum::<f64>() / duties.len() as f64;
-        let lifting = (0..rows).filter(|row| mean_duty(*row) > IDLE_DUTY).count();
+    let mean_duty = mean_duties(log);
+    if !mean_duty.is_empty() {
+        let lifting = mean_duty.iter().filter(|duty| **duty > IDLE_DUTY).count();
         let lifting_s = lifting as f64 / log.sample_rate_hz();
         if lifting_s < FLIGHT_S {
-            let most = (0..rows).map(mean_duty).fold(0.0, f64::max);
+            let most = mean_duty.into_iter().fold(0.0, f64::max);
             push(
                 findings,
                 FindingKind::NoFlight,
@@ -137,7 +145,7 @@ pub(super) fn no_flight(log: &FlightLog, findings: &mut Vec<Finding>) {
             findings,
             FindingKind::NoFlight,
             format!(
-                "the battery gives less than {current:.2} A in 95 % of the rows: nothing flies, nothing can be identified"
+                "the battery gives less than {current:.2} A in 95 % of the rows in which its motors are asked for thrust: nothing flies, nothing can be identified"
             ),
         );
         return;
@@ -202,6 +210,27 @@ mod tests {
             "{parts:?}"
         );
         assert!(parts.no_flight().is_some_and(|found| found == why), "{parts:?}");
+    }
+
+    #[test]
+    fn val_a_short_flight_in_a_long_log_is_a_flight() {
+        // The same with 15 A while the motors are up, and half an hour of rest after it.
+        let log = handled(0.7);
+        let rows = 90_000;
+        let time: Vec<f64> = (0..rows).map(|k| 0.02 * k as f64).collect();
+        let longer = |name: &str| {
+            let mut values = log.column(name).expect(name).to_vec();
+            values.resize(rows, values[0]);
+            (name.to_owned(), values)
+        };
+        let duties: Vec<String> = (1..=4).map(names::duty).collect();
+        let kept = names::RATES.iter().chain(&names::ACCEL).copied();
+        let mut columns: Vec<(String, Vec<f64>)> = kept.chain(duties.iter().map(String::as_str)).map(longer).collect();
+        let current = longer(&duties[0]).1.iter().map(|duty| 0.3 + 30.0 * duty).collect();
+        columns.push((names::BATTERY_CURRENT.to_owned(), current));
+        let log = FlightLog::from_columns("short", time, columns).expect("a log");
+        assert_eq!(log.says_no_flight(), None, "{:?}", log.report.findings);
+        assert!(log.flight_parts(None).air_s() > 20.0);
     }
 
     #[test]
