@@ -190,6 +190,37 @@ fn share(count: usize, of: usize) -> String {
     format!("{count} of {of} [{:.0}, {:.0}]", 100.0 * low, 100.0 * high)
 }
 
+#[test]
+fn val_a_load_is_named_and_rotors_are_judged_with_it() {
+    for kind in KINDS.iter().filter(|kind| !kind.is_unknown && !kind.is_beside) {
+        let all = all_said(&kind.cases(6, 5));
+        let count = |is: &dyn Fn(&Said) -> bool| all.iter().filter(|said| is(said)).count();
+        let named = count(&|said| said.after_s.is_some_and(|seconds| seconds <= 5.0) && said.named == 1);
+        let inside = count(&|said| said.is_inside);
+        assert!(
+            named >= 5 && inside >= 5,
+            "{}: named {named}, inside {inside} of 6",
+            kind.words
+        );
+        assert!(
+            all.iter().all(|said| !said.healthy_named && said.false_alarms == 0),
+            "{}: {all:?}",
+            kind.words
+        );
+        // Healthy again, or the rotor that is damaged later.
+        let right = count(&|said| said.right && (said.found || !kind.is_followed));
+        assert!(right >= 5, "{}: right at the end {right} of 6", kind.words);
+    }
+}
+
+#[test]
+fn val_no_load_is_named_for_a_rotor() {
+    for class in [Class::Step, Class::TwoRotors, Class::ThreeRotors, Class::Gain] {
+        let all = all_said(&cases_of(class, 4, 5, 60.0));
+        assert!(all.iter().all(|said| said.named == 0), "{class:?}: {all:?}");
+    }
+}
+
 /// The figures of docs/detector.md of changed loads: `ROTORTWIN_FAULTS_N` flights of each kind, `ROTORTWIN_FAULTS_SEED`; and of classes of the preset in which no load
 /// changes (`ROTORTWIN_FAULTS_CLASS`), `ROTORTWIN_FAULTS_S` seconds each.
 #[test]
