@@ -171,11 +171,11 @@ fn leave_out_other_voltages(log: &mut FlightLog) {
 
 /// A current that flies nothing, in a log of a flight, is that of a sensor which is not connected or not scaled.
 fn leave_out_currents_of_no_flight(log: &mut FlightLog) {
-    let Some(most) = checks::idle_current(log).filter(|_| checks::moves_under_power(log)) else {
+    let Some((most, where_it_is)) = checks::idle_current(log).filter(|_| checks::moves_under_power(log)) else {
         return;
     };
     let reason = format!(
-        "at most {most:.2} A in 95 % of the rows, and the motors are under load: the sensor is not connected or not scaled"
+        "at most {most:.2} A in {where_it_is}, and the motors are under load: the sensor is not connected or not scaled"
     );
     leave_out(log, &[names::BATTERY_CURRENT], &reason);
 }

@@ -24,10 +24,10 @@ fn deviation(values: &[f64]) -> f64 {
     mean(&squares).sqrt()
 }
 
-/// Value below which 95 % of the rows lie.
-fn high(values: &[f64]) -> Option<f64> {
+/// Value below which so many % of the rows lie.
+fn high(values: &[f64], percent: usize) -> Option<f64> {
     let mut present: Vec<f64> = values.iter().copied().filter(|value| !value.is_nan()).collect();
-    let place = (present.len() * 95 / 100).min(present.len().checked_sub(1)?);
+    let place = (present.len() * percent / 100).min(present.len().checked_sub(1)?);
     Some(*present.select_nth_unstable_by(place, f64::total_cmp).1)
 }
 
@@ -42,9 +42,11 @@ fn mean_duties(log: &FlightLog) -> Vec<f64> {
         .collect()
 }
 
-/// The current that 95 % of the rows stay below, of those in which the motors are driven, where it is too small for a flight, A. Of all rows
-/// where no motor is, or none is in the log: a flight may be short beside the time that its logger ran.
-pub(crate) fn idle_current(log: &FlightLog) -> Option<f64> {
+/// The current that three quarters of the rows in which the motors are driven stay below, where it is too small for a flight, and words for it,
+/// A. Of 95 % of all rows where no motor is driven, or none is in the log: a flight may be short beside the time that its logger ran.
+pub(crate) fn idle_current(log: &FlightLog) -> Option<(f64, &'static str)> {
+    const FLYING: (usize, &str) = (75, "75 % of the rows in which its motors are asked for thrust");
+    const ALL: (usize, &str) = (95, "95 % of the rows");
     let current = log.column(names::BATTERY_CURRENT)?;
     let driven: Vec<f64> = mean_duties(log)
         .iter()
@@ -53,7 +55,11 @@ pub(crate) fn idle_current(log: &FlightLog) -> Option<f64> {
         .map(|(_, current)| *current)
         .collect();
     let lasts = driven.len() as f64 > FLIGHT_S * log.sample_rate_hz();
-    high(if lasts { &driven } else { current }).filter(|current| *current > 0.0 && *current < IDLE_CURRENT_A)
+    let (values, (percent, words)) = if lasts { (&driven[..], FLYING) } else { (current, ALL) };
+    // A sensor that is not there reads 0 or less throughout.
+    let reads = high(values, 95)? > 0.0;
+    let most = high(values, percent).filter(|current| reads && *current < IDLE_CURRENT_A)?;
+    Some((most, words))
 }
 
 /// By how much the battery's voltage falls from where the motors are asked for little to where they are asked for much, over the voltage;
@@ -66,7 +72,7 @@ fn sag(log: &FlightLog) -> Option<f64> {
     let voltage = log.column(names::BATTERY_VOLTAGE)?;
     let mean_duty = mean_duties(log);
     let driven: Vec<f64> = mean_duty.iter().copied().filter(|duty| *duty > DRIVEN_DUTY).collect();
-    let most = high(&driven)?;
+    let most = high(&driven, 95)?;
     let usual = |of: &dyn Fn(f64) -> bool| {
         let rows = mean_duty.iter().zip(voltage);
         let mut values: Vec<f64> = rows
@@ -140,12 +146,12 @@ pub(super) fn no_flight(log: &FlightLog, findings: &mut Vec<Finding>) {
             return;
         }
     }
-    if let Some(current) = idle_current(log) {
+    if let Some((current, where_it_is)) = idle_current(log) {
         push(
             findings,
             FindingKind::NoFlight,
             format!(
-                "the battery gives less than {current:.2} A in 95 % of the rows in which its motors are asked for thrust: nothing flies, nothing can be identified"
+                "the battery gives less than {current:.2} A in {where_it_is}: nothing flies, nothing can be identified"
             ),
         );
         return;

@@ -44,6 +44,8 @@ const UNMOVED_HEIGHT_M: f64 = 0.4;
 const LIES_RATE_RAD_S: Range<f64> = 1e-5..0.015;
 const LIES_FORCE: Range<f64> = 1e-3..0.2;
 const LIES_HEIGHT_M: f64 = 0.5;
+/// … or, where no height and ground next to it tell, asks its motors for no more than this.
+const LIES_DUTY: f64 = 0.12;
 /// … with its motors running for so long, s.
 const LIES_RUNNING_S: f64 = 3.0;
 /// Shorter runs are a motor test or a jerk of the throttle, s.
@@ -391,20 +393,26 @@ fn lies(signals: &Signals, run: Range<usize>, on_ground: &[bool]) -> bool {
     if length_s < LIES_RUNNING_S || !LIES_RATE_RAD_S.contains(&turns) || !LIES_FORCE.contains(&of(shock)) {
         return false;
     }
-    let Some(height) = &signals.height else {
-        return true;
-    };
-    // The ground next to the run, as the height drifts.
-    let usual = |bins: &mut dyn Iterator<Item = usize>| {
-        let mut values: Vec<f64> = bins.map(|bin| height[bin]).filter(|value| value.is_finite()).collect();
+    let usual = |values: &[f64], bins: &mut dyn Iterator<Item = usize>| {
+        let mut values: Vec<f64> = bins.map(|bin| values[bin]).filter(|value| value.is_finite()).collect();
         super::super::resample::median(&mut values)
     };
-    let before = (0..run.start).rev().take_while(|bin| on_ground[*bin]);
-    let after = (run.end..on_ground.len()).take_while(|bin| on_ground[*bin]);
-    let ground = usual(&mut before.take(50)).or_else(|| usual(&mut after.take(50)));
-    match (ground, usual(&mut run.clone())) {
-        (Some(ground), Some(now)) => (now - ground).abs() < LIES_HEIGHT_M,
-        _ => false,
+    // The ground next to the run, as the height drifts.
+    let ground = signals.height.as_ref().and_then(|height| {
+        let before = (0..run.start).rev().take_while(|bin| on_ground[*bin]);
+        let after = (run.end..on_ground.len()).take_while(|bin| on_ground[*bin]);
+        let ground = usual(height, &mut before.take(50)).or_else(|| usual(height, &mut after.take(50)))?;
+        Some(usual(height, &mut run.clone())? - ground)
+    });
+    match ground {
+        Some(above) => above.abs() < LIES_HEIGHT_M,
+        // A simulated hover in still air, whose log begins and ends in it, is as calm; it asks for more.
+        None => signals
+            .duty
+            .first()
+            .and(signals.effort.as_ref())
+            .and_then(|effort| usual(effort, &mut run.clone()))
+            .is_some_and(|asked| asked < LIES_DUTY),
     }
 }
 
