@@ -70,7 +70,7 @@ impl Kind {
                 let mut random = Stream::new(seed, &format!("load-{}-{round}", self.words));
                 let onset_s = (10.0 * random.between(20.0, 30.0)).round() / 10.0;
                 let share = self.sign * random.between(0.05, 0.12);
-                let [angle, lever_m] = [random.between(0.0, 6.28), random.between(0.01, 0.04)];
+                let [angle, lever_m] = [random.between(0.0, std::f64::consts::TAU), random.between(0.01, 0.04)];
                 let rotor = 1 + random.below(6);
                 let hidden = |text: String| Hidden::parse(&text).expect("an effect");
                 case.class = Class::LoadDropped;
@@ -161,16 +161,6 @@ fn all_said(cases: &[FaultCase]) -> Vec<Said> {
     let cores = std::thread::available_parallelism().map_or(1, usize::from);
     let judge = |case: &FaultCase| {
         let rows = fly_case(case).ok()?;
-        if let Ok(folder) = std::env::var("ROTORTWIN_LOAD_LOGS") {
-            let name = format!(
-                "{folder}/{:?}-{}-{}.parquet",
-                case.class,
-                case.index,
-                case.effects.len()
-            );
-            rotortwin_blind::log_file::write(name.as_ref(), &rows).unwrap();
-            std::fs::write(format!("{name}.json"), serde_json::to_string(case).unwrap()).unwrap();
-        }
         Some(said(case, &windows_of(&rows)))
     };
     std::thread::scope(|scope| {

@@ -3,15 +3,13 @@
 
 mod foreign;
 
-use foreign::{cases_of, detectors, fed, scored, seconds, windows, windows_of};
-use rotortwin_blind::bench::faults::{Class, End, FaultCase, FaultRow, draw_cases, fly_case, other_days, score};
+use foreign::{cases_of, detectors, fed, scored, seconds, windows_of};
+use rotortwin_blind::bench::faults::{Class, End, FaultCase, FaultRow, fly_case, other_days};
 use rotortwin_blind::bench::faults_sheet;
 use rotortwin_blind::bench::sheet::Share;
 use rotortwin_blind::flight::Row;
 use rotortwin_blind::hidden::{Hidden, Profile};
-use rotortwin_fdi_session::{Chunk, Explained, ExplanationKind, FdiSession, Interval, Learner, Learnt, Sample, Window};
-use rotortwin_flight_core::MAX_ROTORS;
-use rotortwin_scenario::{DetectorSettings, Detectors, VehicleDocuments};
+use rotortwin_fdi_session::{Explained, ExplanationKind, FdiSession, Interval, Learner, Learnt, Window};
 use serde_json::json;
 
 /// Of an interval that is promised to hold 95 %, next to the chance of so few flights.
@@ -19,6 +17,11 @@ const LEAST_INSIDE: f64 = 0.88;
 
 fn cases(class: Class, n: usize, seed: u64) -> Vec<FaultCase> {
     cases_of(class, n, seed, 60.0)
+}
+
+/// What a session says of a flight.
+fn windows(case: &FaultCase) -> Vec<Window> {
+    windows_of(&fly_case(case).expect("flown"))
 }
 
 /// The same, scored.

@@ -17,6 +17,8 @@ const LIKELY: f64 = 0.75;
 /// Windows of a load before it is named: 3 s; 6 s where the model has failed.
 const HOLD: usize = 48;
 const HOLD_CAREFUL: usize = 96;
+/// Windows after which a load that has not been named is not any more, a minute: nothing is known of before it.
+const LONGEST: usize = 960;
 /// Windows in a row that may say otherwise.
 const MISSES: usize = 4;
 /// Windows of a mean, half a second.
@@ -120,6 +122,9 @@ impl LoadWatch {
         } else {
             self.misses = 0;
         }
+        if self.run.len() >= LONGEST {
+            return None;
+        }
         self.run.push(seen);
         let hold = if is_trusted { HOLD } else { HOLD_CAREFUL };
         if !is_load || self.run.len() < hold || self.before.len() < MEAN {
@@ -148,7 +153,7 @@ impl LoadWatch {
         self.run.len()
     }
 
-    /// A load was taken into account, or the flight has become another.
+    /// A load was taken into account.
     pub(super) fn clear(&mut self) {
         *self = Self::default();
     }
@@ -193,15 +198,6 @@ mod tests {
         );
         // Grows over ten seconds.
         assert_eq!(found(true, 300, |window| 0.006 * window as f64), None);
-        // Comes and goes.
-        assert_eq!(
-            found(true, 600, |window| if window < 100 {
-                0.0
-            } else {
-                1.0 + 0.5 * (0.3 * window as f64).sin()
-            }),
-            None
-        );
         // There from the beginning: the calibration has missed it, and nothing says when it came.
         assert_eq!(found(true, 300, |_| 1.0), None);
     }

@@ -1,38 +1,33 @@
 //! Flights of the independent generator, and what a session says of them.
 
-use rotortwin_blind::bench::faults::{Class, FaultCase, FaultRow, draw_cases, fly_case, score};
+use rotortwin_blind::bench::faults::{Class, FaultCase, FaultRow, draw_cases, score};
 use rotortwin_blind::flight::Row;
 use rotortwin_fdi_session::{Chunk, FdiSession, Sample, Window};
 use rotortwin_flight_core::MAX_ROTORS;
 use rotortwin_scenario::{DetectorSettings, Detectors, VehicleDocuments};
 use serde_json::json;
 
-pub const VEHICLE: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../../config/vehicles/f550.toml");
+pub(crate) const VEHICLE: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../../config/vehicles/f550.toml");
 
-pub fn cases_of(class: Class, n: usize, seed: u64, duration_s: f64) -> Vec<FaultCase> {
+pub(crate) fn cases_of(class: Class, n: usize, seed: u64, duration_s: f64) -> Vec<FaultCase> {
     let cases = draw_cases(n, seed, duration_s, &[(VEHICLE.to_owned(), 6)]);
     cases.into_iter().filter(|case| case.class == class).collect()
 }
 
-/// What a session says of a flight.
-pub fn windows(case: &FaultCase) -> Vec<Window> {
-    windows_of(&fly_case(case).expect("flown"))
-}
-
-pub fn windows_of(rows: &[Row]) -> Vec<Window> {
+pub(crate) fn windows_of(rows: &[Row]) -> Vec<Window> {
     fed(
         &mut FdiSession::new(*detectors().config(), 1).expect("a good configuration"),
         rows,
     )
 }
 
-pub fn scored(case: &FaultCase, windows: &[Window]) -> FaultRow {
+pub(crate) fn scored(case: &FaultCase, windows: &[Window]) -> FaultRow {
     let views: Vec<_> = windows.iter().map(view).collect();
     let report = json!({ "log": { "start_s": 0.0 }, "judged_rate_hz": 400.0, "detectors": { "window_samples": 25 }, "windows": views });
     score(case, &report.to_string()).expect("scored")
 }
 
-pub fn sample(row: &Row) -> Sample {
+pub(crate) fn sample(row: &Row) -> Sample {
     let numbers = |v: [f64; 3]| v.map(|x| x as f32);
     let mut duty = [0.0; MAX_ROTORS];
     for (to, from) in duty.iter_mut().zip(&row.duties) {
@@ -50,7 +45,7 @@ pub fn sample(row: &Row) -> Sample {
 }
 
 /// As `fdi-log --windows` writes it.
-pub fn view(window: &Window) -> serde_json::Value {
+pub(crate) fn view(window: &Window) -> serde_json::Value {
     let report = &window.report;
     let code = if window.obstacle.is_some() {
         -4
@@ -92,12 +87,12 @@ pub fn view(window: &Window) -> serde_json::Value {
     })
 }
 
-pub fn detectors() -> Detectors {
+pub(crate) fn detectors() -> Detectors {
     let documents = VehicleDocuments::load(VEHICLE).expect("shipped");
     Detectors::new(documents, &DetectorSettings::default(), None).expect("a good configuration")
 }
 
-pub fn fed(session: &mut FdiSession, rows: &[Row]) -> Vec<Window> {
+pub(crate) fn fed(session: &mut FdiSession, rows: &[Row]) -> Vec<Window> {
     let mut windows = Vec::new();
     for (part, rows) in rows.chunks(1000).enumerate() {
         let chunk = Chunk {
@@ -110,6 +105,6 @@ pub fn fed(session: &mut FdiSession, rows: &[Row]) -> Vec<Window> {
     windows
 }
 
-pub fn seconds(window: &Window) -> f64 {
+pub(crate) fn seconds(window: &Window) -> f64 {
     window.report.stamp.sim_time_ns as f64 * 1e-9
 }
