@@ -1,5 +1,5 @@
 var e=`# PX4 ULog → canonical flight log. Of rows with the same \`to\`, the first whose fields are in the log wins.
-# Keys of a row: to, from ("topic:field,field"; # instance; [] counts up), unit, frame, factor, valid; for duties low, high, order.
+# Keys of a row: to, from ("topic:field,field"; # instance; [] counts up), unit, frame, factor, valid, unit_as (see ardupilot-dataflash.toml); for duties low, high, order.
 # Units and frames: PX4 msg definitions (body FRD, world NED, quaternion w x y z from body to world).
 
 source = "px4-ulog"

@@ -55,15 +55,23 @@ to = "velocity"
 from = "EKF1:VN,VE,VD"
 unit = "m/s"
 
+# SERVOn_MIN and _MAX are not those of motors. AP_MotorsMulticopter::get_pwm_output_min takes MOT_PWM_MIN, or the throttle channel's
+# range where that is 0.
 [[column]]
 to = "duty"
 from = "RCOU:C{}"
-low = { parameter = ["MOT_PWM_MIN", "SERVO1_MIN", "RC3_MIN"], default = 1000.0 }
-high = { parameter = ["MOT_PWM_MAX", "SERVO1_MAX", "RC3_MAX"], default = 2000.0 }
+low = { parameter = ["MOT_PWM_MIN", "RC3_MIN"], default = 1000.0 }
+high = { parameter = ["MOT_PWM_MAX", "RC3_MAX"], default = 2000.0 }
 
 [[column]]
 to = "duty"
 from = "RCOU:Ch{}"
+low = { parameter = ["RC3_MIN"], default = 1000.0 }
+high = { parameter = ["RC3_MAX"], default = 2000.0 }
+
+[[column]] # 3.2 and before
+to = "duty"
+from = "RCOU:Chan{}"
 low = { parameter = ["RC3_MIN"], default = 1000.0 }
 high = { parameter = ["RC3_MAX"], default = 2000.0 }
 
@@ -88,10 +96,11 @@ to = "battery_current_a"
 from = "BAT:Curr"
 unit = "A"
 
-[[column]] # hundredths, as the voltage of the same message before 3.4
+[[column]] # hundredths where the voltage of the same message is
 to = "battery_current_a"
 from = "CURR:Curr"
-unit = "cA"
+unit = ["A", "cA"]
+unit_as = { field = "Volt", unit = ["V", "cV"] }
 
 [[column]]
 to = "height_above_ground_m"
