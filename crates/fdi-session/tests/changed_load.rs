@@ -245,7 +245,7 @@ fn bench_changed_loads() {
             println!(
                 "  the loss after it: found in 10 s {}; inside at the end {}",
                 share(count(&|said| said.found), all.len()),
-                share(count(&|said| said.inside), count(&|said| said.right)),
+                share(count(&|said| said.inside), all.len()),
             );
         }
     }
