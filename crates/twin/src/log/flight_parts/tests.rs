@@ -391,7 +391,8 @@ fn regress_a_take_off_ends_soon_after_the_lift_however_low_the_flight() {
     });
     let parts = log.flight_parts(None);
     assert_eq!(kinds(&parts), WHOLE, "{parts:?}");
-    assert!((parts.in_the_air()[0].0 - 15.0).abs() < 0.5, "{parts:?}");
+    // Carried from 12 s on, and higher than its feet from 21 s on only.
+    assert!((11.9..15.5).contains(&parts.in_the_air()[0].0), "{parts:?}");
 }
 
 /// Telemetry at 1 Hz, every now and then some seconds late: each row was a part of its own, and a heading that turned between two rows a jump.
