@@ -308,12 +308,11 @@ impl Frame {
     /// plus quadrotors, and so on) share their motors.
     pub(crate) fn of_px4_airframe(parameters: &BTreeMap<String, f64>) -> Option<&'static Self> {
         let airframe = *parameters.get("SYS_AUTOSTART")?;
-        if airframe == REAPER {
-            return None;
-        }
-        FRAMES.iter().find(|frame| {
-            frame.airframe != 0 && f64::from(frame.airframe / GROUP) == (airframe / f64::from(GROUP)).floor()
-        })
+        let group = (airframe / f64::from(GROUP)).floor();
+        FRAMES
+            .iter()
+            .find(|frame| frame.airframe != 0 && f64::from(frame.airframe / GROUP) == group)
+            .filter(|_| (airframe - REAPER).abs() > 0.5)
     }
 }
 

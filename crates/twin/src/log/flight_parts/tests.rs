@@ -372,7 +372,7 @@ fn regress_a_bench_that_shakes_less_than_any_flight_is_the_ground() {
 fn regress_a_take_off_ends_soon_after_the_lift_however_low_the_flight() {
     let columns = [&DUTIES[..], &ATTITUDE, &RATES, &FORCES, &["position_down_m"]].concat();
     let log = flown_with(&columns, |t, row| {
-        let lifted = t >= 12.0 || t < 5.0;
+        let lifted = !(5.0..12.0).contains(&t);
         Row {
             duty: if lifted {
                 row.duty
