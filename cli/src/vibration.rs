@@ -85,7 +85,7 @@ fn find(args: &Args) -> Result<Found, String> {
                 not_by_rotor: Some(by_rotor.to_string()),
                 ..found
             })
-            .map_err(|_| by_rotor.to_string()),
+            .map_err(|as_a_whole| format!("{by_rotor}; {as_a_whole}")),
         (found, _) => found.map_err(|error| error.to_string()),
     }
 }

@@ -47,10 +47,10 @@ impl VectorWork for Control {
 
 fn main() -> Result<(), String> {
     let [seconds, path] = <[String; 2]>::try_from(std::env::args().skip(1).collect::<Vec<_>>())
-        .map_err(|_| "expected SECONDS and SCENARIO".to_owned())?;
+        .map_err(|given| format!("expected SECONDS and SCENARIO, got {given:?}"))?;
     let seconds: f64 = seconds
         .parse()
-        .map_err(|_| format!("expected seconds, got {seconds}"))?;
+        .map_err(|error| format!("expected seconds, got {seconds}: {error}"))?;
     let scenario = Scenario::load(&path).map_err(|error| error.to_string())?;
     let rates = VectorUnit::available()
         .iter()
