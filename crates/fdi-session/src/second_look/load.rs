@@ -185,7 +185,7 @@ mod tests {
         let (window, _) = found(false, 300, step).expect("a load");
         assert_eq!(window + 1 - 100, HOLD_CAREFUL);
         // A window or two that say otherwise are noise.
-        let noisy = |window: usize| if window % 10 == 0 { 0.0 } else { step(window) };
+        let noisy = |window: usize| if window.is_multiple_of(10) { 0.0 } else { step(window) };
         assert!(found(true, 300, noisy).is_some());
     }
 
