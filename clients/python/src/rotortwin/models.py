@@ -421,6 +421,8 @@ class FdiWindow:
     cannot_judge: Json | None = None
     #: Smallest loss of each rotor, as a share of its thrust, that would now be detected within 10 s; empty without a verdict and while a fault or an obstacle is reported.
     smallest_loss: list[float] = field(default_factory=list)
+    #: The last load that was dropped or taken up since the calibration began: `time_s`, `named_s`, `mass_kg`, `probability`.
+    load: Json | None = None
     #: What `sequential` was before the second look, as a run would record it; only where it says something else.
     engine: Json | None = None
 
