@@ -65,6 +65,9 @@ const CONTROL_BYTES: usize = 32 << 10;
 /// Suffixes of the names of iceoryx2's segments.
 const SEGMENT_SUFFIXES: [&str; 5] = ["data", "dynamic", "connection", "event_mgmt", "global_mgmt"];
 
+/// Age of a segment without a size from which on nobody is making it any more; that takes microseconds.
+const HALF_MADE: Duration = Duration::from_secs(1);
+
 /// How long to retry while another process creates or removes the same service.
 const OPEN_RETRY: Duration = Duration::from_secs(1);
 
@@ -145,7 +148,7 @@ impl Iox2Options {
         match flock(&lock, FlockOperation::NonBlockingLockExclusive) {
             Ok(()) => self.remove_leftovers(),
             // In use, or another process is just tidying up.
-            Err(Errno::WOULDBLOCK) => {}
+            Err(Errno::WOULDBLOCK) => self.remove_half_made(),
             Err(error) => return Err(problem(error.into())),
         }
         // Between the two locks another process may find itself alone and tidy up: nothing of ours exists yet.
@@ -158,6 +161,32 @@ impl Iox2Options {
     /// Folder with an empty file for every prefix used under this root.
     fn prefixes(&self) -> PathBuf {
         self.root.join("prefixes")
+    }
+
+    /// Removes segments that a killed process began and never finished: iceoryx2 waits without end for the size of each when it tidies up
+    /// after dead nodes, as every new node does. Those that somebody may just be making are given their time.
+    fn remove_half_made(&self) {
+        let half_made = || -> Vec<(PathBuf, Duration)> {
+            names(std::path::Path::new(SHARED_MEMORY))
+                .into_iter()
+                .filter(|name| is_segment(name, &self.prefix))
+                .filter_map(|name| {
+                    let path = PathBuf::from(SHARED_MEMORY).join(name);
+                    let meta = std::fs::metadata(&path).ok().filter(|meta| meta.len() == 0)?;
+                    Some((path, meta.modified().ok()?.elapsed().unwrap_or_default()))
+                })
+                .collect()
+        };
+        let begin = Instant::now();
+        while begin.elapsed() < HALF_MADE && half_made().iter().any(|(_, age)| *age < HALF_MADE) {
+            std::thread::sleep(Duration::from_millis(5));
+        }
+        for (path, _) in half_made().into_iter().filter(|(_, age)| *age >= HALF_MADE) {
+            match std::fs::remove_file(&path) {
+                Ok(()) => tracing::warn!("removed {}, which a killed process left half made", path.display()),
+                Err(error) => tracing::warn!("removing {}: {error}", path.display()),
+            }
+        }
     }
 
     /// Removes the files of killed processes of any prefix. No process may be alive here.
@@ -776,6 +805,28 @@ mod tests {
         others
             .iter()
             .for_each(|other| std::fs::remove_file(other).expect("it is there"));
+        std::fs::remove_dir_all(&options.root).expect("it is there");
+    }
+
+    /// Found by a process that was killed while it made a connection: each node that came after it waited for ever, as long as any other lived.
+    #[test]
+    fn regress_a_segment_that_was_never_finished_is_removed_while_others_live() {
+        let prefix = format!("rthalf{}_", std::process::id());
+        let options = Iox2Options {
+            root: format!("{SHARED_MEMORY}/{prefix}root").into(),
+            prefix,
+            spin: 0,
+        };
+        let lives = options.enter().expect("an empty place");
+        let hash = "0123456789abcdef0123456789abcdef01234567";
+        let segment = |name: &str| PathBuf::from(SHARED_MEMORY).join(format!("{}{hash}_{name}", options.prefix));
+        let (half_made, whole) = (segment("1_2.connection"), segment("3_4.connection"));
+        std::fs::write(&half_made, "").expect("a new file");
+        std::fs::write(&whole, "x").expect("a new file");
+        drop(options.enter().expect("a shared place"));
+        assert!(!half_made.exists() && whole.exists());
+        drop(lives);
+        until_gone(&options, &whole);
         std::fs::remove_dir_all(&options.root).expect("it is there");
     }
 }
