@@ -288,12 +288,8 @@ fn lies_lightly(signals: &Signals, effort: &[f64], still: &[bool], on_ground: &[
         let calm = (0..before.start).filter(|bin| !on_ground[*bin] && (shock[*bin] - WEIGHT).abs() < CALM);
         let calm: Vec<usize> = calm.collect();
         let calm_s: f64 = calm.iter().map(|bin| signals.end_s[*bin] - signals.start_s[*bin]).sum();
-        let median = |bins: &mut dyn Iterator<Item = usize>, of: &[f64]| {
-            let mut values: Vec<f64> = bins.map(|bin| of[bin]).filter(|value| value.is_finite()).collect();
-            super::super::resample::median(&mut values)
-        };
-        let carries = median(&mut calm.iter().copied(), effort).filter(|_| calm_s >= LEAST_CALM_S);
-        let asked = median(&mut run.clone(), effort);
+        let carries = usual(effort, calm.iter().copied()).filter(|_| calm_s >= LEAST_CALM_S);
+        let asked = usual(effort, run.clone());
         let (Some(carries), Some(asked)) = (carries, asked) else {
             continue;
         };
@@ -307,7 +303,7 @@ fn lies_lightly(signals: &Signals, effort: &[f64], still: &[bool], on_ground: &[
             .iter()
             .copied()
             .fold(f64::NEG_INFINITY, f64::max);
-        let stands = median(&mut run.clone(), height).unwrap_or(f64::NAN);
+        let stands = usual(height, run.clone()).unwrap_or(f64::NAN);
         let unmoved = deviation(run.clone().map(|bin| height[bin])) < RESTING_HEIGHT_M;
         let is_lowest = stands < lowest(&height[..touch]) + RESTING_HEIGHT_M;
         if unmoved && is_lowest && highest > stands + CAME_DOWN_M && asked < LIGHT * carries {
@@ -393,16 +389,12 @@ fn lies(signals: &Signals, run: Range<usize>, on_ground: &[bool]) -> bool {
     if length_s < LIES_RUNNING_S || !LIES_RATE_RAD_S.contains(&turns) || !LIES_FORCE.contains(&of(shock)) {
         return false;
     }
-    let usual = |values: &[f64], bins: &mut dyn Iterator<Item = usize>| {
-        let mut values: Vec<f64> = bins.map(|bin| values[bin]).filter(|value| value.is_finite()).collect();
-        super::super::resample::median(&mut values)
-    };
     // The ground next to the run, as the height drifts.
     let ground = signals.height.as_ref().and_then(|height| {
         let before = (0..run.start).rev().take_while(|bin| on_ground[*bin]);
         let after = (run.end..on_ground.len()).take_while(|bin| on_ground[*bin]);
-        let ground = usual(height, &mut before.take(50)).or_else(|| usual(height, &mut after.take(50)))?;
-        Some(usual(height, &mut run.clone())? - ground)
+        let ground = usual(height, before.take(50)).or_else(|| usual(height, after.take(50)))?;
+        Some(usual(height, run.clone())? - ground)
     });
     match ground {
         Some(above) => above.abs() < LIES_HEIGHT_M,
@@ -411,7 +403,7 @@ fn lies(signals: &Signals, run: Range<usize>, on_ground: &[bool]) -> bool {
             .duty
             .first()
             .and(signals.effort.as_ref())
-            .and_then(|effort| usual(effort, &mut run.clone()))
+            .and_then(|effort| usual(effort, run.clone()))
             .is_some_and(|asked| asked < LIES_DUTY),
     }
 }
@@ -570,17 +562,20 @@ fn clear(signals: &Signals, run: Range<usize>, ground: usize, backwards: bool) -
     }
 }
 
+/// Median of a signal over some bins, of those with a value.
+fn usual(values: &[f64], bins: impl Iterator<Item = usize>) -> Option<f64> {
+    let mut values: Vec<f64> = bins.map(|bin| values[bin]).filter(|value| value.is_finite()).collect();
+    super::super::resample::median(&mut values)
+}
+
 /// The first bin of a run in which the motors are asked for nearly what they fly with, and go on with it.
 fn lifted(signals: &Signals, run: Range<usize>) -> Option<usize> {
     let effort = signals.effort.as_ref()?;
-    let usual = |bins: Range<usize>| {
-        let mut values: Vec<f64> = bins.map(|bin| effort[bin]).filter(|value| value.is_finite()).collect();
-        super::super::resample::median(&mut values)
-    };
-    let flies = LIFTS * usual(run.clone())?;
+    let flies = LIFTS * usual(effort, run.clone())?;
     run.clone().find(|bin| {
         let from_s = signals.start_s[*bin];
-        effort[*bin] > flies && usual(signals.between(from_s, from_s + LIFTED_S)).is_some_and(|mean| mean > flies)
+        effort[*bin] > flies
+            && usual(effort, signals.between(from_s, from_s + LIFTED_S)).is_some_and(|mean| mean > flies)
     })
 }
 
