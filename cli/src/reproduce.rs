@@ -6,6 +6,7 @@ use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use rotortwin_campaign::paper::classifiers;
 use rotortwin_campaign::paper::cross_validation::Fold;
 use rotortwin_campaign::paper::protocol::Course;
+use rotortwin_campaign::paper::reproduction::bench;
 use rotortwin_campaign::paper::reproduction::parameters::{self, CHARGES, LiftCurve};
 use rotortwin_campaign::paper::reproduction::report::{Figure, PageFacts, render};
 use rotortwin_campaign::paper::reproduction::tables::tables as tables_of_flights;
@@ -16,6 +17,7 @@ use rotortwin_flight::pace::Pace;
 use rotortwin_runner::destination;
 use rotortwin_runner::failure::Failure;
 use rotortwin_runner::training::{self, BASE_SCENARIO, save_classifier};
+use rotortwin_scenario::names::{self, Kind};
 use rotortwin_scenario::{Classifier, Scenario};
 use rotortwin_sim::session::{self, SessionConfig};
 use rotortwin_store::figures::{self, Line};
@@ -53,8 +55,8 @@ pub struct Args {
     /// Only this table; may be given several times [default: all tables and figures]
     #[arg(long, value_enum, value_name = "TABLE")]
     table: Vec<TableArg>,
-    /// Only this figure, 7 to 17; may be given several times
-    #[arg(long, value_name = "FIGURE", value_parser = clap::value_parser!(u8).range(7..=17))]
+    /// Only this figure, 3 to 5 or 7 to 17; may be given several times (2 and 6 are photographs)
+    #[arg(long, value_name = "FIGURE", value_parser = figure_number)]
     figure: Vec<u8>,
     /// Folder to write; must not exist or be empty [default: runs/reproduce, with a number if that exists]
     #[arg(long, value_name = "DIR")]
@@ -150,6 +152,9 @@ enum TableArg {
     /// Control and FDI
     #[value(name = "5")]
     Table5,
+    /// Eq. 19 from one discharging flight (§2.6)
+    #[value(name = "eq19")]
+    Equation19,
     /// Cross-validation of the network
     #[value(name = "6")]
     Table6,
@@ -173,7 +178,7 @@ impl TableArg {
     /// A table of flights; the others are of settings.
     fn item(self) -> Option<Item> {
         Some(match self {
-            Self::Table1 | Self::Table2 | Self::Table3 | Self::Table4 | Self::Table5 => return None,
+            Self::Table1 | Self::Table2 | Self::Table3 | Self::Table4 | Self::Table5 | Self::Equation19 => return None,
             Self::Table6 => Item::Table6,
             Self::Table7 => Item::Table7,
             Self::Table8 => Item::Table8,
@@ -197,6 +202,9 @@ impl TableArg {
 
     /// Name on the command line.
     fn key(self) -> String {
+        if self == Self::Equation19 {
+            return "eq19".to_owned();
+        }
         match (self.settings(), self.item()) {
             (Some(number), _) => number.to_string(),
             (None, item) => item.map_or("", Item::key).to_owned(),
@@ -288,7 +296,9 @@ fn reproduce(args: &Args, base: &Scenario, folder: &Path) -> Result<(), String> 
     let start = Instant::now();
     let everything = args.table.is_empty() && args.figure.is_empty();
     let figures: BTreeSet<u8> = if everything {
-        (7..=17).collect()
+        (FIGURES_OF_THE_PAPER)
+            .filter(|figure| !PHOTOGRAPHS.contains(figure))
+            .collect()
     } else {
         args.figure.iter().copied().collect()
     };
@@ -323,9 +333,13 @@ fn reproduce(args: &Args, base: &Scenario, folder: &Path) -> Result<(), String> 
 
     let mut tables: Vec<ResultTable> = parameters::tables(base, of_settings);
     tables.extend(parameters::charge_against_damage(base).filter(|_| figures.contains(&8)));
+    if everything || args.table.contains(&TableArg::Equation19) {
+        tables.push(equation_19(args.common.first_seed)?);
+    }
     tables.extend(tables_of_flights(&result));
     let mut files = write_numbers(&result, folder)?;
-    let mut drawn = draw_blades(base, &figures, folder)?;
+    let mut drawn = draw_bench(base, &figures, folder)?;
+    drawn.extend(draw_blades(base, &figures, folder)?);
     drawn.extend(draw_figures(args, base, &result, &figures, folder)?);
     files.extend(drawn.iter().map(|figure| figure.file.clone()));
     if let Some(path) = &args.save_classifier {
@@ -354,6 +368,17 @@ fn reproduce(args: &Args, base: &Scenario, folder: &Path) -> Result<(), String> 
         print_text(&result, &tables, &files, start);
     }
     Ok(())
+}
+
+/// Eq. 19 from a flight on the motors of `f550-motors`.
+fn equation_19(seed: u64) -> Result<ResultTable, String> {
+    let vehicle = names::find(Kind::Vehicle, "f550-motors").map_err(|error| error.to_string())?;
+    let vehicle = vehicle
+        .canonicalize()
+        .map_err(|error| format!("{}: {error}", vehicle.display()))?;
+    let flight = bench::discharging_flight(&vehicle)?;
+    let identified = bench::identify(&flight, seed)?;
+    Ok(bench::table(&flight, &identified))
 }
 
 /// As typed.
@@ -476,10 +501,64 @@ const FIGURES: [(&[u8], usize, &str, &str, &str); 9] = [
     ),
 ];
 
-/// The blade figures, which need no flight, are 7 and 8.
+/// The figures of the bench and its blades need no flight; this is the last of them.
 const LAST_BLADE_FIGURE: u8 = 8;
+/// Figures with something to draw, and what is among them but a photograph.
+const FIGURES_OF_THE_PAPER: std::ops::RangeInclusive<u8> = 3..=17;
+const PHOTOGRAPHS: [u8; 1] = [6];
+/// The last figure of the bench without blades of Table 1 in it.
+const LAST_BENCH_FIGURE: u8 = 5;
 /// Colours of the blades, in the order of their names.
 const BLADE_COLOURS: [&str; 4] = ["#1f6fd1", "#18794e", "#c0262d", "#b87400"];
+
+/// The number of a figure that can be drawn.
+fn figure_number(text: &str) -> Result<u8, String> {
+    let number: u8 = text.parse().map_err(|_| format!("expected 3 to 17, got '{text}'"))?;
+    match number {
+        2 | 6 => Err(format!(
+            "figure {number} of the paper is a photograph: expected 3 to 5 or 7 to 17"
+        )),
+        number if FIGURES_OF_THE_PAPER.contains(&number) => Ok(number),
+        _ => Err("expected 3 to 5 or 7 to 17".to_owned()),
+    }
+}
+
+/// Figures 3 to 5: what the paper's bench shows, computed.
+fn draw_bench(base: &Scenario, wanted: &BTreeSet<u8>, folder: &Path) -> Result<Vec<Drawn>, String> {
+    let mut drawn = Vec::new();
+    if wanted.iter().all(|figure| *figure > LAST_BENCH_FIGURE) {
+        return Ok(drawn);
+    }
+    for figure in bench::figures(base)
+        .into_iter()
+        .filter(|figure| wanted.contains(&figure.number))
+    {
+        let lines: Vec<Line> = figure
+            .curves
+            .into_iter()
+            .map(|curve| Line {
+                name: curve.name,
+                colour: BLADE_COLOURS[curve.group % BLADE_COLOURS.len()],
+                dashed: curve.dashed,
+                points: curve.points,
+            })
+            .collect();
+        let svg = figures::lines(figure.title, figure.labels[0], figure.labels[1], &lines);
+        let file = folder.join(format!("figure-{:02}-bench.svg", figure.number));
+        write(&file, &svg)?;
+        drawn.push(Drawn {
+            figure: Figure {
+                label: format!("Fig. {}", figure.number),
+                title: figure.title.to_owned(),
+                about: figure.about.to_owned(),
+                svg,
+                report: None,
+            },
+            file,
+        });
+    }
+    Ok(drawn)
+}
 
 /// Figures 7 and 8: lift over duty of the healthy blade, and of all.
 fn draw_blades(base: &Scenario, wanted: &BTreeSet<u8>, folder: &Path) -> Result<Vec<Drawn>, String> {

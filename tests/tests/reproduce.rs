@@ -8,8 +8,8 @@ use std::ffi::OsString;
 fn scenario_settings_and_blades_need_no_flight() {
     let scratch = Scratch::new();
     let words = [
-        "--table", "1", "--table", "2", "--table", "3", "--table", "4", "--table", "5", "--figure", "7", "--figure",
-        "8",
+        "--table", "1", "--table", "2", "--table", "3", "--table", "4", "--table", "5", "--figure", "3", "--figure",
+        "4", "--figure", "5", "--figure", "7", "--figure", "8",
     ];
     let out = scratch.path("out");
     let ended = Call::new(&scratch, ["reproduce"].map(OsString::from))
@@ -38,5 +38,38 @@ fn scenario_settings_and_blades_need_no_flight() {
             "{file}"
         );
     }
+    for (file, lines) in [
+        ("figure-03-bench.svg", 1),
+        ("figure-04-bench.svg", 4),
+        ("figure-05-bench.svg", 4),
+    ] {
+        let svg = std::fs::read_to_string(out.join(file)).expect("a figure");
+        assert_eq!(svg.matches("h26").count(), lines, "{file}");
+    }
     assert!(!out.join("numbers.csv").exists());
+}
+
+#[test]
+fn scenario_equation_19_is_identified_from_one_flight() {
+    let scratch = Scratch::new();
+    let out = scratch.path("out");
+    let ended = Call::new(&scratch, ["reproduce", "--table", "eq19", "--json"].map(OsString::from))
+        .with(["--out", out.to_str().expect("plain letters")])
+        .run()
+        .expect_code(0);
+    assert!(
+        ended.stdout.contains("a_L3") && ended.stdout.contains("R²"),
+        "{}",
+        ended.stdout
+    );
+}
+
+#[test]
+fn scenario_a_photograph_cannot_be_reproduced() {
+    let scratch = Scratch::new();
+    let ended = Call::new(&scratch, ["reproduce", "--figure", "6"].map(OsString::from))
+        .run()
+        .expect_code(2);
+    let said = ended.stderr.join("\n");
+    assert!(said.contains("photograph"), "{said}");
 }

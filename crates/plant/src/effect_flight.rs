@@ -5,6 +5,8 @@
 //!                                      ▲ V − R I_i: battery with its RC pair                            │
 //!  readings ◀─ latencies ◀─ offsets, biases, scales ◀─ reading hooks ◀── true state, specific force ◀───┘
 //! ```
+//! With `[rotors.motor]` the way from command to thrust is that of ESC and motor, whose speeds are integrated (`powertrain/motor.rs`); lift
+//! hooks then act on the lift at that speed, at once.
 //!
 //! Same integrator and step as the flight without effects; hooks of lift, thrust and wrench act at every stage, the own states of
 //! effects move once a step. Accelerations that hooks see are those of the stage before. Full inertia tensor.
@@ -19,6 +21,7 @@ use crate::body::rigid_body::{Quaternion, RigidBodyRate, RigidBodyState, Surroun
 use crate::effects::{Constants, EffectSet, Moment, Readings, Wrench};
 use crate::powertrain::battery::{Battery, BatteryOutput};
 use crate::powertrain::held::sum_of_powers;
+use crate::powertrain::motor::Motors;
 use crate::powertrain::rotors::RotorTruth;
 use crate::state::PlantState;
 use crate::vector::{Vector3, cross};
@@ -57,14 +60,55 @@ struct Held {
     bias: [f64; MAX_ROTORS],
     health: [f64; MAX_ROTORS],
     wind_ned: Vector3,
+    /// Duty that acts, fraction.
+    duty: [f64; MAX_ROTORS],
+    /// Gain · c_L, N·s²; 0 without motors.
+    lift_coefficient: [f64; MAX_ROTORS],
+}
+
+/// A state of the whole plant.
+#[derive(Debug, Clone, Copy)]
+struct Stage {
+    body: RigidBodyState,
+    /// N; follows from the speeds where there are motors.
+    thrust: [f64; MAX_ROTORS],
+    /// Ω of motors, rad/s; 0 without them.
+    speed: [f64; MAX_ROTORS],
+    charge: f64,
+    rc_voltage: f64,
+}
+
+impl Stage {
+    fn moved(&self, rate: &Rate, rotors: usize, h: f64) -> Self {
+        let mut moved = Self {
+            body: self.body.moved(&rate.body, h),
+            charge: self.charge + h * rate.charge,
+            rc_voltage: self.rc_voltage + h * rate.rc_voltage,
+            ..*self
+        };
+        for i in 0..rotors {
+            moved.thrust[i] += h * rate.thrust[i];
+            moved.speed[i] += h * rate.speed[i];
+        }
+        moved
+    }
 }
 
 /// Right-hand side.
 struct Rate {
     body: RigidBodyRate,
     thrust: [f64; MAX_ROTORS],
+    /// Ω', rad/s².
+    speed: [f64; MAX_ROTORS],
     charge: f64,
     rc_voltage: f64,
+}
+
+/// What rotors contribute to a right-hand side.
+struct RotorRate {
+    thrust: [f64; MAX_ROTORS],
+    speed: [f64; MAX_ROTORS],
+    wrench: Wrench,
 }
 
 /// What hooks are told besides the state itself.
@@ -135,7 +179,10 @@ pub(crate) struct EffectFlight {
     per_inertia: [Vector3; 3],
     /// v₁ of the RC pair, V.
     rc_voltage: f64,
+    /// Rate of what [`EffectFlight::turning`] gives, N/s.
     thrust_rate: [f64; MAX_ROTORS],
+    /// ESCs and motors, if the vehicle has them in place of Eq. 19 and its lag.
+    motors: Option<Motors>,
     /// One sample a step, or a part once the flight goes on in parts.
     duties: Ring<[f64; MAX_ROTORS]>,
     readings: Ring<Readings>,
@@ -148,6 +195,7 @@ pub(crate) struct EffectFlight {
 struct Begun {
     body: RigidBodyState,
     thrust: [f64; MAX_ROTORS],
+    turning: [f64; MAX_ROTORS],
     thrust_rate: [f64; MAX_ROTORS],
     context: Context,
 }
@@ -209,7 +257,7 @@ impl<T: Copy> Ring<T> {
 
 impl EffectFlight {
     /// A flight with `set` over a ground at `ground_down` m, NED; infinite for none.
-    pub(crate) fn new(set: EffectSet, ground_down: f64) -> Self {
+    pub(crate) fn new(set: EffectSet, motors: Option<Motors>, ground_down: f64) -> Self {
         let zero = [0.0; MAX_ROTORS];
         let mut flight = Self {
             context: Context {
@@ -223,6 +271,8 @@ impl EffectFlight {
                     bias: zero,
                     health: zero,
                     wind_ned: [0.0; 3],
+                    duty: zero,
+                    lift_coefficient: zero,
                 },
                 specific_force: [0.0; 3],
                 angular_acceleration: [0.0; 3],
@@ -232,6 +282,7 @@ impl EffectFlight {
             per_inertia: [[0.0; 3]; 3],
             rc_voltage: 0.0,
             thrust_rate: zero,
+            motors,
             duties: Ring::new(zero),
             readings: Ring::new(Readings::default()),
             begun: None,
@@ -248,6 +299,9 @@ impl EffectFlight {
             .try_inverse()
             .expect("the inertia was checked to be positive definite");
         self.per_inertia = [0, 1, 2].map(|row| [0, 1, 2].map(|column| inverse[(row, column)]));
+        if let Some(motors) = &mut self.motors {
+            motors.take(&self.context.constants);
+        }
     }
 
     /// Voltages and current of the latest instant.
@@ -268,6 +322,9 @@ impl EffectFlight {
     /// Before the first step: the duty was `duty` for ever.
     pub(crate) fn begin(&mut self, state: &PlantState, plant: &Plant<'_>, duty: f64) {
         self.duties = Ring::new([duty; MAX_ROTORS]);
+        if let Some(motors) = &mut self.motors {
+            motors.begin(&state.thrust);
+        }
         self.begin_step(0.0, state, plant, &[duty; MAX_ROTORS], 1);
         // Twice: at the first look hooks know no accelerations.
         self.observe(state, plant);
@@ -309,7 +366,9 @@ impl EffectFlight {
         self.context.held.commanded = *duty;
         let steady = self.context.constants.wind_ned_m_s;
         let mut wind = [0, 1, 2].map(|i| plant.around.wind_ned[i] + steady[i]);
-        let view = self.context.view(&state.body, &state.thrust, &self.thrust_rate);
+        let view = self
+            .context
+            .view(&state.body, &self.turning(&state.thrust), &self.thrust_rate);
         let at = self.context.moment(&state.body, &state.thrust, &view);
         self.set.wind(&at, &mut wind);
         self.hold(state, plant, duty, samples);
@@ -325,7 +384,9 @@ impl EffectFlight {
         }
         let (newer, older, weight) = self.duties.around(self.context.constants.command_delay_s);
         let mut acting: [f64; MAX_ROTORS] = std::array::from_fn(|i| (1.0 - weight) * newer[i] + weight * older[i]);
-        let view = self.context.view(&state.body, &state.thrust, &self.thrust_rate);
+        let view = self
+            .context
+            .view(&state.body, &self.turning(&state.thrust), &self.thrust_rate);
         let at = self.context.moment(&state.body, &state.thrust, &view);
         self.set.command(&at, &mut acting[..n]);
         let Context { constants, held, .. } = &mut self.context;
@@ -335,18 +396,38 @@ impl EffectFlight {
             held.voltage_offset[i] = rotor.blade.voltage_offset_v;
             held.bias[i] = if duty > 0.0 { constants.rotor_bias_n[i] } else { 0.0 };
             held.health[i] = 1.0 - rotor.thrust_loss;
+            if let Some(motors) = &self.motors {
+                held.duty[i] = duty;
+                held.lift_coefficient[i] = constants.rotor_gain[i] * motors.lift_coefficient(i, &rotor.blade);
+            }
         }
     }
 
-    /// Voltages and current while the rotors carry `thrust`; the RC pair stands in series.
-    fn voltages(&self, thrust: &[f64; MAX_ROTORS], charge: f64, rc_voltage: f64, battery: &Battery) -> BatteryOutput {
+    /// Thrusts of healthy rotors at the speeds of these, N: what their speed ratios follow from. Without motors the thrusts themselves.
+    fn turning(&self, thrust: &[f64; MAX_ROTORS]) -> [f64; MAX_ROTORS] {
+        self.motors.as_ref().map_or(*thrust, Motors::healthy_thrust)
+    }
+
+    /// Lift of motors at these speeds, N (Eq. 4), with what ails each rotor.
+    fn lift_at(&self, speed: &[f64; MAX_ROTORS]) -> [f64; MAX_ROTORS] {
+        let held = &self.context.held;
+        std::array::from_fn(|i| {
+            held.health[i] * (held.lift_coefficient[i] * speed[i] * speed[i] + held.bias[i]).max(0.0)
+        })
+    }
+
+    /// Voltages and current at a state; the RC pair stands in series.
+    fn voltages(&self, at: &Stage, battery: &Battery) -> BatteryOutput {
         let constants = &self.context.constants;
         if !battery.is_connected() {
-            return battery.output(charge, 0.0);
+            return battery.output(at.charge, 0.0);
         }
-        let open = battery.open_circuit_voltage(charge + constants.charge_offset);
-        let source = open - rc_voltage;
-        let power = constants.power_coefficient_w_per_n15 * sum_of_powers(thrust);
+        let open = battery.open_circuit_voltage(at.charge + constants.charge_offset);
+        let source = open - at.rc_voltage;
+        if let Some(motors) = &self.motors {
+            return motors.battery(open, source, constants, &self.context.held.duty, &at.speed);
+        }
+        let power = constants.power_coefficient_w_per_n15 * sum_of_powers(&at.thrust);
         let (square, drop) = (source * source, 4.0 * constants.internal_resistance_ohm * power);
         let (power, root) = if drop > square {
             (square / (4.0 * constants.internal_resistance_ohm), 0.0)
@@ -362,17 +443,15 @@ impl EffectFlight {
     }
 
     /// Right-hand side of the whole plant; what it finds besides stays in the context for hooks and sensors.
-    fn rate(
-        &mut self,
-        body: &RigidBodyState,
-        thrust: &[f64; MAX_ROTORS],
-        charge: f64,
-        rc_voltage: f64,
-        plant: &Plant<'_>,
-    ) -> Rate {
+    fn rate(&mut self, state: &Stage, plant: &Plant<'_>) -> Rate {
         let n = self.context.constants.rotor_count;
-        let battery = self.voltages(thrust, charge, rc_voltage, plant.battery);
+        let battery = self.voltages(state, plant.battery);
         self.context.battery = battery;
+        let body = &state.body;
+        if self.motors.is_some() {
+            return self.rate_of_motors(state, plant);
+        }
+        let thrust = &state.thrust;
         let Context { constants, held, .. } = &self.context;
         let mut lift = [0.0; MAX_ROTORS];
         for i in 0..n {
@@ -398,7 +477,52 @@ impl EffectFlight {
         self.set.rotor_thrust(&at, &mut acting[..n]);
         let mut wrench: Wrench = constants.rotor_wrench(&acting[..n]);
         self.set.wrench(&at, &mut wrench);
-        let wrench = constants.closed(&wrench, view.air_velocity_body, body.body_rates);
+        let of_rotors = RotorRate {
+            thrust: thrust_rate,
+            speed: [0.0; MAX_ROTORS],
+            wrench,
+        };
+        self.thrust_rate = thrust_rate;
+        self.rate_of_body(state, &view, &of_rotors, plant)
+    }
+
+    /// Right-hand side where motors turn the rotors.
+    fn rate_of_motors(&mut self, state: &Stage, plant: &Plant<'_>) -> Rate {
+        let motors = self.motors.as_ref().expect("asked for with motors only");
+        let n = self.context.constants.rotor_count;
+        let thrust = self.lift_at(&state.speed);
+        let Context {
+            constants,
+            held,
+            battery,
+            ..
+        } = &self.context;
+        let speed_rate = motors.acceleration(constants, battery, &held.duty, &state.speed, &thrust);
+        let (turning, turning_rate) = motors.healthy(&state.speed, &speed_rate);
+        let view = self.context.view(&state.body, &turning, &turning_rate);
+        let at = self.context.moment(&state.body, &thrust, &view);
+        let mut acting = thrust;
+        self.set.static_lift(&at, &mut acting[..n]);
+        self.set.rotor_thrust(&at, &mut acting[..n]);
+        let mut wrench: Wrench = constants.rotor_wrench(&acting[..n]);
+        // A rotor that speeds up turns the vehicle the other way.
+        let momentum: f64 = (0..n).map(|i| constants.rotor_spin[i] * speed_rate[i]).sum();
+        wrench.torque_body[2] += motors.inertia() * momentum;
+        self.set.wrench(&at, &mut wrench);
+        let of_rotors = RotorRate {
+            thrust: [0.0; MAX_ROTORS],
+            speed: speed_rate,
+            wrench,
+        };
+        self.thrust_rate = turning_rate;
+        self.rate_of_body(state, &view, &of_rotors, plant)
+    }
+
+    /// What rotors do to the rest of the plant.
+    fn rate_of_body(&mut self, state: &Stage, view: &View, rotors: &RotorRate, plant: &Plant<'_>) -> Rate {
+        let body = &state.body;
+        let Context { constants, battery, .. } = &self.context;
+        let wrench = constants.closed(&rotors.wrench, view.air_velocity_body, body.body_rates);
 
         let around = around(plant.around, plant.contact, body);
         let disturbance = transposed(&view.ned_from_body, around.force_ned);
@@ -417,25 +541,30 @@ impl EffectFlight {
                 quaternion: body.ned_from_body.rate(body.body_rates),
                 body_rates: spin_up,
             },
-            thrust: thrust_rate,
+            thrust: rotors.thrust,
+            speed: rotors.speed,
             charge: -battery.battery_current / (3600.0 * constants.capacity_ah),
-            rc_voltage: (constants.rc_resistance_ohm * battery.battery_current - rc_voltage) / constants.rc_time_s,
+            rc_voltage: (constants.rc_resistance_ohm * battery.battery_current - state.rc_voltage)
+                / constants.rc_time_s,
         };
         self.context.specific_force = force;
         self.context.angular_acceleration = spin_up;
-        self.thrust_rate = thrust_rate;
         rate
     }
 
     /// Looks at a state without moving it: accelerations, voltages and current of the instant.
     fn observe(&mut self, state: &PlantState, plant: &Plant<'_>) {
-        self.rate(
-            &state.body,
-            &state.thrust,
-            state.state_of_charge,
-            self.rc_voltage,
-            plant,
-        );
+        self.rate(&self.stage(state), plant);
+    }
+
+    fn stage(&self, state: &PlantState) -> Stage {
+        Stage {
+            body: state.body,
+            thrust: state.thrust,
+            speed: self.motors.as_ref().map_or([0.0; MAX_ROTORS], |motors| motors.speed),
+            charge: state.state_of_charge,
+            rc_voltage: self.rc_voltage,
+        }
     }
 
     /// One step of 2.5 ms from `time_s` with these duties, fractions in \[0, 1\]; `contact` is the ground, if it carries the vehicle.
@@ -488,6 +617,7 @@ impl EffectFlight {
         Begun {
             body: state.body,
             thrust: state.thrust,
+            turning: self.turning(&state.thrust),
             thrust_rate: self.thrust_rate,
             context: self.context.clone(),
         }
@@ -495,7 +625,7 @@ impl EffectFlight {
 
     /// Own states of effects were held over the step and move with what it began with.
     fn advance_own_states(&mut self, begun: &Begun) {
-        let view = begun.context.view(&begun.body, &begun.thrust, &begun.thrust_rate);
+        let view = begun.context.view(&begun.body, &begun.turning, &begun.thrust_rate);
         self.set
             .advance(&begun.context.moment(&begun.body, &begun.thrust, &view), STEP_S);
     }
@@ -516,33 +646,26 @@ impl EffectFlight {
         let n = self.context.constants.rotor_count;
         for _ in 0..substeps {
             let half = 0.5 * h;
-            let (s, rc) = (*state, self.rc_voltage);
+            let s = self.stage(state);
             let plant = &Plant {
                 contact: contact.as_deref(),
                 ..*air
             };
-            let moved = |rate: &Rate, h: f64| {
-                let mut thrust = s.thrust;
-                for i in 0..n {
-                    thrust[i] += h * rate.thrust[i];
-                }
-                (
-                    s.body.moved(&rate.body, h),
-                    thrust,
-                    s.state_of_charge + h * rate.charge,
-                    rc + h * rate.rc_voltage,
-                )
-            };
-            let k1 = self.rate(&s.body, &s.thrust, s.state_of_charge, rc, plant);
-            let (b, f, c, v) = moved(&k1, half);
-            let k2 = self.rate(&b, &f, c, v, plant);
-            let (b, f, c, v) = moved(&k2, half);
-            let k3 = self.rate(&b, &f, c, v, plant);
-            let (b, f, c, v) = moved(&k3, h);
-            let k4 = self.rate(&b, &f, c, v, plant);
+            let k1 = self.rate(&s, plant);
+            let k2 = self.rate(&s.moved(&k1, n, half), plant);
+            let k3 = self.rate(&s.moved(&k2, n, half), plant);
+            let k4 = self.rate(&s.moved(&k3, n, h), plant);
             let mean = |a: f64, b: f64, c: f64, d: f64| (a + 2.0 * (b + c) + d) * (1.0 / 6.0);
             for i in 0..n {
                 state.thrust[i] += h * mean(k1.thrust[i], k2.thrust[i], k3.thrust[i], k4.thrust[i]);
+            }
+            if let Some(motors) = &mut self.motors {
+                for i in 0..n {
+                    let change = h * mean(k1.speed[i], k2.speed[i], k3.speed[i], k4.speed[i]);
+                    motors.speed[i] = (motors.speed[i] + change).max(0.0);
+                }
+                let speed = motors.speed;
+                state.thrust = self.lift_at(&speed);
             }
             state.state_of_charge += h * mean(k1.charge, k2.charge, k3.charge, k4.charge);
             self.rc_voltage += h * mean(k1.rc_voltage, k2.rc_voltage, k3.rc_voltage, k4.rc_voltage);
@@ -569,7 +692,9 @@ impl EffectFlight {
 
     /// What the sensors say now, before their noise; once a step.
     pub(crate) fn sense(&mut self, state: &PlantState) -> Readings {
-        let view = self.context.view(&state.body, &state.thrust, &self.thrust_rate);
+        let view = self
+            .context
+            .view(&state.body, &self.turning(&state.thrust), &self.thrust_rate);
         let at = self.context.moment(&state.body, &state.thrust, &view);
         let mut readings = self.true_readings(state);
         self.set.readings(&at, &mut readings);

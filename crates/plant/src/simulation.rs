@@ -15,6 +15,8 @@
 mod ground;
 #[cfg(test)]
 mod ground_tests;
+#[cfg(test)]
+mod motor_tests;
 pub mod parts;
 
 use rotortwin_flight_core::MAX_ROTORS;
@@ -27,11 +29,12 @@ use crate::body::environment::Environment;
 use crate::body::rigid_body::{Quaternion, RigidBody, RigidBodyState};
 use crate::config::SimulationConfig;
 use crate::effect_flight::{EffectFlight, Plant};
-use crate::effects::{Constants, EffectSet};
+use crate::effects::{Constants, EffectInstance, EffectSet};
 use crate::error::{Refusal, SimulationError};
 use crate::powertrain::battery::{Battery, BatteryOutput};
 use crate::powertrain::faults::FaultSchedule;
 use crate::powertrain::held::sum_of_powers;
+use crate::powertrain::motor::Motors;
 use crate::powertrain::rotors::{Powertrain, RotorTruth};
 use crate::sensing::readings::Readings;
 use crate::sensing::sensors::{Accelerometer, SensorModel, SensorSuite};
@@ -125,7 +128,8 @@ fn effects(
 ) -> Result<Option<Box<EffectFlight>>, Refusal> {
     // What the document says of the rotors' inertia and drag acts through the same hooks.
     let rotors = &config.vehicle.rotors;
-    if config.effects.is_empty() && rotors.reaction_s == 0.0 && rotors.drag_kg_s == 0.0 {
+    let plain = rotors.reaction_s == 0.0 && rotors.drag_kg_s == 0.0 && rotors.motor.is_none();
+    if config.effects.is_empty() && plain {
         return Ok(None);
     }
     let mut constants = Constants::nominal(&config.vehicle);
@@ -142,9 +146,37 @@ fn effects(
         constants.rotor_gain[i] = mismatch.rotor_gain[i];
         constants.rotor_bias_n[i] = mismatch.rotor_bias_n[i];
     }
+    let motors = Motors::new(&config.vehicle, &config.nominal_blade)?;
+    if let Some(motors) = &motors {
+        constants.hover_rotor_speed_rad_s = motors.hover_speed(constants.hover_thrust_n);
+        refuse_other_lags(config, &constants, seed)?;
+    }
     let set = EffectSet::new(&config.catalogue, &config.effects, &constants, seed)?;
     let ground = config.ground_down_m.unwrap_or(f64::INFINITY);
-    Ok(Some(Box::new(EffectFlight::new(set, ground))))
+    Ok(Some(Box::new(EffectFlight::new(set, motors, ground))))
+}
+
+/// Refuses effects on what a motor has not: a lag that differs with its direction, or one of the thrust.
+fn refuse_other_lags(config: &SimulationConfig, constants: &Constants, seed: u64) -> Result<(), Refusal> {
+    for (index, effect) in config.effects.iter().enumerate() {
+        let alone = EffectInstance {
+            onset_s: None,
+            ..effect.clone()
+        };
+        // One that needs another is refused or accepted with it below.
+        let Ok(set) = EffectSet::new(&config.catalogue, &[alone], constants, seed) else {
+            continue;
+        };
+        let changed = set.constants();
+        if changed.thrust_lag_up_s != changed.thrust_lag_down_s || changed.speed_domain_share != 0.0 {
+            let reason = format!(
+                "`{}` changes the lag of Eq. 19, which `rotors.motor` of the vehicle replaces: expected a vehicle without it, or `motor-time-constant`",
+                effect.effect
+            );
+            return Err(Refusal::new(format!("effect[{index}]"), reason));
+        }
+    }
+    Ok(())
 }
 
 /// One flight.

@@ -6,6 +6,7 @@ use crate::config::SimulationConfig;
 use crate::error::Refusal;
 use crate::powertrain::battery::Battery;
 use crate::powertrain::held::sum_of_powers;
+use crate::powertrain::motor::Motors;
 
 /// Hover of the nominal vehicle.
 #[derive(Debug, Clone, Copy)]
@@ -41,11 +42,24 @@ pub fn trim(config: &SimulationConfig) -> Result<Trim, Refusal> {
         *f = column.dot(&multiplier);
     }
     let charge = config.state_of_charge;
-    let battery = Battery::new(&vehicle.battery);
-    let power = battery.power_coefficient() * sum_of_powers(&thrust);
-    let voltage = battery.output(charge, power).battery_voltage;
+    let mean = weight / placements.len() as f64;
+    let (duty, most) = match Motors::new(vehicle, &config.nominal_blade)? {
+        Some(motors) => {
+            let hover = motors.hover(vehicle, charge, mean);
+            (
+                Some(hover.duty).filter(|duty| (0.0..=1.0).contains(duty)),
+                hover.largest_thrust,
+            )
+        }
+        None => {
+            let battery = Battery::new(&vehicle.battery);
+            let power = battery.power_coefficient() * sum_of_powers(&thrust);
+            let voltage = battery.output(charge, power).battery_voltage;
+            let blade = &config.nominal_blade;
+            (blade.duty(mean, voltage), blade.lift(1.0, voltage))
+        }
+    };
     for (i, &f) in thrust[..placements.len()].iter().enumerate() {
-        let most = config.nominal_blade.lift(1.0, voltage);
         if !(f > 0.0 && f < most) {
             let reason = format!(
                 "this vehicle cannot hover at a charge of {charge}: rotor {} would have to give {f:.3} N, it can give 0 to {most:.3} N",
@@ -54,8 +68,6 @@ pub fn trim(config: &SimulationConfig) -> Result<Trim, Refusal> {
             return Err(Refusal::new("vehicle", reason));
         }
     }
-    let mean = weight / placements.len() as f64;
-    let duty = config.nominal_blade.duty(mean, voltage);
     let duty = duty.ok_or_else(|| Refusal::new("vehicle", "this vehicle cannot hover: no duty lifts its weight"))?;
     Ok(Trim { thrust, duty })
 }

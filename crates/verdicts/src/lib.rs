@@ -8,5 +8,6 @@ mod axial;
 pub mod detectors;
 pub mod fleet;
 pub mod log;
+mod speeds;
 pub mod view;
 mod voltage;

@@ -16,12 +16,14 @@
 //! Duties that answer to the noise of a sensor stay unknown between rows, and act as a white force.
 //!
 //! Steps without a value in a channel that the detectors need are lost steps; what a session does at a gap is done here. A log without velocity or
-//! attitude, or of less than 400 Hz with a velocity slower than its rows, is judged by its accelerometer ([`crate::axial`]), one without a voltage by its duties, a slow one with them ([`crate::voltage`]): `lacks` says what that costs.
+//! attitude, or of less than 400 Hz with a velocity slower than its rows, is judged by its accelerometer ([`crate::axial`]), one without duties or a voltage by its rotor speeds, where it has them ([`crate::speeds`]), else one without a
+//! voltage by its duties, a slow one with them ([`crate::voltage`]): `lacks` says what that costs.
 //!
 //! Only the airborne part is passed to the session: the log shows when the vehicle left the ground and when it was near it again,
 //! which a session has to detect without the rest of the flight. A *stretch* is the part evaluated after one calibration.
 
 use crate::axial::Axial;
+use crate::speeds::BySpeed;
 use crate::view::{
     ChangeView, DetectorsView, LoadView, ObstacleView, Obstruction, SequentialView, WindowView, code_in,
 };
@@ -351,6 +353,26 @@ fn judged_by_force(log: &FlightLog, axial: &Axial, slow_hz: Option<f64>) -> Lack
     }
 }
 
+/// The log has a value of every rotor's duty.
+fn has_duties(log: &FlightLog, rotor_count: usize) -> bool {
+    (1..=rotor_count).all(|rotor| has(log, &names::duty(rotor)))
+}
+
+/// What is not known of a log that is judged by its rotor speeds.
+fn judged_by_speeds(log: &FlightLog, rotor_count: usize, speeds: &BySpeed) -> Lack {
+    let duties = (1..=rotor_count).map(names::duty);
+    let columns = duties.chain([names::BATTERY_VOLTAGE.to_owned()]);
+    Lack {
+        columns: columns.filter(|name| !has(log, name)).collect(),
+        rules_out: format!(
+            "motors that turn too slowly for their commands, and losses common to all rotors. The thrust was taken from the measured rotor speeds, as {:.3e} N·s² times \
+             their squares, which carried the weight in the first seconds in the air: what is judged is how much each propeller lifts at its speed",
+            speeds.lift_coefficient
+        ),
+        prevents_verdicts: false,
+    }
+}
+
 /// What the log lacks beside the voltage.
 fn lacks(log: &FlightLog, detectors: &Detectors) -> Vec<Lack> {
     let mut lacks: Vec<Lack> = needed(detectors.vehicle().rotor_count())
@@ -519,17 +541,24 @@ fn run(
         Some(axial) => (&axial.log, &axial.config),
         None => (log, detectors.config()),
     };
+    let parts = parts_of(log);
+    let speeds = (!has_duties(log, rotor_count) || !has(log, names::BATTERY_VOLTAGE))
+        .then(|| BySpeed::of(log, judged, config, &parts, detectors))
+        .flatten();
+    let (judged, config) = match &speeds {
+        Some(speeds) => (&speeds.log, &speeds.config),
+        None => (judged, config),
+    };
     let mut config = at_rate(config, rate_hz);
     if is_slow && axial.is_some() {
         config.sequential.disturbance_correlation_time = FORCE_NOISE_TIME_S.max(FORCE_NOISE_SAMPLES / rate_hz as f32);
     }
     let mut slow = is_slow.then(|| as_steps(judged, rate_hz));
-    let slow_voltage = slow_hz(log, names::BATTERY_VOLTAGE);
+    let slow_voltage = slow_hz(log, names::BATTERY_VOLTAGE).filter(|_| speeds.is_none());
     if let (Some(steps), Some(_)) = (&mut slow, slow_voltage) {
         with_drops(steps, detectors, rate_hz);
     }
     let judged = slow.as_ref().unwrap_or(judged);
-    let parts = parts_of(log);
     let mut lacks = lacks(judged, detectors);
     if let Some(hz) = slow_voltage.filter(|_| is_slow) {
         lacks.insert(0, judged_with_drops(hz, rate_hz));
@@ -539,8 +568,11 @@ fn run(
         (None, Some(hz)) => lacks.insert(0, judged_by_lines(hz, rate_hz)),
         _ => {}
     }
+    if let Some(speeds) = &speeds {
+        lacks.insert(0, judged_by_speeds(log, rotor_count, speeds));
+    }
     let mut voltage = None;
-    if !has(log, names::BATTERY_VOLTAGE) && !lacks.iter().any(|lack| lack.prevents_verdicts) {
+    if speeds.is_none() && !has(log, names::BATTERY_VOLTAGE) && !lacks.iter().any(|lack| lack.prevents_verdicts) {
         let leak = axial.as_ref().map_or(0.0, |_| Axial::LEAK);
         let (worked_out, lack) = without_voltage(judged, &parts, detectors, rate_hz, leak);
         voltage = worked_out;

@@ -13,6 +13,7 @@ use crate::body::ground::LandingGear;
 use crate::error::{Refusal, all_in_range, in_range};
 use crate::powertrain::battery::BatteryModel;
 use crate::powertrain::blades::BladeSet;
+use crate::powertrain::motor::MotorModel;
 use crate::vector::Vector3;
 
 /// A vehicle document.
@@ -70,6 +71,10 @@ pub struct Rotors {
     /// along all axes. 0 where the two are not told apart.
     #[serde(default, skip_serializing_if = "is_zero")]
     pub drag_kg_s: f64,
+    /// ESC and motor, which turn the plant's rotors in place of Eq. 19 and its lag. Controllers, detectors and the twin believe Eq. 19 all the
+    /// same, as the paper's do.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub motor: Option<MotorModel>,
     /// Where the rotors are.
     pub layout: Layout,
 }
@@ -305,6 +310,13 @@ impl VehicleModel {
         in_range("full_thrust_n", rotors.full_thrust_n, 0.01, 2000.0, "N")?;
         in_range("reaction_s", rotors.reaction_s, 0.0, 1.0, "s")?;
         in_range("drag_kg_s", rotors.drag_kg_s, 0.0, 10.0, "kg/s")?;
+        if let Some(motor) = &rotors.motor {
+            motor.check().map_err(|r| r.under("motor"))?;
+            if rotors.reaction_s != 0.0 {
+                let reason = "expected 0 beside `motor`, whose inertia already turns the vehicle";
+                return Err(Refusal::new("reaction_s", reason));
+            }
+        }
         rotors.layout.check().map_err(|r| r.under("layout"))?;
         if !blades.blade.contains_key(&rotors.nominal_blade) {
             let names = blades.names().collect::<Vec<_>>().join(", ");

@@ -160,6 +160,12 @@ impl Column {
         }
     }
 
+    /// `[0.1, 0.2, 0.3]` in one cell.
+    fn holds_lists(&self) -> bool {
+        let list = |cell: &String| cell.trim_start().starts_with(['[', '(']) && cell.contains([',', ' ']);
+        !self.examples.is_empty() && self.examples.iter().all(list)
+    }
+
     fn has(&self, any: &[&str]) -> bool {
         self.words.iter().any(|word| any.contains(&word.as_str()))
     }
@@ -373,6 +379,20 @@ pub fn draft(path: &Path, bytes: &[u8]) -> Result<Draft, LogError> {
     let text = text_of(bytes).map_err(|reason| LogError::format(path, reason))?;
     let mut table = table(text.trim_start_matches('\u{feff}')).map_err(|reason| LogError::format(path, reason))?;
     let mut writer = Writer::default();
+    let lists: Vec<&str> = table
+        .columns
+        .iter()
+        .filter(|c| c.holds_lists())
+        .map(|c| c.name.as_str())
+        .collect();
+    if !lists.is_empty() {
+        let sentence = format!(
+            "the cells of {} are lists of numbers, which no row can take: write each number into a column of its own ({first}_x, {first}_y, {first}_z) and draft again",
+            lists.join(", "),
+            first = lists[0]
+        );
+        writer.ask("rates", sentence);
+    }
     map_columns(&mut table.columns, &mut writer);
     let mut head = format!(
         "# Mapping of {}, drafted by `rotortwin log map`: check it, answer the questions, then\n#   rotortwin log import {} --mapping THIS.toml\n",
@@ -629,7 +649,10 @@ fn clock(columns: &mut [Column], raw: &[Vec<&str>], decimal: char) -> Option<Fou
     let first = columns.first_mut()?;
     let times: Vec<f64> = raw[0].iter().filter_map(|cell| number(cell, decimal)).collect();
     let rises = times.len() == raw[0].len() && times.windows(2).all(|pair| pair[1] > pair[0]);
-    let counts = times.windows(2).all(|pair| pair[1] - pair[0] == 1.0);
+    // Rows from the rest of the file are some lines apart.
+    let steps = times.windows(2).map(|pair| pair[1] - pair[0]);
+    let counts =
+        steps.clone().all(|step| step.fract() == 0.0) && 2 * steps.filter(|step| *step == 1.0).count() > times.len();
     if !rises || counts {
         return None;
     }
@@ -694,15 +717,16 @@ const AXES: [[&str; 3]; 4] = [
 
 /// Three columns along axes whose other words tell what they are; taken at once.
 fn triple(columns: &mut [Column], axes: &[[&str; 3]], what: &[&str], not: &[&str]) -> Option<[usize; 3]> {
+    triple_of(columns, axes, |c| (what.is_empty() || c.has(what)) && !c.has(not))
+}
+
+/// Three columns along axes that fit; taken at once.
+fn triple_of(columns: &mut [Column], axes: &[[&str; 3]], fits: impl Fn(&Column) -> bool) -> Option<[usize; 3]> {
     for names in axes {
         let find = |axis: &str| {
-            columns.iter().position(|c| {
-                !c.taken
-                    && c.has(&[axis])
-                    && (what.is_empty() || c.has(what))
-                    && !c.has(not)
-                    && c.values.iter().any(|v| v.is_finite())
-            })
+            columns
+                .iter()
+                .position(|c| !c.taken && c.has(&[axis]) && fits(c) && c.values.iter().any(|v| v.is_finite()))
         };
         if let (Some(a), Some(b), Some(c)) = (find(names[0]), find(names[1]), find(names[2])) {
             for index in [a, b, c] {
@@ -931,7 +955,8 @@ fn attitude(columns: &mut [Column], out: &mut Writer) {
         ["bank", "pitch", "heading"],
         ["phi", "theta", "psi"],
     ];
-    let Some(found) = triple(columns, &axes, &[], &not) else {
+    let found = triple(columns, &axes, &[], &not).or_else(|| triple(columns, &AXES[..1], &["euler"], &not));
+    let Some(found) = found else {
         return;
     };
     let tilt = columns[found[0]].largest().max(columns[found[1]].largest());
@@ -993,19 +1018,18 @@ fn world(columns: &mut [Column], out: &mut Writer) {
         let found = triple(columns, &down, &stems, &not)
             .or_else(|| triple(columns, &[["vn", "ve", "vd"]], &[], &not).filter(|_| to == "velocity"))
             .map(|found| (found, "ned"))
+            .or_else(|| {
+                // North, east, down and nothing else.
+                let bare = |c: &Column| c.words.len() == 1;
+                let found = triple_of(columns, &down[1..], |c| to == "position" && bare(c))?;
+                Some((found, "ned"))
+            })
             .or_else(|| triple(columns, &[glued], &[], &not).map(|found| (found, "")))
             .or_else(|| triple(columns, &AXES[..1], &stems, &not).map(|found| (found, "")))
             .or_else(|| {
                 // x, y, z and nothing else: what a motion capture writes.
-                if to != "position" {
-                    return None;
-                }
-                let found = triple(columns, &AXES[..1], &[], &not)?;
-                let bare = found.iter().all(|i| columns[*i].words.len() == 1);
-                for index in found {
-                    columns[index].taken = bare;
-                }
-                bare.then_some((found, ""))
+                let found = triple_of(columns, &AXES[..1], |c| to == "position" && c.words.len() == 1)?;
+                Some((found, ""))
             });
         let Some((found, frame)) = found else { continue };
         let stated = columns[found[0]].unit.filter(|unit| units.contains(unit));
@@ -1040,6 +1064,39 @@ fn world(columns: &mut [Column], out: &mut Writer) {
     }
 }
 
+/// The longest run of columns that differ by a number alone, which counts up from the least.
+fn run_of(columns: &[Column], fits: impl Fn(&Column) -> bool) -> Vec<usize> {
+    let number = |c: &Column| -> Option<(u32, Vec<String>)> {
+        let (place, number) = c
+            .words
+            .iter()
+            .enumerate()
+            .find_map(|(i, word)| Some((i, word.parse().ok()?)))?;
+        let mut rest = c.words.clone();
+        rest.remove(place);
+        Some((number, rest))
+    };
+    let numbered: Vec<(u32, Vec<String>, usize)> = columns
+        .iter()
+        .enumerate()
+        .filter(|(_, c)| !c.taken && fits(c) && c.values.iter().any(|v| v.is_finite()))
+        .filter_map(|(i, c)| number(c).map(|(number, rest)| (number, rest, i)))
+        .collect();
+    let run = |rest: &Vec<String>| -> Vec<usize> {
+        let of = || numbered.iter().filter(|column| column.1 == *rest);
+        let first = of().map(|column| column.0).min().unwrap_or(0);
+        (first..=u32::MAX)
+            .map_while(|wanted| of().find(|column| column.0 == wanted).map(|column| column.2))
+            .collect()
+    };
+    numbered.iter().map(|column| run(&column.1)).fold(Vec::new(), longer)
+}
+
+/// The longer of two, the first of equals.
+fn longer(a: Vec<usize>, b: Vec<usize>) -> Vec<usize> {
+    if b.len() > a.len() { b } else { a }
+}
+
 /// Motor outputs and rotor speeds: the longest run of numbered columns of one name.
 fn rotors(columns: &mut [Column], out: &mut Writer) {
     for (to, stems) in [
@@ -1052,22 +1109,19 @@ fn rotors(columns: &mut [Column], out: &mut Writer) {
             ][..],
         ),
     ] {
-        let mut best: Vec<usize> = Vec::new();
-        for stem in stems {
-            let numbered: Vec<(u32, usize)> = columns
-                .iter()
-                .enumerate()
-                .filter(|(_, c)| !c.taken && c.has(&[stem]) && c.values.iter().any(|v| v.is_finite()))
-                .filter(|(_, c)| to == "rotor_speed" || !c.has(&["rpm", "erpm"]))
-                .filter_map(|(i, c)| Some((c.words.iter().find_map(|word| word.parse().ok())?, i)))
-                .collect();
-            let first = numbered.iter().map(|(number, _)| *number).min().unwrap_or(0);
-            let run: Vec<usize> = (first..=u32::MAX)
-                .map_while(|wanted| numbered.iter().find(|(number, _)| *number == wanted).map(|(_, i)| *i))
-                .collect();
-            if run.len() > best.len() {
-                best = run;
-            }
+        let speeds = ["rpm", "erpm"];
+        let fits = |c: &Column, stem: &str| match to {
+            // `omega_x` is a body rate.
+            "rotor_speed" => c.has(&[stem]) && !c.has(&["x", "y", "z"]) && !c.has(&WANTED),
+            _ => c.has(&[stem]) && !c.has(&speeds),
+        };
+        let mut best = stems
+            .iter()
+            .map(|stem| run_of(columns, |c| fits(c, stem)))
+            .fold(Vec::new(), longer);
+        if to == "duty" && best.len() < 3 {
+            // The speeds that a controller asks for are its outputs.
+            best = run_of(columns, |c| c.has(&speeds) && c.has(&WANTED));
         }
         if best.len() < 3 {
             if to == "duty" {
@@ -1102,6 +1156,8 @@ fn rotors(columns: &mut [Column], out: &mut Writer) {
             most if most <= 1000.5 => (0.0, 1000.0),
             most if low >= 800.0 && most <= 2200.0 => (1000.0, 2000.0),
             most if most <= 2047.5 => (48.0, 2047.0),
+            // A commanded speed: its largest is as near to full as the rows show.
+            most if columns[best[0]].has(&["rpm", "erpm"]) => (0.0, most),
             _ => (0.0, 65_535.0),
         };
         out.ask("duty", format!(
@@ -1168,9 +1224,11 @@ fn battery(columns: &mut [Column], out: &mut Writer) {
         columns[found].taken = true;
         let median = columns[found].median();
         let stated = columns[found].unit.filter(|unit| of(unit).is_some());
+        // 3848 is 38 V in hundredths, and a single cell in thousandths: of both, the small vehicle.
+        let cell = to == "battery_voltage_v" && (3000.0..4350.0).contains(&median);
         let likely = units
             .iter()
-            .find(|(_, factor)| plausible.contains(&(median * factor)))
+            .find(|(name, factor)| plausible.contains(&(median * factor)) && (!cell || *name == "mV"))
             .map_or(units[0].0, |(name, _)| *name);
         if stated.is_none() {
             out.ask(
@@ -1510,5 +1568,56 @@ mod tests {
         ] {
             drop(draft(Path::new("x.csv"), text.as_bytes()));
         }
+    }
+
+    #[test]
+    fn val_a_row_number_is_no_clock_and_a_body_rate_no_rotor_speed() {
+        // As pandas writes a frame of four time steps: an index without a name, which is shown in parts of a long file.
+        let mut text =
+            ",omegax_0tx,omegax_1tx,omegax_2tx,omegax_3tx,m1pwm_0tu,m2pwm_0tu,m3pwm_0tu,m4pwm_0tu,vbat\n".to_owned();
+        for row in 0..30_000 {
+            text += &format!("{row},0.1,0.2,0.1,0.3,40000,41000,40500,40200,3848\n");
+        }
+        let draft = draft(Path::new("a.csv"), text.as_bytes()).unwrap();
+        assert_eq!((draft.layout.clock, draft.layout.rate_hz), (None, Some(GUESSED_HZ)));
+        assert!(draft.questions.iter().any(|question| question.about == "clock"));
+        assert!(!draft.rows.iter().any(|row| row.to == "rotor_speed"), "{}", draft.toml);
+        let duty = draft.rows.iter().find(|row| row.to == "duty").unwrap();
+        assert_eq!(duty.from, ["m1pwm_0tu", "m2pwm_0tu", "m3pwm_0tu", "m4pwm_0tu"]);
+        let voltage = draft.rows.iter().find(|row| row.to == "battery_voltage_v").unwrap();
+        assert_eq!(voltage.unit.as_deref(), Some("mV"));
+    }
+
+    #[test]
+    fn val_a_commanded_speed_is_an_output_and_the_observed_one_a_speed() {
+        let mut text =
+            "time,rpm_ref_1,rpm_ref_2,rpm_ref_3,rpm_ref_4,rpm_obs_1,rpm_obs_2,rpm_obs_3,rpm_obs_4\n".to_owned();
+        for row in 0..200 {
+            text += &format!("{},9000,9100,9050,12000,8990,9080,9040,10500\n", 0.002 * f64::from(row));
+        }
+        let draft = draft(Path::new("a.csv"), text.as_bytes()).unwrap();
+        let row = |to: &str| draft.rows.iter().find(|row| row.to == to).unwrap();
+        assert_eq!(row("rotor_speed").from[0], "rpm_obs_1");
+        assert_eq!(row("duty").from[3], "rpm_ref_4");
+        assert_eq!((row("duty").low, row("duty").high), (Some(0.0), Some(12_000.0)));
+        assert!(draft.questions.iter().any(|question| question.about == "duty"));
+    }
+
+    #[test]
+    fn val_bare_north_east_down_and_euler_angles_are_known_and_lists_are_named() {
+        let mut text = "Time,North,East,Down,Euler_X,Euler_Y,Euler_Z,p\n".to_owned();
+        for row in 0..200 {
+            let s = 0.02 * f64::from(row);
+            text += &format!("{s},{},2.0,-3.0,0.1,-0.05,{},\"[0.3, -0.1, {s}]\"\n", 0.1 * s, 0.2 * s);
+        }
+        let draft = draft(Path::new("a.csv"), text.as_bytes()).unwrap();
+        let row = |to: &str| draft.rows.iter().find(|row| row.to == to).unwrap();
+        assert_eq!(row("position").from, ["North", "East", "Down"]);
+        assert_eq!(row("attitude").from, ["Euler_X", "Euler_Y", "Euler_Z"]);
+        assert!(
+            draft.toml.contains("the cells of p are lists of numbers") && draft.toml.contains("p_x, p_y, p_z"),
+            "{}",
+            draft.toml
+        );
     }
 }

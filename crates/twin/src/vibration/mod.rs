@@ -541,9 +541,13 @@ fn sentence(change: &Change, healthy: usize, told: bool) -> String {
     match (named.is_empty(), change.together.is_certain()) {
         (true, false) => format!("{against} no rotor vibrates significantly more."),
         (true, true) => format!(
-            "{against} the rotors together vibrate more at their own speeds ({}); these flights do not show which of them. Logged rotor \
-             speeds would, or manoeuvres in which the rotors turn at different speeds.",
-            change.together.words()
+            "{against} the rotors together vibrate more at their own speeds ({}); these flights do not show which of them. {}",
+            change.together.words(),
+            if told {
+                "Manoeuvres in which the rotors turn at different speeds would."
+            } else {
+                "Logged rotor speeds would, or manoeuvres in which the rotors turn at different speeds."
+            }
         ),
         (false, _) if told => format!("{against} these vibrate more at their own speed: {}.", named.join(", ")),
         (false, _) => format!(

@@ -7,6 +7,7 @@
 //! A seed determines everything random: noise and lift biases of the flights, splits, initial weights, order of the samples. So an
 //! interval over seeds covers all of it. The deviation over the four folds is different: it shows how much the trajectories differ.
 
+pub mod bench;
 pub mod files;
 pub mod parameters;
 pub mod report;

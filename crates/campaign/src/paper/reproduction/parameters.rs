@@ -1,7 +1,7 @@
 //! Tables 1 to 5 of the paper next to the settings in effect, and its Figures 7 and 8 from the fits of Table 1.
 //!
 //! The measurements behind Table 1 and Figures 2 to 8 are not published. What follows from the fits is computed here: lift over duty
-//! for each blade at two charges (Eq. 19). Figures 3 to 5 (voltage drop and speed on the bench) cannot be computed.
+//! for each blade at two charges (Eq. 19). Figures 3 to 5 follow from the motor's equations: [`super::bench`].
 
 use super::PAPER_ROTORS;
 use crate::result_table::ResultTable;
