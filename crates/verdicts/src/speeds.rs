@@ -20,8 +20,8 @@ const SHORTEST_S: f64 = 2.0;
 const LONGEST_S: f64 = 10.0;
 /// Slower telemetry misses what a controller does with a rotor, Hz.
 const SLOWEST_HZ: f64 = 20.0;
-/// Of a period: a lag that no step sees.
-const NO_LAG: f32 = 0.1;
+/// The least lag that detectors take, s: no step of theirs sees it.
+const NO_LAG_S: f32 = 0.001;
 
 /// What the detectors get of such a log.
 pub(crate) struct BySpeed {
@@ -75,7 +75,7 @@ impl BySpeed {
             .insert(names::BATTERY_VOLTAGE.to_owned(), vec![voltage; log.time_s.len()]);
         let mut config = *config;
         config.nominal_thrust = NominalThrust::Static;
-        config.sequential.rotor_time_constant = NO_LAG * config.period;
+        config.sequential.rotor_time_constant = NO_LAG_S;
         Some(Self {
             log: standing,
             config,

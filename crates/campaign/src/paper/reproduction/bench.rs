@@ -88,7 +88,7 @@ pub fn figures(base: &Scenario) -> Vec<BenchFigure> {
                         name: format!("blade {name}"),
                         group,
                         dashed: false,
-                        points: (0..=90).map(point).collect(),
+                        points: (0..=88).map(point).collect(),
                     })
                 })
                 .collect(),

@@ -102,10 +102,20 @@ impl FlightLog {
 
     fn moments(&self, lag_s: f64) -> Option<Moments> {
         let rates = self.vector(names::RATES)?;
-        let duties = self.duties();
         let rate_hz = median_rate_hz(&self.time_s);
         let rows = FEWEST_ROWS.max((WINDOW_S * rate_hz).round() as usize);
-        let share = 1.0 - (-1.0 / (rate_hz * lag_s)).exp();
+        let speeds: Vec<Vec<f64>>;
+        let mut duties = self.duties();
+        let mut share = 1.0 - (-1.0 / (rate_hz * lag_s)).exp();
+        if duties.is_empty() {
+            // Measured speeds have the lag behind them; their squares stand for the thrusts.
+            speeds = (1..=self.rotor_count())
+                .map(|rotor| self.column(&names::rotor_speed(rotor)))
+                .map(|speed| Some(speed?.iter().map(|speed| speed * speed).collect()))
+                .collect::<Option<_>>()?;
+            duties = speeds.iter().map(Vec::as_slice).collect();
+            share = 1.0;
+        }
         let lagged: Vec<Vec<f64>> = duties
             .iter()
             .map(|duty| {
