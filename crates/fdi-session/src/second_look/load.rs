@@ -36,6 +36,14 @@ const SOON: f64 = 0.3;
 const STEADY: f64 = 0.08;
 /// Smallest load, share of the mass.
 const LEAST: f64 = 0.025;
+/// Largest that may be dropped, and taken up, shares of the mass: few vehicles carry more than their own weight, and none drops it.
+const MOST_DROPPED: f64 = 0.7;
+const MOST_TAKEN_UP: f64 = 1.0;
+
+/// Whether a force down of this share of the weight can be that of a load.
+pub(super) fn is_possible(share: f64) -> bool {
+    (-MOST_DROPPED..=MOST_TAKEN_UP).contains(&share)
+}
 
 /// A load that was dropped or taken up.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -109,7 +117,8 @@ impl LoadWatch {
     ///
     /// * `weight`: of the model's vehicle, N   * `is_trusted`: the model has explained the flight so far
     pub(super) fn take(&mut self, seen: Seen, weight: f64, is_trusted: bool) -> Option<Found> {
-        let is_load = seen.probability > LIKELY && seen.force[0].abs() > LEAST * weight;
+        let share = seen.force[0] / weight;
+        let is_load = seen.probability > LIKELY && share.abs() > LEAST && is_possible(share);
         if !is_load {
             self.misses += 1;
             if self.run.is_empty() || self.misses > MISSES {
@@ -198,6 +207,8 @@ mod tests {
         );
         // Grows over ten seconds.
         assert_eq!(found(true, 300, |window| 0.006 * window as f64), None);
+        // More than there is to be dropped: 8 N of 10.
+        assert_eq!(found(true, 300, |window| if window < 100 { 0.0 } else { -8.0 }), None);
         // There from the beginning: the calibration has missed it, and nothing says when it came.
         assert_eq!(found(true, 300, |_| 1.0), None);
     }

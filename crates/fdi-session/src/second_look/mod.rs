@@ -663,8 +663,13 @@ impl SecondLook {
         }
         let load = of(&|e| e.kind == Kind::Load);
         if load > 0.5 * (1.0 - nothing) {
-            return Err(Obstacle::Load {
-                mass_kg: (force_down * self.thrust / self.gravity) as f32,
+            let force_down = force_down * self.thrust;
+            return Err(if load::is_possible(force_down / self.weight()) {
+                Obstacle::Load {
+                    mass_kg: (force_down / self.gravity) as f32,
+                }
+            } else {
+                Obstacle::Unclear
             });
         }
         if any < 0.5 * (1.0 - nothing) {
