@@ -180,15 +180,29 @@ fn answer(report: &LogReport) -> String {
     let sequential = report.counts.iter().find(|count| count.detector == "sequential");
     match sequential.and_then(|count| count.first_alarm_s) {
         Some(time_s) => format!("{verdicts}; first alarm at {time_s:.2} s"),
+        None if report
+            .final_window
+            .as_ref()
+            .is_some_and(|window| hides_all(&window.smallest_loss)) =>
+        {
+            format!(
+                "nothing can be said of the rotors, as not even the loss of a whole one would be seen ({verdicts}; no alarm)"
+            )
+        }
         None => format!("{verdicts}; no alarm"),
     }
+}
+
+/// Whether not even the loss of a whole rotor would be seen, of any.
+fn hides_all(smallest: &[f32]) -> bool {
+    !smallest.is_empty() && smallest.iter().all(|loss| *loss >= 1.0)
 }
 
 /// Smallest detectable loss at the end of the log.
 fn smallest_text(smallest: &[f32]) -> Option<String> {
     let of = |sign: f32| (0..smallest.len()).max_by(|a, b| (sign * smallest[*a]).total_cmp(&(sign * smallest[*b])));
     let (least, most) = (of(-1.0)?, of(1.0)?);
-    if smallest[least] >= 1.0 {
+    if hides_all(smallest) {
         return Some("Detectable   nothing: at the end even the loss of a whole rotor would be hidden by what the model does not explain".to_owned());
     }
     let [from, to] = [least, most].map(|rotor| format!("{:.1} %", 100.0 * smallest[rotor]));
@@ -344,5 +358,18 @@ pub fn verdict_text(view: &SequentialView) -> String {
                 .collect();
             losses.join(", ")
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// "healthy (probability 1.000)" was the first line of a flight in which no damage could have been seen.
+    #[test]
+    fn regress_a_flight_that_hides_the_loss_of_a_rotor_is_told_by_its_smallest_losses() {
+        assert!(hides_all(&[1.0, 1.2, 1.0, 1.0]));
+        assert!(!hides_all(&[0.4, 1.2, 1.0, 1.0]) && !hides_all(&[]));
+        assert!(smallest_text(&[1.0; 4]).is_some_and(|text| text.contains("nothing")));
     }
 }

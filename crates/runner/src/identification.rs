@@ -62,14 +62,15 @@ fn find(job: &Job) -> Result<Found, String> {
         [] => None,
         files => Some(Bench::read(files).map_err(|error| error.to_string())?),
     };
-    let vehicle = identify_with(&logs, &request, bench.as_ref()).map_err(|error| error.to_string())?;
-    let scores = if job.held_out {
-        logs.iter()
-            .map(|log| held_out_with(log, &request, bench.as_ref()).map_err(|error| error.to_string()))
-            .collect::<Result<Vec<_>, _>>()?
-    } else {
-        Vec::new()
-    };
+    let mut vehicle = identify_with(&logs, &request, bench.as_ref()).map_err(|error| error.to_string())?;
+    let mut scores = Vec::new();
+    for log in logs.iter().filter(|_| job.held_out) {
+        match held_out_with(log, &request, bench.as_ref()) {
+            Ok(score) => scores.push(score),
+            // A flight too short for two halves still gave a vehicle.
+            Err(refusal) => vehicle.notes.push(format!("not judged on its halves: {refusal}")),
+        }
+    }
     let name = targets.as_ref().map_or("vehicle", |(name, _)| name.as_str());
     let texts = files(&vehicle, name);
     let documents = texts

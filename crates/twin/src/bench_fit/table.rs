@@ -64,7 +64,17 @@ impl Role {
         match self {
             Self::Time => (&["time", "t"], "s"),
             Self::Command => (
-                &["esc signal", "throttle", "command", "duty", "pwm", "u", "signal", "thr"],
+                &[
+                    "esc signal",
+                    "esc throttle",
+                    "throttle",
+                    "command",
+                    "duty",
+                    "pwm",
+                    "u",
+                    "signal",
+                    "thr",
+                ],
                 "",
             ),
             Self::Thrust => (&["thrust", "lift", "force", "f"], "N"),
@@ -176,6 +186,8 @@ pub struct Table {
     pub power: Vec<f64>,
     /// What was done, in sentences.
     pub notes: Vec<String>,
+    /// Why a time column was left out, if it was: what needs a time says so.
+    pub without_time: Option<String>,
 }
 
 fn decode(bytes: &[u8]) -> String {
@@ -292,13 +304,19 @@ impl Table {
                 .notes
                 .push(format!("no time column: rows are taken as {period} s apart"));
         }
+        // Points of a thrust curve need no clock, and RCbenchmark writes an averaging time in the place of the first ones.
         if let Some(k) = table.time.windows(2).position(|pair| pair[1] <= pair[0]) {
-            return refuse(format!(
+            table.without_time = Some(format!(
                 "{name}, row {}: expected a time that increases, got {} after {}",
                 k + 2,
                 table.time[k + 1],
                 table.time[k]
             ));
+            table.notes.push(format!(
+                "the time of row {} is not after that of the row before: the time column is left out",
+                k + 2
+            ));
+            table.time.clear();
         }
         table.settle_command(mapping)?;
         table.cut(mapping)?;
@@ -328,6 +346,9 @@ impl Table {
             Role::Torque => &self.torque,
             Role::Power => &self.power,
         };
+        if let (true, Role::Time, Some(reason)) = (column.is_empty(), role, &self.without_time) {
+            return refuse(reason.clone());
+        }
         if column.is_empty() {
             let name = role.name();
             return refuse(format!(
@@ -336,6 +357,69 @@ impl Table {
             ));
         }
         Ok(column)
+    }
+
+    /// The table without the points of a motor that stands: less than a tenth of the current and a third of the thrust that a lower command gave.
+    /// Without a current in the table nothing says that the motor stood, and all points stay.
+    #[must_use]
+    pub fn without_stalls(&self) -> Self {
+        const CURRENT_SHARE: f64 = 0.1;
+        const THRUST_SHARE: f64 = 0.3;
+        let points = self.command.len();
+        if [&self.current, &self.thrust]
+            .iter()
+            .any(|column| column.len() != points)
+        {
+            return self.clone();
+        }
+        // The most current of all lower commands, and the thrust there.
+        let mut order: Vec<usize> = (0..points).collect();
+        order.sort_by(|a, b| self.command[*a].total_cmp(&self.command[*b]));
+        let mut stands = vec![false; points];
+        let mut most: Option<usize> = None;
+        let mut from = 0;
+        while from < points {
+            let same = order[from..].partition_point(|k| self.command[*k] <= self.command[order[from]]);
+            let level = &order[from..from + same];
+            from += same;
+            let Some(lower) = most else {
+                most = level
+                    .iter()
+                    .copied()
+                    .max_by(|a, b| self.current[*a].total_cmp(&self.current[*b]));
+                continue;
+            };
+            for k in level {
+                stands[*k] = self.current[*k] < CURRENT_SHARE * self.current[lower]
+                    && self.thrust[*k] < THRUST_SHARE * self.thrust[lower];
+            }
+            most = level
+                .iter()
+                .copied()
+                .chain([lower])
+                .max_by(|a, b| self.current[*a].total_cmp(&self.current[*b]));
+        }
+        let count = stands.iter().filter(|stands| **stands).count();
+        if count == 0 {
+            return self.clone();
+        }
+        let first = (0..points)
+            .filter(|k| stands[*k])
+            .map(|k| self.command[k])
+            .fold(f64::INFINITY, f64::min);
+        let mut table = self.clone();
+        for role in Role::ALL {
+            let mut k = 0;
+            table.column_mut(role).retain(|_| {
+                k += 1;
+                !stands[k - 1]
+            });
+        }
+        table.notes.push(format!(
+            "{count} of {points} points are left out: the motor stands there, from duty {first:.2} on, with less than a tenth of the current and a third \
+             of the thrust of a lower duty"
+        ));
+        table
     }
 
     /// Commands in µs, percent, thousandths or fractions become fractions.
@@ -477,7 +561,11 @@ fn find(
         return Ok(Some((index, unit)));
     }
     let (words, _) = role.headers();
-    let bare = |cell: &str| cell.split(['(', '[']).next().unwrap_or("").trim().to_lowercase();
+    // Tyto's stands write `Powertrain1 - voltage (V)`.
+    let bare = |cell: &str| {
+        let name = cell.split(['(', '[']).next().unwrap_or("");
+        name.rsplit(" - ").next().unwrap_or("").trim().to_lowercase()
+    };
     let found = words.iter().find_map(|word| {
         header.iter().position(|cell| {
             let cell = bare(cell);
@@ -524,6 +612,18 @@ mod tests {
         assert!((table.thrust[0] - 0.147_099_75).abs() < 1e-9);
         assert!((table.command[1] - 0.145).abs() < 1e-12);
         assert_eq!(table.voltage, [11.1, 11.0]);
+    }
+
+    #[test]
+    fn regress_the_columns_of_one_powertrain_are_found() {
+        let text = "Time (s),Powertrain1 - ESC throttle (μs),Powertrain1 - voltage (V),Powertrain1 - current (A),Powertrain1 - torque MZ (torque) (N·m),Powertrain1 - force Fz (thrust) (kgf)\n\
+                    0,1100,16.1,0.5,0.01,0.1\n1,1200,16.0,1.0,0.02,0.2\n";
+        let table = Table::parse("tyto.csv", text, &Mapping::default()).unwrap();
+        assert!(
+            (table.command[1] - 0.2).abs() < 1e-12 && (table.thrust[0] - 0.980_665).abs() < 1e-9,
+            "{table:?}"
+        );
+        assert_eq!((table.voltage[1], table.current[1], table.torque[1]), (16.0, 1.0, 0.02));
     }
 
     /// `thrust [g]` was read as newtons.
@@ -597,13 +697,25 @@ mod tests {
         assert!((table.thrust[0] - 7.845_32).abs() < 1e-9);
         for (text, part) in [
             ("0,0.8\n0.02,x\n", "expected a number, got `x`"),
-            ("0,0.8\n0,0.7\n", "expected a time that increases"),
             ("0,0.8\n", "at least two rows"),
             ("", "the file is empty"),
         ] {
             let sentence = Table::parse("cell.csv", text, &mapping).unwrap_err().to_string();
             assert!(sentence.contains(part), "{sentence}");
         }
+        // Only what needs a time is refused.
+        let table = Table::parse("cell.csv", "0,0.8\n0,0.7\n", &mapping).unwrap();
+        assert_eq!(table.thrust.len(), 2);
+        assert!(
+            table.notes.iter().any(|note| note.contains("left out")),
+            "{:?}",
+            table.notes
+        );
+        let sentence = table.require(Role::Time).unwrap_err().to_string();
+        assert!(
+            sentence.contains("row 2: expected a time that increases, got 0 after 0"),
+            "{sentence}"
+        );
         assert!(
             mapping
                 .add("weight=2")
@@ -611,6 +723,28 @@ mod tests {
                 .to_string()
                 .contains("got the role `weight`")
         );
+    }
+
+    /// A motor that stalls at high commands was fitted as a thrust that falls with the duty.
+    #[test]
+    fn regress_a_motor_that_stands_gives_no_points() {
+        let text = "pulse,thrust [g],current [A]\n1300,5.9,0.66\n1400,10,1.0\n1500,15,1.2\n1600,18.8,1.33\n1640,-0.9,0.02\n1660,2.5,0.017\n1000,0,0.01\n";
+        let mut mapping = Mapping::default();
+        mapping.add("command=1").unwrap();
+        let table = Table::parse("stall.csv", text, &mapping).unwrap().without_stalls();
+        assert_eq!(table.command.len(), 5, "{table:?}");
+        assert!(table.command.iter().all(|duty| *duty < 0.61));
+        assert!(
+            table.notes.iter().any(|note| note.starts_with("2 of 7 points")),
+            "{:?}",
+            table.notes
+        );
+        // Without a current nobody knows.
+        let whole = Table {
+            current: Vec::new(),
+            ..table.clone()
+        };
+        assert_eq!(whole.without_stalls().command.len(), 5);
     }
 
     #[test]

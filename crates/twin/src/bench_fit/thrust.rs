@@ -16,6 +16,8 @@ const LEAST_SPREAD: f64 = 0.03;
 
 /// Fits thrust over duty (and voltage) of one blade to one or several tables.
 pub fn fit_thrust(tables: &[Table]) -> Result<Fit, FitError> {
+    let tables: Vec<Table> = tables.iter().map(Table::without_stalls).collect();
+    let tables = &tables[..];
     let (mut duty, mut voltage, mut thrust) = (Vec::new(), Vec::new(), Vec::new());
     let mut notes = Vec::new();
     let all_with_voltage = tables.iter().all(|table| !table.voltage.is_empty());

@@ -8,7 +8,7 @@ use super::bench::{About, together};
 use super::class::{self, Class};
 use super::estimate::Estimate;
 use super::excitation::Excitation;
-use super::fit::{self, ALPHA, BETA, DELAY, Fitted, GAIN, LAG};
+use super::fit::{self, ALPHA, BETA, DELAY, Fitted, GAIN, LAG, SLOPES};
 use super::frames::{self, Frame, Place};
 use super::grid::{GRAVITY, Grid, moving_outputs};
 use super::slow::Drag;
@@ -51,6 +51,18 @@ pub(crate) fn rotor_outputs(log: &FlightLog) -> Result<Vec<usize>, String> {
             format!(
                 "{}: expected motor outputs (duty_1 …), the log has none: a vehicle cannot be made from it",
                 log.name
+            )
+        } else if found < 4 && moving.len() == found {
+            // They all move: what lacks is a rotor, not the flight.
+            let left_out = log.report.unused_columns.iter();
+            let left_out: Vec<String> = left_out
+                .filter(|unused| unused.column.starts_with("outputs "))
+                .map(|unused| format!("; {} left out ({})", unused.column, unused.reason))
+                .collect();
+            format!(
+                "{}: expected at least 4 rotors, the log has {found}{}: a mapping with 'order' names the outputs that are rotors",
+                log.name,
+                left_out.concat()
             )
         } else {
             format!(
@@ -319,10 +331,16 @@ pub(crate) struct Findings<'a> {
     pub(crate) excitation: Excitation,
     /// What a bench says, where it is of this rotor and does not contradict the flight.
     pub(crate) bench: Option<&'a About>,
+    /// n that the flight indicates and no propeller has; the curve is then the class's.
+    pub(crate) impossible_slope: Option<f64>,
 }
 
 /// Deviation of the thrust level's logarithm where the accelerometer reads what it should: scale of an ordinary one.
 const LEVEL_LOG_DEVIATION: f64 = 0.01;
+/// … without one, where the attitude says how far the thrust leans from the weight that it carries in the mean: a flight that ends lower or slower
+/// than it began; and where nothing says it: 30° of lean.
+const LEVEL_BY_ATTITUDE: f64 = 0.05;
+const LEVEL_BY_WEIGHT: f64 = 0.15;
 /// Deviation of the centre of mass over the arm.
 const CENTRE_DEVIATION: f64 = 0.01;
 /// Deviation of a healthy rotor's thrust: seven healthy flights of CrazyPAD.
@@ -341,8 +359,27 @@ const LITTLE_IN_CLIMBS: f64 = 0.3;
 /// 0.2 if a twelfth of it were there and the rest a point. Vehicles of the classes have 0.45 to 0.57.
 const GYRATION_OVER_ARM: std::ops::RangeInclusive<f64> = 0.2..=0.8;
 
+/// √(J/m) over the arm, of a gain l m/J, 1/m.
+fn gyration_over_arm(gain: f64, arm_m: f64) -> f64 {
+    (arm_m / gain).sqrt() / arm_m
+}
+
+/// Whether the gain of roll or pitch, l m/J, is one that a multirotor can have.
+pub(crate) fn has_possible_gyration(gain: f64, arm_m: f64) -> bool {
+    GYRATION_OVER_ARM.contains(&gyration_over_arm(gain, arm_m))
+}
+
+/// Whether the gain of yaw, c m/Jz, 1/m, is one that propellers can have on these arms, with Jz by the gains of roll and pitch.
+pub(crate) fn has_possible_moment(yaw_gain: f64, gain: [f64; 2], arm_m: f64) -> bool {
+    let gyration_squared = gain.iter().map(|gain| arm_m / gain).sum::<f64>();
+    MOMENT_RATIO_OVER_ARM.contains(&(yaw_gain * class::YAW_INERTIA_SHARE * gyration_squared / arm_m))
+}
+
 /// Torque over thrust that a propeller can have, over the arm. Propellers have 0.02 to 0.1 of their diameter, which is 0.3 to 1.7 arms.
 const MOMENT_RATIO_OVER_ARM: std::ops::RangeInclusive<f64> = 0.004..=0.3;
+
+/// Deviation of ln c/Jz from which on the flight tells nothing of it.
+const YAW_LOG_DEVIATION: f64 = 1.0;
 
 /// Whose the value is, by how much the log narrows the prior's deviation.
 fn whose(data: f64, prior: f64) -> Source {
@@ -352,6 +389,21 @@ fn whose(data: f64, prior: f64) -> Source {
         Source::LogAndClass
     } else {
         Source::Class
+    }
+}
+
+/// The same of a value whose class is in it as a prior: what the log has moved, or made surer than the class, is no class default, also where the
+/// log alone, without what the class says of the other values, leaves it open.
+///
+/// * `data`: deviation by the log alone · `posterior`: with the class in it · `prior`: the class's · `moved`: how far the value is from the
+///   class's, in its deviations
+fn whose_in_all(data: f64, (posterior, prior): (f64, f64), moved: f64) -> Source {
+    /// That of a value whose log is as unsure as twice the class.
+    const SURER: f64 = 0.894;
+    const MOVED: f64 = 0.5;
+    match whose(data, prior) {
+        Source::Class if posterior < SURER * prior || moved.abs() > MOVED => Source::LogAndClass,
+        source => source,
     }
 }
 
@@ -432,8 +484,13 @@ impl Findings<'_> {
             // α = gain · (lever in arms) · T/m, hence J = m l/gain.
             let flown = mass * arm / fitted.gain[axis];
             let i = GAIN[axis];
-            let source = whose(fitted.data_deviation[i], class::INERTIA_LOG_DEVIATION);
-            let gyration = (flown / mass).sqrt() / arm;
+            let of_its_class = self.class.inertia_ratio[axis] * mass * arm * arm;
+            let source = whose_in_all(
+                fitted.data_deviation[i],
+                (fitted.covariance[(i, i)].sqrt(), class::INERTIA_LOG_DEVIATION),
+                (flown / of_its_class).ln() / class::INERTIA_LOG_DEVIATION,
+            );
+            let gyration = gyration_over_arm(fitted.gain[axis], arm);
             let uneven = if fitted.uneven[i] {
                 "; parts of the flight differ, and the interval covers them"
             } else {
@@ -441,7 +498,7 @@ impl Findings<'_> {
             };
             let (value, deviation, source, how) = if self.against_the_motion {
                 of_class(axis, "the motion contradicts the frame, so its torques determine no inertia".to_owned())
-            } else if !GYRATION_OVER_ARM.contains(&gyration) {
+            } else if !has_possible_gyration(fitted.gain[axis], arm) {
                 let impossible = format!(
                     "the flight indicates {flown:.3e} kg·m², a radius of gyration of {gyration:.2} arms, which is impossible for {mass} kg on arms of {arm} m \
                      (possible: {} to {} arms)",
@@ -453,9 +510,8 @@ impl Findings<'_> {
                 ));
                 of_class(axis, impossible)
             } else if source == Source::Class {
-                let deviation = fitted.covariance[(i, i)].sqrt();
-                let how = format!("{:.2} m l²: not determined by the flight", self.class.inertia_ratio[axis]);
-                (flown, deviation, source, how)
+                let ratio = self.class.inertia_ratio[axis];
+                of_class(axis, format!("{ratio:.2} m l²: not determined by the flight"))
             } else {
                 let how = format!(
                     "prediction error over {} parts, {:.3} m l²{uneven}",
@@ -512,6 +568,17 @@ impl Findings<'_> {
                 ));
             }
             possible
+        });
+        // Known within a factor of seven either way: not at all.
+        let told = told.filter(|yaw| {
+            let determined = yaw.deviation < YAW_LOG_DEVIATION;
+            if !determined {
+                notes.push(
+                    "yaw: c/Jz is not determined by the flight (parts of it differ by more than its size): the class default is written"
+                        .to_owned(),
+                );
+            }
+            determined
         });
         let believed = told.is_some_and(|yaw| yaw.explained >= EXPLAINED);
         let yaw_source = match told {
@@ -800,19 +867,38 @@ impl Findings<'_> {
             ));
         }
         let slope_variance = covariance[(ALPHA, ALPHA)] + 0.25 * covariance[(BETA, BETA)] - covariance[(ALPHA, BETA)];
-        let slope_source = whose(
+        let slope_source = whose_in_all(
             fitted.data_deviation[ALPHA]
                 .hypot(0.5 * fitted.data_deviation[BETA])
                 .min(slope_variance.sqrt() * 2.0),
-            class::SLOPE_DEVIATION,
+            (slope_variance.sqrt(), class::SLOPE_DEVIATION),
+            (curve.slope() - self.class.slope) / class::SLOPE_DEVIATION,
         );
         let (slope_deviation, slope_source) = as_far_as_excited(
             self.excitation.lift,
             (slope_variance.sqrt(), class::SLOPE_DEVIATION),
             slope_source,
         );
-        let (slope_deviation, slope_source, slope_how) = match self.bench {
-            Some(bench) if bench.alone => (
+        let impossible = self.impossible_slope.map(|slope| {
+            format!(
+                "the flight indicates n = {slope:.2}, which no propeller has ({} to {})",
+                SLOPES.start(),
+                SLOPES.end()
+            )
+        });
+        if let Some(impossible) = &impossible {
+            notes.push(format!(
+                "thrust slope: {impossible}; the class default is written: {}; check that the vehicle flies in this log, that the outputs are those of its \
+                 motors, and their range",
+                if measured {
+                    "the vertical force does not follow the motors as in a flight"
+                } else {
+                    "no accelerometer says how the thrust follows the motors"
+                }
+            ));
+        }
+        let (slope_deviation, slope_source, slope_how) = match (self.bench, impossible) {
+            (Some(bench), _) if bench.alone => (
                 bench.slope_deviation,
                 Source::Bench,
                 format!(
@@ -820,7 +906,7 @@ impl Findings<'_> {
                     bench.slope
                 ),
             ),
-            Some(bench) => (
+            (Some(bench), _) => (
                 slope_deviation.min(bench.slope_deviation),
                 Source::Bench,
                 format!(
@@ -828,7 +914,8 @@ impl Findings<'_> {
                     bench.slope
                 ),
             ),
-            None => (
+            (None, Some(impossible)) => (class::SLOPE_DEVIATION, Source::Class, impossible),
+            (None, None) => (
                 slope_deviation,
                 slope_source,
                 "thrust curve: hover level, this slope, and its bend".to_owned(),
@@ -868,16 +955,39 @@ impl Findings<'_> {
         );
         self.falls(values);
         let lag_deviation = covariance[(LAG, LAG)].sqrt();
+        let lag_source = whose_in_all(
+            fitted.data_deviation[LAG],
+            (lag_deviation, class::LAG_LOG_DEVIATION),
+            (fitted.lag_s / self.class.lag_s).ln() / class::LAG_LOG_DEVIATION,
+        );
+        let leans = self.grids.iter().all(|grid| grid.attitude.is_some());
+        let (level_deviation, level_source, level_how) = match (measured, leans) {
+            (true, _) => (
+                LEVEL_LOG_DEVIATION.hypot(level.max(0.5).ln()),
+                Source::Log,
+                "mean specific force in the air; as good as the accelerometer's scale, and relative to the mass entered",
+            ),
+            (false, true) => (
+                LEVEL_BY_ATTITUDE,
+                Source::Log,
+                "weight over the cosine of the tilt, mean in the air: no accelerometer in the log; relative to the mass entered",
+            ),
+            (false, false) => (
+                LEVEL_BY_WEIGHT,
+                Source::Assumed,
+                "the weight: neither accelerometer nor attitude in the log, level flight is assumed; relative to the mass entered",
+            ),
+        };
         values.push(
             Estimate::log_normal(
                 "rotors.thrust_level",
                 "thrust of a rotor at the mean duty",
                 "N",
                 curve.hover * self.request.mass_kg,
-                LEVEL_LOG_DEVIATION.hypot(if measured { level.max(0.5).ln() } else { 0.0 }),
-                Source::Log,
+                level_deviation,
+                level_source,
             )
-            .how("mean specific force in the air; as good as the accelerometer's scale, and relative to the mass entered"),
+            .how(level_how),
         );
         values.push(
             Estimate::log_normal(
@@ -886,7 +996,7 @@ impl Findings<'_> {
                 "s",
                 fitted.lag_s,
                 lag_deviation,
-                whose(fitted.data_deviation[LAG], class::LAG_LOG_DEVIATION),
+                lag_source,
             )
             .how("first order, on the thrust")
             .better("doublets at 200 Hz or more"),
@@ -912,7 +1022,7 @@ impl Findings<'_> {
             "s",
             sum,
             variance.max(0.0).sqrt(),
-            whose(fitted.data_deviation[LAG], class::LAG_LOG_DEVIATION),
+            lag_source,
         )
         .how("the vehicle document has no delay: τ + d");
         // The effect of the delay is another one: without it the lag is τ.
@@ -1136,5 +1246,34 @@ impl Findings<'_> {
             0.5 * (open + (open * open - 4.0 * resistance * hover_w).max(0.0).sqrt())
         };
         (cells, voltage, capacity, resistance, power.min(1000.0))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// "CLASS DEFAULT" stood beside a value half of the class's, with an interval that excludes the class's.
+    #[test]
+    fn regress_what_the_log_has_moved_is_no_class_default() {
+        // By the log alone it is open (a ridge of inertia and lag); with what the class says of the lag it is not.
+        assert_eq!(whose_in_all(0.9, (0.11, 0.3), -2.0), Source::LogAndClass);
+        assert_eq!(whose_in_all(0.9, (0.28, 0.3), 0.8), Source::LogAndClass);
+        assert_eq!(whose_in_all(0.9, (0.11, 0.3), 0.0), Source::LogAndClass);
+        assert_eq!(whose_in_all(0.9, (0.29, 0.3), 0.2), Source::Class);
+        assert_eq!(whose_in_all(0.1, (0.09, 0.3), 0.2), Source::Log);
+    }
+
+    /// Gains of halves that no vehicle has made R² of −20 000.
+    #[test]
+    fn regress_gains_that_no_vehicle_has_are_told() {
+        let arm_m = 0.149;
+        // J = 0.25 m l² and 1.2 m l².
+        let [usual, impossible] = [0.25, 1.2].map(|ratio| 1.0 / (ratio * arm_m));
+        assert!(has_possible_gyration(usual, arm_m) && !has_possible_gyration(impossible, arm_m));
+        // Jz of a flat body, c of 0.012 m and of 1.29 m.
+        let of = |ratio_m: f64| ratio_m / (class::YAW_INERTIA_SHARE * 0.5 * arm_m * arm_m);
+        assert!(has_possible_moment(of(0.012), [usual; 2], arm_m));
+        assert!(!has_possible_moment(of(1.29), [usual; 2], arm_m));
     }
 }

@@ -104,6 +104,8 @@ impl Bench {
     /// # Errors
     /// As [`Bench::read`].
     pub fn of_tables(tables: &[Table]) -> Result<Self, IdentifyError> {
+        let tables: Vec<Table> = tables.iter().map(Table::without_stalls).collect();
+        let tables = &tables[..];
         let refused = |refusal: crate::bench_fit::FitError| IdentifyError(refusal.0);
         let name = tables
             .iter()

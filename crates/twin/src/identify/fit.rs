@@ -46,6 +46,7 @@ pub(crate) struct ShapePrior {
 }
 
 /// What is fitted.
+#[derive(Clone, Copy)]
 pub(crate) struct Problem<'a> {
     pub(crate) grids: &'a [Grid],
     /// Absent: the wiring is unknown, only the lift is fitted.
@@ -55,6 +56,10 @@ pub(crate) struct Problem<'a> {
     /// Shape of the thrust curve by a bench, in the place of the class's.
     pub(crate) bench: Option<ShapePrior>,
 }
+
+/// n = d ln thrust/d ln duty that a propeller can have: about 1 where the ESC's law is that of the voltage, 2 where the duty is a rotor speed, more
+/// where the range of the pulses begins below the motor's.
+pub(crate) const SLOPES: std::ops::RangeInclusive<f64> = 0.6..=3.5;
 
 /// What came out.
 #[derive(Debug, Clone)]
@@ -122,7 +127,7 @@ pub(crate) fn hover_point(grids: &[Grid]) -> (f64, f64) {
     (mean(&Grid::mean_duty), voltage)
 }
 
-/// T_h/m so that the curve's mean thrust in the air is what the accelerometer says; g/rotors without one.
+/// T_h/m so that the curve's mean thrust in the air is what the accelerometer says; without one, what carries the weight at the tilt in the log.
 pub(crate) fn hover_level(grids: &[Grid], mut curve: Curve) -> f64 {
     curve.hover = 1.0;
     let (mut lift, mut shape) = (0.0, 0.0);
@@ -132,7 +137,9 @@ pub(crate) fn hover_level(grids: &[Grid], mut curve: Curve) -> f64 {
             let volts = grid.voltage.as_ref().map_or(f64::NAN, |v| v[row]);
             let factor = curve.voltage_factor(volts);
             shape += factor * grid.duty.iter().map(|duty| curve.shape(duty[row])).sum::<f64>();
-            lift += measured.as_ref().map_or(super::grid::GRAVITY, |lift| lift[row]);
+            lift += measured
+                .as_ref()
+                .map_or_else(|| grid.weight_along_thrust(row), |lift| lift[row]);
         }
     }
     lift / shape
@@ -223,6 +230,25 @@ pub(crate) fn fit(problem: &Problem<'_>, arm_m: f64) -> Fitted {
         }
     }
     finish(&state, &gains, &linear, prior, prior_information)
+}
+
+/// The fit itself; where its curve is none that a propeller has, one with the class's curve instead, so that lag and inertia are those of that
+/// curve, and the slope that the flight indicates.
+pub(crate) fn with_a_possible_slope(problem: &Problem<'_>, arm_m: f64, free: Fitted) -> (Fitted, Option<f64>) {
+    /// So that no flight moves it.
+    const HELD: f64 = 1e9;
+    let slope = free.curve.slope();
+    if SLOPES.contains(&slope) {
+        return (free, None);
+    }
+    let held = Problem {
+        bench: Some(ShapePrior {
+            shape: [problem.class.slope - 1.0, 0.0],
+            information: [[HELD, 0.0], [0.0, HELD]],
+        }),
+        ..*problem
+    };
+    (fit(&held, arm_m), Some(slope))
 }
 
 fn prior_information() -> Matrix {
@@ -590,5 +616,71 @@ fn finish(state: &State, channels: &Channels, linear: &Linear, prior: Vector, pr
         data_deviation: Vector::from_fn(|i, _| (relative[(i, i)]) * data[(i, i)].sqrt()),
         parts,
         uneven,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::log::FlightLog;
+
+    /// 40 s in the air at 100 Hz, the motors up and down by a fifth; `force` and pitch of a row by its duty.
+    fn grid(force: Option<fn(f64) -> f64>, pitch: f64) -> Grid {
+        let time: Vec<f64> = (0..4000).map(|k| 0.01 * f64::from(k)).collect();
+        let duty: Vec<f64> = time.iter().map(|t| 0.4 * (1.0 + 0.2 * (2.5 * t).sin())).collect();
+        let mut columns: Vec<(String, Vec<f64>)> =
+            (1..=4).map(|rotor| (format!("duty_{rotor}"), duty.clone())).collect();
+        for (name, value) in [("roll_rad", 0.0), ("pitch_rad", pitch), ("yaw_rad", 0.0)] {
+            columns.push((name.to_owned(), vec![value; time.len()]));
+        }
+        if let Some(force) = force {
+            // A pattern stands for the accelerometer's noise.
+            let noisy = |(k, duty): (usize, &f64)| -force(*duty) + 0.01 * ((k * 7 % 11) as f64 - 5.0);
+            columns.push(("accel_z_m_s2".to_owned(), duty.iter().enumerate().map(noisy).collect()));
+        }
+        let log = FlightLog::from_columns("made", time, columns).expect("a log");
+        Grid::new(&log, &[1, 2, 3, 4]).expect("a flight")
+    }
+
+    /// n of 0.1 was written, with an interval of ±0.05.
+    #[test]
+    fn regress_a_slope_that_no_propeller_has_is_the_classs() {
+        let class = Class::of(1.0, 0.15);
+        let slope_of = |force: fn(f64) -> f64| {
+            let grids = [grid(Some(force), 0.0)];
+            let problem = Problem {
+                grids: &grids,
+                places: None,
+                class,
+                voltage_slope: 0.0,
+                bench: None,
+            };
+            let (fitted, impossible) = with_a_possible_slope(&problem, 0.15, fit(&problem, 0.15));
+            (fitted.curve.slope(), impossible)
+        };
+        let (slope, impossible) = slope_of(|_| 9.81);
+        assert!((slope - class.slope).abs() < 1e-3, "{slope}");
+        assert!(impossible.is_some_and(|slope| slope < 0.3), "{impossible:?}");
+        let (slope, impossible) = slope_of(|duty| 9.6 * (duty / 0.4).powf(1.6));
+        assert!(
+            (slope - 1.6).abs() < 0.2 && impossible.is_none(),
+            "{slope} {impossible:?}"
+        );
+    }
+
+    /// The level was m g, whatever the vehicle leaned against the wind.
+    #[test]
+    fn regress_the_level_without_an_accelerometer_is_that_of_the_tilt() {
+        let pitch = 28.0_f64.to_radians();
+        let level = |pitch: f64| {
+            let grids = [grid(None, pitch)];
+            4.0 * hover_level(&grids, Curve::with_slope(0.4, 1.0, 1.0))
+        };
+        assert!((level(0.0) - 9.81).abs() < 0.05, "{}", level(0.0));
+        assert!(
+            (level(pitch) / level(0.0) * pitch.cos() - 1.0).abs() < 1e-3,
+            "{}",
+            level(pitch)
+        );
     }
 }

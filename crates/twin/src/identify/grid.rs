@@ -3,7 +3,7 @@
 use std::ops::Range;
 
 use crate::log::rest::{quiet_mean, scale_of};
-use crate::log::{FlightLog, names};
+use crate::log::{FlightLog, GAP_FACTOR, names};
 
 /// m/s².
 pub(crate) const GRAVITY: f64 = 9.81;
@@ -20,6 +20,11 @@ const AGILE_END: f64 = 80.0;
 const AGILE: f64 = 1.25;
 /// A stretch without the force of flight that an agile flight comes back from within this is no ground, s.
 const EXCURSION_S: f64 = 5.0;
+/// … in an excursion of any flight the vehicle falls, or its motors carry it: means of the specific force over a second, m/s². What lies on the
+/// ground with its motors low feels its weight.
+const FALLS: f64 = 7.0;
+/// A hole of no more than this is bridged, s: rows of a log at 50 Hz are as far apart, and the motors lag by more.
+const BRIDGED_S: f64 = 0.02;
 /// Rows that a vehicle's torques and lag can be told from, Hz: slower ones show where it was, not what turned it.
 const SLOWEST_HZ: f64 = 10.0;
 /// Left out at a take-off and before a landing, s; and at an end that is only the log's, s.
@@ -101,7 +106,8 @@ impl Grid {
         let log = if even {
             log
         } else {
-            resampled = log.resampled(rate_hz)?;
+            // A recorder that is late drops a few rows every second.
+            resampled = log.resampled_over(rate_hz, (GAP_FACTOR / rate_hz).max(BRIDGED_S))?;
             &resampled
         };
         let owned = |name: &str| log.column(name).map(<[f64]>::to_vec);
@@ -205,6 +211,19 @@ impl Grid {
         self.accel[2].as_ref().map(|z| z.iter().map(|z| -z).collect())
     }
 
+    /// Specific force along the thrust that carries the weight at the tilt of a row, m/s²: g/(cos φ cos θ), and g where the log has no attitude.
+    pub(crate) fn weight_along_thrust(&self, row: usize) -> f64 {
+        let upright = self
+            .attitude
+            .as_ref()
+            .map_or(1.0, |[roll, pitch, _]| roll[row].cos() * pitch[row].cos());
+        if upright > TILT_END_RAD.cos() {
+            GRAVITY / upright
+        } else {
+            GRAVITY
+        }
+    }
+
     /// Rows in the air, split into pieces of about `seconds`, none shorter than half of it.
     pub(crate) fn pieces(&self, seconds: f64) -> Vec<Range<usize>> {
         let length = self.rows_of(seconds);
@@ -304,19 +323,23 @@ impl Grid {
                 .as_ref()
                 .is_some_and(|[roll, pitch, _]| (roll[k].cos() * pitch[k].cos()) < TILT_END_RAD.cos())
         };
-        let flies = |k: usize| {
-            duty[k] > ground
-                && duty[k] > 0.03
-                && lift_mean.as_ref().is_none_or(|lift| force_flight.contains(&lift[k]))
-                && shock.as_ref().is_none_or(|shock| shock[k].abs() < force_end)
-                && !tilted(k)
-                && self.duty.iter().all(|duty| duty[k].is_finite())
+        let has_values = |k: usize| {
+            self.duty.iter().all(|duty| duty[k].is_finite())
                 && self
                     .rates
                     .as_ref()
                     .is_none_or(|rates| rates.iter().all(|rate| rate[k].is_finite()))
                 && self.accel[2].as_ref().is_none_or(|z| z[k].is_finite())
         };
+        let driven = |k: usize| duty[k] > ground && duty[k] > 0.03;
+        let flies = |k: usize| {
+            driven(k)
+                && lift_mean.as_ref().is_none_or(|lift| force_flight.contains(&lift[k]))
+                && shock.as_ref().is_none_or(|shock| shock[k].abs() < force_end)
+                && !tilted(k)
+                && has_values(k)
+        };
+        let falls = |k: usize| lift_mean.as_ref().is_some_and(|lift| lift[k] < FALLS);
         let cut_log = self.rows_of(CUT_LOG_S);
         let shortest = self.rows_of(SHORTEST_S);
         let mut flights: Vec<Range<usize>> = Vec::new();
@@ -333,12 +356,18 @@ impl Grid {
             }
         }
         let excursion = self.rows_of(EXCURSION_S);
+        // A hole in the log, and what a pilot flies between two stretches of flight, is neither landing nor take-off.
+        let stays_up = |apart: Range<usize>| {
+            let short = apart.len() < excursion;
+            apart.clone().all(|k| !has_values(k))
+                || short && (agile || apart.clone().all(|k| !has_values(k) || driven(k) || falls(k)))
+        };
         let without_ends = |cut_s: f64| -> Vec<Range<usize>> {
             let cut = self.rows_of(cut_s);
             let inner = flights.iter().enumerate().map(|(index, flight)| {
-                let before = index.checked_sub(1).map(|before| flight.start - flights[before].end);
-                let after = flights.get(index + 1).map(|after| after.start - flight.end);
-                let comes_back = |apart: Option<usize>| agile && apart.is_some_and(|rows| rows < excursion);
+                let before = index.checked_sub(1).map(|before| flights[before].end..flight.start);
+                let after = flights.get(index + 1).map(|after| flight.end..after.start);
+                let comes_back = |apart: Option<Range<usize>>| apart.is_some_and(stays_up);
                 let at_begin = flight.start == 0 || comes_back(before);
                 let at_end = flight.end == self.rows || comes_back(after);
                 let begin = flight.start + if at_begin { cut_log } else { cut };
@@ -356,8 +385,19 @@ impl Grid {
                     let (count, of) = driven.fold((0, 0), |(count, of), k| (count + usize::from(is(k)), of + 1));
                     (of > 0).then(|| 100.0 * count as f64 / of as f64)
                 };
+                let flown: usize = flights.iter().map(ExactSizeIterator::len).sum();
+                let longest = flights.iter().map(ExactSizeIterator::len).max().unwrap_or(0);
+                let holes = flights
+                    .windows(2)
+                    .filter(|pair| (pair[0].end..pair[1].start).all(|k| !has_values(k)))
+                    .count();
                 let forceless = |k: usize| lift_mean.as_ref().is_some_and(|lift| !force_flight.contains(&lift[k]));
                 let why = match (share(&forceless), share(&tilted)) {
+                    _ if holes > 0 && flown >= shortest => format!(
+                        "of {:.1} s that look like flight the longest stretch without a hole in the log is {:.1} s ({holes} gaps)",
+                        flown as f64 * self.step_s,
+                        longest as f64 * self.step_s
+                    ),
                     (None, _) => "the motors idle".to_owned(),
                     (Some(force), _) if force > 20.0 => format!(
                         "in {force:.0} % of the time with the motors up, the accelerometer's mean along the thrust is outside of {} to {} m/s², which \
@@ -434,4 +474,75 @@ pub fn running_mean(values: &[f64], half: usize) -> Vec<f64> {
             (to.0 - from.0) / (to.1 - from.1) as f64
         })
         .collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// In the air from end to end at 500 Hz, without rows where `dropped` says so; duty and force along the thrust of a time.
+    fn log(seconds: f64, dropped: impl Fn(f64) -> bool, flown: impl Fn(f64) -> (f64, f64)) -> FlightLog {
+        let rows = (500.0 * seconds) as usize;
+        let time: Vec<f64> = (0..rows).map(|k| 0.002 * k as f64).filter(|t| !dropped(*t)).collect();
+        let of = |f: &dyn Fn(f64) -> f64| -> Vec<f64> { time.iter().map(|t| f(*t)).collect() };
+        let mut columns: Vec<(String, Vec<f64>)> = (1..=4)
+            .map(|rotor| (format!("duty_{rotor}"), of(&|t| flown(t).0 + 0.01 * (5.0 * t).sin())))
+            .collect();
+        columns.push(("accel_z_m_s2".to_owned(), of(&|t| -flown(t).1)));
+        for name in names::RATES {
+            columns.push((name.to_owned(), of(&|t| 0.1 * (7.0 * t).sin())));
+        }
+        FlightLog::from_columns("made", time, columns).expect("a log")
+    }
+
+    fn airborne(log: &FlightLog) -> Result<Vec<(f64, f64)>, String> {
+        let grid = Grid::new(log, &[1, 2, 3, 4])?;
+        let second = |row: usize| grid.start_s + row as f64 * grid.step_s;
+        Ok(grid
+            .airborne
+            .iter()
+            .map(|part| (second(part.start), second(part.end)))
+            .collect())
+    }
+
+    /// A recorder that drops 10 ms every 1.2 s: "no flight, the motors idle".
+    #[test]
+    fn regress_rows_that_a_recorder_drops_are_no_landing() {
+        let hover = |_: f64| (0.5, 9.81);
+        let found = airborne(&log(14.0, |t| t % 1.2 > 1.19, hover)).expect("a flight");
+        assert_eq!(found.len(), 1, "{found:?}");
+        assert!(found[0].0 < 0.6 && found[0].1 > 13.4, "{found:?}");
+        // A hole of half a second costs what an end of the log costs, on both sides.
+        let found = airborne(&log(14.0, |t| (6.0..6.5).contains(&t), hover)).expect("a flight");
+        assert_eq!(found.len(), 2, "{found:?}");
+        assert!(
+            (found[0].1 - 5.5).abs() < 0.05 && (found[1].0 - 7.0).abs() < 0.05,
+            "{found:?}"
+        );
+        // Where holes leave nothing, the refusal says so.
+        let refusal = airborne(&log(14.0, |t| t % 2.0 > 1.8, hover)).expect_err("too short");
+        assert!(
+            refusal.contains("the longest stretch without a hole in the log is 1.8 s"),
+            "{refusal}"
+        );
+    }
+
+    /// A punch to full throttle and the free fall after it, as the documents ask for, ended the flight like a landing.
+    #[test]
+    fn regress_a_throttle_pulse_and_its_fall_are_no_landing() {
+        let pulsed = |ground: bool| {
+            let flown = move |t: f64| match t {
+                5.0..5.4 => (0.95, 40.0),
+                5.4..6.4 if ground => (0.05, 9.81),
+                5.4..6.4 => (0.05, 0.6),
+                _ => (0.3, 9.81),
+            };
+            airborne(&log(20.0, |_| false, flown)).expect("a flight")
+        };
+        let found = pulsed(false);
+        assert!(found.len() == 2 && found[0].1 > 3.9 && found[1].0 < 7.6, "{found:?}");
+        // What feels its weight with its motors low stands on the ground.
+        let found = pulsed(true);
+        assert!(found.len() == 2 && found[1].0 > 9.3, "{found:?}");
+    }
 }

@@ -3,6 +3,7 @@
 use serde::Serialize;
 
 use super::actuator::lagged;
+use super::airframe::{has_possible_gyration, has_possible_moment};
 use super::bench::{self, Bench};
 use super::class::{self, Class};
 use super::curve::Curve;
@@ -200,15 +201,28 @@ fn calibrate(
             ..problem(voltage_slope)
         };
         fitted = fit::fit(&with, arm_m);
+    } else {
+        (fitted, _) = fit::with_a_possible_slope(&problem(voltage_slope), arm_m, fitted);
     }
-    let (yaw_gain, reaction_s) = yaw::fit(grids, places, &fitted).map_or((default_yaw(class, arm_m), 0.0), |yaw| {
-        (yaw.gain, yaw.reaction.value_s())
+    // What no vehicle has is not written, so it is not judged either: the class's value is in its place.
+    let of_class = fit::class_gain(class, arm_m);
+    let gain = [0, 1].map(|axis| {
+        if has_possible_gyration(fitted.gain[axis], arm_m) {
+            fitted.gain[axis]
+        } else {
+            of_class[axis]
+        }
     });
+    let (yaw_gain, reaction_s) = yaw::fit(grids, places, &fitted)
+        .filter(|yaw| has_possible_moment(yaw.gain, gain, arm_m))
+        .map_or((default_yaw(class, arm_m), 0.0), |yaw| {
+            (yaw.gain, yaw.reaction.value_s())
+        });
     let model = Model {
         curve: fitted.curve,
         lag_s: fitted.lag_s,
         delay_s: fitted.delay_s,
-        gain: fitted.gain,
+        gain,
         yaw_gain,
         reaction_s,
         fall: grids.iter().find_map(|grid| slow::fall(grid, &fitted.curve)),

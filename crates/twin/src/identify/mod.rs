@@ -297,6 +297,10 @@ fn estimate_all(
             request.arm_m,
         );
     }
+    let mut impossible_slope = None;
+    if bench.is_none() {
+        (fitted, impossible_slope) = fit::with_a_possible_slope(&problem(voltage_slope.0), request.arm_m, fitted);
+    }
     let yaw = yaw::fit(grids, places, &fitted);
     if grids.iter().all(|grid| grid.rates.is_some() && grid.accel[2].is_some()) {
         notes.extend(excitation.note());
@@ -321,6 +325,7 @@ fn estimate_all(
         against_the_motion: airframe.against_the_motion,
         excitation,
         bench: bench.as_ref(),
+        impossible_slope,
     }
     .values(&mut notes);
     if let Some(slow) = slow_outputs::Slow::of(logs, grids) {

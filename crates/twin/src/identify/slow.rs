@@ -87,10 +87,17 @@ pub(crate) fn drag(grids: &[Grid]) -> Drag {
     }
     // Both axes share k; each has its own offset.
     let (mut kept, mut weak) = (Vec::new(), Vec::new());
+    // The reason is that of the axis that moves faster.
+    let mut fastest = 0.0;
     for axis in 0..2 {
         let of = || fits.iter().filter(move |(a, ..)| *a == axis);
         let (mean_v, speed) = mean_deviation(of().flat_map(|(_, _, v, _)| v.iter().copied()));
         let (mean_a, force) = mean_deviation(of().flat_map(|(_, _, _, a)| a.iter().copied()));
+        let slower = speed < fastest;
+        fastest = speed.max(fastest);
+        if (speed.is_nan() || speed < 1.0) && slower {
+            continue;
+        }
         if speed.is_nan() || speed < 1.0 {
             reason = format!("the speed along the body varies by {speed:.2} m/s; 1 m/s is needed");
             continue;

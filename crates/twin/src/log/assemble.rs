@@ -504,7 +504,12 @@ fn duties(log: &SourceLog, row: &Row, values: Vec<Vec<f64>>, report: &mut Import
             .iter()
             .map(|column| column.iter().map(|value| duty_of(*value)).collect())
             .collect();
-        only_rotors(row, values, &outputs::rotors(&duties, &log.parameters), report)
+        let rotors = if outputs::are_motors(&row.from) {
+            outputs::all(duties.len())
+        } else {
+            outputs::rotors(&duties, &log.parameters)
+        };
+        only_rotors(row, values, &rotors, report)
     } else {
         values
     };

@@ -2,7 +2,8 @@
 //!
 //! An autopilot logs all of its outputs: motors, a camera's tilt, a buzzer, and those that nothing is connected to. Where `SERVOn_FUNCTION`
 //! says what each does, that decides, and the rotors come in the order of their motor numbers. PX4's `actuator_motors` holds motors only, as
-//! many as `CA_ROTOR_COUNT` says. Else rotors are the outputs that move and that follow the collective: low on the ground, up in the air.
+//! many as `CA_ROTOR_COUNT` says. A blackbox's `motor[n]` are motors, each of them; its servos have a name of their own. Else rotors are the
+//! outputs that move and that follow the collective: low on the ground, up in the air, or up by as much as the others wherever those go up.
 
 use std::collections::BTreeMap;
 
@@ -14,6 +15,9 @@ const MOVES: f64 = 0.01;
 const FEWEST: usize = 3;
 /// Mean on the ground over the mean in the air of a rotor, at most.
 const GROUND_SHARE: f64 = 0.6;
+/// … or its rise from there over that of the middle output, at least: what a pilot's throttle chops take for ground is none, and motors that idle
+/// in the air rise by less than 1/[`GROUND_SHARE`].
+const RISES_LIKE_OTHERS: f64 = 0.5;
 /// Mean in the air over that of the middle output: a rotor is not far off.
 const LIKE_OTHERS: std::ops::Range<f64> = 0.35..2.0;
 
@@ -21,6 +25,19 @@ const LIKE_OTHERS: std::ops::Range<f64> = 0.35..2.0;
 pub(super) struct Rotors {
     pub(super) outputs: Vec<usize>,
     pub(super) why: &'static str,
+}
+
+/// Whether a field of a log holds motors by its name: `motor[]` of a blackbox.
+pub(super) fn are_motors(field: &str) -> bool {
+    field.rsplit(':').next() == Some("motor[]")
+}
+
+/// All of some outputs, because the log says that each drives a rotor.
+pub(super) fn all(count: usize) -> Rotors {
+    Rotors {
+        outputs: (0..count).collect(),
+        why: "",
+    }
 }
 
 /// `duties`: by output, then sample.
@@ -122,12 +139,16 @@ fn following(duties: &[Vec<f64>], moving: &[usize]) -> Vec<usize> {
     let mut air: Vec<f64> = moving.iter().map(|output| mean(*output, true)).collect();
     let air_of = air.clone();
     let usual = median(&mut air).unwrap_or(f64::NAN);
+    let low_of: Vec<f64> = moving.iter().map(|output| mean(*output, false)).collect();
+    let mut rises: Vec<f64> = air_of.iter().zip(&low_of).map(|(air, low)| air - low).collect();
+    let usual_rise = median(&mut rises).unwrap_or(f64::NAN);
     moving
         .iter()
-        .zip(air_of)
-        .filter(|(output, air)| {
-            let follows = !has_ground || mean(**output, false) < GROUND_SHARE * air;
-            follows && LIKE_OTHERS.contains(&(air / usual))
+        .zip(air_of.iter().zip(&low_of))
+        .filter(|(_, (air, low))| {
+            let rises = **air - **low > RISES_LIKE_OTHERS * usual_rise;
+            let follows = !has_ground || **low < GROUND_SHARE * **air || rises;
+            follows && LIKE_OTHERS.contains(&(**air / usual))
         })
         .map(|(output, _)| *output)
         .collect()
@@ -205,6 +226,35 @@ mod tests {
         // Not where the count contradicts the outputs, nor where one of the motors may push forwards.
         assert_eq!(rotors(&duties, &parameters(6.0, 0.0)).outputs, [0, 1, 3]);
         assert_eq!(rotors(&duties, &parameters(4.0, 2.0)).outputs, [0, 1, 3]);
+    }
+
+    /// A pilot who chops the throttle: what looks like ground is flight, in which one motor stays at more of its usual output than the others.
+    /// It was taken for no rotor, and the quadrotor for a tricopter without a flight.
+    #[test]
+    fn regress_a_motor_that_is_asked_for_more_in_a_throttle_chop_is_a_rotor() {
+        let chopped = |low: f64, high: f64| -> Vec<f64> {
+            (0..300)
+                .map(|k| {
+                    if k % 10 < 2 {
+                        low
+                    } else {
+                        high + 0.02 * f64::from(k % 7)
+                    }
+                })
+                .collect()
+        };
+        let mut duties = vec![chopped(0.1, 0.28); 3];
+        duties.push(chopped(0.22, 0.29));
+        // A camera's tilt, as in the air as in the chops.
+        duties.push((0..300).map(|k| 0.3 + 0.1 * f64::from(k % 11) / 11.0).collect());
+        assert_eq!(rotors(&duties, &BTreeMap::new()).outputs, [0, 1, 2, 3]);
+    }
+
+    #[test]
+    fn val_the_motors_of_a_blackbox_are_motors_by_their_name() {
+        assert!(are_motors("main:motor[]") && are_motors("motor[]"));
+        assert!(!are_motors("main:servo[]") && !are_motors("actuator_outputs:output[]"));
+        assert_eq!(all(4).outputs, [0, 1, 2, 3]);
     }
 
     #[test]

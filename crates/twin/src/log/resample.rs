@@ -123,6 +123,14 @@ impl FlightLog {
     /// # Errors
     /// One sentence: it would have more than [`MAX_CELLS`] cells, as a log does whose clock jumps by years.
     pub fn resampled(&self, rate_hz: f64) -> Result<Self, String> {
+        self.resampled_over(rate_hz, GAP_FACTOR / median_rate_hz(&self.time_s))
+    }
+
+    /// The same with holes of up to `gap_s` bridged.
+    ///
+    /// # Errors
+    /// As [`FlightLog::resampled`].
+    pub(crate) fn resampled_over(&self, rate_hz: f64, gap_s: f64) -> Result<Self, String> {
         let cells = (self.duration_s() * rate_hz + 1.0) * (self.columns.len() + 1) as f64;
         if cells > MAX_CELLS as f64 {
             return Err(format!(
@@ -137,7 +145,6 @@ impl FlightLog {
         let rows = 1 + (self.duration_s() * rate_hz + 1e-6).floor() as usize;
         let new_s: Vec<f64> = (0..rows).map(|row| start_s + row as f64 / rate_hz).collect();
         let old_rate_hz = median_rate_hz(&self.time_s);
-        let gap_s = GAP_FACTOR / old_rate_hz;
         let mut log = self.clone();
         for (name, values) in &mut log.columns {
             *values = at_times(&self.time_s, values, &new_s, Between::of(name), gap_s);

@@ -15,10 +15,6 @@ const LARGE_CHI2: f64 = 1.5;
 /// Share of the excess chi² that the right wiring leaves at most.
 const LEFT_SHARE: f64 = 0.25;
 
-/// Mean chi² of the torque channels that the right wiring leaves at most. A centre of mass off the middle looks like swapped rotors on a
-/// flight that hardly turns, but only to a quarter of its error.
-const LEFT_CHI2: f64 = 3.0;
-
 pub(crate) struct WiringTest;
 
 impl Pass for WiringTest {
@@ -55,7 +51,6 @@ fn find(problem: &Problem) -> Option<(Active, f64)> {
     let before = fitted(problem, &[])?;
     let (active, after) = likeliest(problem)?;
     let scatter = before.scatter();
-    let right =
-        after.torque < LEFT_CHI2 && after.cost < (LEFT_SHARE * before.cost).max(scatter) && before.cost > 4.0 * scatter;
+    let right = after.fits() && after.cost < (LEFT_SHARE * before.cost).max(scatter) && before.cost > 4.0 * scatter;
     right.then_some((active, 0.5 * (before.cost - after.cost)))
 }

@@ -17,6 +17,10 @@ use crate::predict::{Nuisances, Prediction, Source, Stages};
 /// Gross errors of which the nuisances are fitted, after a first look without.
 const FITTED: usize = 4;
 
+/// Mean chi² of the torque channels that the right wiring leaves at most. A centre of mass off the middle, or the moment of a steady wind, looks
+/// like swapped rotors on a flight that hardly turns, but only to a quarter of its error.
+const LEFT_CHI2: f64 = 3.0;
+
 /// How well a wiring explains the flights.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Explained {
@@ -30,6 +34,11 @@ pub(crate) struct Explained {
 }
 
 impl Explained {
+    /// Whether it leaves so little of the torques unexplained as the right wiring does.
+    pub(crate) fn fits(&self) -> bool {
+        self.torque < LEFT_CHI2
+    }
+
     /// What noise alone may do to the cost: it scatters by √(2 n).
     pub(crate) fn scatter(&self) -> f64 {
         6.0 * (2.0 * self.samples).sqrt()
@@ -69,7 +78,8 @@ pub(crate) fn likeliest(problem: &Problem) -> Option<(Active, Explained)> {
 }
 
 /// The likeliest gross error as a start of a fit, where the leading candidates are such that it is taken for: on a flight that
-/// hardly turns two swapped motors make a small error, and only the evidence tells.
+/// hardly turns two swapped motors make a small error, and only the evidence tells. A wiring that leaves much of the error is none: what is constant
+/// (the moment of a steady wind, a centre of mass off the middle) has the same sign as some exchange of a front and a rear motor.
 pub(crate) fn guess(problem: &Problem, leading: &[&'static EffectDeclaration]) -> Option<Trial> {
     let taken_for = |entry: &Candidate| {
         let of = |d: &&EffectDeclaration| d.per_rotor || entry.declaration.confused_with.contains(&d.id);
@@ -80,7 +90,7 @@ pub(crate) fn guess(problem: &Problem, leading: &[&'static EffectDeclaration]) -
     }
     let before = fitted(problem, &[])?;
     let (active, after) = likeliest(problem)?;
-    (after.cost < before.cost - before.scatter()).then(|| Trial {
+    (after.fits() && after.cost < before.cost - before.scatter()).then(|| Trial {
         open: vec![active],
         log_bayes_factor: 0.5 * (before.cost - after.cost),
         charge: None,

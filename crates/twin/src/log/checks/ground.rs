@@ -119,6 +119,65 @@ pub(crate) fn motors_change(log: &FlightLog, start_s: f64, end_s: f64) -> bool {
     log.duties().iter().any(|duty| deviation(&inside(duty)) > CHANGES)
 }
 
+/// By how much the motors change from second to second while the size of the specific force does not follow, and that force, m/s²: where thrust
+/// carries a vehicle, 1.7 times the duty is 1.7 times the force or more, but for a load of half its mass. `None` where it follows, where the vehicle
+/// is elsewhere at times, or where too little is in the log.
+///
+/// Only seconds with more than half of the largest duty count: on the ground and in a hover the force is the weight as well.
+fn force_without_motors(log: &FlightLog) -> Option<(f64, f64)> {
+    const CHANGES: f64 = 1.7;
+    const UNMOVED_M_S2: f64 = 0.25;
+    const LEAST_S: usize = 20;
+    /// Share of the seconds with a duty in the middle third: a vehicle that idles at half of what it then hovers with passes it once.
+    const BETWEEN: f64 = 0.2;
+    const ELSEWHERE_M: f64 = 2.0;
+    let accel = log.vector(names::ACCEL)?;
+    let range = |values: &[f64]| {
+        let finite = || values.iter().copied().filter(|value| value.is_finite());
+        finite().fold(f64::NEG_INFINITY, f64::max) - finite().fold(f64::INFINITY, f64::min)
+    };
+    let places = names::POSITION.iter().chain([&names::HEIGHT_ABOVE_GROUND]);
+    if places
+        .filter_map(|name| log.column(name))
+        .any(|place| range(place) > ELSEWHERE_M)
+    {
+        return None;
+    }
+    let rows = log.sample_rate_hz().round() as usize;
+    let mean_duty = mean_duties(log);
+    if rows < 5 || mean_duty.is_empty() {
+        return None;
+    }
+    let seconds: Vec<(f64, f64)> = (0..log.time_s.len() / rows)
+        .map(|second| {
+            let rows = second * rows..(second + 1) * rows;
+            let force: Vec<f64> = rows
+                .clone()
+                .map(|row| accel.iter().map(|axis| axis[row].powi(2)).sum::<f64>().sqrt())
+                .collect();
+            (mean(&mean_duty[rows]), mean(&force))
+        })
+        .filter(|(duty, force)| duty.is_finite() && force.is_finite())
+        .collect();
+    let of = |values: &mut dyn Iterator<Item = f64>, percent: usize| high(&values.collect::<Vec<_>>(), percent);
+    let most = of(&mut seconds.iter().map(|(duty, _)| *duty), 95)?;
+    let driven: Vec<(f64, f64)> = seconds.into_iter().filter(|(duty, _)| *duty > 0.5 * most).collect();
+    if driven.len() < LEAST_S {
+        return None;
+    }
+    let duty = |percent| of(&mut driven.iter().map(|(duty, _)| *duty), percent);
+    let force = |percent| of(&mut driven.iter().map(|(_, force)| *force), percent);
+    let (low, most) = (duty(5)?, duty(95)?);
+    let between = low + (most - low) / 3.0..most - (most - low) / 3.0;
+    let count = driven.iter().filter(|(duty, _)| between.contains(duty)).count();
+    if (count as f64) < BETWEEN * driven.len() as f64 {
+        return None;
+    }
+    let changes = most / low;
+    let spread = (force(90)? - force(10)?) / 2.56;
+    (changes > CHANGES && spread < UNMOVED_M_S2).then_some((changes, force(50)?))
+}
+
 impl FlightLog {
     /// What the log as a whole says against a flight, whatever a part of it looks like: the finding that all commands go by.
     pub(crate) fn says_no_flight(&self) -> Option<&str> {
@@ -152,6 +211,17 @@ pub(super) fn no_flight(log: &FlightLog, findings: &mut Vec<Finding>) {
             FindingKind::NoFlight,
             format!(
                 "the battery gives less than {current:.2} A in {where_it_is}: nothing flies, nothing can be identified"
+            ),
+        );
+        return;
+    }
+    if let Some((changes, force)) = force_without_motors(log) {
+        push(
+            findings,
+            FindingKind::NoFlight,
+            format!(
+                "the motors are asked for up to {changes:.1} times as much and the specific force stays at {force:.1} m/s²: they do not carry the \
+                 vehicle (no propellers, tied down, or on a stand)"
             ),
         );
         return;
@@ -216,6 +286,46 @@ mod tests {
             "{parts:?}"
         );
         assert!(parts.no_flight().is_some_and(|found| found == why), "{parts:?}");
+    }
+
+    /// Motors that idle at half of what a calm hover then takes: on the ground and in the air the force is the weight.
+    #[test]
+    fn val_an_idle_before_a_hover_is_none_of_motors_that_carry_nothing() {
+        let mut log = on_a_stand(false);
+        for (row, t) in log.time_s.clone().into_iter().enumerate() {
+            for rotor in 1..=4 {
+                let duty = log.columns.get_mut(&names::duty(rotor)).expect("a motor");
+                duty[row] = (0.25 + 0.15 * (t - 10.0)).clamp(0.25, 0.5);
+            }
+        }
+        assert_eq!(force_without_motors(&log), None);
+    }
+
+    /// 50 Hz, 40 s on a stand: the motors go up and down by a factor of two and turn the vehicle about; with `carries` their thrust is what the
+    /// accelerometer reads, by the power 1.3 of the duty.
+    fn on_a_stand(carries: bool) -> FlightLog {
+        let time: Vec<f64> = (0..2000).map(|k| 0.02 * f64::from(k)).collect();
+        let of = |f: &dyn Fn(f64) -> f64| -> Vec<f64> { time.iter().map(|t| f(*t)).collect() };
+        let duty = |t: f64| 0.1 * (1.0 + 0.4 * (0.7 * t).sin());
+        let mut columns: Vec<(String, Vec<f64>)> = (1..=4).map(|rotor| (names::duty(rotor), of(&duty))).collect();
+        for (axis, name) in names::RATES.iter().enumerate() {
+            columns.push(((*name).to_owned(), of(&|t| 0.3 * (2.0 * t + axis as f64).sin())));
+        }
+        let thrust = |t: f64| if carries { (duty(t) / 0.1).powf(1.3) } else { 1.0 };
+        for (name, rest) in names::ACCEL.iter().zip([-2.6, 0.0, -9.3]) {
+            columns.push(((*name).to_owned(), of(&|t| rest * thrust(t) + 0.2 * (50.0 * t).sin())));
+        }
+        FlightLog::from_columns("stand", time, columns).expect("a log")
+    }
+
+    /// A vehicle was made of it, with n = 0.1.
+    #[test]
+    fn regress_a_force_that_does_not_follow_the_motors_is_no_flight() {
+        let log = on_a_stand(false);
+        let why = log.says_no_flight().expect("the motors carry nothing");
+        assert!(why.contains("the specific force stays at 9.7 m/s²"), "{why}");
+        assert_eq!(log.flight_parts(None).air_s(), 0.0);
+        assert_eq!(on_a_stand(true).says_no_flight(), None);
     }
 
     #[test]

@@ -33,8 +33,10 @@ type M3 = [V3; 3];
 pub(crate) struct Pairs {
     left: Vec<V3>,
     right: Vec<V3>,
-    /// White noise of the left side, from the log's own third differences, per axis.
+    /// White noise of the left side, from the log's own third differences or its steps, per axis.
     noise: V3,
+    /// White noise of the right side's integral over a window; 0 where it is not asked for.
+    integrated: V3,
 }
 
 /// Signed axes: `to[i] = (axis, sign)` says which axis of the right side is axis i of the left one.
@@ -53,6 +55,8 @@ pub(crate) struct Fit {
     pub(crate) gain: f64,
     /// Axes whose motion stands out of the noise.
     pub(crate) moving: [bool; 3],
+    /// The right side's noise hides the motion on an axis that moves: that the sides do not agree then says nothing.
+    pub(crate) hidden: bool,
 }
 
 pub(crate) const IDENTITY: Axes = [(0, 1.0), (1, 1.0), (2, 1.0)];
@@ -124,10 +128,15 @@ fn at(columns: &[&[f64]; 3], row: usize) -> V3 {
     [columns[0][row], columns[1][row], columns[2][row]]
 }
 
-fn gather(pairs: impl Iterator<Item = (V3, V3)>, noise: V3) -> Option<Pairs> {
+fn gather(pairs: impl Iterator<Item = (V3, V3)>, noise: V3, integrated: V3) -> Option<Pairs> {
     let finite = |vector: &V3| vector.iter().all(|part| part.is_finite());
     let (left, right): (Vec<V3>, Vec<V3>) = pairs.filter(|(left, right)| finite(left) && finite(right)).unzip();
-    (left.len() >= FEWEST_WINDOWS).then_some(Pairs { left, right, noise })
+    (left.len() >= FEWEST_WINDOWS).then_some(Pairs {
+        left,
+        right,
+        noise,
+        integrated,
+    })
 }
 
 /// Standard deviation of the white part of a column from its third differences (a cubic has none; their variance is 20 σ²).
@@ -144,6 +153,18 @@ pub(crate) fn white_noise(values: &[f64]) -> f64 {
     }
 }
 
+/// Step of a column that is held between its updates or rounded: what a tenth of its changes are smaller than. The third differences of such a
+/// column are 0 nearly everywhere. 0 where most rows differ.
+fn step(column: &[f64]) -> f64 {
+    let changes = column.windows(2).map(|pair| (pair[1] - pair[0]).abs());
+    let mut steps: Vec<f64> = changes.filter(|change| change.is_finite() && *change > 0.0).collect();
+    if 2 * steps.len() > column.len() || steps.is_empty() {
+        return 0.0;
+    }
+    let tenth = steps.len() / 10;
+    *steps.select_nth_unstable_by(tenth, f64::total_cmp).1
+}
+
 /// Attitude against body rates.
 pub(crate) fn rate_pairs(log: &FlightLog) -> Option<Pairs> {
     let attitude = log.vector(names::ATTITUDE)?;
@@ -156,7 +177,7 @@ pub(crate) fn rate_pairs(log: &FlightLog) -> Option<Pairs> {
         );
         (left, integral(&log.time_s, first, last, |row| at(&rates, row)))
     });
-    gather(pairs, noise)
+    gather(pairs, noise, [0.0; 3])
 }
 
 fn unwrapped(column: &[f64]) -> Vec<f64> {
@@ -178,7 +199,11 @@ pub(crate) fn velocity_pairs(log: &FlightLog) -> Option<Pairs> {
     let attitude = log.vector(names::ATTITUDE)?;
     let accel = log.vector(names::ACCEL)?;
     let velocity = log.vector(names::VELOCITY)?;
-    let noise = velocity.map(|column| std::f64::consts::SQRT_2 * white_noise(column));
+    let noise = velocity.map(|column| std::f64::consts::SQRT_2 * white_noise(column).max(step(column)));
+    // Vibration of the accelerometer over a window, about as on each axis of the world.
+    let rate_hz = median_rate_hz(&log.time_s);
+    let shakes = (accel.iter().map(|column| white_noise(column).powi(2)).sum::<f64>() / 3.0).sqrt();
+    let integrated = [shakes * (SHORTEST_WINDOW_S.max(FEWEST_INTERVALS as f64 / rate_hz) / rate_hz).sqrt(); 3];
     // An accelerometer that reads +g at rest is upside down; without this, gravity would count twice and hide the rest.
     let up = mean(accel[2]) > 0.5 * GRAVITY_M_S2;
     let sign = if up { [1.0, -1.0, -1.0] } else { [1.0; 3] };
@@ -196,7 +221,7 @@ pub(crate) fn velocity_pairs(log: &FlightLog) -> Option<Pairs> {
         });
         (left, right)
     });
-    gather(pairs, noise)
+    gather(pairs, noise, integrated)
 }
 
 /// Position against velocity.
@@ -209,7 +234,7 @@ pub(crate) fn position_pairs(log: &FlightLog) -> Option<Pairs> {
         let left = [0, 1, 2].map(|axis| after[axis] - before[axis]);
         (left, integral(&log.time_s, first, last, |row| at(&velocity, row)))
     });
-    gather(pairs, noise)
+    gather(pairs, noise, [0.0; 3])
 }
 
 pub(crate) fn mean(values: &[f64]) -> f64 {
@@ -291,6 +316,7 @@ impl Pairs {
             explained_as_is,
             gain: best.2,
             moving,
+            hidden: (0..3).any(|axis| moving[axis] && self.integrated[axis].powi(2) > left_power[axis]),
         })
     }
 }

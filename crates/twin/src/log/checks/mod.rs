@@ -94,6 +94,7 @@ fn axes_units_and_clock(log: &FlightLog, findings: &mut Vec<Finding>) {
     ] {
         if let Some(fit) = fit
             && fit.explained < 0.1
+            && !fit.hidden
             && findings.is_empty()
         {
             push(
@@ -355,5 +356,53 @@ fn gains(rates: Option<&Fit>, velocity: Option<&Fit>, position: Option<&Fit>, fi
             FindingKind::ScaleMismatch,
             format!("gains that should be 1: {list}; a unit is wrong"),
         );
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// 40 s at 500 Hz: a velocity in steps of 0.01 m/s at 16 Hz that swings by `speed`, m/s, under an accelerometer that shakes and shows no swing.
+    fn hover(speed: f64) -> FlightLog {
+        let rows = 20_000_u32;
+        let time: Vec<f64> = (0..rows).map(|k| 0.002 * f64::from(k)).collect();
+        let of = |f: &dyn Fn(f64) -> f64| -> Vec<f64> { time.iter().map(|t| f(*t)).collect() };
+        // Swaying: columns that never change are a finding of their own.
+        let mut columns: Vec<(String, Vec<f64>)> = Vec::new();
+        for (axis, (angle, rate)) in names::ATTITUDE.iter().zip(&names::RATES).enumerate() {
+            let phase = 0.7 * axis as f64;
+            columns.push(((*angle).to_owned(), of(&|t| 0.01 * (3.0 * t + phase).sin())));
+            columns.push(((*rate).to_owned(), of(&|t| 0.03 * (3.0 * t + phase).cos())));
+        }
+        let mut state = 1_u32;
+        for (name, rest) in names::ACCEL.iter().zip([0.0, 0.0, -9.81]) {
+            let mut shakes = || {
+                state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+                f64::from(state >> 8) / f64::from(1_u32 << 24) - 0.5
+            };
+            columns.push(((*name).to_owned(), (0..rows).map(|_| rest + 9.0 * shakes()).collect()));
+        }
+        for (axis, name) in names::VELOCITY.iter().enumerate() {
+            let swing = |t: f64| {
+                let held = (16.0 * t).floor() / 16.0;
+                (100.0 * speed * (2.0 * held + axis as f64).sin()).round() / 100.0
+            };
+            columns.push(((*name).to_owned(), of(&swing)));
+        }
+        FlightLog::from_columns("hover", time, columns).expect("a log")
+    }
+
+    /// A calm hover was refused: "the log is at fault … specific force and velocity move, but not together".
+    #[test]
+    fn regress_steps_and_vibration_of_a_calm_hover_are_no_motion() {
+        let inconsistent = |log: FlightLog| {
+            let found = log.report.findings;
+            found.iter().any(|finding| finding.kind == FindingKind::Inconsistent)
+        };
+        assert!(!inconsistent(hover(0.02)));
+        assert!(!inconsistent(hover(0.05)));
+        // A velocity that swings by a metre a second would show in the force.
+        assert!(inconsistent(hover(1.0)), "{:?}", hover(1.0).report.findings);
     }
 }

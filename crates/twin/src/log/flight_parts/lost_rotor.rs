@@ -6,7 +6,8 @@
 //! (1500 s of 12 logs of multirotors). The first alarm counts, and only below 70° of tilt: the tumble that follows accuses the others. What
 //! comes after a blow of 25 m/s² is the blow's. An arm whose angular acceleration still follows what its rotors are asked for has lost none: an
 //! attitude that swings ever further with a sound vehicle sinks each arm in turn. Elsewhere: the first output that
-//! reaches its upper limit, alone, within 2 s before the tilt passes 60°.
+//! reaches its upper limit, alone, within 2 s before the tilt passes 60°. Where another output is at its limit in the half second before, or
+//! when that one has reached its own, it is a manoeuvre that asks for all that the motors have.
 
 use super::events::upper_limit;
 use super::signals::Signals;
@@ -37,8 +38,10 @@ const AWAY_RAD: f64 = 1.05;
 const BEFORE_S: f64 = 2.0;
 /// … for so long at least, s.
 const LEAST_S: f64 = 0.12;
-/// … by so much more than the mean of the others.
+/// … by so much more than the mean of the others …
 const ALONE: f64 = 0.15;
+/// … none of which is at its limit for so long before, and until the first has been there for [`LEAST_S`], s.
+const NONE_BEFORE_S: f64 = 0.5;
 
 pub(super) fn find(signals: &Signals, parts: &[FlightPart], places: Option<&[RotorPlace]>) -> Vec<FlightEvent> {
     // In the order of the outputs; not used unless it is known of all.
@@ -107,7 +110,11 @@ fn by_limit(signals: &Signals, part: &FlightPart, begin_s: f64) -> Option<Flight
             let lasts = signals.end_s[to - 1] - signals.start_s[from] >= LEAST_S;
             let all: f64 = signals.duty.iter().map(|duty| duty[from]).sum();
             let others = (all - signals.duty[rotor][from]) / (rotors - 1.0);
-            (lasts && signals.duty[rotor][from] - others > ALONE).then_some((rotor, from))
+            let about = signals.between(signals.start_s[from] - NONE_BEFORE_S, signals.start_s[from] + LEAST_S);
+            let others_at_limit = (0..signals.duty.len())
+                .filter(|other| *other != rotor)
+                .any(|other| about.clone().any(|bin| signals.duty[other][bin] > limit));
+            (lasts && signals.duty[rotor][from] - others > ALONE && !others_at_limit).then_some((rotor, from))
         })
         .min_by_key(|(_, from)| *from)?;
     let output = signals.outputs[rotor];

@@ -17,6 +17,8 @@ use super::{EventKind, FlightEvent, FlightPart, PartKind};
 const TILT_END_RAD: f64 = 1.22;
 /// Tilt of a flight that goes on, rad: 60°.
 const TILT_GOOD_RAD: f64 = 1.05;
+/// Tilt of what has come back from a tumble, rad: 30°.
+const TILT_UPRIGHT_RAD: f64 = 0.52;
 /// Specific force of a blow, m/s².
 const BLOW: f64 = 35.0;
 /// Motors this low for so long: no flight, s.
@@ -40,8 +42,8 @@ const UNMOVED_RATE_RAD_S: f64 = 0.05;
 const UNMOVED_LEAN_RAD: f64 = 0.005;
 const UNMOVED_HEIGHT_M: f64 = 0.4;
 /// What lies on a bench with its motors running turns and shakes less than the calmest flight for as long as they run: deviations of rates and
-/// force, more than those of a simulation that has no noise; and it stays at the height of the ground, m.
-const LIES_RATE_RAD_S: Range<f64> = 1e-5..0.015;
+/// force, this one more than that of a simulation that has no noise (rates may be cut to 0); and it stays at the height of the ground, m.
+const LIES_RATE_RAD_S: f64 = 0.015;
 const LIES_FORCE: Range<f64> = 1e-3..0.2;
 const LIES_HEIGHT_M: f64 = 0.5;
 /// … or, where no height and ground next to it tell, asks its motors for no more than this.
@@ -386,7 +388,7 @@ fn lies(signals: &Signals, run: Range<usize>, on_ground: &[bool]) -> bool {
     let of = |values: &[f64]| deviation(run.clone().map(|bin| values[bin]));
     let turns = rates.iter().map(|rate| of(rate)).fold(0.0, f64::max);
     let length_s = signals.end_s[run.end - 1] - signals.start_s[run.start];
-    if length_s < LIES_RUNNING_S || !LIES_RATE_RAD_S.contains(&turns) || !LIES_FORCE.contains(&of(shock)) {
+    if length_s < LIES_RUNNING_S || beyond(turns, LIES_RATE_RAD_S) || !LIES_FORCE.contains(&of(shock)) {
         return false;
     }
     // The ground next to the run, as the height drifts.
@@ -456,7 +458,10 @@ fn flight(signals: &Signals, run: Range<usize>, on_ground: &[bool], found: &mut 
     let end_s = signals.end_s[run.end - 1];
     let crash = upsets.last().filter(|upset| {
         let after = end_s - upset.end_s;
-        upset.tumbles && after < RECOVERED_S && (to_ground || run.end == signals.bins() || after < 0.5)
+        upset.tumbles
+            && after < RECOVERED_S
+            && (to_ground || run.end == signals.bins() || after < 0.5)
+            && !(run.end == signals.bins() && back_upright(signals, upset))
     });
     let last = crash.map_or(run.end, |crash| {
         signals
@@ -501,6 +506,17 @@ fn flight(signals: &Signals, run: Range<usize>, on_ground: &[bool], found: &mut 
     if let Some(crash) = crash {
         add(upright.end..run.end, PartKind::Crash, &crash.why());
     }
+}
+
+/// Whether a log ends in flight with the vehicle upright again after a tumble, and without a blow since: whatever came then, no crash is in it.
+fn back_upright(signals: &Signals, upset: &Upset) -> bool {
+    let Some(tilt) = &signals.tilt else {
+        return false;
+    };
+    let upright = tilt.last().is_some_and(|tilt| *tilt < TILT_UPRIGHT_RAD);
+    let since = signals.between(upset.start_s, f64::INFINITY);
+    let struck = |shock: &Vec<f64>| since.clone().any(|bin| beyond(shock[bin], BLOW));
+    upright && !signals.shock.as_ref().is_some_and(struck)
 }
 
 /// Where a run is clear of the ground: the first bin after it from the left, or the first bin near it again from the right.

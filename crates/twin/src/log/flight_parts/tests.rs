@@ -171,6 +171,30 @@ fn val_a_motor_at_its_limit_while_the_attitude_runs_away_is_a_lost_rotor() {
     }
 }
 
+/// A hard braking manoeuvre: the outputs 1 and 2 go to their limit for less than 0.12 s, then 3 and 4 together for longer, the tilt passes 70° and
+/// comes back. Rotor 3 was called lost, and the manoeuvre a crash.
+#[test]
+fn regress_motors_that_reach_their_limit_together_have_lost_no_rotor() {
+    let columns = [&DUTIES[..], &ATTITUDE, &FORCES].concat();
+    let log = flown_with(&columns, |t, mut row| {
+        if t < 15.0 {
+            return row;
+        }
+        row.duty = match t {
+            15.0..15.08 => [1.0, 1.0, 0.7, 0.7],
+            15.12..15.5 => [0.6, 0.6, 1.0, 0.99],
+            _ => [0.6; 4],
+        };
+        row.roll = 1.5 * (std::f64::consts::PI * (t - 15.0) / 0.7).sin();
+        row
+    });
+    // The log ends as the vehicle is upright again.
+    let parts = log.part(5.0, 15.7).expect("inside").flight_parts(None);
+    assert!(parts.events.iter().all(|e| e.kind != EventKind::LostRotor), "{parts:?}");
+    assert!(parts.parts.iter().any(|part| part.kind == PartKind::Upset), "{parts:?}");
+    assert!(parts.parts.iter().all(|part| part.kind != PartKind::Crash), "{parts:?}");
+}
+
 /// Roll swings ever further from 12 s on, each motor in its turn asked for more while its arm sinks, and every arm answers; it lies from 17.6 s.
 #[test]
 fn regress_an_arm_that_answers_its_motor_has_lost_no_rotor() {
@@ -365,6 +389,20 @@ fn regress_a_bench_that_shakes_less_than_any_flight_is_the_ground() {
     // What is above the ground, or shakes more, flies.
     assert!(on_a_bench(0.1, 2.0).air_s() > 10.0);
     assert!(on_a_bench(1.0, 0.1).air_s() > 10.0);
+}
+
+/// A gyroscope whose readings are cut to 0 below its dead band, motors at an idle of 8 % with a twitch at the end: it was in the air throughout.
+#[test]
+fn regress_motors_that_idle_under_a_gyroscope_with_a_dead_band_are_on_the_ground() {
+    let columns = [&DUTIES[..], &RATES, &FORCES].concat();
+    let log = flown_with(&columns, |t, row| Row {
+        duty: [if (28.0..28.4).contains(&t) { 0.2 } else { 0.08 }; 4],
+        rate: if (28.0..28.4).contains(&t) { 0.01 } else { 0.0 },
+        accel_z: -9.75 + 0.06 * (31.0 * t).sin(),
+        ..row
+    });
+    let parts = log.flight_parts(None);
+    assert_eq!(parts.air_s(), 0.0, "{parts:?}");
 }
 
 /// The motors run for 10 s before they lift the vehicle, which then stays low.
