@@ -1,5 +1,6 @@
 //! The improved network over time in flights of the independent generator, in whose world it was not trained. Figures with intervals: docs/detector.md.
 
+#[expect(dead_code, reason = "shared with tests of the sequential detector")]
 mod foreign;
 
 use foreign::{VEHICLE, cases_of, fed, seconds};
@@ -48,7 +49,7 @@ fn alarms(codes: impl Iterator<Item = i32>) -> usize {
 /// Rotor from 1, lost share and onset of a case.
 fn fault(case: &FaultCase) -> Option<(i32, f64, f64)> {
     let effect = case.effects.iter().find(|effect| effect.id == "rotor-thrust-scale")?;
-    Some((effect.rotor? as i32, -effect.parameters.get("share")?, effect.onset_s?))
+    Some((effect.rotor? as i32, -*effect.parameters.get("share")?, effect.onset_s?))
 }
 
 #[test]
