@@ -30,7 +30,12 @@ Examples:
 
 pub(crate) const JUDGE: &str = "\
 Examples:
-  rotortwin judge runs/hover-1 verdicts.csv --name yaw-rate";
+  rotortwin judge runs/hover-1 verdicts.csv --name yaw-rate
+  rotortwin judge runs/hover-1 --classifier f550-improved";
+
+pub(crate) const FEATURES: &str = "\
+Examples:
+  rotortwin features detector-realistic --method improved --limit 48 --out windows.parquet";
 
 pub(crate) const EXPORT: &str = "\
 Examples:

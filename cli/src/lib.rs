@@ -42,6 +42,7 @@ mod export;
 pub mod fdi_log;
 mod fdi_models;
 pub mod fdi_service;
+mod features;
 mod fit;
 pub mod fleet;
 pub mod fly;
@@ -126,6 +127,9 @@ pub enum Command {
     /// Reproduce the paper's tables and figures, with its numbers and ours
     #[command(after_help = examples::REPRODUCE)]
     Reproduce(reproduce::Args),
+    /// The windows of a campaign's flights, with the truth, as a table to train on
+    #[command(after_help = examples::FEATURES)]
+    Features(features::Args),
     /// Compare models with flight logs: where, when and by how much they disagree
     #[command(after_help = examples::COMPARE)]
     Compare(compare::Args),
@@ -264,6 +268,7 @@ fn run_command(perform: Option<network::Perform>) -> ExitCode {
         Command::Replay(args) => replay::run(&args),
         Command::Show(args) => show::run(&args),
         Command::Judge(args) => judge::run(&args),
+        Command::Features(args) => features::run(&args),
         Command::Export(args) => export::run(&args),
         Command::Log(args) => log::run(&args),
         Command::FdiLog(args) => fdi_log::judge_logs(&args),

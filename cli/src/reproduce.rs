@@ -3,6 +3,7 @@
 use crate::output;
 use clap::{Parser, ValueEnum};
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
+use rotortwin_campaign::learning::training::Overrides;
 use rotortwin_campaign::paper::classifiers;
 use rotortwin_campaign::paper::cross_validation::Fold;
 use rotortwin_campaign::paper::protocol::Course;
@@ -14,6 +15,7 @@ use rotortwin_campaign::paper::reproduction::{self, Item, Method, Options, Repro
 use rotortwin_campaign::parallel::available_threads;
 use rotortwin_campaign::result_table::ResultTable;
 use rotortwin_flight::pace::Pace;
+use rotortwin_jobs::training::{Hyperparameters, Rule};
 use rotortwin_runner::destination;
 use rotortwin_runner::failure::Failure;
 use rotortwin_runner::training::{self, BASE_SCENARIO, save_classifier};
@@ -82,6 +84,39 @@ pub struct TrainArgs {
     method: MethodArg,
     #[command(flatten)]
     common: Common,
+    /// How often every window is seen [default: 5; improved: 30]
+    #[arg(long, value_name = "COUNT", value_parser = clap::value_parser!(u32).range(1..=10_000), help_heading = "Training")]
+    epochs: Option<u32>,
+    /// Hidden neurons, at most three a rotor [default: three a rotor]
+    #[arg(long, value_name = "COUNT", value_parser = clap::value_parser!(u32).range(1..=48), help_heading = "Training")]
+    hidden: Option<u32>,
+    /// Update rule of the weights [default: sgdm; improved: adam]
+    #[arg(long, value_enum, value_name = "RULE", help_heading = "Training")]
+    optimiser: Option<RuleArg>,
+    /// Learning rate, above 0; with adam the initial one [default: 0.001; improved: 0.003]
+    #[arg(long, value_name = "RATE", help_heading = "Training")]
+    learning_rate: Option<f64>,
+    /// Momentum of sgdm, from 0 to below 1 [default: 0.9]
+    #[arg(long, value_name = "SHARE", help_heading = "Training")]
+    momentum: Option<f64>,
+    /// Weight decay, 0 to 1 [default: 0.0001; improved: 0]
+    #[arg(long, value_name = "FACTOR", help_heading = "Training")]
+    l2: Option<f64>,
+    /// Windows of a mini-batch [default: 32]
+    #[arg(long, value_name = "COUNT", value_parser = clap::value_parser!(u32).range(1..=10_000), help_heading = "Training")]
+    batch: Option<u32>,
+    /// Seed of split, initial weights and order of the windows [default: that of the data set]
+    #[arg(long, value_name = "SEED", value_parser = clap::value_parser!(u64).range(..1 << 53), help_heading = "Training")]
+    seed: Option<u64>,
+}
+
+/// Update rule on the command line.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+enum RuleArg {
+    /// Stochastic gradient descent with momentum
+    Sgdm,
+    /// Adam; its learning rate falls to 0 as a half cosine
+    Adam,
 }
 
 /// A training request to a server.
@@ -96,6 +131,8 @@ pub struct TrainRequest<'a> {
     pub seeds: u16,
     /// First seed.
     pub first_seed: u64,
+    /// What is trained otherwise than the method says.
+    pub hyperparameters: Hyperparameters,
     /// Print JSON.
     pub json: bool,
 }
@@ -109,6 +146,23 @@ impl TrainArgs {
             first_seed: self.common.first_seed,
             out: self.out.clone(),
             threads: self.common.threads,
+            hyperparameters: self.hyperparameters(),
+        }
+    }
+
+    fn hyperparameters(&self) -> Hyperparameters {
+        Hyperparameters {
+            epochs: self.epochs,
+            hidden: self.hidden,
+            optimiser: self.optimiser.map(|rule| match rule {
+                RuleArg::Sgdm => Rule::Sgdm,
+                RuleArg::Adam => Rule::Adam,
+            }),
+            learning_rate: self.learning_rate,
+            momentum: self.momentum,
+            l2: self.l2,
+            batch: self.batch,
+            seed: self.seed,
         }
     }
 
@@ -129,6 +183,7 @@ impl TrainArgs {
             scenario: &self.common.scenario,
             seeds: self.common.seeds,
             first_seed: self.common.first_seed,
+            hyperparameters: self.hyperparameters(),
             json: self.common.json,
         })
     }
@@ -238,13 +293,14 @@ impl Common {
             seeds: (self.first_seed..).take(usize::from(self.seeds)).collect(),
             threads: self.threads.unwrap_or_else(available_threads),
             tracking_epochs: 20,
+            overrides: Overrides::default(),
         }
     }
 
     /// The command recorded in a classifier's file.
     fn train_command(&self) -> String {
         let method = rotortwin_jobs::training::Method::Paper;
-        training::command_line(method, u32::from(self.seeds), self.first_seed, &self.scenario)
+        training::command_line(method, &self.command_line(), &Hyperparameters::default())
     }
 
     /// The arguments that determine the results, as typed.

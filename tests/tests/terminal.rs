@@ -243,8 +243,9 @@ fn steps() -> String {
 const SHOWN: [&str; 6] = ["effects show", "blind effects", "fly", "show", "log show", "fdi-log"];
 
 /// Commands that are not tried at a width, and why.
-const NOT_TRIED: [(&str, &str); 24] = [
+const NOT_TRIED: [(&str, &str); 25] = [
     ("judge", "tests/own_detector.rs"),
+    ("features", "tests/own_detector.rs"),
     ("check", "prints a document"),
     ("completions", "prints a script"),
     ("man", "prints a page that man lays out"),

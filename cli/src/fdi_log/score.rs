@@ -11,11 +11,13 @@ use rotortwin_campaign::study::score::{DetectorScore, DetectorScorer, Verdict, W
 use rotortwin_fdi_session::validity::CANNOT_JUDGE;
 use rotortwin_plant::STEP_S;
 use rotortwin_runner::grid::Grid;
-use rotortwin_verdicts::log::LogReport;
+use rotortwin_verdicts::log::{LogReport, NETWORK_OVER_TIME};
 use rotortwin_verdicts::view::WindowView;
 
 /// Detectors, in the order of a report.
-const DETECTORS: [&str; 3] = ["t_test", "network", "sequential"];
+const DETECTORS: [&str; 4] = ["t_test", "network", "sequential", NETWORK_OVER_TIME];
+/// Place of the sequential detector.
+const SEQUENTIAL: usize = 2;
 
 /// From a report with all its windows.
 pub(super) fn score_of(report: &LogReport, truth: &Truth) -> LogScore {
@@ -41,7 +43,7 @@ pub(super) fn score_of(report: &LogReport, truth: &Truth) -> LogScore {
                 scorer.window(&known, verdict);
             }
         }
-        let rightly = !window.sequential.thrust_loss.is_empty() && known.is_right(verdicts(window)[2]);
+        let rightly = !window.sequential.thrust_loss.is_empty() && known.is_right(verdicts(window)[SEQUENTIAL]);
         if rightly && truth.stands_still(begin_s, end_s) && damage.worst().is_finite() {
             inside_of += 1;
             inside += u64::from(window.sequential.thrust_loss.iter().all(|loss| {
@@ -75,7 +77,7 @@ fn after_onset_steps(onset_s: f64, end_s: f64) -> Option<u64> {
     (steps >= 1.0).then_some(steps as u64)
 }
 
-fn verdicts(window: &WindowView) -> [Verdict; 3] {
+fn verdicts(window: &WindowView) -> [Verdict; 4] {
     let suspects = window
         .sequential
         .suspect_rotors
@@ -88,6 +90,7 @@ fn verdicts(window: &WindowView) -> [Verdict; 3] {
             code: window.sequential.verdict.code,
             suspect_rotors: suspects,
         },
+        Verdict::of_code(window.network_over_time.verdict.code),
     ]
 }
 
@@ -104,7 +107,7 @@ pub(super) fn by_log(names: &[String], scores: &[&LogScore]) -> Grid {
     ])
     .numbers_from(1);
     for (name, log) in names.iter().zip(scores) {
-        let score = &log.detectors[2].score;
+        let score = &log.detectors[SEQUENTIAL].score;
         table.add_row([
             name.clone(),
             score.windows.to_string(),

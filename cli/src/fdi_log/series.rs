@@ -70,6 +70,10 @@ fn table(logs: &[JudgedLog]) -> TableFile {
     table
         .column("t_test", code(&|window| window.t_test.code))
         .column("network", code(&|window| window.network.verdict.code))
+        .column(
+            "network_over_time",
+            code(&|window| window.network_over_time.verdict.code),
+        )
         .column("sequential", code(&|window| window.sequential.verdict.code))
         .column(
             "probability",
@@ -130,6 +134,16 @@ fn table(logs: &[JudgedLog]) -> TableFile {
         };
         table.column(
             &format!("network_probability_{class}"),
+            number(&|_, window| probability(window)),
+        );
+    }
+    for class in 0..classes {
+        let probability = |window: &WindowView| {
+            let classes = &window.network_over_time.class_probability;
+            classes.get(class).map_or(f64::NAN, |p| f64::from(*p))
+        };
+        table.column(
+            &format!("network_over_time_probability_{class}"),
             number(&|_, window| probability(window)),
         );
     }

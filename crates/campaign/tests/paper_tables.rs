@@ -28,6 +28,7 @@ fn options(items: &[Item], seeds: &[u64], threads: usize) -> Options {
         threads: NonZeroUsize::new(threads).expect("above 0"),
         // Enough to show that tracking errors are uninformative; see `reproduce` for the length used in the paper.
         tracking_epochs: 2,
+        overrides: Default::default(),
     }
 }
 

@@ -20,6 +20,7 @@
 //!
 //! Glossary: *window*, 25 samples (a setting) that are decided on together; *chunk*, samples that come in one message.
 
+use super::evidence::{Evidence, NetworkOverTime};
 use super::learnt::{Corrected, Learner, Learnt};
 use super::second_look::{Details, LoadChange, SecondLook, with_sequential};
 use super::validity::{FlightWatch, MOST_TILT, ModelCheck, Obstacle};
@@ -187,6 +188,11 @@ pub struct Window {
     pub engine: FdiReport,
     /// Probability that the network gives to healthy, rotor 1, rotor 2, …; empty while it says nothing.
     pub class_probability: Vec<f32>,
+    /// What a network that calibrates itself says over time ([`super::evidence`]).
+    pub network_over_time: NetworkOverTime,
+    /// Mean of the 4-axis residual over the window, the network's input before the projection: down kg·m/s, roll, pitch and yaw kg·m²/s; 0 of a window that
+    /// the engine was not fed.
+    pub residual_mean: [f32; 4],
     /// As of this step.
     pub calibration: Calibration,
     /// Why there are no verdicts; absent while the detectors calibrate themselves.
@@ -366,6 +372,8 @@ pub struct FdiSession {
     flight: FlightWatch,
     check: ModelCheck,
     look: SecondLook,
+    /// Of a network that calibrates itself.
+    evidence: Option<Box<Evidence>>,
     /// What earlier flights said of the vehicle.
     corrected: Option<Box<Corrected>>,
     /// Learns from this flight.
@@ -411,6 +419,7 @@ impl FdiSession {
             flight: FlightWatch::new(&config),
             check: ModelCheck::new(&config),
             look: SecondLook::new(&config),
+            evidence: Evidence::new(&config).map(Box::new),
             corrected: None,
             learner: None,
             by_force: false,
@@ -670,6 +679,9 @@ impl FdiSession {
         self.baseline = Baseline::new(start, end);
         self.check = ModelCheck::new(&config);
         self.look = SecondLook::new(&config).by_force(self.by_force);
+        if let Some(evidence) = &mut self.evidence {
+            evidence.restart();
+        }
         if let Some(corrected) = &mut self.corrected {
             self.look = self.look.clone().with_noise(corrected.noise());
             corrected.begin();
@@ -727,6 +739,7 @@ impl FdiSession {
             return None;
         }
         let class_probability = self.class_probability(calibrated);
+        let residual_mean = self.window.mean();
         let calibration = self.calibration();
         self.window.clear();
         self.look.close(
@@ -763,6 +776,7 @@ impl FdiSession {
         } else {
             (Vec::new(), Details::default())
         };
+        let network_over_time = self.network_over_time(&residual_mean, calibration, obstacle.is_some());
         let window = Window {
             engine,
             report: obstacle.map_or(report, |_| without_verdict(report)),
@@ -771,6 +785,8 @@ impl FdiSession {
             } else {
                 Vec::new()
             },
+            network_over_time,
+            residual_mean,
             calibration,
             obstacle,
             calibrated_from: self.started,
@@ -810,6 +826,8 @@ impl FdiSession {
                 report: empty,
                 engine: empty,
                 class_probability: Vec::new(),
+                network_over_time: NetworkOverTime::NOT_READY,
+                residual_mean: [0.0; 4],
                 calibration: Calibration::Noise,
                 obstacle: Some(obstacle),
                 calibrated_from: self.started,
@@ -854,6 +872,25 @@ impl FdiSession {
         }
         let probability = network.class_probabilities(&Residuals::from_wrench(&config.geometry, &mean));
         probability[..=network.rotor_count()].to_vec()
+    }
+
+    /// What the network says over time, with the window that ends.
+    fn network_over_time(
+        &mut self,
+        residual_mean: &[f32; 4],
+        calibration: Calibration,
+        is_obstructed: bool,
+    ) -> NetworkOverTime {
+        let Some(evidence) = &mut self.evidence else {
+            return NetworkOverTime::NOT_READY;
+        };
+        match calibration {
+            Calibration::Noise => {}
+            Calibration::Disturbances => evidence.calibrate(residual_mean),
+            Calibration::Done if is_obstructed => evidence.hold(),
+            Calibration::Done => return evidence.window(residual_mean),
+        }
+        NetworkOverTime::NOT_READY
     }
 
     /// What the engine said last.

@@ -4,7 +4,7 @@ use crate::campaign::Campaign;
 use crate::error::NotUnderstood;
 use crate::flight::Flight;
 use crate::log::LogImport;
-use crate::training::Training;
+use crate::training::{Hyperparameters, Training};
 use crate::twin::{Comparison, Diagnosis, Improvement};
 use crate::{BlindBench, Input, Job};
 use serde::Deserialize;
@@ -192,6 +192,7 @@ impl<'a> Words<'a> {
                     first_seed: self.value("first-seed")?,
                     out: self.one("out")?.into(),
                     threads: None,
+                    hyperparameters: Hyperparameters::default(),
                 })
             }
             _ => return Err(self.refused("no server has queued such a command")),

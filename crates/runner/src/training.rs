@@ -2,11 +2,12 @@
 
 use crate::destination;
 use crate::failure::Failure;
+use rotortwin_campaign::learning::training::Overrides;
 use rotortwin_campaign::paper::classifiers;
 use rotortwin_campaign::paper::reproduction::{self, Method, Options, Reproduction};
 use rotortwin_campaign::parallel::available_threads;
 use rotortwin_jobs::Training as Job;
-use rotortwin_jobs::training::Method as Asked;
+use rotortwin_jobs::training::{Hyperparameters, Method as Asked, Rule};
 use rotortwin_scenario::classifier::TrainedClassifier;
 use rotortwin_scenario::{Classifier, Scenario};
 use serde_json::Value;
@@ -43,8 +44,11 @@ pub fn prepare(job: &Job) -> Result<Prepared<'_>, Failure> {
         seeds: (job.first_seed..).take(job.seeds as usize).collect(),
         threads: job.threads.unwrap_or_else(available_threads),
         tracking_epochs: 20,
+        overrides: overrides(&job.hyperparameters),
     };
     let options = classifiers::options_for(method(job.method), options);
+    let rotor_count = base.fdi_config().geometry.rotor_count();
+    options.check(rotor_count).map_err(Failure::input)?;
     Ok(Prepared { job, base, options })
 }
 
@@ -62,7 +66,8 @@ impl Prepared<'_> {
         let trained = || {
             let result = reproduction::run(&self.base, &self.options, tick)?;
             let job = self.job;
-            let command = command_line(job.method, job.seeds, job.first_seed, &job.scenario);
+            let data_set = data_set(job.seeds, job.first_seed, &job.scenario);
+            let command = command_line(job.method, &data_set, &job.hyperparameters);
             save_classifier(
                 &self.base,
                 &result,
@@ -83,10 +88,39 @@ const fn method(asked: Asked) -> Method {
     }
 }
 
+fn overrides(asked: &Hyperparameters) -> Overrides {
+    let count = |number: Option<u32>| number.map(|number| number as usize);
+    Overrides {
+        epochs: asked.epochs,
+        hidden: count(asked.hidden),
+        adam: asked.optimiser.map(|rule| rule == Rule::Adam),
+        learning_rate: asked.learning_rate,
+        momentum: asked.momentum,
+        l2: asked.l2,
+        batch: count(asked.batch),
+        seed: asked.seed,
+    }
+}
+
 /// The command recorded in the classifier's file.
-pub fn command_line(method: Asked, seeds: u32, first_seed: u64, scenario: &Path) -> String {
-    let (method, data_set) = (method.as_str(), data_set(seeds, first_seed, scenario));
-    format!("rotortwin train --method {method}{data_set} --out FILE")
+///
+/// * `data_set`: [`data_set`]
+pub fn command_line(method: Asked, data_set: &str, asked: &Hyperparameters) -> String {
+    let mut line = format!("rotortwin train --method {}{data_set}", method.as_str());
+    let mut add = |option: &str, value: Option<String>| {
+        if let Some(value) = value {
+            line += &format!(" --{option} {value}");
+        }
+    };
+    add("epochs", asked.epochs.map(|n| n.to_string()));
+    add("hidden", asked.hidden.map(|n| n.to_string()));
+    add("optimiser", asked.optimiser.map(|rule| rule.as_str().to_owned()));
+    add("learning-rate", asked.learning_rate.map(|x| x.to_string()));
+    add("momentum", asked.momentum.map(|x| x.to_string()));
+    add("l2", asked.l2.map(|x| x.to_string()));
+    add("batch", asked.batch.map(|n| n.to_string()));
+    add("seed", asked.seed.map(|n| n.to_string()));
+    line + " --out FILE"
 }
 
 /// The arguments that determine a data set, as typed.

@@ -100,7 +100,7 @@ pub struct LogView {
 /// What one detector said over the log, in windows.
 #[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]
 pub struct DetectorCount {
-    /// `t_test`, `network` or `sequential`.
+    /// `t_test`, `network`, `sequential` or `network_over_time`, which is absent with a classifier that does not calibrate itself.
     pub detector: String,
     /// With a verdict.
     pub decided: u64,
@@ -601,6 +601,10 @@ fn report(log: &FlightLog, detectors: &Detectors, judge: Judge, lacks: Vec<Lack>
         view.calibration_start_s = milliseconds(config.sequential.calibration_start);
         view.calibration_end_s = milliseconds(config.sequential.calibration_end);
     }
+    let self_calibrated = detectors
+        .config()
+        .network
+        .is_some_and(|network| network.self_calibrated());
     let mut notes = judge.notes;
     if let RotorOrder::Vehicle(note) = &log.report.rotor_order {
         notes.insert(0, note.clone());
@@ -651,7 +655,11 @@ fn report(log: &FlightLog, detectors: &Detectors, judge: Judge, lacks: Vec<Lack>
         timeline: judge.timeline,
         timeline_left_out: judge.left_out,
         windows: judge.windows,
-        counts: judge.counts.to_vec(),
+        counts: judge
+            .counts
+            .into_iter()
+            .filter(|count| count.detector != NETWORK_OVER_TIME || self_calibrated)
+            .collect(),
         lacks,
         suspicions: suspicions
             .map(|finding| Suspicion {
@@ -663,6 +671,9 @@ fn report(log: &FlightLog, detectors: &Detectors, judge: Judge, lacks: Vec<Lack>
         flight: None,
     }
 }
+
+/// Key of the network over time.
+pub const NETWORK_OVER_TIME: &str = "network_over_time";
 
 /// Column of the first duty in a block: after velocity, attitude and rates.
 const FIRST_DUTY: usize = 9;
@@ -692,8 +703,8 @@ struct Judge {
     lists: bool,
     windows: Vec<WindowView>,
     last_code: Option<i32>,
-    counts: [DetectorCount; 3],
-    alarmed: [bool; 3],
+    counts: [DetectorCount; 4],
+    alarmed: [bool; 4],
     notes: Vec<String>,
     parts: FlightParts,
     /// Index of the part that contained the last step.
@@ -731,8 +742,8 @@ impl Judge {
             lists: false,
             windows: Vec::new(),
             last_code: None,
-            counts: [count("t_test"), count("network"), count("sequential")],
-            alarmed: [false; 3],
+            counts: ["t_test", "network", "sequential", NETWORK_OVER_TIME].map(count),
+            alarmed: [false; 4],
             notes: Vec::new(),
             parts,
             part: 0,
@@ -829,7 +840,7 @@ impl Judge {
     fn skip(&mut self, step: u64, obstacle: ObstacleView) {
         self.flush();
         self.left_air |= obstacle.reason != Obstruction::Gap;
-        self.alarmed = [false; 3];
+        self.alarmed = [false; 4];
         if self.left_air && self.last_code != Some(CANNOT_JUDGE) {
             self.last_code = Some(CANNOT_JUDGE);
             self.turn(ChangeView {
@@ -906,10 +917,15 @@ impl Judge {
         let begin = end.saturating_sub(u64::from(self.session.window_samples()));
         // Since the log's first row, which may lie before the first complete step.
         let time_s = (report.stamp.step as f64) / self.rate_hz;
-        for (index, code) in [report.t_test, report.network, report.sequential]
-            .map(|code| code_in(window, code))
-            .into_iter()
-            .enumerate()
+        for (index, code) in [
+            report.t_test,
+            report.network,
+            report.sequential,
+            window.network_over_time.code,
+        ]
+        .map(|code| code_in(window, code))
+        .into_iter()
+        .enumerate()
         {
             let count = &mut self.counts[index];
             let decided = !matches!(code, CANNOT_JUDGE | NOT_READY);

@@ -146,6 +146,26 @@ pub struct NetworkView {
     pub class_probability: Vec<f32>,
 }
 
+/// What the network says over time.
+#[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]
+pub struct NetworkOverTimeView {
+    /// Its verdict: healthy or one rotor.
+    #[serde(flatten)]
+    pub verdict: VerdictView,
+    /// Of healthy, rotor 1, rotor 2, …, calibrated; empty while it says nothing.
+    pub class_probability: Vec<f32>,
+}
+
+impl NetworkOverTimeView {
+    fn in_window(window: &Window) -> Self {
+        let said = &window.network_over_time;
+        Self {
+            verdict: VerdictView::of(code_in(window, said.code)),
+            class_probability: said.probability.clone(),
+        }
+    }
+}
+
 /// Lost thrust of a rotor at hover, with its 95 % interval; shares are of the rotor's nominal thrust.
 #[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]
 pub struct LossView {
@@ -375,6 +395,8 @@ pub struct WindowView {
     pub t_test: VerdictView,
     /// The classifier.
     pub network: NetworkView,
+    /// The same over time, of a classifier that calibrates itself: evidence of its windows added up; not ready with another one.
+    pub network_over_time: NetworkOverTimeView,
     /// The detector that decides over time, after a second look at what else would explain it and at how large it is now; the one to act on.
     pub sequential: SequentialView,
     /// The same before the second look, as a run would record it; only if it differs.
@@ -448,6 +470,7 @@ impl From<&Window> for WindowView {
                 verdict: VerdictView::of(code_in(window, report.network)),
                 class_probability: window.class_probability.clone(),
             },
+            network_over_time: NetworkOverTimeView::in_window(window),
             sequential: SequentialView::in_window(window),
             engine: Some(SequentialView::of(&window.engine))
                 .filter(|engine| *engine != SequentialView::in_window(window).bare()),

@@ -11,11 +11,13 @@
 //! * [`conditions`]: condition of each rotor and sensor at each step.
 //! * [`events`]: those events, one JSON object per line on standard output.
 //! * [`live`]: telemetry samples among them, for live viewers.
+//! * [`network_over_time`]: the improved network over time, after the flight.
 //! * [`process`]: the process, with its arguments and signals.
 
 pub mod commands;
 pub mod conditions;
 pub mod live;
+pub mod network_over_time;
 pub mod process;
 pub mod recorder;
 pub mod session;

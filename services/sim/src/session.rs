@@ -2,6 +2,7 @@
 
 use crate::commands::{Recorded, Recording};
 use crate::conditions::ConditionSchedule;
+use crate::network_over_time::NetworkOverTime;
 use crate::recorder::Recorder;
 use rotortwin_flight::autopilot::{self, HandOver};
 use rotortwin_flight::lateness::{Who, Why};
@@ -13,6 +14,7 @@ use rotortwin_plant::{STEP_NS, Simulation};
 use rotortwin_process::{StopRequest, Supervisor, priority};
 use rotortwin_scenario::Scenario;
 use rotortwin_store::StoreError;
+use rotortwin_store::own_detector::judge;
 use rotortwin_store::run_folder::RunFolder;
 use rotortwin_store::spool::{SpoolHeader, SpoolReader, SpoolWriter};
 use rotortwin_store::summary::{ControllerRecord, Failure, LateSteps, RealTime, ScenarioRecord, Status, Summary};
@@ -209,7 +211,12 @@ fn recorded(
         }),
         ..summary_of(scenario, config, &outcome)
     };
-    let summary = finalise(folder, summary)?;
+    let mut summary = finalise(folder, summary)?;
+    if summary.steps > 0
+        && let Some(mut detector) = NetworkOverTime::beside_the_network(scenario)
+    {
+        summary = judge(folder.path(), &mut detector)?;
+    }
     emit(RunEvent::Finished);
     Ok(summary)
 }

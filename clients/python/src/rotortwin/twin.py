@@ -204,11 +204,17 @@ class Classifiers(Resource[Job]):
         scenario: str = "reference-flight",
         seeds: int = 5,
         first_seed: int = 1,
+        hyperparameters: Json | None = None,
         priority: int = 0,
         idempotency_key: str | None = None,
     ) -> Job:
-        """Trains one on flights of a scenario of the server's library, one data set a seed; the same seeds give the same bits."""
+        """Trains one on flights of a scenario of the server's library, one data set a seed; the same seeds give the same bits.
+
+        hyperparameters: what is trained otherwise than the method says: `epochs`, `hidden`, `optimiser` (`sgdm` or `adam`), `learning_rate`,
+        `momentum`, `l2`, `batch`, `seed`.
+        """
         body: Json = {"method": method, "scenario": scenario, "seeds": seeds, "first_seed": first_seed, "priority": priority}
+        body |= without_none(hyperparameters=hyperparameters)
         return self._do(self._operations.submit(body, idempotency_key))
 
     def evaluate(

@@ -24,6 +24,122 @@ pub struct TrainingConfig {
     pub batch: usize,
 }
 
+/// What replaces settings of a [`TrainingConfig`]; unset: they stay.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Overrides {
+    /// See [`TrainingConfig::epochs`].
+    pub epochs: Option<u32>,
+    /// See [`TrainingConfig::hidden`].
+    pub hidden: Option<usize>,
+    /// Adam in place of gradient descent, or the other way round.
+    pub adam: Option<bool>,
+    /// ε.
+    pub learning_rate: Option<f64>,
+    /// µ.
+    pub momentum: Option<f64>,
+    /// λ.
+    pub l2: Option<f64>,
+    /// See [`TrainingConfig::batch`].
+    pub batch: Option<usize>,
+    /// Seed of split, initial weights and order in place of the data set's.
+    pub seed: Option<u64>,
+}
+
+/// Learning rate of Adam where gradient descent was the default.
+const ADAM_LEARNING_RATE: f64 = 3e-3;
+
+impl Overrides {
+    /// The settings with these in place of their own.
+    ///
+    /// # Errors
+    /// One sentence: a number out of range, or a momentum of Adam.
+    pub fn apply(&self, config: TrainingConfig) -> Result<TrainingConfig, String> {
+        let count = |name: &str, value: usize, most: usize| {
+            if (1..=most).contains(&value) {
+                Ok(value)
+            } else {
+                Err(format!("{name} is {value}; expected 1 to {most}"))
+            }
+        };
+        let number = |name: &str, value: f64, ok: bool, range: &str| {
+            if ok {
+                Ok(value)
+            } else {
+                Err(format!("{name} is {value}; expected {range}"))
+            }
+        };
+        let (own_rate, own_momentum, own_l2) = match config.optimiser {
+            Optimiser::Sgdm {
+                learning_rate,
+                momentum,
+                l2,
+            } => (learning_rate, Some(momentum), l2),
+            Optimiser::Adam { learning_rate, l2 } => (learning_rate, None, l2),
+        };
+        let is_adam = self.adam.unwrap_or(own_momentum.is_none());
+        let same_rule = is_adam == own_momentum.is_none();
+        let Optimiser::Sgdm {
+            learning_rate: paper_rate,
+            momentum: paper_momentum,
+            ..
+        } = Optimiser::PAPER
+        else {
+            unreachable!("the paper's is gradient descent")
+        };
+        let usual_rate = match (same_rule, is_adam) {
+            (true, _) => own_rate,
+            (false, true) => ADAM_LEARNING_RATE,
+            (false, false) => paper_rate,
+        };
+        let rate = self.learning_rate.unwrap_or(usual_rate);
+        let learning_rate = number(
+            "the learning rate",
+            rate,
+            rate > 0.0 && rate <= 1.0,
+            "above 0, and 1 at most",
+        )?;
+        let l2 = self.l2.unwrap_or(own_l2);
+        let l2 = number("the weight decay (l2)", l2, (0.0..=1.0).contains(&l2), "0 to 1")?;
+        let optimiser = match (is_adam, self.momentum) {
+            (true, Some(_)) => {
+                return Err("Adam has no momentum of its own; leave it out, or take the optimiser sgdm".to_owned());
+            }
+            (true, None) => Optimiser::Adam { learning_rate, l2 },
+            (false, momentum) => {
+                let momentum = momentum.or(own_momentum).unwrap_or(paper_momentum);
+                let momentum = number(
+                    "the momentum",
+                    momentum,
+                    (0.0..1.0).contains(&momentum),
+                    "0 or more, and below 1",
+                )?;
+                Optimiser::Sgdm {
+                    learning_rate,
+                    momentum,
+                    l2,
+                }
+            }
+        };
+        let epochs = self.epochs.unwrap_or(config.epochs);
+        Ok(TrainingConfig {
+            hidden: count(
+                "the number of hidden neurons",
+                self.hidden.unwrap_or(config.hidden),
+                config.hidden,
+            )?,
+            optimiser,
+            epochs: count("the number of epochs", epochs as usize, MOST_EPOCHS)? as u32,
+            batch: count("the batch", self.batch.unwrap_or(config.batch), MOST_BATCH)?,
+            ..config
+        })
+    }
+}
+
+/// Most epochs.
+const MOST_EPOCHS: usize = 10_000;
+/// Most samples of a mini-batch.
+const MOST_BATCH: usize = 10_000;
+
 /// A network and the scaling of its inputs.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Trained {
@@ -97,20 +213,29 @@ impl Trained {
         classes
     }
 
-    /// The tables of this network in f32, as used by flight code and classifier files.
+    /// The tables of this network in f32, as used by flight code and classifier files, which have as many hidden neurons as inputs: those that it lacks have weights of 0.
     pub fn flight_weights(&self) -> FlightWeights {
-        let by_neuron = |matrix: &Matrix| {
-            (0..matrix.columns())
-                .flat_map(|neuron| (0..matrix.rows()).map(move |input| matrix.row(input)[neuron] as f32))
+        let shape = self.parameters.shape();
+        let neurons = shape.inputs.max(shape.hidden);
+        let by_neuron = |matrix: &Matrix, outputs: usize, inputs: usize| {
+            let weight = |neuron: usize, input: usize| {
+                let is_used = neuron < matrix.columns() && input < matrix.rows();
+                if is_used { matrix.row(input)[neuron] as f32 } else { 0.0 }
+            };
+            (0..outputs)
+                .flat_map(|neuron| (0..inputs).map(move |input| (neuron, input)))
+                .map(|(neuron, input)| weight(neuron, input))
                 .collect()
         };
-        let narrow = |values: &[f64]| values.iter().map(|x| *x as f32).collect();
+        let narrow = |values: &[f64]| values.iter().map(|x| *x as f32).collect::<Vec<f32>>();
+        let mut hidden_bias = narrow(self.parameters.hidden_bias.row(0));
+        hidden_bias.resize(neurons, 0.0);
         FlightWeights {
             mean: narrow(&self.scaling.mean),
             deviation: narrow(&self.scaling.deviation),
-            hidden_weight: by_neuron(&self.parameters.hidden_weight),
-            hidden_bias: narrow(self.parameters.hidden_bias.row(0)),
-            output_weight: by_neuron(&self.parameters.output_weight),
+            hidden_weight: by_neuron(&self.parameters.hidden_weight, neurons, shape.inputs),
+            hidden_bias,
+            output_weight: by_neuron(&self.parameters.output_weight, shape.classes, neurons),
             output_bias: narrow(self.parameters.output_bias.row(0)),
         }
     }
@@ -228,6 +353,128 @@ mod tests {
             }
         }
         assert!(moved > 1e-4, "two steps that change nothing would have passed");
+    }
+
+    #[test]
+    fn val_overrides_replace_what_they_name_and_refuse_in_one_sentence() {
+        let own = TrainingConfig {
+            hidden: 18,
+            activation: Activation::Relu,
+            z_score: ZScore::PerFeature,
+            optimiser: Optimiser::PAPER,
+            epochs: 5,
+            batch: 32,
+        };
+        assert_eq!(Overrides::default().apply(own), Ok(own));
+        let asked = Overrides {
+            epochs: Some(7),
+            hidden: Some(4),
+            momentum: Some(0.5),
+            batch: Some(64),
+            ..Overrides::default()
+        };
+        let got = asked.apply(own).expect("in range");
+        let Optimiser::Sgdm {
+            learning_rate,
+            momentum,
+            l2,
+        } = got.optimiser
+        else {
+            panic!("{got:?}");
+        };
+        assert_eq!((got.epochs, got.hidden, got.batch, momentum), (7, 4, 64, 0.5));
+        assert_eq!((learning_rate, l2), (1e-3, 1e-4));
+        let adam = Overrides {
+            adam: Some(true),
+            ..Overrides::default()
+        };
+        let want = Optimiser::Adam {
+            learning_rate: ADAM_LEARNING_RATE,
+            l2: 1e-4,
+        };
+        assert_eq!(adam.apply(own).map(|config| config.optimiser), Ok(want));
+        for (bad, word) in [
+            (
+                Overrides {
+                    epochs: Some(0),
+                    ..Overrides::default()
+                },
+                "epochs",
+            ),
+            (
+                Overrides {
+                    hidden: Some(19),
+                    ..Overrides::default()
+                },
+                "1 to 18",
+            ),
+            (
+                Overrides {
+                    learning_rate: Some(f64::NAN),
+                    ..Overrides::default()
+                },
+                "learning rate",
+            ),
+            (
+                Overrides {
+                    momentum: Some(1.0),
+                    ..Overrides::default()
+                },
+                "momentum",
+            ),
+            (
+                Overrides {
+                    momentum: Some(0.5),
+                    ..adam
+                },
+                "Adam has no momentum",
+            ),
+            (
+                Overrides {
+                    batch: Some(0),
+                    ..Overrides::default()
+                },
+                "batch",
+            ),
+        ] {
+            let sentence = bad.apply(own).expect_err("out of range");
+            assert!(sentence.contains(word), "{sentence}");
+        }
+    }
+
+    /// A network with fewer neurons than inputs, in flight code, says what it says in f64.
+    #[test]
+    fn val_fewer_neurons_are_the_same_network_in_flight() {
+        let mut random = RandomStream::new(8, "few");
+        let mut samples = Samples::new(12);
+        for i in 0..300 {
+            let label = (i % 5) as u8;
+            let row: Vec<f32> = (0..12)
+                .map(|feature| (f64::from(label) * f64::from(feature % 3) + 0.3 * random.symmetric()) as f32)
+                .collect();
+            samples.push(&row, label);
+        }
+        let config = TrainingConfig {
+            hidden: 5,
+            activation: Activation::Relu,
+            z_score: ZScore::PerFeature,
+            optimiser: Optimiser::PAPER,
+            epochs: 20,
+            batch: 32,
+        };
+        let rows: Vec<u32> = (0..300).collect();
+        let trained = train(&config, &samples, &rows, 5, &mut random);
+        let network = trained.flight_weights().network(4).expect("complete tables");
+        let mut input = rotortwin_flight_core::fdi::Residuals::default();
+        let mut kinds = std::collections::BTreeSet::new();
+        for (row, class) in rows.iter().zip(trained.classify(&samples, &rows)) {
+            input.component[..4]
+                .as_flattened_mut()
+                .copy_from_slice(samples.row(*row as usize));
+            assert_eq!(network.evaluate(&input).code(), i32::from(class));
+            kinds.insert(class);
+        }
+        assert!(kinds.len() > 2, "{kinds:?}: one answer to everything would have passed");
     }
 
     /// Two linearly separable clouds: both optimisers must separate them.

@@ -3,6 +3,7 @@
 //! The same method, scenario and seeds give a bit-identical file: nothing in it depends on the clock, the machine or the number of
 //! threads.
 
+use crate::learning::training::TrainingConfig;
 use crate::paper::cross_validation::{Fold, TRAINING_SHARE, fold};
 use crate::paper::protocol::Course;
 use crate::paper::reproduction::{Method, Options, Reproduction};
@@ -17,6 +18,7 @@ pub fn train_on_all(reproduction: &Reproduction, method: Method, seed: u64) -> O
     let result = reproduction.seeds.iter().find(|result| result.seed == seed)?;
     let samples = method.samples(result.data.as_ref()?);
     let config = method.training(reproduction.rotor_count, &reproduction.options);
+    let seed = reproduction.options.overrides.seed.unwrap_or(seed);
     Some(fold(&samples, &config, reproduction.rotor_count, None, seed))
 }
 
@@ -80,18 +82,28 @@ pub fn classifier_file(
             data_hash: method.samples(data).samples.content_hash(),
             model_hash: reproduction.model_hash.clone(),
             vehicle: reproduction.vehicle.clone(),
-            training: format!(
-                "{}, {} epochs, batches of {}",
-                config.optimiser.words(),
-                config.epochs,
-                config.batch
-            ),
+            training: training_words(&config, 3 * reproduction.rotor_count),
             seed,
             training_accuracy: fold.training,
             validation_accuracy: fold.validation,
             cross_validation: cross_validation(reproduction, method),
         },
     })
+}
+
+/// * `neurons`: usual number of hidden neurons, which goes without saying
+fn training_words(config: &TrainingConfig, neurons: usize) -> String {
+    let hidden = if config.hidden == neurons {
+        String::new()
+    } else {
+        format!(", {} hidden neurons", config.hidden)
+    };
+    format!(
+        "{}, {} epochs, batches of {}{hidden}",
+        config.optimiser.words(),
+        config.epochs,
+        config.batch
+    )
 }
 
 fn cross_validation(reproduction: &Reproduction, method: Method) -> CrossValidationRecord {

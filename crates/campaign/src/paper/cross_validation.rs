@@ -85,7 +85,7 @@ pub fn fold(
 /// in f64.
 fn classifier(trained: &Trained, rotor_count: usize) -> impl Fn(&GroupedSamples, &[u32]) -> Vec<FaultVerdict> {
     let shape = trained.parameters.shape();
-    let residuals = shape.inputs == 3 * rotor_count && shape.hidden == shape.inputs && shape.classes <= MAX_CLASSES;
+    let residuals = shape.inputs == 3 * rotor_count && shape.hidden <= shape.inputs && shape.classes <= MAX_CLASSES;
     let network = residuals.then(|| {
         trained
             .flight_weights()

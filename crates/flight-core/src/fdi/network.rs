@@ -252,6 +252,16 @@ impl Network {
     ///
     /// * `residual_mean`: means over one window
     pub fn class_probabilities(&self, residual_mean: &Residuals) -> [f32; MAX_CLASSES] {
+        let mut output = self.logits(residual_mean);
+        softmax(&mut output, self.rotor_count.min(MAX_ROTORS) + 1);
+        output
+    }
+
+    /// Output of every class before the softmax: differences are log-odds; entries past n_a + 1 mean nothing.
+    ///
+    /// * `residual_mean`: means over one window
+    #[inline(always)]
+    pub fn logits(&self, residual_mean: &Residuals) -> [f32; MAX_CLASSES] {
         let rotor_count = self.rotor_count.min(MAX_ROTORS);
         let (features, classes) = (3 * rotor_count, rotor_count + 1);
         let mut hidden = self.hidden_bias;
@@ -270,7 +280,6 @@ impl Network {
                 *o += w * active;
             }
         }
-        softmax(&mut output, classes);
         output
     }
 

@@ -12,7 +12,7 @@ use axum::extract::rejection::PathRejection;
 use axum::http::HeaderMap;
 use axum::response::Response;
 use rotortwin_jobs::StoredJob;
-use rotortwin_jobs::training::Method;
+use rotortwin_jobs::training::{Hyperparameters, Method};
 use serde::{Deserialize, Serialize};
 use std::path::PathBuf;
 use utoipa::ToSchema;
@@ -50,6 +50,9 @@ pub(crate) struct Training {
     /// First seed; the others follow.
     #[serde(default = "one")]
     first_seed: u64,
+    /// What is trained otherwise than the method says.
+    #[serde(default, skip_serializing_if = "Hyperparameters::is_empty")]
+    hyperparameters: Hyperparameters,
     /// From −100 to 100; larger values run first.
     #[serde(default)]
     #[schema(minimum = -100, maximum = 100)]
@@ -103,6 +106,9 @@ pub(crate) async fn submit(
             body.seeds
         )));
     }
+    body.hyperparameters
+        .check()
+        .map_err(|reason| Problem::unprocessable(format!("`hyperparameters`: {reason}")))?;
     let method = body.method.as_str();
     let job = rotortwin_jobs::Job::Training(rotortwin_jobs::Training {
         method: body.method,
@@ -111,6 +117,7 @@ pub(crate) async fn submit(
         first_seed: body.first_seed,
         out: PathBuf::from(OUT).join(CLASSIFIER),
         threads: None,
+        hyperparameters: body.hyperparameters,
     });
     let draft = Draft {
         kind: JobKind::Classifier,

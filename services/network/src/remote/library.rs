@@ -61,9 +61,13 @@ pub(super) fn train(server: &ServerArgs, args: &TrainArgs) -> ExitCode {
     };
     with_server(server, async |remote| {
         let name = same_there(remote, request.scenario).await?;
-        let body = json!({
+        let mut body = json!({
             "method": request.method, "scenario": name, "seeds": request.seeds, "first_seed": request.first_seed,
         });
+        if !request.hyperparameters.is_empty() {
+            // A server of another version knows none.
+            body["hyperparameters"] = json!(request.hyperparameters);
+        }
         let done = task::perform(remote, "classifiers", "classifier", body, request.json).await?;
         fetch::file(remote, &format!("{}/artifacts/{CLASSIFIER}", done.path), request.out).await?;
         let classifier =

@@ -16,7 +16,7 @@ pub mod tables;
 use crate::learning::network::Activation;
 use crate::learning::optimiser::Optimiser;
 use crate::learning::samples::ZScore;
-use crate::learning::training::TrainingConfig;
+use crate::learning::training::{Overrides, TrainingConfig};
 use crate::paper::cross_validation::{Fold, fold, paper_network};
 use crate::paper::data_set::{DataSet, GroupedSamples};
 use crate::paper::protocol::{CHARGES, Conduct, Course};
@@ -164,6 +164,12 @@ impl Method {
 
     /// Network and training.
     pub fn training(self, rotor_count: usize, options: &Options) -> TrainingConfig {
+        let usual = self.usual_training(rotor_count, options);
+        options.overrides.apply(usual).unwrap_or(usual)
+    }
+
+    /// Those of the method, whatever else is asked for.
+    fn usual_training(self, rotor_count: usize, options: &Options) -> TrainingConfig {
         let z_score = match self {
             Self::PaperPooled | Self::UncompensatedPooled => ZScore::Pooled,
             _ => ZScore::PerFeature,
@@ -290,9 +296,23 @@ pub struct Options {
     pub threads: NonZeroUsize,
     /// Epochs of the network of [32]; its learning rate is [`TRACKING_LEARNING`] over this.
     pub tracking_epochs: u32,
+    /// Settings in place of the methods'; in range for each of them ([`Options::check`]).
+    pub overrides: Overrides,
 }
 
 impl Options {
+    /// Whether the overrides are in range.
+    ///
+    /// # Errors
+    /// One sentence.
+    pub fn check(&self, rotor_count: usize) -> Result<(), String> {
+        self.all_methods().into_iter().try_for_each(|method| {
+            self.overrides
+                .apply(method.usual_training(rotor_count, self))
+                .map(|_fits| ())
+        })
+    }
+
     /// All networks of the requested tables.
     fn all_methods(&self) -> Vec<Method> {
         let wanted = |method: &Method| {
@@ -484,6 +504,7 @@ fn train_networks(
         .collect();
     let train = |(method, course): &(Method, Course)| {
         let config = method.training(rotor_count, options);
+        let seed = options.overrides.seed.unwrap_or(seed);
         fold(&samples[method], &config, rotor_count, Some(*course), seed)
     };
     let mut folds: BTreeMap<Method, Vec<Fold>> = BTreeMap::new();

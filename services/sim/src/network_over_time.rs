@@ -1,0 +1,124 @@
+//! The improved network over time as a detector of a run: it judges after the flight what was measured in it, and appears under its own name.
+//!
+//! ```text
+//!  telemetry ─▶ what was measured ─▶ FdiSession with a self-calibrating classifier ─▶ evidence of each rotor ─▶ a verdict per step
+//! ```
+//! The method is [`rotortwin_fdi_session::evidence`]; the same session stands behind `rotortwin fdi-log`, so that both say the same of a run. The engine of a run knows one network,
+//! the one of its scenario; a run with the paper's shows the improved one beside it in this way.
+//!
+//! Limits: a run without a network is not judged by itself (`rotortwin judge RUN --classifier NAME` does it), nor is one whose vehicle no self-calibrating classifier was trained for.
+
+use rotortwin_fdi_session::{Chunk, FdiSession, Sample};
+use rotortwin_flight::run_hash::model_hash;
+use rotortwin_flight_core::MAX_ROTORS;
+use rotortwin_flight_core::fdi::verdict_code::NOT_READY;
+use rotortwin_scenario::names::{Kind, list};
+use rotortwin_scenario::{Classifier, ConfigError, Scenario};
+use rotortwin_store::own_detector::{Detector, Seen};
+
+/// Its name in tables.
+pub const NAME: &str = "improved network over time";
+
+/// See the module.
+#[derive(Debug)]
+pub struct NetworkOverTime {
+    session: FdiSession,
+    rotor_count: usize,
+    step: u64,
+    said: i32,
+}
+
+impl NetworkOverTime {
+    /// For runs of a scenario, with a classifier that calibrates itself.
+    ///
+    /// # Errors
+    /// One sentence: the classifier is another kind, or does not fit the vehicle.
+    pub fn new(scenario: &Scenario, classifier: Classifier) -> Result<Self, String> {
+        if !classifier.inputs.self_calibrated {
+            return Err(format!(
+                "the classifier '{}' does not calibrate itself; expected one of `rotortwin train --method improved`, such as f550-improved",
+                classifier.name
+            ));
+        }
+        let with_network = with_network(scenario, classifier).map_err(|error| error.to_string())?;
+        let session = FdiSession::new(with_network.fdi_config(), 1).map_err(|error| error.to_string())?;
+        Ok(Self {
+            session,
+            rotor_count: 0,
+            step: 0,
+            said: NOT_READY,
+        })
+    }
+
+    /// For runs of a scenario that has a network: the scenario's own if that calibrates itself, else the first shipped or own one that was trained for this vehicle.
+    pub fn beside_the_network(scenario: &Scenario) -> Option<Self> {
+        let own = scenario.classifier()?;
+        if own.inputs.self_calibrated {
+            return Self::new(scenario, own.clone()).ok();
+        }
+        let model = model_hash(scenario);
+        let known = list(Kind::Classifier).ok()?;
+        let read = known.into_iter().filter_map(|named| Classifier::read(&named.path).ok());
+        let mut fitting =
+            read.filter(|classifier| classifier.inputs.self_calibrated && classifier.provenance.model_hash == model);
+        fitting.find_map(|classifier| Self::new(scenario, classifier).ok())
+    }
+}
+
+/// The scenario with another network and the residuals that it was trained on.
+fn with_network(scenario: &Scenario, classifier: Classifier) -> Result<Scenario, ConfigError> {
+    let mut documents = scenario.documents().clone();
+    let settings = &mut documents.scenario.fdi;
+    settings.nominal_thrust = classifier.inputs.nominal_thrust;
+    settings.window_samples = classifier.inputs.window_samples;
+    settings.observer_gain_1_s = classifier.inputs.observer_gain_1_s;
+    settings.network = Some(classifier.name.clone());
+    documents.classifier = Some(classifier);
+    Scenario::from_documents(&documents)
+}
+
+impl Detector for NetworkOverTime {
+    fn name(&self) -> &str {
+        NAME
+    }
+
+    fn begin(&mut self, rotor_count: usize) {
+        self.rotor_count = rotor_count;
+    }
+
+    fn step(&mut self, seen: &Seen) -> i32 {
+        let narrow = |values: [f64; 3]| values.map(|value| value as f32);
+        let mut duty = [0.0; MAX_ROTORS];
+        for (to, from) in duty.iter_mut().zip(&seen.duty) {
+            *to = *from as f32;
+        }
+        let chunk = Chunk {
+            first_step: self.step,
+            after_gap: true,
+            samples: vec![Sample {
+                // The detectors do not use it.
+                position_ned_m: [0.0; 3],
+                velocity_ned_m_s: narrow(seen.velocity_ned_m_s),
+                attitude_rad: narrow(seen.attitude_rad),
+                body_rates_rad_s: narrow(seen.body_rates_rad_s),
+                duty,
+                battery_voltage_v: seen.battery_voltage_v as f32,
+                time_s: None,
+            }],
+        };
+        self.step += 1;
+        match self.session.feed(&chunk) {
+            Ok(answer) => {
+                if let Some(window) = answer.windows.last() {
+                    self.said = match window.obstacle {
+                        Some(_) => NOT_READY,
+                        None => window.network_over_time.code,
+                    };
+                }
+            }
+            // A sample that is no number: a gap, as in a log.
+            Err(_refused) => self.said = NOT_READY,
+        }
+        self.said
+    }
+}
