@@ -26,6 +26,7 @@ mod effect_flight;
 pub mod effects;
 mod elementary;
 pub mod error;
+pub mod motors;
 pub mod powertrain;
 #[cfg(test)]
 mod properties;

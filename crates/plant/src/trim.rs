@@ -4,9 +4,9 @@ use rotortwin_flight_core::MAX_ROTORS;
 
 use crate::config::SimulationConfig;
 use crate::error::Refusal;
+use crate::motors::Motors;
 use crate::powertrain::battery::Battery;
 use crate::powertrain::held::sum_of_powers;
-use crate::powertrain::motor::Motors;
 
 /// Hover of the nominal vehicle.
 #[derive(Debug, Clone, Copy)]

@@ -8,6 +8,7 @@
 use crate::result_table::ResultTable;
 use rotortwin_flight::stepped::SteppedFlight;
 use rotortwin_plant::STEP_S;
+use rotortwin_plant::motors;
 use rotortwin_plant::powertrain::battery::Battery;
 use rotortwin_plant::powertrain::blades::Blade;
 use rotortwin_plant::powertrain::motor::MotorModel;
@@ -115,8 +116,7 @@ impl<'a> Bench<'a> {
     }
 
     fn lift_coefficient(&self, blade: &Blade) -> Option<f64> {
-        self.motor
-            .lift_coefficient_on(self.base.vehicle(), self.base.nominal_blade(), blade)
+        motors::lift_coefficient(&self.motor, self.base.vehicle(), self.base.nominal_blade(), blade)
     }
 
     /// Steady speed, rad/s, on a battery of `open` V that this motor alone loads.
