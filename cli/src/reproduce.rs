@@ -569,12 +569,11 @@ const BLADE_COLOURS: [&str; 4] = ["#1f6fd1", "#18794e", "#c0262d", "#b87400"];
 
 /// The number of a figure that can be drawn.
 fn figure_number(text: &str) -> Result<u8, String> {
-    let number: u8 = text.parse().map_err(|_| format!("expected 3 to 17, got '{text}'"))?;
-    match number {
-        2 | 6 => Err(format!(
-            "figure {number} of the paper is a photograph: expected 3 to 5 or 7 to 17"
+    match text.parse() {
+        Ok(2 | 6) => Err(format!(
+            "figure {text} of the paper is a photograph: expected 3 to 5 or 7 to 17"
         )),
-        number if FIGURES_OF_THE_PAPER.contains(&number) => Ok(number),
+        Ok(number) if FIGURES_OF_THE_PAPER.contains(&number) => Ok(number),
         _ => Err("expected 3 to 5 or 7 to 17".to_owned()),
     }
 }

@@ -43,7 +43,7 @@ fn bench_protocol_over_time() {
             for (i, label) in flight.labels.iter().enumerate() {
                 let end_s = (i + 1) as f64 * 0.0625;
                 if windows.t_test[i] == FaultVerdict::NotReady {
-                    if end_s >= 2.0 && end_s < 10.0 {
+                    if (2.0..10.0).contains(&end_s) {
                         evidence.calibrate(&windows.mean[i]);
                     }
                     continue;
