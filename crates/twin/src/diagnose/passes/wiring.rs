@@ -51,6 +51,9 @@ fn find(problem: &Problem) -> Option<(Active, f64)> {
     let before = fitted(problem, &[])?;
     let (active, after) = likeliest(problem)?;
     let scatter = before.scatter();
-    let right = after.fits() && after.cost < (LEFT_SHARE * before.cost).max(scatter) && before.cost > 4.0 * scatter;
+    let right = after.fits()
+        && after.moves_better_than(&before)
+        && after.cost < (LEFT_SHARE * before.cost).max(scatter)
+        && before.cost > 4.0 * scatter;
     right.then_some((active, 0.5 * (before.cost - after.cost)))
 }

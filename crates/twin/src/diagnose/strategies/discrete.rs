@@ -21,6 +21,9 @@ const FITTED: usize = 4;
 /// like swapped rotors on a flight that hardly turns, but only to a quarter of its error.
 const LEFT_CHI2: f64 = 3.0;
 
+/// Between what is slow, s, such as the moment of a wind, and what a controller does with single rotors.
+const CHANGE_S: f64 = 0.25;
+
 /// How well a wiring explains the flights.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Explained {
@@ -31,12 +34,20 @@ pub(crate) struct Explained {
     samples: f64,
     /// chi² per sample of the torques.
     pub(crate) torque: f64,
+    /// Mean square of the torques' changes over [`CHANGE_S`].
+    changes: f64,
 }
 
 impl Explained {
     /// Whether it leaves so little of the torques unexplained as the right wiring does.
     pub(crate) fn fits(&self) -> bool {
         self.torque < LEFT_CHI2
+    }
+
+    /// Whether it explains what changes in the torques better than another does. A wrong wiring answers every command wrongly; the moment of a
+    /// steady wind is slow, and an exchange of motors that stands for it makes the changes worse.
+    pub(crate) fn moves_better_than(&self, other: &Self) -> bool {
+        self.changes < other.changes
     }
 
     /// What noise alone may do to the cost: it scatters by √(2 n).
@@ -90,7 +101,7 @@ pub(crate) fn guess(problem: &Problem, leading: &[&'static EffectDeclaration]) -
     }
     let before = fitted(problem, &[])?;
     let (active, after) = likeliest(problem)?;
-    (after.fits() && after.cost < before.cost - before.scatter()).then(|| Trial {
+    (after.fits() && after.moves_better_than(&before) && after.cost < before.cost - before.scatter()).then(|| Trial {
         open: vec![active],
         log_bayes_factor: 0.5 * (before.cost - after.cost),
         charge: None,
@@ -153,6 +164,7 @@ fn variants(problem: &Problem, candidate: usize) -> Vec<Active> {
 /// A wiring with the nuisances as they are, without what these cost.
 pub(crate) fn excess(problem: &Problem, active: &[Active], bases: Option<&[Prediction]>) -> Option<Explained> {
     let (mut sum, mut samples, mut torque, mut torque_samples) = (0.0, 0.0, 0.0, 0.0);
+    let (mut changes, mut pairs) = (0.0, 0.0);
     for (l, log) in problem.logs.iter().enumerate() {
         let predictor = &log.predictor;
         let set = predictor
@@ -167,6 +179,7 @@ pub(crate) fn excess(problem: &Problem, active: &[Active], bases: Option<&[Predi
             battery: false,
         };
         let prediction = predictor.predict(&set, Source::Raw, bases.map(|bases| (&bases[l], stages)));
+        let apart = ((CHANGE_S / predictor.series().step_s).round() as usize).max(1);
         for channel in (F..KV).chain(M..KA) {
             let Some(whitener) = predictor.whitener(channel) else {
                 continue;
@@ -181,6 +194,12 @@ pub(crate) fn excess(problem: &Problem, active: &[Active], bases: Option<&[Predi
             if channel >= M {
                 torque += squares;
                 torque_samples += count;
+                for (k, pair) in whitened.windows(apart + 1).enumerate() {
+                    if whitener.counts(k) && whitener.counts(k + apart) {
+                        changes += (pair[apart] - pair[0]).powi(2);
+                        pairs += 1.0;
+                    }
+                }
             }
         }
     }
@@ -188,5 +207,6 @@ pub(crate) fn excess(problem: &Problem, active: &[Active], bases: Option<&[Predi
         cost: sum,
         samples,
         torque: torque / torque_samples,
+        changes: changes / f64::max(pairs, 1.0),
     })
 }
