@@ -140,3 +140,123 @@ fn scenario_verdicts_that_cannot_be_are_refused_with_their_place() {
         "nothing was changed"
     );
 }
+
+const OVER_TIME: &str = "improved network over time";
+
+fn own_detectors(scratch: &Scratch, run: &str) -> Vec<Value> {
+    let summary: Value = serde_json::from_str(&call(scratch, &["show", run, "--json"], 0).stdout).unwrap();
+    summary["own_detectors"].as_array().cloned().unwrap_or_default()
+}
+
+/// A run with the paper's network has the improved one over time beside it; another run gets it when it is asked for.
+#[test]
+fn scenario_the_improved_network_over_time_stands_beside_the_papers() {
+    let scratch = Scratch::new();
+    let fly = |scenario: &str, out: &str| {
+        let words = [
+            "fly",
+            scenario,
+            "--link",
+            "in-process",
+            "--set",
+            "duration_s=16.0",
+            "--set",
+            FAULT,
+            "--out",
+            out,
+        ];
+        call(&scratch, &words, 0);
+    };
+    fly("reference-flight", "with");
+    let own = own_detectors(&scratch, "with");
+    assert_eq!(own.len(), 1, "{own:?}");
+    assert_eq!(own[0]["name"], OVER_TIME);
+    let found = &own[0]["scores"][1];
+    assert_eq!(
+        (
+            found["verdict_at_end"].as_i64(),
+            &own[0]["scores"][0]["false_alarm_events"]
+        ),
+        (Some(3), &Value::from(0))
+    );
+    assert!(
+        found["isolated_after_s"].as_f64().is_some_and(|delay_s| delay_s < 2.0),
+        "{found}"
+    );
+    let again = call(&scratch, &["replay", "with"], 0).stdout;
+    assert!(again.contains("same"), "{again}");
+
+    fly("hover", "without");
+    assert!(own_detectors(&scratch, "without").is_empty());
+    let refused = call(&scratch, &["judge", "without", "--classifier", "f550-paper"], 2)
+        .stderr
+        .join(" ");
+    assert!(refused.contains("does not calibrate itself"), "{refused}");
+    let said = call(&scratch, &["judge", "without", "--classifier", "f550-improved"], 0).stdout;
+    assert!(said.contains(OVER_TIME), "{said}");
+    assert_eq!(own_detectors(&scratch, "without")[0]["scores"][1]["verdict_at_end"], 3);
+}
+
+/// What a network learns from, as a table; and a training with settings of one's own.
+#[test]
+fn scenario_windows_to_train_on_and_hyperparameters() {
+    let scratch = Scratch::new();
+    let features = [
+        "features",
+        "detector-realistic",
+        "--method",
+        "improved",
+        "--limit",
+        "2",
+        "--out",
+        "windows.parquet",
+        "--json",
+    ];
+    let written: Value = serde_json::from_str(&call(&scratch, &features, 0).stdout).unwrap();
+    // 90 s are 1440 windows of 62.5 ms.
+    assert_eq!(
+        (&written["flights"], &written["windows"]),
+        (&Value::from(2), &Value::from(2880))
+    );
+    assert!(scratch.path("windows.parquet").is_file());
+
+    let train = [
+        "train",
+        "--seeds",
+        "1",
+        "--epochs",
+        "1",
+        "--hidden",
+        "6",
+        "--batch",
+        "128",
+        "--seed",
+        "9",
+        "--out",
+        "small.json",
+    ];
+    call(&scratch, &train, 0);
+    let text = std::fs::read_to_string(scratch.path("small.json")).unwrap();
+    let classifier: Value = serde_json::from_str(&text).unwrap();
+    let training = classifier["provenance"]["training"].as_str().unwrap();
+    assert!(
+        training.contains("1 epochs, batches of 128, 6 hidden neurons"),
+        "{training}"
+    );
+    let command = classifier["provenance"]["command"].as_str().unwrap();
+    assert!(
+        command.contains("--epochs 1 --hidden 6 --batch 128 --seed 9"),
+        "{command}"
+    );
+    for (option, value, sentence) in [
+        ("--hidden", "19", "expected 1 to 18"),
+        ("--momentum", "1", "below 1"),
+        ("--learning-rate", "-1", "above 0"),
+    ] {
+        let option = format!("{option}={value}");
+        let refused = call(&scratch, &["train", &option, "--out", "none.json"], 2)
+            .stderr
+            .join(" ");
+        assert!(refused.contains(sentence), "{refused}");
+    }
+}
