@@ -35,7 +35,7 @@ Examples:
 
 pub(crate) const FEATURES: &str = "\
 Examples:
-  rotortwin features detector-realistic --method improved --limit 48 --out windows.parquet";
+  rotortwin features detector-realistic --limit 48 --out windows.parquet";
 
 pub(crate) const EXPORT: &str = "\
 Examples:

@@ -34,7 +34,7 @@ pub(crate) struct Explained {
     samples: f64,
     /// chi² per sample of the torques.
     pub(crate) torque: f64,
-    /// Mean square of the torques' changes over [`CHANGE_S`].
+    /// Mean over the torque channels of the signed squared correlation of their changes over [`CHANGE_S`], predicted and measured.
     changes: f64,
 }
 
@@ -44,10 +44,11 @@ impl Explained {
         self.torque < LEFT_CHI2
     }
 
-    /// Whether it explains what changes in the torques better than another does. A wrong wiring answers every command wrongly; the moment of a
-    /// steady wind is slow, and an exchange of motors that stands for it makes the changes worse.
+    /// Whether what changes in the torques follows it better than another. A wrong wiring answers every command wrongly; the moment of a steady
+    /// wind is slow, and an exchange of motors that stands for it loses the changes. A correlation, as a gain that is off by some tens of per cent
+    /// makes squares of right changes larger than those of none.
     pub(crate) fn moves_better_than(&self, other: &Self) -> bool {
-        self.changes < other.changes
+        self.changes > other.changes
     }
 
     /// What noise alone may do to the cost: it scatters by √(2 n).
@@ -164,7 +165,7 @@ fn variants(problem: &Problem, candidate: usize) -> Vec<Active> {
 /// A wiring with the nuisances as they are, without what these cost.
 pub(crate) fn excess(problem: &Problem, active: &[Active], bases: Option<&[Prediction]>) -> Option<Explained> {
     let (mut sum, mut samples, mut torque, mut torque_samples) = (0.0, 0.0, 0.0, 0.0);
-    let (mut changes, mut pairs) = (0.0, 0.0);
+    let (mut changes, mut channels) = (0.0, 0.0);
     for (l, log) in problem.logs.iter().enumerate() {
         let predictor = &log.predictor;
         let set = predictor
@@ -194,12 +195,10 @@ pub(crate) fn excess(problem: &Problem, active: &[Active], bases: Option<&[Predi
             if channel >= M {
                 torque += squares;
                 torque_samples += count;
-                for (k, pair) in whitened.windows(apart + 1).enumerate() {
-                    if whitener.counts(k) && whitener.counts(k + apart) {
-                        changes += (pair[apart] - pair[0]).powi(2);
-                        pairs += 1.0;
-                    }
-                }
+                let measured = predictor.measured(channel);
+                let correlation = of_changes(apart, &prediction.channels[channel], &measured);
+                changes += correlation * correlation.abs();
+                channels += 1.0;
             }
         }
     }
@@ -207,6 +206,45 @@ pub(crate) fn excess(problem: &Problem, active: &[Active], bases: Option<&[Predi
         cost: sum,
         samples,
         torque: torque / torque_samples,
-        changes: changes / f64::max(pairs, 1.0),
+        changes: changes / f64::max(channels, 1.0),
     })
+}
+
+/// Correlation of the changes of two signals over so many samples; 0 where one of them does not move.
+fn of_changes(apart: usize, a: &[f64], b: &[f64]) -> f64 {
+    let (mut both, mut of_a, mut of_b) = (0.0, 0.0, 0.0);
+    for (a, b) in a.windows(apart + 1).zip(b.windows(apart + 1)) {
+        let (a, b) = (a[apart] - a[0], b[apart] - b[0]);
+        if a.is_finite() && b.is_finite() {
+            both += a * b;
+            of_a += a * a;
+            of_b += b * b;
+        }
+    }
+    if of_a > 0.0 && of_b > 0.0 {
+        both / (of_a * of_b).sqrt()
+    } else {
+        0.0
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::of_changes;
+
+    #[test]
+    fn val_changes_count_and_neither_what_is_constant_nor_the_gain() {
+        let a: Vec<f64> = (0..400).map(|k| (0.3 * f64::from(k)).sin()).collect();
+        let b: Vec<f64> = a.iter().map(|a| 5.0 + 3.0 * a).collect();
+        assert!((of_changes(5, &a, &b) - 1.0).abs() < 1e-12);
+        let turned: Vec<f64> = a.iter().map(|a| 2.0 - a).collect();
+        assert!((of_changes(5, &a, &turned) + 1.0).abs() < 1e-12);
+        let gap: Vec<f64> = b
+            .iter()
+            .enumerate()
+            .map(|(k, b)| if k == 7 { f64::NAN } else { *b })
+            .collect();
+        assert!((of_changes(5, &a, &gap) - 1.0).abs() < 1e-12);
+        assert!(of_changes(5, &a, &vec![1.0; 400]).abs() < 1e-12);
+    }
 }
