@@ -415,6 +415,8 @@ class FdiWindow:
     t_test: Json
     #: The classifier: also `class_probability` of healthy, rotor 1, rotor 2, …
     network: Json
+    #: The same over time, of a classifier that calibrates itself: evidence of its windows added up.
+    network_over_time: Json
     #: The detector that decides over time, the one to act on: also `probability`, `thrust_loss`, `suspect_rotors`, `hypotheses`.
     sequential: Json
     #: Why the verdicts are `cannot_judge`: on the ground, upset, or the model does not explain the motion.
