@@ -144,7 +144,7 @@ fn scenario_verdicts_that_cannot_be_are_refused_with_their_place() {
 const OVER_TIME: &str = "improved network over time";
 
 fn own_detectors(scratch: &Scratch, run: &str) -> Vec<Value> {
-    let summary: Value = serde_json::from_str(&call(scratch, &["show", run, "--json"], 0).stdout).unwrap();
+    let summary: Value = serde_json::from_str(&call(scratch, &["show", run, "--json"], 0).stdout).expect("JSON");
     summary["own_detectors"].as_array().cloned().unwrap_or_default()
 }
 
