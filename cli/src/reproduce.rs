@@ -352,9 +352,7 @@ fn reproduce(args: &Args, base: &Scenario, folder: &Path) -> Result<(), String> 
     let start = Instant::now();
     let everything = args.table.is_empty() && args.figure.is_empty();
     let figures: BTreeSet<u8> = if everything {
-        (FIGURES_OF_THE_PAPER)
-            .filter(|figure| !PHOTOGRAPHS.contains(figure))
-            .collect()
+        DRAWABLE.into_iter().flatten().collect()
     } else {
         args.figure.iter().copied().collect()
     };
@@ -559,11 +557,8 @@ const FIGURES: [(&[u8], usize, &str, &str, &str); 9] = [
 
 /// The figures of the bench and its blades need no flight; this is the last of them.
 const LAST_BLADE_FIGURE: u8 = 8;
-/// Figures with something to draw, and what is among them but a photograph.
-const FIGURES_OF_THE_PAPER: std::ops::RangeInclusive<u8> = 3..=17;
-const PHOTOGRAPHS: [u8; 1] = [6];
-/// The last figure of the bench without blades of Table 1 in it.
-const LAST_BENCH_FIGURE: u8 = 5;
+/// Figures that can be drawn; 2 and 6 are photographs, 1 is a circuit.
+const DRAWABLE: [std::ops::RangeInclusive<u8>; 2] = [3..=5, 7..=17];
 /// Colours of the blades, in the order of their names.
 const BLADE_COLOURS: [&str; 4] = ["#1f6fd1", "#18794e", "#c0262d", "#b87400"];
 
@@ -573,46 +568,44 @@ fn figure_number(text: &str) -> Result<u8, String> {
         Ok(2 | 6) => Err(format!(
             "figure {text} of the paper is a photograph: expected 3 to 5 or 7 to 17"
         )),
-        Ok(number) if FIGURES_OF_THE_PAPER.contains(&number) => Ok(number),
+        Ok(number) if DRAWABLE.iter().any(|range| range.contains(&number)) => Ok(number),
         _ => Err("expected 3 to 5 or 7 to 17".to_owned()),
     }
 }
 
 /// Figures 3 to 5: what the paper's bench shows, computed.
 fn draw_bench(base: &Scenario, wanted: &BTreeSet<u8>, folder: &Path) -> Result<Vec<Drawn>, String> {
-    let mut drawn = Vec::new();
-    if wanted.iter().all(|figure| *figure > LAST_BENCH_FIGURE) {
-        return Ok(drawn);
-    }
-    for figure in bench::figures(base)
-        .into_iter()
+    let figures = bench::figures(base).into_iter();
+    figures
         .filter(|figure| wanted.contains(&figure.number))
-    {
-        let lines: Vec<Line> = figure
-            .curves
-            .into_iter()
-            .map(|curve| Line {
+        .map(|figure| {
+            let line = |curve: bench::BenchCurve| Line {
                 name: curve.name,
                 colour: BLADE_COLOURS[curve.group % BLADE_COLOURS.len()],
-                dashed: curve.dashed,
+                dashed: false,
                 points: curve.points,
-            })
-            .collect();
-        let svg = figures::lines(figure.title, figure.labels[0], figure.labels[1], &lines);
-        let file = folder.join(format!("figure-{:02}-bench.svg", figure.number));
-        write(&file, &svg)?;
-        drawn.push(Drawn {
-            figure: Figure {
-                label: format!("Fig. {}", figure.number),
-                title: figure.title.to_owned(),
-                about: figure.about.to_owned(),
-                svg,
-                report: None,
-            },
-            file,
-        });
-    }
-    Ok(drawn)
+            };
+            let lines: Vec<Line> = figure.curves.into_iter().map(line).collect();
+            let svg = figures::lines(figure.title, figure.labels[0], figure.labels[1], &lines);
+            drawn(figure.number, "bench", figure.title, figure.about, svg, folder)
+        })
+        .collect()
+}
+
+/// A figure that no run has drawn, written to `figure-NUMBER-WHAT.svg`.
+fn drawn(number: u8, what: &str, title: &str, about: &str, svg: String, folder: &Path) -> Result<Drawn, String> {
+    let file = folder.join(format!("figure-{number:02}-{what}.svg"));
+    write(&file, &svg)?;
+    Ok(Drawn {
+        figure: Figure {
+            label: format!("Fig. {number}"),
+            title: title.to_owned(),
+            about: about.to_owned(),
+            svg,
+            report: None,
+        },
+        file,
+    })
 }
 
 /// Figures 7 and 8: lift over duty of the healthy blade, and of all.
@@ -636,24 +629,15 @@ fn draw_blades(base: &Scenario, wanted: &BTreeSet<u8>, folder: &Path) -> Result<
             curves.iter().collect(),
         ),
     ];
-    let mut drawn = Vec::new();
-    for (number, title, about, curves) in figures.into_iter().filter(|figure| wanted.contains(&figure.0)) {
-        let lines: Vec<Line> = curves.into_iter().map(|curve| line_of(base, curve)).collect();
-        let svg = figures::lines(title, "duty, %", "lift, N", &lines);
-        let file = folder.join(format!("figure-{number:02}-lift.svg"));
-        write(&file, &svg)?;
-        drawn.push(Drawn {
-            figure: Figure {
-                label: format!("Fig. {number}"),
-                title: title.to_owned(),
-                about: about.to_owned(),
-                svg,
-                report: None,
-            },
-            file,
-        });
-    }
-    Ok(drawn)
+    figures
+        .into_iter()
+        .filter(|figure| wanted.contains(&figure.0))
+        .map(|(number, title, about, curves)| {
+            let lines: Vec<Line> = curves.into_iter().map(|curve| line_of(base, curve)).collect();
+            let svg = figures::lines(title, "duty, %", "lift, N", &lines);
+            drawn(number, "lift", title, about, svg, folder)
+        })
+        .collect()
 }
 
 fn line_of(base: &Scenario, curve: &LiftCurve) -> Line {

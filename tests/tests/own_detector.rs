@@ -14,12 +14,11 @@ fn call(scratch: &Scratch, words: &[&str], code: i32) -> Ended {
         .expect_code(code)
 }
 
-#[test]
-fn scenario_a_table_of_verdicts_becomes_a_detector_of_the_run() {
-    let scratch = Scratch::new();
-    let fly = [
+/// 16 s of a scenario with the fault.
+fn fly(scratch: &Scratch, scenario: &str, out: &str) {
+    let words = [
         "fly",
-        "hover",
+        scenario,
         "--link",
         "in-process",
         "--set",
@@ -27,9 +26,15 @@ fn scenario_a_table_of_verdicts_becomes_a_detector_of_the_run() {
         "--set",
         FAULT,
         "--out",
-        "run",
+        out,
     ];
-    call(&scratch, &fly, 0);
+    call(scratch, &words, 0);
+}
+
+#[test]
+fn scenario_a_table_of_verdicts_becomes_a_detector_of_the_run() {
+    let scratch = Scratch::new();
+    fly(&scratch, "hover", "run");
     // Healthy from 5 s on; a wrong rotor for half a second, then the right one 0.5 s after the damage.
     scratch.write("verdicts.csv", "time_s, verdict\n5.0, 0\n8.0, 2\n8.5, 0\n12.5, 3\n");
     let judge = ["judge", "run", "verdicts.csv", "--name", "slow one"];
@@ -152,22 +157,7 @@ fn own_detectors(scratch: &Scratch, run: &str) -> Vec<Value> {
 #[test]
 fn scenario_the_improved_network_over_time_stands_beside_the_papers() {
     let scratch = Scratch::new();
-    let fly = |scenario: &str, out: &str| {
-        let words = [
-            "fly",
-            scenario,
-            "--link",
-            "in-process",
-            "--set",
-            "duration_s=16.0",
-            "--set",
-            FAULT,
-            "--out",
-            out,
-        ];
-        call(&scratch, &words, 0);
-    };
-    fly("reference-flight", "with");
+    fly(&scratch, "reference-flight", "with");
     let own = own_detectors(&scratch, "with");
     assert_eq!(own.len(), 1, "{own:?}");
     assert_eq!(own[0]["name"], OVER_TIME);
@@ -186,7 +176,7 @@ fn scenario_the_improved_network_over_time_stands_beside_the_papers() {
     let again = call(&scratch, &["replay", "with"], 0).stdout;
     assert!(again.contains("same"), "{again}");
 
-    fly("hover", "without");
+    fly(&scratch, "hover", "without");
     assert!(own_detectors(&scratch, "without").is_empty());
     let refused = call(&scratch, &["judge", "without", "--classifier", "f550-paper"], 2)
         .stderr

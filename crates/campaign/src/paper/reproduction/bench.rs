@@ -26,8 +26,6 @@ pub struct BenchCurve {
     pub name: String,
     /// Lines of one group have one colour.
     pub group: usize,
-    /// A second line of its group.
-    pub dashed: bool,
     /// Abscissa and ordinate.
     pub points: Vec<(f64, f64)>,
 }
@@ -88,7 +86,6 @@ pub fn figures(base: &Scenario) -> Vec<BenchFigure> {
                     Some(BenchCurve {
                         name: format!("blade {name}"),
                         group,
-                        dashed: false,
                         points: (0..=88).map(point).collect(),
                     })
                 })
@@ -137,7 +134,6 @@ impl<'a> Bench<'a> {
         let curve = |(group, open): (usize, f64)| BenchCurve {
             name: format!("{open:.1} V open circuit"),
             group,
-            dashed: false,
             points: (0..=100)
                 .map(|percent| {
                     let duty = f64::from(percent) / 100.0;
@@ -172,7 +168,6 @@ impl<'a> Bench<'a> {
         vec![BenchCurve {
             name: "terminals, duty 0, 20, 0, 40, 0, 60, 0, 80 %".to_owned(),
             group: 0,
-            dashed: false,
             points,
         }]
     }
