@@ -177,19 +177,26 @@ fn answer(report: &LogReport) -> String {
             .collect::<Vec<_>>()
             .join("; "),
     };
+    let crash = report
+        .not_judged
+        .iter()
+        .find(|time| time.obstacle.reason == Obstruction::Crash);
+    let crash = crash.map_or_else(String::new, |time| {
+        format!("; the crash from {:.2} s on is not judged", time.from_s)
+    });
     let sequential = report.counts.iter().find(|count| count.detector == "sequential");
     match sequential.and_then(|count| count.first_alarm_s) {
-        Some(time_s) => format!("{verdicts}; first alarm at {time_s:.2} s"),
+        Some(time_s) => format!("{verdicts}; first alarm at {time_s:.2} s{crash}"),
         None if report
             .final_window
             .as_ref()
             .is_some_and(|window| hides_all(&window.smallest_loss)) =>
         {
             format!(
-                "nothing can be said of the rotors, as not even the loss of a whole one would be seen ({verdicts}; no alarm)"
+                "nothing can be said of the rotors, as not even the loss of a whole one would be seen ({verdicts}; no alarm){crash}"
             )
         }
-        None => format!("{verdicts}; no alarm"),
+        None => format!("{verdicts}; no alarm{crash}"),
     }
 }
 

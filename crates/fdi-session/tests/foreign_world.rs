@@ -68,6 +68,37 @@ fn val_intervals_hold_the_loss_whether_it_stands_or_moves() {
     }
 }
 
+/// Rotor 3 loses thrust over `ramp_s` from 20 s on.
+fn slow_ramp(flight: &str, share: f64, ramp_s: f64, seed: u64) -> FaultCase {
+    let mut case = cases(Class::Healthy, 1, seed)[0].clone();
+    case.class = Class::Ramp;
+    case.flight = flight.to_owned();
+    let fault = format!("rotor-thrust-scale:share=-{share},rotor=3,onset_s=20,ramp_s={ramp_s}");
+    case.effects = vec![Hidden::parse(&fault).expect("an effect")];
+    case
+}
+
+#[test]
+fn regress_a_loss_that_grows_slowly_is_named_in_a_hover() {
+    // The engine's filters follow it: over 15 s and more it was "healthy" to the end, over 8 s named after 7.
+    for (share, ramp_s) in [(0.1, 8.0), (0.1, 15.0), (0.1, 30.0), (0.05, 20.0)] {
+        for flight in ["hover", "waypoint"] {
+            let case = slow_ramp(flight, share, ramp_s, 5);
+            let row = scored(&case, &windows(&case));
+            assert_eq!(
+                (row.end, row.inside, row.healthy_named, row.false_alarms),
+                (Some(End::Right), Some(true), false, 0),
+                "{flight}, {share} over {ramp_s} s: {row:?}"
+            );
+            assert!(
+                row.past_announced_s.is_some_and(|seconds| seconds <= 2.0),
+                "{flight}, {share} over {ramp_s} s: {:?}",
+                row.past_announced_s
+            );
+        }
+    }
+}
+
 #[test]
 fn val_what_looks_alike_is_a_set_and_no_healthy_rotor_is_named() {
     for (class, wanted) in [

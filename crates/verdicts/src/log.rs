@@ -37,7 +37,7 @@ use rotortwin_flight_core::fdi::{FdiConfig, FdiConfigError};
 use rotortwin_plant::STEP_RATE_HZ;
 use rotortwin_scenario::Detectors;
 use rotortwin_twin::flight_picture::FlightPicture;
-use rotortwin_twin::log::flight_parts::{FlightPart, FlightParts, PartKind};
+use rotortwin_twin::log::flight_parts::{EventKind, FlightPart, FlightParts, PartKind};
 use rotortwin_twin::log::{FlightLog, GAP_FACTOR, RotorOrder, names};
 use serde::Serialize;
 use utoipa::ToSchema;
@@ -606,6 +606,17 @@ fn report(log: &FlightLog, detectors: &Detectors, judge: Judge, lacks: Vec<Lack>
         .network
         .is_some_and(|network| network.self_calibrated());
     let mut notes = judge.notes;
+    // The detectors end where a vehicle tumbles; what its motors were asked for before that says more than "not judged".
+    let log_start_s = log.time_s.first().copied().unwrap_or(0.0);
+    let lost = judge
+        .parts
+        .events
+        .iter()
+        .filter(|event| event.kind == EventKind::LostRotor);
+    notes.splice(
+        0..0,
+        lost.map(|event| format!("{:.2} s: {}", event.start_s - log_start_s, event.detail)),
+    );
     if let RotorOrder::Vehicle(note) = &log.report.rotor_order {
         notes.insert(0, note.clone());
     }
@@ -631,7 +642,7 @@ fn report(log: &FlightLog, detectors: &Detectors, judge: Judge, lacks: Vec<Lack>
         log: LogView {
             content_hash: log.source.content_hash.clone(),
             rows: log.time_s.len(),
-            start_s: log.time_s.first().copied().unwrap_or(0.0),
+            start_s: log_start_s,
             duration_s: log.duration_s(),
             rate_hz,
             gaps: log.report.gaps.len(),

@@ -16,6 +16,7 @@
 //! * what stands behind a verdict is kept beside it: kinds, probabilities and sizes of all explanations, and how fast a loss moves ([`details`]).
 
 mod details;
+mod growth;
 mod joint;
 mod load;
 pub(crate) mod meter;
@@ -29,6 +30,7 @@ pub use load::LoadChange;
 
 use super::validity::Obstacle;
 use details::Track;
+use growth::{GrowthWatch, Lone};
 use joint::JointFilter;
 use load::{Found, LoadWatch, Seen};
 use meter::{AXES, Block, Meter};
@@ -75,6 +77,8 @@ const NOT_SURE: f64 = 0.94;
 /// Once the model has proved itself a name is told at once, sets at all, if χ² of the lost wrench over the surprise of the last quarter of a second is above this.
 const STRONG: f64 = 32.0;
 const STRONG_SETS: f64 = 64.0;
+/// χ² over surprise from which on a rotor is watched whose loss may grow too slowly for the engine.
+const GROWN: f64 = 16.0;
 /// Where a name has to stand before it is told, its loss has to be so many standard deviations.
 const REAL_SIGMAS: f64 = 3.0;
 /// Standard deviation of the slope of the thrust curve, in units of the error of the thrust in hover: somewhere between none of it (the mass is
@@ -128,6 +132,7 @@ pub struct SecondLook {
     track: Track,
     details: Details,
     load_watch: LoadWatch,
+    growth_watch: GrowthWatch,
     /// The last load that was named.
     load: Option<LoadChange>,
     /// Of all rotors over that in hover, now.
@@ -174,6 +179,7 @@ impl SecondLook {
             track: Track::default(),
             details: Details::default(),
             load_watch: LoadWatch::default(),
+            growth_watch: GrowthWatch::default(),
             load: None,
             thrust: 1.0,
             uneven: [[1.0, 0.0]; MAX_ROTORS],
@@ -460,7 +466,6 @@ impl SecondLook {
 
     /// The engine's report, looked at again, or why it means nothing.
     pub fn revise(&mut self, report: FdiReport, output: &FdiOutput) -> Result<FdiReport, Obstacle> {
-        let found = !matches!(output.sequential, FaultVerdict::NotReady | FaultVerdict::Healthy);
         self.details = Details::default();
         if !self.filter.is_ready() {
             return Ok(report);
@@ -468,7 +473,8 @@ impl SecondLook {
         if let Some(load) = self.changed_load() {
             self.take_load(&load);
         }
-        if !found {
+        let by_engine = !matches!(output.sequential, FaultVerdict::NotReady | FaultVerdict::Healthy);
+        if !by_engine && !self.has_grown() {
             if self.alarm.take().is_some() {
                 self.end_episode();
                 self.snapshots.clear();
@@ -498,6 +504,7 @@ impl SecondLook {
         }
         let said = self.said(report, &found, nothing, value[0]);
         if !is_there {
+            self.growth_watch.clear();
             self.track.clear();
             self.end_episode();
             return said;
@@ -547,6 +554,42 @@ impl SecondLook {
         self.load_watch.take(seen, self.weight(), is_trusted)
     }
 
+    /// A loss is there that has grown too slowly for the engine to find it.
+    fn has_grown(&mut self) -> bool {
+        if self.growth_watch.is_found() {
+            return true;
+        }
+        let lone = self.lone_rotor();
+        self.growth_watch
+            .take(lone, self.trust.is_proven() && self.trust.is_kept())
+    }
+
+    /// The rotor whose loss alone explains the lost wrench, beyond doubt.
+    fn lone_rotor(&self) -> Option<Lone> {
+        let (value, variance) = self.lost();
+        if !value.iter().chain(&variance).all(|x| x.is_finite()) {
+            return None;
+        }
+        let evidence = sets::chi_square(&value, &variance, self.hover) / self.trust.now().max(1.0);
+        if evidence < GROWN {
+            return None;
+        }
+        let found = sets::weigh(&self.column, self.rotor_count, &value, &variance, self.hover);
+        let best = found.first()?;
+        let is_loss = matches!(best.kind, Kind::Losses | Kind::LossWithDrag) && best.rotors.count_ones() == 1;
+        let same = found.iter().filter(|e| e.rotors == best.rotors && e.kind != Kind::Gain);
+        if !is_loss || same.map(|e| e.probability).sum::<f64>() < NAMED {
+            return None;
+        }
+        let rotor = best.rotors.trailing_zeros() as usize;
+        let lost = sets::sizes(best, &self.column, &value, &variance, self.hover)[0][0] / self.hover_thrust[rotor];
+        let smallest = f64::from(*self.smallest_loss().get(rotor)?);
+        Some(Lone {
+            rotor: best.rotors,
+            is_large: lost > smallest,
+        })
+    }
+
     fn weight(&self) -> f64 {
         self.hover * self.rotor_count as f64
     }
@@ -575,6 +618,7 @@ impl SecondLook {
         self.alarm = None;
         self.settling.dismiss();
         self.load_watch.clear();
+        self.growth_watch.clear();
         self.load = Some(LoadChange {
             since_s: after_s,
             named_after_s: after_s,

@@ -1,7 +1,7 @@
 //! Which motor responds to which tilt: an autopilot on a test stand.
 //!
 //! ```text
-//!  arms, climbs along a pole (only the total thrust moves it) ─▶ is rocked in roll, pitch, yaw, 5.6 s each ─▶ which duties respond
+//!  arms, climbs along a pole (only the total thrust moves it) ─▶ is rocked in roll, pitch, yaw, 4 s each ─▶ which duties respond
 //! ```
 //! Like tilting a vehicle by hand to see whether the right motors speed up: the attitude is imposed, whatever the autopilot does, so that
 //! one with swapped motors is not lost before it has been tested. Instrument readings are consistent with that motion.
@@ -12,6 +12,7 @@
 use super::response::{Airframe, Duties, PITCH, ROLL, YAW, cosine, length};
 use super::suspect::permute;
 use crate::autopilot::sensed;
+use nalgebra::{Matrix3, Vector3};
 use rotortwin_flight_core::MAX_ROTORS;
 use rotortwin_plant::PARTS_PER_STEP;
 use rotortwin_plant::body::rigid_body::Quaternion;
@@ -28,9 +29,14 @@ const NEAR_M: f64 = 0.5;
 const STILL_M_S: f64 = 0.3;
 const HOVER_S: f64 = 2.0;
 /// Each axis: duration, s; amplitude, rad; period, s, short enough that integrators do not dominate. The first two periods are ignored.
-const ROCK_S: f64 = 5.6;
+/// The pole refuses what an autopilot asks for, so that its integrators wind up: five periods of each axis, not more.
+const ROCK_S: f64 = 4.0;
 const SWING_RAD: [f64; 3] = [0.08, 0.08, 0.15];
 const PERIOD_S: f64 = 0.8;
+/// Duties within this of their limits answer nothing.
+const AT_LIMIT: f64 = 0.02;
+/// Share of the samples that must be left without those.
+const LEFT: f64 = 0.5;
 /// Pause between two axes, s.
 const REST_S: f64 = 1.5;
 /// Longest landing, s.
@@ -266,8 +272,11 @@ impl Stand {
         let omega = std::f64::consts::TAU / PERIOD_S;
         let angle = |time_s: f64| SWING_RAD[axis] * (0.5 * time_s / PERIOD_S).min(1.0) * (omega * time_s).sin();
         let steps = (ROCK_S * 400.0) as u32;
-        let (mut sine, mut cosine) = ([0.0; MAX_ROTORS], [0.0; MAX_ROTORS]);
-        let mut looked = 0.0;
+        let rotors = self.airframe.rotor_count();
+        // duty = mean + sine sin ωt + cosine cos ωt by least squares, as parts of a period may be left out.
+        let mut normal = Matrix3::zeros();
+        let mut right = [Vector3::zeros(); MAX_ROTORS];
+        let (mut looked, mut used) = (0.0, 0.0);
         for step in 0..steps {
             let time_s = f64::from(step) / 400.0;
             let (mut attitude, mut rates) = ([0.0; 3], [0.0; 3]);
@@ -279,12 +288,30 @@ impl Stand {
                 continue;
             }
             looked += 1.0;
-            for rotor in 0..MAX_ROTORS {
-                sine[rotor] += self.duty[rotor] * (omega * time_s).sin();
-                cosine[rotor] += self.duty[rotor] * (omega * time_s).cos();
+            if self.duty[..rotors]
+                .iter()
+                .any(|duty| !(AT_LIMIT..=1.0 - AT_LIMIT).contains(duty))
+            {
+                continue;
+            }
+            used += 1.0;
+            let row = Vector3::new(1.0, (omega * time_s).sin(), (omega * time_s).cos());
+            normal += row * row.transpose();
+            for (sums, duty) in right.iter_mut().zip(&self.duty) {
+                *sums += row * *duty;
             }
         }
-        let [sine, cosine] = [sine, cosine].map(|sum| sum.map(|x| -2.0 * x / looked));
+        let solved = normal.try_inverse().filter(|_| used >= LEFT * looked);
+        let Some(inverse) = solved else {
+            return Err(format!(
+                "the motors of {} stood at their limits for {:.0} % of the swing in {}: its integrators work against the stand, and nothing can be told of their order; try again",
+                autopilot.identity().peer,
+                100.0 * (1.0 - used / looked),
+                ["roll", "pitch", "yaw"][axis]
+            ));
+        };
+        let answers = right.map(|sums| inverse * sums);
+        let [sine, cosine] = [1, 2].map(|place| answers.map(|answer| -answer[place]));
         // The phase at which the response is largest, within a quarter turn of one that opposes both angle and rate.
         let (ss, cc) = (length(&sine).powi(2), length(&cosine).powi(2));
         let sc: f64 = sine.iter().zip(&cosine).map(|(s, c)| s * c).sum();

@@ -2,7 +2,7 @@
 
 use super::prelude::*;
 
-/// Row 4 of the catalogue.
+/// Row 4 of the catalogue. Vehicles fly in winds of up to 12 to 15 m/s by their makers' data sheets.
 pub(super) static DECLARATION: EffectDeclaration = EffectDeclaration {
     id: "wind",
     name: "Constant wind",
@@ -17,7 +17,7 @@ pub(super) static DECLARATION: EffectDeclaration = EffectDeclaration {
             "w_N",
             "m/s",
             "where the air moves to, north",
-            (-8.0, 8.0),
+            (-15.0, 15.0),
             3.0,
             3.0,
         ),
@@ -26,7 +26,7 @@ pub(super) static DECLARATION: EffectDeclaration = EffectDeclaration {
             "w_E",
             "m/s",
             "where the air moves to, east",
-            (-8.0, 8.0),
+            (-15.0, 15.0),
             3.0,
             -2.0,
         ),

@@ -548,10 +548,19 @@ fn sentence(trim: &Trim) -> String {
         format!("{} ({})", one.label, values.join(", "))
     };
     match trim.named.as_slice() {
-        [] => format!(
+        [] if trim.unchanged > 0.5 => format!(
             "Against {count} healthy flights nothing has changed for certain (probability of no change {:.0} %).",
             100.0 * trim.unchanged
         ),
+        [] => {
+            let likeliest = trim.ranking.first().map_or_else(String::new, |one| {
+                format!("; the likeliest is {}, probability {:.0} %", told(one), 100.0 * one.posterior)
+            });
+            format!(
+                "Against {count} healthy flights something has probably changed ({:.0} %), and what is not certain enough to be named{likeliest}.",
+                100.0 * (1.0 - trim.unchanged)
+            )
+        }
         [one] => format!(
             "Against {count} healthy flights changed: {}, probability {:.1} %.",
             told(one),

@@ -14,6 +14,9 @@ use super::{FitError, refuse};
 /// Spread of the voltage, as a share of its mean, below which no voltage dependence is fitted.
 const LEAST_SPREAD: f64 = 0.03;
 
+/// Largest thrust over the lowest, turned round, below which the load cell counts downwards.
+const DOWNWARDS: f64 = 0.1;
+
 /// Fits thrust over duty (and voltage) of one blade to one or several tables.
 pub fn fit_thrust(tables: &[Table]) -> Result<Fit, FitError> {
     let tables: Vec<Table> = tables.iter().map(Table::without_stalls).collect();
@@ -34,8 +37,12 @@ pub fn fit_thrust(tables: &[Table]) -> Result<Fit, FitError> {
         return refuse(format!("expected at least 6 points of thrust, got {count}"));
     }
     let top = thrust.iter().copied().fold(0.0, f64::max);
-    if top <= 0.0 {
-        return refuse("expected positive thrusts: does the load cell count downwards?");
+    let bottom = thrust.iter().copied().fold(0.0, f64::min);
+    // Beside a load cell's noise about 0.
+    if top <= DOWNWARDS * -bottom || top <= 0.0 {
+        return refuse(format!(
+            "expected positive thrusts, got {bottom:.1} to {top:.1} N: if the load cell counts downwards, --map thrust=COLUMN:-N turns it round (or -kg, -g)"
+        ));
     }
     let mean = voltage.iter().sum::<f64>() / voltage.len().max(1) as f64;
     let spread = voltage.iter().fold(0.0_f64, |s, v| s.max((v - mean).abs())) / mean.max(1e-9);

@@ -47,7 +47,7 @@ pub(crate) struct Parted {
 /// Takes the findings that are errors of guessed constants, or of constants that are far off, out of the others. Of several that are errors
 /// of one constant the first is told. With a constant that is contradicted no effect of the whole vehicle is named that shows only where
 /// such constants show: several wrong constants at once look like one of them, and like a density or a mass; where one is far off, so do
-/// faults of single rotors and of sensors.
+/// faults of single rotors and of sensors. What acts through such a constant, as a wind through the drag, is named.
 pub(crate) fn set_apart(found: Vec<Finding>, library: &Library) -> Parted {
     let far_off = found.iter().any(|finding| far_off(finding, library).is_some());
     let mut calibrations: Vec<Calibration> = Vec::new();
@@ -63,8 +63,21 @@ pub(crate) fn set_apart(found: Vec<Finding>, library: &Library) -> Parted {
             false
         })
         .collect();
+    let declared = |finding: &Finding| {
+        let mut all = library.candidates.iter();
+        all.find(|c| c.declaration.id == finding.instance.effect)
+            .map(|c| c.declaration)
+    };
+    let acts_through = |finding: &Finding, constant: &Calibration| {
+        declared(finding).is_some_and(|d| d.needs.contains(&constant.correction.effect.as_str()))
+    };
+    // A wind is no other value of the drag that it acts through: such a guess is fitted along, and blocks nothing as long as its class has the value.
+    for constant in &mut calibrations {
+        let can_be = (constant.low..=constant.high).contains(&constant.wanted);
+        constant.blocking = !(can_be && rest.iter().any(|finding| acts_through(finding, constant)));
+    }
     let mut withheld = Vec::new();
-    if !calibrations.is_empty() {
+    if calibrations.iter().any(|constant| constant.blocking) {
         let wrong = |c: &&Candidate| {
             let constant = c.constant.as_ref().map(|(_, constant)| &constant.key);
             c.guess.is_some() || constant.is_some_and(|key| calibrations.iter().any(|known| known.key == *key))
@@ -77,15 +90,10 @@ pub(crate) fn set_apart(found: Vec<Finding>, library: &Library) -> Parted {
             .copied()
             .collect();
         rest.retain(|finding| {
-            let declared = library
-                .candidates
-                .iter()
-                .find(|c| c.declaration.id == finding.instance.effect)
-                .map(|c| c.declaration);
-            let makes_up = declared.is_some_and(|d| {
+            let makes_up = declared(finding).is_some_and(|d| {
                 (far_off || (d.class == EffectClass::Physics && !d.per_rotor))
                     && d.channels.iter().all(|group| shown.contains(group))
-            });
+            }) && !calibrations.iter().any(|constant| acts_through(finding, constant));
             if makes_up {
                 withheld.push(finding.label.to_lowercase());
             }

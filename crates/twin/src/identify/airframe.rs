@@ -17,7 +17,7 @@ use super::yaw::{EXPLAINED, Reaction, Yaw};
 use super::{Numbers, Request, slow};
 use crate::Z95;
 use crate::log::flight_parts::RotorPlace;
-use crate::log::{FlightLog, RotorOrder, SourceKind};
+use crate::log::{FlightLog, RotorOrder, SensorRate, SourceKind};
 use crate::model::constants::Source;
 
 /// What would tell the drag.
@@ -108,6 +108,9 @@ pub fn known_rotor_places(log: &FlightLog) -> Option<Vec<RotorPlace>> {
     })
 }
 
+/// Motor outputs that come more slowly than this contradict no frame. ArduPilot writes 10 Hz.
+const LEAST_TO_CONTRADICT_HZ: f64 = 9.0;
+
 /// The frame: named, from parameters, of a known platform, or from the motion.
 pub(crate) fn find(log: &FlightLog, grids: &[Grid], request: &Request, class: &Class) -> Result<Airframe, String> {
     let rotors = grids[0].duty.len();
@@ -129,12 +132,25 @@ pub(crate) fn find(log: &FlightLog, grids: &[Grid], request: &Request, class: &C
         }
         let stated_against = motion.as_ref().map(|motion| (motion, motion.against(&places)));
         let against_the_motion = matches!(stated_against, Some((_, Some(_))));
+        // Between two samples a controller moves its motors up and down again: the commands that are logged may be in antiphase to the motion that they damp.
+        let rate = log.duty_rate().filter(SensorRate::is_slower).map(|rate| rate.source_hz);
+        let too_slow_hz = rate.filter(|hz| *hz < LEAST_TO_CONTRADICT_HZ);
         let how = match stated_against {
             None => how,
             Some((motion, None)) if motion.best.doubt().is_some() => how,
             Some((_, None)) => format!("{how}; the motion agrees"),
             Some((motion, Some(contradiction))) => {
                 let against = against(&name, &how, &motion.best, &contradiction);
+                if let Some(hz) = too_slow_hz {
+                    return Ok(Airframe {
+                        how: format!("{how}; motor outputs at {hz:.1} Hz are too slow for the motion to confirm it"),
+                        name,
+                        places,
+                        source,
+                        motion: Some(motion.best.clone()),
+                        against_the_motion: true,
+                    });
+                }
                 if !request.trust_frame {
                     let else_do = if source == Source::Entered {
                         "leave --frame out"

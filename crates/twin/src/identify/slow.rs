@@ -364,12 +364,13 @@ pub(crate) fn battery(grids: &[Grid], curve: &Curve) -> Battery {
     let mut found = Battery::default();
     for grid in grids {
         let Some(voltage) = &grid.voltage else { continue };
-        let first = grid
+        let rest = grid
             .airborne
             .first()
             .map_or(grid.rows, |part| part.start)
-            .max(grid.rows_of(1.0))
             .min(grid.rows);
+        // Of a log that begins in the air the highest of the whole flight: no cell has more when it is charged.
+        let first = if rest < grid.rows_of(1.0) { grid.rows } else { rest };
         // Means over a second: motors that brake push the voltage up for a moment.
         let start = voltage[..first]
             .chunks(grid.rows_of(1.0))
@@ -434,7 +435,8 @@ fn cells(start_v: f64) -> Option<u32> {
         [one] => Some(*one),
         // A full pack of fewer cells is commoner than a half-empty one of more.
         [first, ..] => Some(*first),
-        [] => (1..=14).find(|cells| (3.3..=4.4).contains(&(start_v / f64::from(*cells)))),
+        // A cell that is charged to more than usual, or nearly empty; none has more than 4.35 V.
+        [] => (1..=14).find(|cells| (3.2..=4.36).contains(&(start_v / f64::from(*cells)))),
     }
 }
 
@@ -485,6 +487,22 @@ pub(crate) fn level_over_gravity(curve: &Curve, rotors: usize) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn regress_no_cell_has_more_than_a_charged_one() {
+        // "3 cells (log)" of a pack of four at the end of a flight, 13.45 V.
+        for (volts, expected) in [
+            (13.45, 4),
+            (12.6, 3),
+            (16.6, 4),
+            (11.1, 3),
+            (3.7, 1),
+            (25.0, 6),
+            (13.05, 3),
+        ] {
+            assert_eq!(cells(volts), Some(expected), "{volts} V");
+        }
+    }
 
     #[test]
     fn val_the_scale_of_the_current_sensor_is_within_the_interval_of_the_resistance() {

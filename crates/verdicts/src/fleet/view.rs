@@ -54,6 +54,8 @@ pub struct LossOverFlights {
     pub course: Course,
     /// First flight with it, from 1; for a trend the first one evaluated.
     pub from_flight: usize,
+    /// For a step that is over: the last flight with it, from 1.
+    pub until_flight: Option<usize>,
     /// Number of flights evaluated.
     pub flights: usize,
     /// Fraction of the thrust lost over them.
@@ -329,13 +331,15 @@ fn common_per_flight(flights: &[Flight]) -> Option<Share> {
 
 fn loss_view(named: &Named, begin: usize, count: usize, trials: usize) -> LossOverFlights {
     let span = (count - 1) as f64;
-    let (course, from) = match named.shape {
-        Shape::Ramp => (Course::Trend, begin),
-        Shape::Step(at) => (Course::Step, begin + at),
+    let (course, from, until_flight) = match named.shape {
+        Shape::Ramp => (Course::Trend, begin, None),
+        Shape::Step(at) => (Course::Step, begin + at, None),
+        Shape::Episode(from, end) => (Course::Step, begin + from, Some(begin + end)),
     };
     LossOverFlights {
         course,
         from_flight: from + 1,
+        until_flight,
         flights: count,
         lost: lost(named.total, named.half_width),
         per_flight: (course == Course::Trend).then(|| lost(named.total / span, named.half_width / span)),
@@ -465,12 +469,19 @@ fn over_flights(
             )
         }
         None => (
-            format!(
-                "has had {} less thrust since flight {}",
-                percent(&loss.lost),
-                loss.from_flight
-            ),
-            acknowledged.is_some_and(|place| loss.from_flight <= place),
+            match loss.until_flight {
+                Some(last) => format!(
+                    "had {} less thrust from flight {} to {last} and has it back since; if it has a new propeller, `rotortwin fleet reset` says so",
+                    percent(&loss.lost),
+                    loss.from_flight
+                ),
+                None => format!(
+                    "has had {} less thrust since flight {}",
+                    percent(&loss.lost),
+                    loss.from_flight
+                ),
+            },
+            acknowledged.is_some_and(|place| loss.until_flight.unwrap_or(loss.from_flight) <= place),
         ),
     }
 }

@@ -30,10 +30,10 @@ impl Pass for FinalVerdict {
         if !(guessed || proved) || risen {
             diagnosis.calibrate.clear();
         }
-        diagnosis.verdict = if !diagnosis.calibrate.is_empty() {
-            Verdict::CalibrateFirst {
-                constants: diagnosis.calibrate.iter().map(|one| one.key.clone()).collect(),
-            }
+        let blocking = diagnosis.calibrate.iter().filter(|one| one.blocking);
+        let constants: Vec<String> = blocking.map(|one| one.key.clone()).collect();
+        diagnosis.verdict = if !constants.is_empty() {
+            Verdict::CalibrateFirst { constants }
         } else if state.doubts.is_empty() {
             findings::verdict(diagnosis)
         } else {
@@ -44,7 +44,10 @@ impl Pass for FinalVerdict {
         }
         // While something is unexplained, an interval is too narrow to speak against a guess.
         if state.doubts.is_empty() && diagnosis.goodness.unexplained.is_empty() {
-            diagnosis.calibrate.extend(calibration::learned(&state.problem)?);
+            let learned = calibration::learned(&state.problem)?;
+            let known: Vec<String> = diagnosis.calibrate.iter().map(|one| one.key.clone()).collect();
+            let new = learned.into_iter().filter(|one| !known.contains(&one.key));
+            diagnosis.calibrate.extend(new);
         }
         let doubts = state.doubts.iter().map(words::doubt);
         diagnosis.goodness.unexplained.extend(doubts);

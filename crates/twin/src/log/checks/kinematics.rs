@@ -237,6 +237,27 @@ pub(crate) fn position_pairs(log: &FlightLog) -> Option<Pairs> {
     gather(pairs, noise, [0.0; 3])
 }
 
+/// Specific force up along the body's z by velocity and attitude, m/s², and mean duty, window by window: without an accelerometer, what shows which way
+/// z points.
+pub(crate) fn lift_pairs(log: &FlightLog) -> Option<Vec<(f64, f64)>> {
+    let attitude = log.vector(names::ATTITUDE)?;
+    let velocity = log.vector(names::VELOCITY)?;
+    let duties = log.duties();
+    let pairs = windows(log).into_iter().map(|(first, last)| {
+        let elapsed = log.time_s[last] - log.time_s[first];
+        let (before, after) = (at(&velocity, first), at(&velocity, last));
+        let mut force = [0, 1, 2].map(|axis| (after[axis] - before[axis]) / elapsed);
+        force[2] -= GRAVITY_M_S2;
+        let rotation = ned_from_body(at(&attitude, (first + last) / 2));
+        let up = -(0..3).map(|axis| rotation[axis][2] * force[axis]).sum::<f64>();
+        let rows = duties.iter().flat_map(|duty| &duty[first..=last]);
+        let duty = rows.sum::<f64>() / (duties.len() * (last - first + 1)) as f64;
+        (up, duty)
+    });
+    let pairs: Vec<(f64, f64)> = pairs.filter(|(up, duty)| up.is_finite() && duty.is_finite()).collect();
+    (pairs.len() >= FEWEST_WINDOWS).then_some(pairs)
+}
+
 pub(crate) fn mean(values: &[f64]) -> f64 {
     let (count, sum) = values
         .iter()

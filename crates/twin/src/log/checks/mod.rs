@@ -87,6 +87,7 @@ fn axes_units_and_clock(log: &FlightLog, findings: &mut Vec<Finding>) {
         .iter()
         .any(|finding| matches!(finding.kind, FindingKind::BodyAxesFlu | FindingKind::UpsideDownAxes));
     world_axes(velocity.as_ref(), position.as_ref(), z_up, findings);
+    lift_down(log, findings);
     for (what, fit) in [
         ("body rates and attitude", &rates),
         ("specific force and velocity", &velocity),
@@ -106,6 +107,39 @@ fn axes_units_and_clock(log: &FlightLog, findings: &mut Vec<Finding>) {
                 ),
             );
         }
+    }
+}
+
+/// Without an accelerometer: the faster the rotors turn, the more the vehicle accelerates upwards.
+fn lift_down(log: &FlightLog, findings: &mut Vec<Finding>) {
+    /// Correlation below which z points up: inflow and a supply that empties weaken a correlation, they do not turn it round.
+    const TURNED_ROUND: f64 = -0.6;
+    /// Deviations of the force, m/s², and of the duty, share of its mean, from which on there is a climb to tell by.
+    const FORCE_M_S2: f64 = 0.5;
+    const DUTY: f64 = 0.03;
+    if !findings.is_empty() || log.column(names::ACCEL[2]).is_some() {
+        return;
+    }
+    let Some(pairs) = kinematics::lift_pairs(log) else {
+        return;
+    };
+    let count = pairs.len() as f64;
+    let mean = |of: &dyn Fn(&(f64, f64)) -> f64| pairs.iter().map(of).sum::<f64>() / count;
+    let (force, duty) = (mean(&|pair| pair.0), mean(&|pair| pair.1));
+    let deviations = [
+        mean(&|pair| (pair.0 - force).powi(2)).sqrt(),
+        mean(&|pair| (pair.1 - duty).powi(2)).sqrt(),
+    ];
+    let correlation = mean(&|pair| (pair.0 - force) * (pair.1 - duty)) / (deviations[0] * deviations[1]);
+    if deviations[0] > FORCE_M_S2 && deviations[1] > DUTY * duty && correlation < TURNED_ROUND {
+        push(
+            findings,
+            FindingKind::Inconsistent,
+            format!(
+                "the faster the motors turn, the more the vehicle seems to fall (correlation {correlation:.2}): z of velocity and attitude points up; \
+                 north-east-down and forward-right-down were expected (`frame` of a mapping)"
+            ),
+        );
     }
 }
 
@@ -391,6 +425,39 @@ mod tests {
             columns.push(((*name).to_owned(), of(&swing)));
         }
         FlightLog::from_columns("hover", time, columns).expect("a log")
+    }
+
+    /// Climbs and dips by motors that follow one another, without an accelerometer; `sign`: of the velocity down.
+    fn climbs(sign: f64) -> FlightLog {
+        let rows = 4000_u32;
+        let time: Vec<f64> = (0..rows).map(|k| 0.01 * f64::from(k)).collect();
+        let of = |f: &dyn Fn(f64) -> f64| -> Vec<f64> { time.iter().map(|t| f(*t)).collect() };
+        let mut columns: Vec<(String, Vec<f64>)> = Vec::new();
+        for (axis, (angle, rate)) in names::ATTITUDE.iter().zip(&names::RATES).enumerate() {
+            let phase = 0.7 * axis as f64;
+            columns.push(((*angle).to_owned(), of(&|t| 0.02 * (3.0 * t + phase).sin())));
+            columns.push(((*rate).to_owned(), of(&|t| 0.06 * (3.0 * t + phase).cos())));
+        }
+        // Down: −2 sin(2 t) m/s², from a lift of 1 + 2/9.81 sin(2 t).
+        columns.push((names::VELOCITY[0].to_owned(), of(&|t| 0.2 * (1.3 * t).sin())));
+        columns.push((names::VELOCITY[1].to_owned(), of(&|t| 0.2 * (1.7 * t).sin())));
+        columns.push((names::VELOCITY[2].to_owned(), of(&|t| sign * (2.0 * t).cos())));
+        for rotor in 1..=4 {
+            let duty = |t: f64| 0.5 * (1.0 + 2.0 / 9.81 * (2.0 * t).sin()).sqrt() + 0.001 * f64::from(rotor);
+            columns.push((format!("duty_{rotor}"), of(&duty)));
+        }
+        FlightLog::from_columns("climbs", time, columns).expect("a log")
+    }
+
+    /// A log in north-west-up was taken for north-east-down: "resistance of the ESC 7.5 Ω".
+    #[test]
+    fn regress_z_up_shows_without_an_accelerometer() {
+        assert_eq!(climbs(1.0).report.findings, []);
+        let found = climbs(-1.0).report.findings;
+        assert!(
+            matches!(&found[..], [one] if one.kind == FindingKind::Inconsistent && one.detail.contains("points up")),
+            "{found:?}"
+        );
     }
 
     /// A calm hover was refused: "the log is at fault … specific force and velocity move, but not together".

@@ -169,6 +169,9 @@ impl FlightLog {
     }
 }
 
+/// Power of a torque over that of duties that have nothing to do with each other, below which it is rounding: single precision leaves 1e-14.
+const LEAST_POWER: f64 = 1e-9;
+
 impl Moments {
     /// By how much another order must fit better.
     fn clearly(&self) -> f64 {
@@ -179,17 +182,20 @@ impl Moments {
     fn score(&self, arms: &[[f64; 3]], order: &[usize]) -> f64 {
         let mut sum = 0.0;
         for axis in 0..3 {
-            let (mut cross, mut power) = (0.0, 0.0);
+            let (mut cross, mut power, mut unrelated) = (0.0, 0.0, 0.0);
             for (i, rotor) in order.iter().enumerate() {
                 let arm = arms[*rotor][axis];
                 cross += arm * self.duty_turn[i][axis];
+                unrelated += arm * arm * self.duty_duty[i][i];
                 for (j, other) in order.iter().enumerate() {
                     power += arm * arms[*other][axis] * self.duty_duty[i][j];
                 }
             }
             let scale = power * self.turn_turn[axis];
-            if scale > 0.0 {
-                sum += cross * cross.abs() / scale;
+            // An allocation that is exact leaves the duties of six rotors in a space of four dimensions: in another order they may make no torque at all, and
+            // what is left is rounding.
+            if scale > 0.0 && power > LEAST_POWER * unrelated {
+                sum += (cross * cross.abs() / scale).clamp(-1.0, 1.0);
             }
         }
         sum / 3.0
