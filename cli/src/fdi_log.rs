@@ -16,10 +16,12 @@ use rotortwin_fdi_session::Learnt;
 use rotortwin_page::Report;
 use rotortwin_runner::destination::writable_file;
 use rotortwin_scenario::Detectors;
+use rotortwin_twin::LEAST_BASELINE;
+use rotortwin_twin::baseline;
 use rotortwin_twin::compare::NamedModel;
 use rotortwin_twin::flight_picture::FlightPicture;
 use rotortwin_twin::identify::read_for;
-use rotortwin_twin::log::ReadOptions;
+use rotortwin_twin::log::{FlightLog, ReadOptions};
 use rotortwin_twin::model::ModelVersion;
 use rotortwin_twin::over_time::OverTime;
 use rotortwin_verdicts::log::{LogReport, NotJudgedView, judge_after, learn};
@@ -126,7 +128,13 @@ fn judge_all(args: &LogArgs) -> Result<Vec<JudgedLog>, String> {
         most_cells: args.most_cells,
         ..ReadOptions::default()
     };
-    let (learnt, learnt_notes) = learnt_from(&args.healthy, &options, &detectors)?;
+    let read_all = |paths: &[PathBuf]| -> Result<Vec<FlightLog>, String> {
+        let read = |path: &PathBuf| read_for(path, &options, &detectors.vehicle().vehicle);
+        paths.iter().map(read).collect()
+    };
+    let healthy = read_all(&args.healthy)?;
+    let (learnt, learnt_notes) = learnt_from(&healthy, &detectors)?;
+    let model = ModelVersion::first(detectors.vehicle().vehicle.name.as_str(), detectors.vehicle().clone());
     let every_window = args.windows || source.is_some() || args.series.is_some();
     let judged = |path: &PathBuf| {
         let log = read_for(path, &options, &detectors.vehicle().vehicle)?;
@@ -136,6 +144,9 @@ fn judge_all(args: &LogArgs) -> Result<Vec<JudgedLog>, String> {
             .transpose()?;
         let mut report = judge_after(&log, &detectors, learnt.as_ref(), every_window)
             .map_err(|refusal| format!("{}: {refusal}", path.display()))?;
+        // Within a flight what is damaged before the calibration counts as healthy: only other flights show it.
+        let against = against_healthy(&log, &healthy, &model);
+        report.notes.splice(0..0, against.clone());
         report.notes.extend(learnt_notes.clone());
         report.notes.extend(note.clone());
         report.flight = args.flight.then(|| FlightPicture::of(&log));
@@ -147,6 +158,7 @@ fn judge_all(args: &LogArgs) -> Result<Vec<JudgedLog>, String> {
             OverTime::of(std::slice::from_ref(&log), &[believed])
         });
         Ok(JudgedLog {
+            against,
             file: path.display().to_string(),
             score: truth.as_ref().map(|truth| score::score_of(&report, truth)),
             report,
@@ -157,18 +169,23 @@ fn judge_all(args: &LogArgs) -> Result<Vec<JudgedLog>, String> {
     args.logs.iter().map(judged).collect()
 }
 
+/// What the rotors of a flight are asked for against healthy flights, in a sentence, where these are enough to tell.
+fn against_healthy(log: &FlightLog, healthy: &[FlightLog], model: &ModelVersion) -> Option<String> {
+    if healthy.len() < LEAST_BASELINE {
+        return None;
+    }
+    Some(match baseline::trim(std::slice::from_ref(log), healthy, model) {
+        Ok(trim) => trim.sentence,
+        Err(reason) => format!("not held against the healthy flights: {reason}"),
+    })
+}
+
 /// What healthy flights say of the vehicle, and the notes about that; nothing where there are none.
-fn learnt_from(
-    paths: &[PathBuf],
-    options: &ReadOptions,
-    detectors: &Detectors,
-) -> Result<(Option<Learnt>, Vec<String>), String> {
-    if paths.is_empty() {
+fn learnt_from(logs: &[FlightLog], detectors: &Detectors) -> Result<(Option<Learnt>, Vec<String>), String> {
+    if logs.is_empty() {
         return Ok((None, Vec::new()));
     }
-    let read = |path: &PathBuf| read_for(path, options, &detectors.vehicle().vehicle);
-    let logs = paths.iter().map(read).collect::<Result<Vec<_>, _>>()?;
-    let (learnt, mut notes) = learn(&logs, detectors).map_err(|refusal| format!("--healthy: {refusal}"))?;
+    let (learnt, mut notes) = learn(logs, detectors).map_err(|refusal| format!("--healthy: {refusal}"))?;
     let inertia = learnt.inertia();
     notes.insert(
         0,
@@ -211,7 +228,7 @@ fn print(logs: &[JudgedLog]) {
             line(&format!("{}\n", log.file));
         }
         if log.report.final_window.is_some() || !log.report.not_judged.is_empty() {
-            line(&fitted(&text_of(&log.report)));
+            line(&fitted(&text_of(&log.report, log.against.as_deref())));
         }
         if logs.len() > 1 {
             line("");
@@ -239,7 +256,7 @@ fn score_text(logs: &[JudgedLog]) -> Option<String> {
 fn page_of(logs: &[JudgedLog]) -> String {
     let mut words: Vec<String> = logs
         .iter()
-        .map(|log| format!("{}\n{}", log.file, text_of(&log.report)))
+        .map(|log| format!("{}\n{}", log.file, text_of(&log.report, log.against.as_deref())))
         .collect();
     words.extend(score_text(logs));
     let names: Vec<&str> = logs.iter().map(|log| log.file.as_str()).collect();

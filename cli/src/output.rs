@@ -217,13 +217,14 @@ fn facts(summary: &Summary) -> Vec<String> {
             tracking.position_rms_m, tracking.position_max_m
         ));
     }
+    let times = summary.simulated_s / summary.wall_s.max(1e-9);
+    let decimals = usize::from(times < 10.0);
     let mut speed = format!(
-        "Speed        {} steps in {:.2} s over {}: {} steps/s, {:.0} × real time",
+        "Speed        {} steps in {:.2} s over {}: {} steps/s, {times:.decimals$} × real time",
         summary.steps,
         summary.wall_s,
         summary.link,
-        thousands(summary.steps_per_s),
-        summary.simulated_s / summary.wall_s.max(1e-9)
+        thousands(summary.steps_per_s)
     );
     if let Some(real_time) = &summary.real_time {
         speed.push_str(&format!(

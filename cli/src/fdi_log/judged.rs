@@ -10,6 +10,9 @@ use rotortwin_verdicts::log::LogReport;
 pub(super) struct JudgedLog {
     /// As named.
     pub(super) file: String,
+    /// What its rotors are asked for, against healthy flights.
+    #[serde(skip)]
+    pub(super) against: Option<String>,
     /// With all its windows, if needed.
     pub(super) report: LogReport,
     /// The flight, for a page.

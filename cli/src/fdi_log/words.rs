@@ -37,13 +37,14 @@ pub(super) fn overview<'a>(logs: impl Iterator<Item = (&'a Path, &'a LogReport)>
     table
 }
 
-/// One log.
-pub(super) fn text_of(report: &LogReport) -> String {
+/// One log. `against`: what its rotors are asked for, against healthy flights.
+pub(super) fn text_of(report: &LogReport, against: Option<&str>) -> String {
     let detectors = &report.detectors;
     let mut text = format!(
-        "Verdict      {}\nLog          {} rows, {:.2} s at {:.1} Hz\nVehicle      {} ({} rotors), classifier {}\nCalibration  {} s in the air; what is damaged by \
+        "Verdict      {}\n{}Log          {} rows, {:.2} s at {:.1} Hz\nVehicle      {} ({} rotors), classifier {}\nCalibration  {} s in the air; what is damaged by \
          then counts as healthy\nSteps        {} taken, {} lost, {} rejected\nJudged       {:.1} of {:.1} s\n\n",
         answer(report),
+        against.map_or_else(String::new, |sentence| format!("Flights      {sentence}\n")),
         report.log.rows,
         report.log.duration_s,
         report.log.rate_hz,
@@ -151,7 +152,7 @@ pub(super) fn text_of(report: &LogReport) -> String {
     for suspicion in &report.suspicions {
         text += &format!("\nSuspicious   {}", suspicion.finding);
     }
-    for note in &report.notes {
+    for note in report.notes.iter().filter(|note| Some(note.as_str()) != against) {
         text += &format!("\nNote         {note}");
     }
     text.trim_end().to_owned()

@@ -14,6 +14,7 @@ use crate::sample::Sample;
 use rotortwin_flight_core::MAX_ROTORS;
 use rotortwin_plant::PARTS_PER_STEP;
 use rotortwin_plant::Simulation;
+use rotortwin_plant::body::ground::GroundEvent;
 use rotortwin_plant::sensing::instruments::{InstrumentModel, InstrumentSample, Instruments};
 use rotortwin_wire::autopilot::{Autopilot, AutopilotError, Fix, Readings, Wanted};
 use rotortwin_wire::convert;
@@ -210,7 +211,15 @@ impl Flight {
                 }
                 parts?;
             }
-            report_mishaps(simulation, observer);
+            // It would lie there, armed again and again, until the time is over.
+            if report_mishaps(simulation, observer) {
+                let sentence = format!(
+                    "{} tipped over {:.1} s after the plant began, before the first point of the trajectory",
+                    autopilot.identity().peer,
+                    simulation.elapsed_ns() as f64 * 1e-9
+                );
+                return Err(StopReason::Failed(Failure::of("controller", sentence)));
+            }
             pass_on_words(simulation, autopilot, observer);
             self.prelude_ns = simulation.elapsed_ns();
             let away = distance_and_speed(simulation);
@@ -346,11 +355,15 @@ fn stop_if_asked(observer: &mut impl FlightObserver) -> Result<(), StopReason> {
     observer.stop_requested().map_or(Ok(()), Err)
 }
 
-fn report_mishaps(simulation: &mut Simulation, observer: &mut impl FlightObserver) {
+/// True if it has tipped over.
+fn report_mishaps(simulation: &mut Simulation, observer: &mut impl FlightObserver) -> bool {
     let time_s = simulation.truth().sim_time_ns as f64 * 1e-9;
+    let mut tipped_over = false;
     for event in simulation.take_ground_events() {
+        tipped_over |= matches!(event, GroundEvent::TipOver { .. });
         observer.mishap(time_s, event);
     }
+    tipped_over
 }
 
 fn pass_on_words(simulation: &Simulation, autopilot: &mut impl Autopilot, observer: &mut impl FlightObserver) {

@@ -554,7 +554,11 @@ fn sentence(trim: &Trim) -> String {
         ),
         [] => {
             let likeliest = trim.ranking.first().map_or_else(String::new, |one| {
-                format!("; the likeliest is {}, probability {:.0} %", told(one), 100.0 * one.posterior)
+                format!(
+                    "; the likeliest is {}, probability {:.0} %",
+                    told(one),
+                    100.0 * one.posterior
+                )
             });
             format!(
                 "Against {count} healthy flights something has probably changed ({:.0} %), and what is not certain enough to be named{likeliest}.",

@@ -16,6 +16,7 @@ use super::wiring::{self, Contradiction, Wiring};
 use super::yaw::{EXPLAINED, Reaction, Yaw};
 use super::{Numbers, Request, slow};
 use crate::Z95;
+use crate::log::LEAST_TO_CONTRADICT_HZ;
 use crate::log::flight_parts::RotorPlace;
 use crate::log::{FlightLog, RotorOrder, SensorRate, SourceKind};
 use crate::model::constants::Source;
@@ -107,9 +108,6 @@ pub fn known_rotor_places(log: &FlightLog) -> Option<Vec<RotorPlace>> {
             .collect()
     })
 }
-
-/// Motor outputs that come more slowly than this contradict no frame. ArduPilot writes 10 Hz.
-const LEAST_TO_CONTRADICT_HZ: f64 = 9.0;
 
 /// The frame: named, from parameters, of a known platform, or from the motion.
 pub(crate) fn find(log: &FlightLog, grids: &[Grid], request: &Request, class: &Class) -> Result<Airframe, String> {

@@ -47,6 +47,7 @@ mod table;
 mod units;
 mod utc;
 
+pub(crate) use checks::LEAST_TO_CONTRADICT_HZ;
 pub use describe::ColumnRange;
 pub use draft::{Draft, draft};
 pub use error::LogError;

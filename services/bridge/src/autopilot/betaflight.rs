@@ -6,7 +6,8 @@
 //!  port 9001 ◀── motors, 68 bytes, at most one for each state
 //! ```
 //! Its clock is wall time × (step of our time stamps ÷ wall time between our last two packets). So packets are sent evenly spaced; a late one
-//! delays those after it (a slip), because a burst would make its clock jump. It never waits: if no motors arrive in time the latest ones
+//! delays those after it (a slip), because a burst would make its clock jump. So would two states that it reads at the same moment because its
+//! own thread was late: a state is held back until the one before it is answered, for ten spacings at most. If no motors arrive in time the latest ones
 //! stay in force, and of several the last counts. Two flights with the same seed therefore differ; the recorded commands repeat each of them.
 //!
 //! Betaflight's axes, from FRD: rates (p, q, −r), specific force (−ax, ay, az). Its compass is derived from the quaternion, which its Gazebo
@@ -29,6 +30,8 @@ const STEP_S: f64 = 0.002;
 const STATES_PER_STICKS: u64 = 5;
 /// Lateness above which a state is counted as late, fraction of the spacing.
 const LATE: f64 = 0.5;
+/// Spacings for which a state is held back until the one before it is answered.
+const HELD_BACK: u32 = 10;
 /// Maximum datagrams processed before a state is sent; a flood never delays it.
 const MOST_WAITING: u32 = 2000;
 /// A motor of an armed vehicle turns above this, µs.
@@ -310,8 +313,13 @@ impl Autopilot for Betaflight {
         }
         self.take_waiting()?;
         self.send(readings)?;
-        if !self.take_motors(self.due.unwrap_or_else(Instant::now))? {
+        let due = self.due.unwrap_or_else(Instant::now);
+        if !self.take_motors(due)? {
             self.pace.unanswered += 1;
+            // Two states that lie in its socket are read at the same moment, and its clock runs a hundred times too fast until the next one.
+            if self.take_motors(due + self.spacing * HELD_BACK)? {
+                self.due = Some(Instant::now() + self.spacing);
+            }
             let silence = self.heard.map_or(Duration::ZERO, |heard| heard.elapsed());
             if silence > self.patience.step {
                 let sentence = format!(

@@ -12,7 +12,7 @@
 use super::kinematics::mean;
 use crate::log::findings::{Finding, FindingKind};
 use crate::log::resample::median_rate_hz;
-use crate::log::{FlightLog, names, rotor_order};
+use crate::log::{FlightLog, SensorRate, names, rotor_order};
 use rotortwin_plant::vehicle::model::VehicleModel;
 
 /// Length of a window, s.
@@ -58,6 +58,11 @@ impl FlightLog {
         }
         // What is pushed about on the ground turns by other hands than its rotors'.
         if self.flight_parts(None).no_flight().is_some() {
+            return Vec::new();
+        }
+        // Commands that come more slowly are in no phase with the motion that they damp: of right logs, some fit another order better.
+        let rate = self.duty_rate().filter(SensorRate::is_slower);
+        if rate.is_some_and(|rate| rate.source_hz < LEAST_TO_CONTRADICT_HZ) {
             return Vec::new();
         }
         let arms: Vec<[f64; 3]> = vehicle
@@ -168,6 +173,9 @@ impl FlightLog {
         (moments.windows >= FEWEST_WINDOWS).then_some(moments)
     }
 }
+
+/// Motor outputs that come more slowly than this contradict no order of the motors. ArduPilot writes 10 Hz.
+pub(crate) const LEAST_TO_CONTRADICT_HZ: f64 = 9.0;
 
 /// Power of a torque over that of duties that have nothing to do with each other, below which it is rounding: single precision leaves 1e-14.
 const LEAST_POWER: f64 = 1e-9;
