@@ -117,7 +117,7 @@ pub(crate) fn find(log: &FlightLog, grids: &[Grid], request: &Request, class: &C
     if let Some((name, places, source, how)) = told {
         if places.len() != rotors {
             return Err(format!(
-                "{}: the frame {name} ({how}) has {} rotors, {rotors} outputs move (outputs {})",
+                "{}: the frame {name} ({how}) has {} rotors, {rotors} outputs move (outputs {}); where some of these are no motors, `order` of a mapping says which are",
                 log.name,
                 places.len(),
                 grids[0]

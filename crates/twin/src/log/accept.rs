@@ -169,14 +169,25 @@ fn leave_out_other_voltages(log: &mut FlightLog) {
     leave_out(log, &[names::BATTERY_VOLTAGE], &reason);
 }
 
-/// A current that flies nothing, in a log of a flight, is that of a sensor which is not connected or not scaled.
+/// A current that flies nothing, in a log of a flight, is that of a sensor which is not connected or not scaled; and so is one that is smaller
+/// than what the autopilot itself takes.
 fn leave_out_currents_of_no_flight(log: &mut FlightLog) {
-    let Some((most, where_it_is)) = checks::idle_current(log).filter(|_| checks::moves_under_power(log)) else {
+    let Some(current) = checks::idle_current(log) else {
         return;
     };
-    let reason = format!(
-        "at most {most:.2} A in {where_it_is}, and the motors are under load: the sensor is not connected or not scaled"
-    );
+    let (most_a, where_it_is) = (current.most_a, current.where_it_is);
+    let reason = if current.measures_nothing {
+        format!(
+            "at most {most_a:.3} A in {where_it_is}, and for half of that time less than an autopilot itself takes: the sensor is not connected \
+             or not scaled"
+        )
+    } else if checks::moves_under_power(log) {
+        format!(
+            "at most {most_a:.2} A in {where_it_is}, and the motors are under load: the sensor is not connected or not scaled"
+        )
+    } else {
+        return;
+    };
     leave_out(log, &[names::BATTERY_CURRENT], &reason);
 }
 

@@ -42,17 +42,7 @@ pub(crate) fn assemble(log: &SourceLog, mapping: &MappingFile, most_cells: usize
         ..ImportReport::default()
     };
     let served = serve(log, mapping, &mut report);
-    let base = base_stream(log, mapping, &served).ok_or_else(|| {
-        let found: Vec<String> = log.streams.iter().map(RawStream::label).take(12).collect();
-        format!(
-            "no field of this log is in the mapping (topics: {})",
-            if found.is_empty() {
-                "none".to_owned()
-            } else {
-                found.join(", ")
-            }
-        )
-    })?;
+    let base = base_stream(log, mapping, &served).ok_or_else(|| nothing_served(log))?;
     let start_s = log.streams[base].time_s[0];
     let base_s = &log.streams[base].time_s;
     // A column may be long where it is brought to the base's time, or of many rows that hold its fields.
@@ -69,6 +59,7 @@ pub(crate) fn assemble(log: &SourceLog, mapping: &MappingFile, most_cells: usize
         ..flown
     });
     report.happenings = happenings::of(log, start_s);
+    report.other_vehicle = outputs::other_vehicle(log);
     let mut table = Table::default();
     table.push(names::TIME, base_s.iter().map(|time| time - start_s).collect());
     let mut origin = None;
@@ -100,10 +91,42 @@ pub(crate) fn assemble(log: &SourceLog, mapping: &MappingFile, most_cells: usize
     Ok(Assembled { table, report, origin })
 }
 
+/// Why a log of which no row of the mapping takes a field is refused, and what helps: where its fields can be named.
+fn nothing_served(log: &SourceLog) -> String {
+    /// Topics, and fields of each, that are named.
+    const TOPICS: usize = 12;
+    const FIELDS: usize = 8;
+    if log.streams.is_empty() {
+        return "no field of this log is in the mapping (topics: none): it holds no message that this program reads"
+            .to_owned();
+    }
+    let fields = |stream: &RawStream| {
+        let names: Vec<&str> = stream
+            .fields
+            .iter()
+            .map(|(name, _)| name.as_str())
+            .take(FIELDS)
+            .collect();
+        let more = if stream.fields.len() > FIELDS { ", …" } else { "" };
+        format!("{}:{}{more}", stream.label(), names.join(","))
+    };
+    let mut found: Vec<String> = log.streams.iter().take(TOPICS).map(fields).collect();
+    if log.streams.len() > TOPICS {
+        found.push(format!("{} more topics", log.streams.len() - TOPICS));
+    }
+    format!(
+        "no field of this log is in the mapping (its fields: {}); if motor outputs, rotor speeds, body rates or an accelerometer are among them, a file \
+         with rows such as `to = \"rates\"`, `from = \"topic:field,field,field\"` names them: `--mapping FILE`",
+        found.join("; ")
+    )
+}
+
 /// The first row of each target whose fields are in the log and hold numbers.
 fn serve<'a>(log: &SourceLog, mapping: &'a MappingFile, report: &mut ImportReport) -> Vec<Served<'a>> {
     let mut taken: BTreeSet<&str> = BTreeSet::new();
-    let mut served = Vec::new();
+    let mut served: Vec<Served<'_>> = Vec::new();
+    // Motor outputs that stand still, of which another instance of the topic may be the one that flies the vehicle.
+    let mut still: Option<Served<'_>> = None;
     for row in &mapping.rows {
         // Euler angles and quaternion say the same; the first one found is taken.
         let key = if row.to == "quaternion" {
@@ -158,14 +181,42 @@ fn serve<'a>(log: &SourceLog, mapping: &'a MappingFile, report: &mut ImportRepor
             ));
             continue;
         }
-        taken.insert(key);
-        served.push(Served {
+        let found = Served {
             row,
             target,
             stream: index,
             fields,
-        });
+        };
+        if row.to == "duty" {
+            let varies = |field: &usize| {
+                let values = &stream.fields[*field].1;
+                let mut finite = values.iter().filter(|value| value.is_finite());
+                finite.next().is_some_and(|first| finite.any(|value| value != first))
+            };
+            let moves = found.fields.iter().any(varies);
+            match &still {
+                None if !moves => {
+                    still = Some(found);
+                    continue;
+                }
+                Some(first) => {
+                    let same = log.streams[first.stream].name == stream.name && first.stream != index;
+                    if !moves || !same {
+                        continue;
+                    }
+                    report.notes.push(format!(
+                        "{}: its outputs stand still, those of {} move and are read",
+                        log.streams[first.stream].label(),
+                        stream.label()
+                    ));
+                }
+                None => {}
+            }
+        }
+        taken.insert(key);
+        served.push(found);
     }
+    served.extend(still.filter(|_| !taken.contains("duty")));
     served
 }
 
@@ -492,6 +543,16 @@ fn ordered(row: &Row, mut values: Vec<Vec<f64>>) -> Result<Vec<Vec<f64>>, String
 fn duties(log: &SourceLog, row: &Row, values: Vec<Vec<f64>>, report: &mut ImportReport) -> Result<Converted, String> {
     let low = level(log, row.low.as_ref(), 0.0);
     let high = level(log, row.high.as_ref(), 1.0);
+    let (low, high) = match raw_commands(&values, low, high) {
+        Some(range) => {
+            report.notes.push(format!(
+                "{}: numbers beyond {MOST_PULSE_US} are no pulses of {low} to {high} µs: taken as raw commands of ESCs on a CAN bus, {} to {}",
+                row.from, range.0, range.1
+            ));
+            range
+        }
+        None => (low, high),
+    };
     if high.total_cmp(&low).is_le() {
         return Err(format!(
             "{}: {high} means duty 1 and {low} duty 0; the first must be larger",
@@ -499,6 +560,17 @@ fn duties(log: &SourceLog, row: &Row, values: Vec<Vec<f64>>, report: &mut Import
         ));
     }
     let duty_of = |value: f64| (value - low) / (high - low);
+    if let Some(vehicle) = report.other_vehicle.as_ref().filter(|_| row.order.is_none()) {
+        let reason = format!(
+            "of {vehicle}: its outputs are servos as well, and no rotors; an order of a mapping says which are"
+        );
+        report.notes.push(format!("{}: left out: {reason}", row.from));
+        report.unused_columns.push(UnusedColumn {
+            column: format!("outputs 1 to {}", values.len()),
+            reason,
+        });
+        return Ok(Vec::new());
+    }
     let values = if row.order.is_none() {
         let duties: Vec<Vec<f64>> = values
             .iter()
@@ -533,6 +605,19 @@ fn duties(log: &SourceLog, row: &Row, values: Vec<Vec<f64>>, report: &mut Import
         ));
     }
     Ok(columns)
+}
+
+/// Longest pulse of a servo or an ESC, µs.
+const MOST_PULSE_US: f64 = 2500.0;
+
+/// The range of raw commands of ESCs on a CAN bus (`uavcan.equipment.esc.RawCommand`, 14 bits with a sign), where a range of pulses is asked for and
+/// the numbers are beyond any.
+fn raw_commands(values: &[Vec<f64>], low: f64, high: f64) -> Option<(f64, f64)> {
+    const RAW: (f64, f64) = (0.0, 8191.0);
+    let pulses = (700.0..1500.0).contains(&low) && (1500.0..=MOST_PULSE_US).contains(&high);
+    let finite = values.iter().flatten().copied().filter(|value| value.is_finite());
+    let most = finite.fold(f64::NEG_INFINITY, f64::max);
+    (pulses && most > MOST_PULSE_US && most <= RAW.1).then_some(RAW)
 }
 
 /// The outputs that drive rotors, in their order; says which those are and what is left out.
@@ -656,5 +741,154 @@ fn list_unused(log: &SourceLog, served: &[Served<'_>], report: &mut ImportReport
                 ),
             });
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::log::mapping::{self, SourceName};
+
+    /// 10 s at 50 Hz of one topic, each field by its number.
+    fn stream(name: &str, fields: &[&str], of: impl Fn(usize, f64) -> f64) -> RawStream {
+        let time_s: Vec<f64> = (0..500).map(|k| 0.02 * f64::from(k)).collect();
+        let values = |field: usize| time_s.iter().map(|time| of(field, *time)).collect();
+        RawStream {
+            name: name.to_owned(),
+            fields: fields
+                .iter()
+                .enumerate()
+                .map(|(field, name)| ((*name).to_owned(), values(field)))
+                .collect(),
+            time_s,
+            ..RawStream::default()
+        }
+    }
+
+    fn assembled(log: &SourceLog, source: SourceName) -> Result<Assembled, String> {
+        assemble(log, &mapping::load(source, None).unwrap(), 1 << 20)
+    }
+
+    /// Its attitude was "missing", though two estimators had logged it.
+    #[test]
+    fn regress_an_ardupilot_log_without_att_has_the_attitude_of_its_estimator() {
+        let angles = ["Roll", "Pitch", "Yaw"];
+        let of = |names: &[&str]| {
+            let streams = names.iter().map(|name| {
+                let scale = if *name == "AHR2" { 2.0 } else { 1.0 };
+                stream(name, &angles, move |field, time| {
+                    scale * (10.0 + field as f64 + (3.0 * time).sin())
+                })
+            });
+            let log = SourceLog {
+                streams: streams.collect(),
+                ..SourceLog::default()
+            };
+            let table = assembled(&log, SourceName::ArdupilotDataflash).unwrap().table;
+            let roll = table
+                .columns
+                .iter()
+                .find(|column| column.name == names::ATTITUDE[0])
+                .unwrap();
+            roll.values[0].to_degrees()
+        };
+        assert!((of(&["AHR2", "XKF1"]) - 10.0).abs() < 1e-9);
+        assert!((of(&["AHR2"]) - 20.0).abs() < 1e-9);
+    }
+
+    /// Three servos of an aeroplane were "3 rotors".
+    #[test]
+    fn regress_outputs_of_an_aeroplane_are_no_rotors() {
+        let outputs = ["output[0]", "output[1]", "output[2]", "output[3]"];
+        let mut log = SourceLog {
+            streams: vec![
+                stream(
+                    "sensor_combined",
+                    &["gyro_rad[0]", "gyro_rad[1]", "gyro_rad[2]"],
+                    |field, time| (3.0 * time + field as f64).sin(),
+                ),
+                stream("actuator_outputs", &outputs, |field, time| {
+                    1500.0 + 300.0 * (time + field as f64).sin()
+                }),
+            ],
+            ..SourceLog::default()
+        };
+        let duties = |log: &SourceLog| {
+            let found = assembled(log, SourceName::Px4Ulog).unwrap();
+            let count = found
+                .table
+                .columns
+                .iter()
+                .filter(|column| column.name.starts_with("duty_"))
+                .count();
+            (count, found.report)
+        };
+        assert_eq!(duties(&log).0, 4);
+        log.parameters.insert("MAV_TYPE".to_owned(), 1.0);
+        let (count, report) = duties(&log);
+        assert_eq!(count, 0);
+        assert!(report.other_vehicle.is_some_and(|other| other.contains("aeroplane")));
+        assert!(
+            report.notes.iter().any(|note| note.contains("servos as well")),
+            "{:?}",
+            report.notes
+        );
+    }
+
+    /// ESCs on a CAN bus: the pulse outputs were read, all zero, and the vehicle had "no flight in this log".
+    #[test]
+    fn regress_outputs_of_another_instance_are_read_where_the_first_stand_still() {
+        let outputs = ["output[0]", "output[1]", "output[2]", "output[3]", "output[4]"];
+        let mut raw = stream("actuator_outputs", &outputs, |field, time| {
+            if field < 4 {
+                4096.0 + 100.0 * (3.0 * time + field as f64).sin()
+            } else {
+                0.0
+            }
+        });
+        raw.instance = 1;
+        let log = |first: f64| SourceLog {
+            streams: vec![
+                stream("actuator_outputs", &outputs, move |field, time| {
+                    first * (1500.0 + 100.0 * (3.0 * time + field as f64).sin())
+                }),
+                raw.clone(),
+            ],
+            ..SourceLog::default()
+        };
+        let duty = |log: &SourceLog| {
+            let found = assembled(log, SourceName::Px4Ulog).unwrap();
+            let of = |name: &str| found.table.columns.iter().find(|column| column.name == name).cloned();
+            (
+                of("duty_1").map(|column| column.values[0]),
+                of("duty_5").is_some(),
+                found.report,
+            )
+        };
+        let (first, fifth, report) = duty(&log(0.0));
+        assert!((first.unwrap() - 4096.0 / 8191.0).abs() < 1e-9 && !fifth);
+        let told = report.notes.join("\n");
+        assert!(
+            told.contains("actuator_outputs#1 move") && told.contains("CAN bus"),
+            "{told}"
+        );
+        // Outputs of the first instance that move stay what they were.
+        let (first, _, _) = duty(&log(1.0));
+        assert!((first.unwrap() - 0.5).abs() < 1e-9);
+    }
+
+    #[test]
+    fn regress_a_log_of_foreign_topics_is_told_what_helps() {
+        let log = SourceLog {
+            streams: vec![stream("LightControl", &["level", "mode"], |_, time| time)],
+            ..SourceLog::default()
+        };
+        let Err(reason) = assembled(&log, SourceName::Px4Ulog) else {
+            panic!("nothing of it can be read");
+        };
+        assert!(
+            reason.contains("LightControl:level,mode") && reason.contains("--mapping"),
+            "{reason}"
+        );
     }
 }

@@ -143,7 +143,7 @@ fn header_columns(path: &Path, header: &str) -> Result<Vec<RawColumn>, LogError>
         if column.name.is_empty() {
             return Err(LogError::format(
                 path,
-                format!("column {} has no name in the header", index + 1),
+                format!("column {} has no name in the header ({DRAFT})", index + 1),
             ));
         }
         if !seen.insert(&column.name) {

@@ -39,15 +39,18 @@ impl FlightLog {
         self.columns_in_order().into_iter().map(describe).collect()
     }
 
-    /// One line: rows, time, rate, rotors.
+    /// One line: rows, time, rate, rotors; of what is no multirotor, what it is.
     pub fn headline(&self) -> String {
+        let vehicle = match &self.report.other_vehicle {
+            Some(other) => other.clone(),
+            None => format!("{} rotors", self.rotor_count()),
+        };
         format!(
-            "{}: {} rows, {:.2} s at {:.4} Hz, {} rotors, {} columns",
+            "{}: {} rows, {:.2} s at {:.4} Hz, {vehicle}, {} columns",
             self.name,
             self.time_s.len(),
             self.duration_s(),
             self.sample_rate_hz(),
-            self.rotor_count(),
             self.columns.len()
         )
     }

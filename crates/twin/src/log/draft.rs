@@ -6,15 +6,19 @@
 //! What the names and numbers say is written down; what they do not is asked in a sentence, above the row that it is about. The draft is
 //! a mapping that the import takes as it is: whoever knows better changes a word.
 //!
+//! Cells that are lists are columns of their numbers (`v[0]`, `v[1]`, `v[2]`). A Parquet file of another program is drafted as well: of its columns,
+//! which are numbers already.
+//!
 //! Beside the file the draft is there in parts (layout, columns, rows, questions), so that a page can show it as a form.
 //!
 //! Limits: a guess by names; columns in words that are not English, or numbered, stay out. The import's own checks (axes, units, clock)
 //! tell most wrong guesses.
 
-use super::sources::csv_table::{Clock, cells, number, plain};
-use super::{LogError, MAX_COLUMNS, mapping};
+use super::sources::csv_table::{Clock, Lists, cells, list_parts, number, plain};
+use super::{LogError, MAX_COLUMNS, mapping, names, parquet};
 use serde::Serialize;
 use std::borrow::Cow;
+use std::collections::BTreeSet;
 use std::path::Path;
 use utoipa::ToSchema;
 
@@ -26,6 +30,12 @@ const MOST_PREAMBLE: usize = 50;
 const FAST_RAD_S: f64 = 12.0;
 /// Rows per second that are assumed where no column is a time.
 const GUESSED_HZ: f64 = 100.0;
+/// Numbers of a Parquet file that is drafted: 256 MiB.
+const MOST_CELLS: usize = 1 << 25;
+/// Fewest rotors of a multirotor.
+const FEWEST: usize = 3;
+/// Other groups of numbered columns that a question names.
+const MOST_GROUPS: usize = 6;
 /// Cells of a column that are shown, and characters of each.
 const EXAMPLES: usize = 3;
 const LONGEST_EXAMPLE: usize = 40;
@@ -125,6 +135,8 @@ struct Column {
     name: String,
     words: Vec<String>,
     unit: Option<&'static str>,
+    /// Which number of a list it is: `v[2]`.
+    part: Option<usize>,
     values: Vec<f64>,
     examples: Vec<String>,
     taken: bool,
@@ -137,6 +149,7 @@ impl Column {
             name: plain(header),
             words: words(header),
             unit: unit_in(header),
+            part: part_of_list(header),
             values: cells
                 .iter()
                 .map(|cell| number(cell, decimal).unwrap_or(f64::NAN))
@@ -160,10 +173,19 @@ impl Column {
         }
     }
 
-    /// `[0.1, 0.2, 0.3]` in one cell.
+    /// `[0.1, 0.2, 0.3]` in one cell, as where lists differ in length.
     fn holds_lists(&self) -> bool {
         let list = |cell: &String| cell.trim_start().starts_with(['[', '(']) && cell.contains([',', ' ']);
         !self.examples.is_empty() && self.examples.iter().all(list)
+    }
+
+    /// What is not measured but wanted: by a word of its name, or by `d` or `r` at its end (`v_d[0]`, desired; a reference).
+    fn is_wanted(&self) -> bool {
+        let ends = self
+            .words
+            .last()
+            .is_some_and(|word| ["d", "r"].contains(&word.as_str()));
+        self.has(&WANTED) || (self.words.len() > 1 && ends)
     }
 
     fn has(&self, any: &[&str]) -> bool {
@@ -186,6 +208,15 @@ impl Column {
         let mut values: Vec<f64> = self.values.iter().copied().filter(|v| v.is_finite()).collect();
         super::resample::median(&mut values).unwrap_or(0.0)
     }
+}
+
+/// The number of a part of a list, `v[2]`; none of a name with a unit, `Acc [g]`.
+fn part_of_list(header: &str) -> Option<usize> {
+    let (stem, rest) = header.rsplit_once('[')?;
+    let number = rest.strip_suffix(']')?;
+    (!stem.is_empty() && number.bytes().all(|digit| digit.is_ascii_digit()))
+        .then(|| number.parse().ok())
+        .flatten()
 }
 
 /// Lower-case words of a name: parted at signs, at capitals, and between letters and digits.
@@ -363,6 +394,8 @@ struct Table {
     skip_lines: usize,
     columns: Vec<Column>,
     clock: Option<FoundClock>,
+    /// Columns whose lists are parted.
+    lists: Vec<String>,
 }
 
 /// Drafts the mapping of a CSV.
@@ -370,14 +403,26 @@ struct Table {
 /// # Errors
 /// The file is no table of text: one sentence.
 pub fn draft(path: &Path, bytes: &[u8]) -> Result<Draft, LogError> {
-    if super::sources::detect(bytes).is_some() || bytes.starts_with(b"PAR1") {
-        return Err(LogError::format(
+    let as_it_is = || {
+        LogError::format(
             path,
-            "this program reads the file as it is; a mapping is for a CSV with columns of its own",
-        ));
+            "this program reads the file as it is; a mapping is for a table with columns of its own",
+        )
+    };
+    if super::sources::detect(bytes).is_some() {
+        return Err(as_it_is());
     }
-    let text = text_of(bytes).map_err(|reason| LogError::format(path, reason))?;
-    let mut table = table(text.trim_start_matches('\u{feff}')).map_err(|reason| LogError::format(path, reason))?;
+    let is_parquet = bytes.starts_with(parquet::MAGIC);
+    let mut table = if is_parquet {
+        let (read, _) = parquet::read(path, bytes.to_vec(), MOST_CELLS)?;
+        if read.columns.iter().any(|column| column.name == names::TIME) {
+            return Err(as_it_is());
+        }
+        of_numbers(&read)
+    } else {
+        text_of(bytes).and_then(|text| table(text.trim_start_matches('\u{feff}')))
+    }
+    .map_err(|reason| LogError::format(path, reason))?;
     let mut writer = Writer::default();
     let lists: Vec<&str> = table
         .columns
@@ -387,7 +432,8 @@ pub fn draft(path: &Path, bytes: &[u8]) -> Result<Draft, LogError> {
         .collect();
     if !lists.is_empty() {
         let sentence = format!(
-            "the cells of {} are lists of numbers, which no row can take: write each number into a column of its own ({first}_x, {first}_y, {first}_z) and draft again",
+            "the cells of {} are lists of different lengths or of more than numbers, which no row can take: write each number into a column of its own \
+             ({first}_x, {first}_y, {first}_z) and draft again",
             lists.join(", "),
             first = lists[0]
         );
@@ -405,7 +451,17 @@ pub fn draft(path: &Path, bytes: &[u8]) -> Result<Draft, LogError> {
         ' ' => "space".to_owned(),
         other => other.to_string(),
     };
-    head += &format!("separator = \"{separator}\"\ndecimal = \"{}\"\n", table.decimal);
+    if is_parquet {
+        head += "# A Parquet file: its columns are numbers, only the clock counts.\n";
+    } else {
+        head += &format!("separator = \"{separator}\"\ndecimal = \"{}\"\n", table.decimal);
+    }
+    if let Some(first) = table.lists.first() {
+        head += &format!(
+            "# The cells of {} are lists: their numbers are the columns {first}[0], {first}[1] and so on.\n",
+            table.lists.join(", ")
+        );
+    }
     if table.skip_lines > 0 {
         head += &format!("skip_lines = {} # before the header\n", table.skip_lines);
     }
@@ -500,7 +556,8 @@ fn layout(body: &[&str]) -> Option<(char, char, usize)> {
             let cells = cells(line, separator);
             if cells.len() == middle {
                 alike += 1;
-                found += cells.iter().filter(|cell| number(cell, decimal).is_some()).count();
+                let counts = |cell: &&&str| number(cell, decimal).is_some() || list_parts(cell, decimal).is_some();
+                found += cells.iter().filter(counts).count();
             }
         }
         (middle >= 2 && 2 * alike > body.len()).then_some((found, middle))
@@ -557,11 +614,20 @@ fn table(text: &str) -> Result<Table, String> {
             "more than {MAX_COLUMNS} columns in the header; a flight log was expected"
         ));
     }
-    let mut raw: Vec<Vec<&str>> = vec![Vec::new(); width];
+    let parted = Lists::of(lines[place + 1..].iter().copied(), width, separator, decimal);
+    let names: Vec<String> = names.into_iter().map(str::to_owned).collect();
+    let lists = parted.parted(&names).into_iter().map(plain).collect();
+    let names = parted.names(&names);
+    if names.len() > MAX_COLUMNS {
+        return Err(format!(
+            "more than {MAX_COLUMNS} columns with the numbers of lists; a flight log was expected"
+        ));
+    }
+    let mut raw: Vec<Vec<&str>> = vec![Vec::new(); names.len()];
     for line in &lines[place + 1..] {
         let cells = cells(line, separator);
         if cells.len() == width {
-            for (column, cell) in raw.iter_mut().zip(cells) {
+            for (column, cell) in raw.iter_mut().zip(parted.cells(cells, decimal)) {
                 column.push(cell);
             }
         }
@@ -581,6 +647,48 @@ fn table(text: &str) -> Result<Table, String> {
         skip_lines: place,
         columns,
         clock,
+        lists,
+    })
+}
+
+/// A table whose columns are numbers already; rows from the beginning and from all over the rest are looked at, as of a text.
+fn of_numbers(read: &super::table::Table) -> Result<Table, String> {
+    let rows = read.columns.first().map_or(0, |column| column.values.len());
+    if rows < 2 {
+        return Err("fewer than two rows; a flight log was expected".to_owned());
+    }
+    let every = (rows.saturating_sub(ROWS) / (ROWS / 4)).max(1);
+    let places: Vec<usize> = (0..rows.min(ROWS)).chain((ROWS..rows).step_by(every)).collect();
+    let text = |value: f64| {
+        if value.is_finite() {
+            value.to_string()
+        } else {
+            String::new()
+        }
+    };
+    let written: Vec<Vec<String>> = read
+        .columns
+        .iter()
+        .map(|column| places.iter().map(|row| text(column.values[*row])).collect())
+        .collect();
+    let raw: Vec<Vec<&str>> = written
+        .iter()
+        .map(|column| column.iter().map(String::as_str).collect())
+        .collect();
+    let mut columns: Vec<Column> = read
+        .columns
+        .iter()
+        .zip(&raw)
+        .map(|(column, cells)| Column::new(&column.name, cells, '.'))
+        .collect();
+    let clock = clock(&mut columns, &raw, '.');
+    Ok(Table {
+        separator: ',',
+        decimal: '.',
+        skip_lines: 0,
+        columns,
+        clock,
+        lists: Vec::new(),
     })
 }
 
@@ -721,21 +829,65 @@ fn triple(columns: &mut [Column], axes: &[[&str; 3]], what: &[&str], not: &[&str
 }
 
 /// Three columns along axes that fit; taken at once.
+///
+/// Of several such the one whose names have the fewest other words: `velocity x` before `user velocity x`. The other words of the three are alike,
+/// unless there are no such three.
 fn triple_of(columns: &mut [Column], axes: &[[&str; 3]], fits: impl Fn(&Column) -> bool) -> Option<[usize; 3]> {
+    let usable = |c: &Column, axis: &str| {
+        !c.taken && c.part.is_none() && c.has(&[axis]) && fits(c) && c.values.iter().any(|v| v.is_finite())
+    };
+    let others = |c: &Column, axis: &str| {
+        let mut words = c.words.clone();
+        if let Some(place) = words.iter().position(|word| word == axis) {
+            words.remove(place);
+        }
+        words
+    };
     for names in axes {
-        let find = |axis: &str| {
-            columns
-                .iter()
-                .position(|c| !c.taken && c.has(&[axis]) && fits(c) && c.values.iter().any(|v| v.is_finite()))
+        let like = |first: usize| {
+            let words = others(&columns[first], names[0]);
+            let find = |axis: &str| columns.iter().position(|c| usable(c, axis) && others(c, axis) == words);
+            Some((words.len(), [first, find(names[1])?, find(names[2])?]))
         };
-        if let (Some(a), Some(b), Some(c)) = (find(names[0]), find(names[1]), find(names[2])) {
-            for index in [a, b, c] {
+        let alike = (0..columns.len())
+            .filter(|index| usable(&columns[*index], names[0]))
+            .filter_map(like)
+            .min_by_key(|(words, _)| *words)
+            .map(|(_, found)| found);
+        let find = |axis: &str| columns.iter().position(|c| usable(c, axis));
+        let any = || Some([find(names[0])?, find(names[1])?, find(names[2])?]);
+        if let Some(found) = alike.or_else(any) {
+            for index in found {
                 columns[index].taken = true;
             }
-            return Some([a, b, c]);
+            return Some(found);
         }
     }
     None
+}
+
+/// The numbers of a list of so many, whose name has one of some words and is not of what is wanted; taken at once. Of several lists the one
+/// whose name has the fewest words.
+fn list_of(columns: &mut [Column], what: &[&str], not: &[&str], count: usize) -> Option<Vec<usize>> {
+    let stem = |c: &Column| c.name.rsplit_once('[').map(|(stem, _)| stem.to_owned());
+    let of = |first: usize| -> Option<Vec<usize>> {
+        let name = stem(&columns[first]);
+        let find = |part: usize| columns.iter().position(|c| c.part == Some(part) && stem(c) == name);
+        let found: Vec<usize> = (0..count).map_while(find).collect();
+        (found.len() == count && find(count).is_none()).then_some(found)
+    };
+    let found = (0..columns.len())
+        .filter(|index| {
+            let c = &columns[*index];
+            !c.taken && c.part == Some(0) && c.has(what) && !c.has(not) && !c.is_wanted()
+        })
+        .filter_map(|index| Some((columns[index].words.len(), of(index)?)))
+        .min_by_key(|(words, _)| *words)
+        .map(|(_, found)| found)?;
+    for index in &found {
+        columns[*index].taken = true;
+    }
+    Some(found)
 }
 
 /// Three columns of one name and numbers from 0 or 1, as PX4's `sensor_combined` has them (`gyro_rad[0]`, `gyro_rad_1`); taken at once.
@@ -768,8 +920,18 @@ fn numbered(columns: &mut [Column], what: &[&str]) -> Option<([usize; 3], Option
     })
 }
 
+/// As many as a vector has.
+fn three_of(found: Vec<usize>) -> Option<[usize; 3]> {
+    found.try_into().ok()
+}
+
 /// What is not measured but wanted.
-const WANTED: [&str; 16] = [
+const WANTED: [&str; 21] = [
+    "defined",
+    "commanded",
+    "demanded",
+    "goal",
+    "planned",
     "ref",
     "reference",
     "setpoint",
@@ -799,7 +961,8 @@ fn map_columns(columns: &mut [Column], out: &mut Writer) {
         triple(columns, &AXES[..1], &accel, &WANTED).or_else(|| triple(columns, &[["ax", "ay", "az"]], &[], &WANTED));
     let found = by_axis
         .map(|found| (found, columns[found[0]].unit))
-        .or_else(|| numbered(columns, &accel[..4]));
+        .or_else(|| numbered(columns, &accel[..4]))
+        .or_else(|| three_of(list_of(columns, &["a"], &[], 3)?).map(|found| (found, None)));
     if let Some((found, stated)) = found {
         let size = {
             let mut sizes: Vec<f64> = (0..columns[found[0]].values.len())
@@ -815,21 +978,39 @@ fn map_columns(columns: &mut [Column], out: &mut Writer) {
             s if (400.0..2500.0).contains(&s) => Some("mg"),
             _ => None,
         });
-        let upwards = columns[found[2]].median() > 0.0;
+        let down = columns[found[2]].median();
+        let upwards = down > 0.0;
         let frame = if upwards { "flu" } else { "frd" };
-        body = Some(frame);
+        // At rest an accelerometer reads gravity; an acceleration of the motion, or one that is asked for, reads nothing.
+        let weight = match unit {
+            Some("g") => 1.0,
+            Some("mg") => 1000.0,
+            Some(_) => 9.81,
+            None => size,
+        };
+        let gravity = down.abs() > 0.4 * weight && size > 0.0;
+        if gravity {
+            body = Some(frame);
+        } else {
+            out.ask("accel", format!(
+                "{} to {}: the median of the z axis is {down:.3} and that of their length {size:.3}: no gravity is in it. Is this what an accelerometer reads \
+                 (9.81 at rest), or an acceleration of the motion or of a reference? Remove the row if it is not an accelerometer's",
+                columns[found[0]].name, columns[found[2]].name
+            ));
+        }
         if unit.is_none() {
             out.ask("accel", format!(
                 "{} to {}: what is the unit of the accelerometer (m/s2, g, mg)? Its median is {size:.3}; m/s2 is written here, and at rest it must read 9.81",
                 columns[found[0]].name, columns[found[2]].name
             ));
         }
-        let axes = if upwards {
-            "he z axis reads upwards at rest: body axes forward, left, up"
-        } else {
-            "he z axis reads downwards at rest: body axes forward, right, down"
+        let axes = match (gravity, upwards) {
+            (false, _) => "the z axis shows no gravity: body axes forward, right, down are assumed",
+            (true, true) => "the z axis reads upwards at rest: body axes forward, left, up",
+            (true, false) => "the z axis reads downwards at rest: body axes forward, right, down",
         };
-        out.text += &format!("\n# T{axes}.\n");
+        let frame = if gravity { frame } else { "frd" };
+        out.text += &format!("\n# In the accelerometer's columns {axes}.\n");
         let unit = unit.unwrap_or("m/s2");
         out.row(DraftedRow {
             to: "accel".to_owned(),
@@ -837,7 +1018,7 @@ fn map_columns(columns: &mut [Column], out: &mut Writer) {
             unit: Some(unit.to_owned()),
             frame: Some(frame.to_owned()),
             evidence: format!(
-                "{}; t{axes}",
+                "{}; {axes}",
                 evidence(stated.is_some(), unit, &format!("its median length is {size:.3}"))
             ),
             ..DraftedRow::default()
@@ -856,7 +1037,9 @@ fn map_columns(columns: &mut [Column], out: &mut Writer) {
         "rollspeed",
         "bodyrate",
     ];
-    let by_axis = triple(columns, &AXES[..3], &gyro, &WANTED).or_else(|| triple(columns, &AXES[2..3], &[], &WANTED));
+    let by_axis = triple(columns, &AXES[..3], &gyro, &WANTED)
+        .or_else(|| triple(columns, &[["wx", "wy", "wz"]], &[], &WANTED))
+        .or_else(|| triple(columns, &AXES[2..3], &[], &WANTED));
     let found = by_axis.map(|found| (found, columns[found[0]].unit)).or_else(|| {
         // A gyroscope whose name says `rad` or `deg` means them per second.
         let (found, unit) = numbered(columns, &gyro[..3])?;
@@ -869,6 +1052,7 @@ fn map_columns(columns: &mut [Column], out: &mut Writer) {
             }),
         ))
     });
+    let found = found.or_else(|| three_of(list_of(columns, &gyro[3..], &[], 3)?).map(|found| (found, None)));
     if let Some((found, stated)) = found {
         let largest = found.map(|i| columns[i].largest()).into_iter().fold(0.0, f64::max);
         let stated = stated.filter(|unit| ["deg/s", "rad/s"].contains(unit));
@@ -932,6 +1116,47 @@ fn quaternion(columns: &mut [Column], out: &mut Writer) {
             return;
         }
     }
+    quaternion_of_list(columns, out);
+}
+
+/// A list of four numbers: the scalar is the first of them or the last, by what is largest while a vehicle is upright and heads about north.
+fn quaternion_of_list(columns: &mut [Column], out: &mut Writer) {
+    let what = ["q", "quat", "quaternion", "orientation", "attitude"];
+    let Some(found) = list_of(columns, &what, &[], 4) else {
+        return;
+    };
+    let size = |part: usize| {
+        let mut values: Vec<f64> = columns[found[part]].values.iter().map(|v| v.abs()).collect();
+        values.retain(|v| v.is_finite());
+        super::resample::median(&mut values).unwrap_or(0.0)
+    };
+    let (first, last) = (size(0), size(3));
+    let (order, words) = if last > first {
+        ([3, 0, 1, 2], "x, y, z, w")
+    } else {
+        ([0, 1, 2, 3], "w, x, y, z")
+    };
+    let names: Vec<String> = order.map(|part| columns[found[part]].name.clone()).to_vec();
+    out.ask(
+        "quaternion",
+        format!(
+            "{}: which of its four numbers is the scalar w? The first has the median size {first:.2} and the last {last:.2}, so {words} is taken for \
+             their order",
+            columns[found[0]].name
+        ),
+    );
+    out.ask(
+        "quaternion",
+        "the quaternion: from which body axes to which world axes (ned-frd, enu-flu, nwu-flu)? ned-frd is written here"
+            .to_owned(),
+    );
+    out.row(DraftedRow {
+        to: "quaternion".to_owned(),
+        from: names,
+        frame: Some("ned-frd".to_owned()),
+        evidence: format!("a list of four; the order {words} by their sizes"),
+        ..DraftedRow::default()
+    });
 }
 
 fn attitude(columns: &mut [Column], out: &mut Writer) {
@@ -1027,6 +1252,11 @@ fn world(columns: &mut [Column], out: &mut Writer) {
             .or_else(|| triple(columns, &[glued], &[], &not).map(|found| (found, "")))
             .or_else(|| triple(columns, &AXES[..1], &stems, &not).map(|found| (found, "")))
             .or_else(|| {
+                let letter = if to == "position" { "p" } else { "v" };
+                let names = [&stems[..], &[letter]].concat();
+                Some((three_of(list_of(columns, &names, &not, 3)?)?, ""))
+            })
+            .or_else(|| {
                 // x, y, z and nothing else: what a motion capture writes.
                 let found = triple_of(columns, &AXES[..1], |c| to == "position" && c.words.len() == 1)?;
                 Some((found, ""))
@@ -1064,40 +1294,78 @@ fn world(columns: &mut [Column], out: &mut Writer) {
     }
 }
 
-/// The longest run of columns that differ by a number alone, which counts up from the least.
-fn run_of(columns: &[Column], fits: impl Fn(&Column) -> bool) -> Vec<usize> {
-    let number = |c: &Column| -> Option<(u32, Vec<String>)> {
-        let (place, number) = c
-            .words
-            .iter()
-            .enumerate()
-            .find_map(|(i, word)| Some((i, word.parse().ok()?)))?;
+/// Columns that differ by a number alone, which counts up from the least.
+#[derive(Debug, Clone, PartialEq)]
+struct Run {
+    columns: Vec<usize>,
+    /// Which of the numbers in the names it is, from 0: of `m1_t0` the motor comes before the time.
+    place: usize,
+}
+
+impl Run {
+    /// What makes a run of outputs the one that drives the rotors: it moves, the first number of its names counts, it is long, and its numbers
+    /// are those of an output.
+    fn rank(&self, columns: &[Column]) -> (bool, bool, usize, bool) {
+        let ranges = || self.columns.iter().map(|index| columns[*index].range());
+        let moves = ranges().filter(|(low, high)| high > low).count() >= FEWEST;
+        let of_outputs = ranges().all(|(low, high)| (low >= 0.0 && high <= 1.001) || (low >= 800.0 && high <= 2200.0));
+        (moves, self.place == 0, self.columns.len(), of_outputs)
+    }
+}
+
+/// Runs of columns whose names differ by a number alone, each once, in the order of the file.
+fn runs_of(columns: &[Column], fits: impl Fn(&Column) -> bool) -> Vec<Run> {
+    /// Numbers of a name that are looked at.
+    const NUMBERS: usize = 4;
+    let number = |c: &Column, place: usize| -> Option<(u32, Vec<String>)> {
+        if let Some(part) = c.part {
+            return (place == 0)
+                .then(|| Some((u32::try_from(part).ok()?, c.words.clone())))
+                .flatten();
+        }
+        let numbers = c.words.iter().enumerate();
+        let (at, number) = numbers
+            .filter_map(|(i, word)| Some((i, word.parse().ok()?)))
+            .nth(place)?;
         let mut rest = c.words.clone();
-        rest.remove(place);
+        // What is left keeps its place, so that numbers of different places are not of one run.
+        rest[at] = "#".to_owned();
         Some((number, rest))
     };
-    let numbered: Vec<(u32, Vec<String>, usize)> = columns
+    let mut found: Vec<Run> = Vec::new();
+    for place in 0..NUMBERS {
+        let numbered: Vec<(u32, Vec<String>, usize)> = columns
+            .iter()
+            .enumerate()
+            .filter(|(_, c)| !c.taken && fits(c) && c.values.iter().any(|v| v.is_finite()))
+            .filter_map(|(i, c)| number(c, place).map(|(number, rest)| (number, rest, i)))
+            .collect();
+        let mut seen = BTreeSet::new();
+        for (_, rest, _) in numbered.iter().filter(|column| seen.insert(&column.1)) {
+            let of = || numbered.iter().filter(|column| column.1 == *rest);
+            let first = of().map(|column| column.0).min().unwrap_or(0);
+            let columns: Vec<usize> = (first..=u32::MAX)
+                .map_while(|wanted| of().find(|column| column.0 == wanted).map(|column| column.2))
+                .collect();
+            let run = Run { columns, place };
+            if run.columns.len() >= FEWEST && !found.contains(&run) {
+                found.push(run);
+            }
+        }
+    }
+    found
+}
+
+/// The run that ranks highest, the first of equals.
+fn best_of(columns: &[Column], runs: &[Run]) -> Option<Run> {
+    let ranked = |best: Option<&Run>, run: &Run| best.is_none_or(|best| run.rank(columns) > best.rank(columns));
+    let best = runs
         .iter()
-        .enumerate()
-        .filter(|(_, c)| !c.taken && fits(c) && c.values.iter().any(|v| v.is_finite()))
-        .filter_map(|(i, c)| number(c).map(|(number, rest)| (number, rest, i)))
-        .collect();
-    let run = |rest: &Vec<String>| -> Vec<usize> {
-        let of = || numbered.iter().filter(|column| column.1 == *rest);
-        let first = of().map(|column| column.0).min().unwrap_or(0);
-        (first..=u32::MAX)
-            .map_while(|wanted| of().find(|column| column.0 == wanted).map(|column| column.2))
-            .collect()
-    };
-    numbered.iter().map(|column| run(&column.1)).fold(Vec::new(), longer)
+        .fold(None, |best, run| if ranked(best, run) { Some(run) } else { best });
+    best.cloned()
 }
 
-/// The longer of two, the first of equals.
-fn longer(a: Vec<usize>, b: Vec<usize>) -> Vec<usize> {
-    if b.len() > a.len() { b } else { a }
-}
-
-/// Motor outputs and rotor speeds: the longest run of numbered columns of one name.
+/// Motor outputs and rotor speeds: the run of numbered columns of one name that moves, the longest of several.
 fn rotors(columns: &mut [Column], out: &mut Writer) {
     for (to, stems) in [
         ("rotor_speed", &["rpm", "erpm", "omega"][..]),
@@ -1112,23 +1380,45 @@ fn rotors(columns: &mut [Column], out: &mut Writer) {
         let speeds = ["rpm", "erpm"];
         let fits = |c: &Column, stem: &str| match to {
             // `omega_x` is a body rate.
-            "rotor_speed" => c.has(&[stem]) && !c.has(&["x", "y", "z"]) && !c.has(&WANTED),
+            "rotor_speed" => {
+                let of_motors = c.unit == Some("rad/s") && c.has(&["m", "motor", "rotor"]);
+                (c.has(&[stem]) || of_motors) && !c.has(&["x", "y", "z"]) && !c.has(&WANTED)
+            }
             _ => c.has(&[stem]) && !c.has(&speeds),
         };
-        let mut best = stems
-            .iter()
-            .map(|stem| run_of(columns, |c| fits(c, stem)))
-            .fold(Vec::new(), longer);
-        if to == "duty" && best.len() < 3 {
-            // The speeds that a controller asks for are its outputs.
-            best = run_of(columns, |c| c.has(&speeds) && c.has(&WANTED));
+        let mut runs: Vec<Run> = Vec::new();
+        for stem in stems {
+            for run in runs_of(columns, |c| fits(c, stem)) {
+                if !runs.contains(&run) {
+                    runs.push(run);
+                }
+            }
         }
-        if best.len() < 3 {
+        if to == "duty" && runs.is_empty() {
+            // The speeds that a controller asks for are its outputs.
+            runs = runs_of(columns, |c| c.has(&speeds) && c.has(&WANTED));
+        }
+        // Electrical turns are the rotor's times the pole pairs of its motor, which no table states.
+        let electrical = |run: &Run| columns[run.columns[0]].has(&["erpm"]);
+        if to == "rotor_speed" && !runs.is_empty() && runs.iter().all(electrical) {
+            if let Some(run) = best_of(columns, &runs) {
+                let names: Vec<&str> = run.columns.iter().map(|i| columns[*i].name.as_str()).collect();
+                out.ask("rotor_speed", format!(
+                    "{}: electrical turns a minute: how many pairs of magnets has a motor? A rotor turns at this number over the pairs. With P of them \
+                     the row is: to = \"rotor_speed\", from = \"csv:{}\", unit = \"rpm\", factor = 1/P as a decimal number; none is written here",
+                    names[0],
+                    names.join(",")
+                ));
+            }
+            continue;
+        }
+        runs.retain(|run| to != "rotor_speed" || !electrical(run));
+        let Some(Run { columns: best, .. }) = best_of(columns, &runs) else {
             if to == "duty" {
                 out.ask("duty", "no columns for the motor outputs were recognised: which ones are they? Without them nothing can be predicted".to_owned());
             }
             continue;
-        }
+        };
         for index in &best {
             columns[*index].taken = true;
         }
@@ -1151,6 +1441,8 @@ fn rotors(columns: &mut [Column], out: &mut Writer) {
             .fold((f64::INFINITY, f64::NEG_INFINITY), |a, b| (a.0.min(b.0), a.1.max(b.1)));
         let (from, until) = match high {
             most if most <= 1.001 => (0.0, 1.0),
+            // No percent: the largest is as near to full as the rows show.
+            most if most <= 2.0 => (0.0, most),
             most if most <= 100.5 => (0.0, 100.0),
             most if most <= 255.0 => (0.0, 255.0),
             most if most <= 1000.5 => (0.0, 1000.0),
@@ -1164,6 +1456,50 @@ fn rotors(columns: &mut [Column], out: &mut Writer) {
             "{}: which number is zero throttle and which is full? They range from {low} to {high} in the rows read here, so {from} and {until} are written here",
             names.join(", ")
         ));
+        let others: Vec<String> = runs
+            .iter()
+            .filter(|run| run.columns != best && run.columns.iter().all(|index| !best.contains(index)))
+            .map(|run| {
+                let name = |index: Option<&usize>| index.map_or("", |index| columns[*index].name.as_str());
+                let range = |index: &usize| columns[*index].range();
+                let low = run
+                    .columns
+                    .iter()
+                    .map(|index| range(index).0)
+                    .fold(f64::INFINITY, f64::min);
+                let high = run
+                    .columns
+                    .iter()
+                    .map(|index| range(index).1)
+                    .fold(f64::NEG_INFINITY, f64::max);
+                format!(
+                    "{} to {} ({low} to {high})",
+                    name(run.columns.first()),
+                    name(run.columns.last())
+                )
+            })
+            .take(MOST_GROUPS)
+            .collect();
+        if !others.is_empty() {
+            out.ask(
+                "duty",
+                format!(
+                    "which numbered columns drive the rotors? {} are taken; there are also {}",
+                    names.join(", "),
+                    others.join(", ")
+                ),
+            );
+        }
+        if best
+            .iter()
+            .any(|i| columns[*i].has(&["thrust", "thrusts", "force", "lift"]))
+        {
+            out.ask("duty", format!(
+                "{}: by their name these are thrusts: a mapping takes a number for the duty in proportion, and a thrust grows by about the square of the \
+                 duty: are they what the motors are asked for, or what they are thought to give?",
+                names[0]
+            ));
+        }
         let negative: Vec<&str> = best
             .iter()
             .map(|i| &columns[*i])
@@ -1212,7 +1548,8 @@ fn battery(columns: &mut [Column], out: &mut Writer) {
                 .any(|(_, factor)| plausible.contains(&(c.median() * factor))),
         };
         // "F_curr_y" is the current value of something with axes.
-        let free = |c: &Column| !c.taken && !c.has(&["cell", "tot", "ref", "x", "y", "z"]) && fits(c);
+        let free =
+            |c: &Column| !c.taken && c.part.is_none() && !c.has(&["cell", "tot", "ref", "x", "y", "z"]) && fits(c);
         let of_battery = ["bat", "batt", "battery", "pack", "akku", "supply", "lipo"];
         let Some(found) = columns.iter().position(|c| free(c) && c.has(words)).or_else(|| {
             columns
@@ -1614,10 +1951,223 @@ mod tests {
         let row = |to: &str| draft.rows.iter().find(|row| row.to == to).unwrap();
         assert_eq!(row("position").from, ["North", "East", "Down"]);
         assert_eq!(row("attitude").from, ["Euler_X", "Euler_Y", "Euler_Z"]);
+        // A position is there already: which of the two is meant, nobody asked for.
+        assert_eq!(draft.left_out, ["p[0]", "p[1]", "p[2]"]);
+        assert!(draft.toml.contains("# The cells of p are lists"), "{}", draft.toml);
+    }
+
+    /// As pandas writes arrays (a public data set of flights in wind): nothing of it could be read before each number had a column of its own.
+    #[test]
+    fn regress_lists_in_cells_are_drafted_and_imported() {
+        let mut text = ",t,p,p_d,v,v_d,q,R,w,T_sp,q_sp,pwm\n".to_owned();
+        for k in 0..400 {
+            let t = 0.02 * f64::from(k);
+            let (sin, cos) = t.sin_cos();
+            text += &format!(
+                "{k},{t:.2},\"[{sin}, 0.0, 2.1]\",\"[{sin}, 0.0, 2.0]\",\"[{cos}, -0.1, 0.0]\",\"[{cos}, 0.0, 0.0]\",\"[0.01, 0.02, 0.01, -0.9997]\",\
+                 \"[[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]\",\"[0.1, {:.3}, -0.2]\",[0.49],\"[0.0, 0.0, 0.0, -1.0]\",\
+                 \"[{:.1}, 1080.5, 950.0, 1010.0]\"\n",
+                0.3 * sin,
+                1100.0 + 50.0 * sin
+            );
+        }
+        let folder = tempfile::tempdir().unwrap();
+        let (file, map) = (folder.path().join("lists.csv"), folder.path().join("map.toml"));
+        let found = draft(&file, text.as_bytes()).unwrap();
+        let row = |to: &str| &found.rows.iter().find(|row| row.to == to).unwrap().from;
+        assert_eq!(*row("position"), ["p[0]", "p[1]", "p[2]"]);
+        assert_eq!(*row("velocity"), ["v[0]", "v[1]", "v[2]"]);
+        assert_eq!(*row("rates"), ["w[0]", "w[1]", "w[2]"]);
+        assert_eq!(*row("quaternion"), ["q[3]", "q[0]", "q[1]", "q[2]"]);
+        assert_eq!(row("duty").len(), 4);
         assert!(
-            draft.toml.contains("the cells of p are lists of numbers") && draft.toml.contains("p_x, p_y, p_z"),
+            !found.rows.iter().any(|row| row.to.starts_with("battery")),
             "{}",
-            draft.toml
+            found.toml
+        );
+        assert!(found.left_out.contains(&"v_d[2]".to_owned()) && found.left_out.contains(&"T_sp".to_owned()));
+        std::fs::write(&file, &text).unwrap();
+        std::fs::write(&map, &found.toml).unwrap();
+        let options = ReadOptions {
+            mapping: Some(map),
+            ..ReadOptions::default()
+        };
+        let log = FlightLog::read_with(&file, &options).unwrap();
+        assert_eq!((log.rotor_count(), log.time_s.len()), (4, 400));
+        assert_eq!(log.column("velocity_east_m_s").unwrap()[7], -0.1);
+        assert!((log.column("duty_2").unwrap()[0] - 0.0805).abs() < 1e-9);
+    }
+
+    /// A table of a data set of a small quadrotor: body rates `wx`, poses and set points beside the state, thrusts of the motors in no percent.
+    #[test]
+    fn regress_bare_body_rates_are_known_and_thrusts_are_asked_about() {
+        let header = ",t,x,y,z,vx,vy,vz,wx,wy,wz,x_poses,y_poses,z_poses,m1_thrust,m2_thrust,m3_thrust,m4_thrust,wx_setpoint,wy_setpoint,wz_setpoint";
+        let rows: Vec<String> = (0..100)
+            .map(|k| {
+                let t = 0.01 * f64::from(k);
+                format!(
+                    "{k},{t},0.1,0.2,{t},0,0.1,0.2,{},0.1,0.2,0.1,0.2,{t},1.076,{},0.5,0.6,0,0,0",
+                    0.3 * t.sin(),
+                    0.5 + t / 4.0
+                )
+            })
+            .collect();
+        let text = format!("{header}\n{}\n", rows.join("\n"));
+        let found = draft(Path::new("x.csv"), text.as_bytes()).unwrap();
+        let row = |to: &str| found.rows.iter().find(|row| row.to == to).unwrap();
+        assert_eq!(row("rates").from, ["wx", "wy", "wz"]);
+        assert_eq!(row("position").from, ["x", "y", "z"]);
+        assert_eq!((row("duty").low, row("duty").high), (Some(0.0), Some(1.076)));
+        let asks = |part: &str| found.questions.iter().any(|question| question.sentence.contains(part));
+        assert!(asks("by their name these are thrusts"), "{:?}", found.questions);
+        // What helps is said where the table is refused.
+        let folder = tempfile::tempdir().unwrap();
+        let file = folder.path().join("x.csv");
+        std::fs::write(&file, &text).unwrap();
+        let reason = FlightLog::read(&file).unwrap_err().to_string();
+        assert!(
+            reason.contains("column 1 has no name") && reason.contains("rotortwin log map"),
+            "{reason}"
+        );
+    }
+
+    /// A logger of a vehicle with eight rotors: set points stood for the state, and the motors of another vehicle, all zero, for its own.
+    #[test]
+    fn regress_the_state_goes_before_what_the_user_asks_for_and_motors_that_turn_before_those_that_do_not() {
+        let mut names = vec!["Current time [s]".to_owned()];
+        for what in ["User-defined velocity", "User-defined position", "Velocity", "Position"] {
+            let unit = if what.to_lowercase().ends_with("position") {
+                "m"
+            } else {
+                "m/s"
+            };
+            names.extend(["x", "y", "z"].map(|axis| format!("{what} {axis} [{unit}]")));
+        }
+        names.extend((1..=4).map(|motor| format!("Thrust motors QUADCOPTER T{motor} [N]")));
+        names.extend((1..=8).map(|motor| format!("Thrust motors X8COPTER T{motor} [N]")));
+        names.extend((1..=8).map(|motor| format!("Thrust motors normalized X8COPTER T{motor} [-]")));
+        let rows: Vec<String> = (0..100)
+            .map(|k| {
+                let t = 0.01 * f64::from(k);
+                let mut cells = vec![format!("{t:.2}")];
+                cells.extend((0..12).map(|column| format!("{:.3}", (t + f64::from(column)).sin())));
+                cells.extend((0..4).map(|_| "0".to_owned()));
+                cells.extend((0..8).map(|motor| format!("{:.3}", 3.0 + (t + f64::from(motor)).sin())));
+                cells.extend((0..8).map(|motor| format!("{:.3}", 0.5 + 0.1 * (t + f64::from(motor)).sin())));
+                cells.join(", ")
+            })
+            .collect();
+        let text = format!("{}\n{}\n", names.join(", "), rows.join("\n"));
+        let found = draft(Path::new("x.csv"), text.as_bytes()).unwrap();
+        let row = |to: &str| &found.rows.iter().find(|row| row.to == to).unwrap().from;
+        assert_eq!(row("velocity")[0], "Velocity x [m/s]");
+        assert_eq!(row("position")[2], "Position z [m]");
+        assert_eq!(row("duty").len(), 8);
+        assert_eq!(row("duty")[7], "Thrust motors normalized X8COPTER T8 [-]");
+        let asked = found
+            .questions
+            .iter()
+            .find(|question| question.sentence.starts_with("which numbered columns"));
+        let asked = &asked.unwrap().sentence;
+        assert!(
+            asked.contains("QUADCOPTER T1 [N] to Thrust motors QUADCOPTER T4 [N] (0 to 0)"),
+            "{asked}"
+        );
+    }
+
+    /// `log show` sent the owner of a Parquet file to `log map`, and that sent back.
+    #[test]
+    fn regress_a_parquet_file_of_another_program_is_drafted_and_imported() {
+        let folder = tempfile::tempdir().unwrap();
+        let (file, map) = (folder.path().join("foreign.parquet"), folder.path().join("map.toml"));
+        let time: Vec<f64> = (0..200).map(|k| 0.01 * f64::from(k)).collect();
+        let of = |f: &dyn Fn(f64) -> f64| -> Vec<f64> { time.iter().map(|t| f(*t)).collect() };
+        let columns = [
+            ("stamp_ns", of(&|t| 1.7e18 + 1e9 * t)),
+            ("wx", of(&|t| t.sin())),
+            ("wy", of(&|t| 0.2 * t.cos())),
+            ("wz", of(&|_| 0.1)),
+            ("motor1", of(&|t| 0.5 + 0.1 * t.sin())),
+            ("motor2", of(&|t| 0.5 + 0.1 * t.cos())),
+            ("motor3", of(&|t| 0.5 - 0.1 * t.sin())),
+            ("motor4", of(&|t| 0.5 - 0.1 * t.cos())),
+        ];
+        // Written as a log, without the name of its clock.
+        let fields = columns.iter().map(|(name, _)| rotortwin_store::column_file::Field {
+            name: (*name).to_owned(),
+            content: rotortwin_store::column_file::Content::OptionalF64,
+            packing: rotortwin_store::column_file::Packing::ByteStreams,
+        });
+        let layout = rotortwin_store::column_file::Layout {
+            name: "foreign",
+            created_by: "another program".to_owned(),
+            fields: fields.collect(),
+            metadata: Vec::new(),
+            coarse_statistics: false,
+        };
+        let out = std::fs::File::create(&file).unwrap();
+        let mut writer = rotortwin_store::column_file::ColumnFileWriter::new(out, &layout).unwrap();
+        writer
+            .push(
+                columns
+                    .iter()
+                    .map(|(_, values)| rotortwin_store::column_file::Values::F64(values.as_slice().into())),
+            )
+            .unwrap();
+        writer.finish().unwrap();
+
+        let reason = FlightLog::read(&file).unwrap_err().to_string();
+        assert!(
+            reason.contains("time_s is missing") && reason.contains("rotortwin log map"),
+            "{reason}"
+        );
+        let found = draft(&file, &std::fs::read(&file).unwrap()).unwrap();
+        assert_eq!(found.layout.clock_format.as_deref(), Some("ns"));
+        std::fs::write(&map, &found.toml).unwrap();
+        let options = ReadOptions {
+            mapping: Some(map),
+            ..ReadOptions::default()
+        };
+        let log = FlightLog::read_with(&file, &options).unwrap();
+        assert_eq!((log.rotor_count(), log.time_s.len()), (4, 200));
+        assert!((log.column("roll_rate_rad_s").unwrap()[50] - 0.5_f64.sin()).abs() < 1e-6);
+        assert!((log.time_s[50] - 0.5).abs() < 1e-5);
+        // What this program wrote itself is read as it is.
+        let stored = folder.path().join("own.parquet");
+        log.write_parquet(&stored).unwrap();
+        let reason = draft(&stored, &std::fs::read(&stored).unwrap())
+            .unwrap_err()
+            .to_string();
+        assert!(reason.contains("reads the file as it is"), "{reason}");
+    }
+
+    /// Electrical turns were written as the rotor's, without a question; a reference's acceleration was an accelerometer that "reads downwards".
+    #[test]
+    fn regress_electrical_turns_and_an_acceleration_without_gravity_are_asked_about() {
+        let table = |speeds: &str, z: f64| {
+            let mut text = format!("t,ax,ay,az,{speeds}\n");
+            for k in 0..200 {
+                let t = 0.01 * f64::from(k);
+                text += &format!("{t:.2},{:.3},{:.3},{z},9000,9100,9050,{}\n", t.sin(), t.cos(), 8990 + k);
+            }
+            draft(Path::new("x.csv"), text.as_bytes()).unwrap()
+        };
+        let asks = |draft: &Draft, part: &str| draft.questions.iter().any(|question| question.sentence.contains(part));
+        let electrical = table("m1_erpm,m2_erpm,m3_erpm,m4_erpm", 0.0);
+        assert!(
+            !electrical.rows.iter().any(|row| row.to == "rotor_speed"),
+            "{}",
+            electrical.toml
+        );
+        assert!(asks(&electrical, "how many pairs of magnets"));
+        assert!(asks(&electrical, "no gravity is in it") && !electrical.toml.contains("reads downwards"));
+        let own = table("m1_rads,m2_rads,m3_rads,m4_rads", -9.81);
+        let speeds = own.rows.iter().find(|row| row.to == "rotor_speed").unwrap();
+        assert_eq!((speeds.from.len(), speeds.unit.as_deref()), (4, Some("rad/s")));
+        assert!(
+            own.toml.contains("reads downwards") && !asks(&own, "no gravity"),
+            "{}",
+            own.toml
         );
     }
 }

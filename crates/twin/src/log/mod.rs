@@ -274,6 +274,7 @@ fn accepted(
     log.report.clock_start_s = assembled.report.clock_start_s;
     log.report.flown = assembled.report.flown;
     log.report.rotor_outputs = assembled.report.rotor_outputs;
+    log.report.other_vehicle = assembled.report.other_vehicle;
     log.report.streams = assembled.report.streams;
     log.report.happenings = assembled.report.happenings;
     log.report.unused_columns.extend(assembled.report.unused_columns);
@@ -372,12 +373,17 @@ impl FlightLog {
         }
         if let Some((mapping, layout)) = options.mapping.as_deref().map(mapping::of_table).transpose()?.flatten() {
             refuse_truth(&file, options)?;
-            let parsed = sources::parse_table(&bytes, &layout, most_cells(options))
-                .map_err(|reason| LogError::format(&file, reason))?;
+            let parsed = if bytes.starts_with(parquet::MAGIC) {
+                let (table, _) = parquet::read(&file, bytes, most_cells(options))?;
+                sources::of_columns(table, &layout)
+            } else {
+                sources::parse_table(&bytes, &layout, most_cells(options))
+            };
+            let parsed = parsed.map_err(|reason| LogError::format(&file, reason))?;
             return accepted(source(SourceKind::MappedCsv), &file, &parsed, &mapping, None, options);
         }
         let most_cells = most_cells(options);
-        let (kind, (mut table, kept)) = if bytes.starts_with(b"PAR1") {
+        let (kind, (mut table, kept)) = if bytes.starts_with(parquet::MAGIC) {
             let kind = if is_run {
                 SourceKind::RunFolder
             } else {

@@ -4,10 +4,15 @@
 //! says what each does, that decides, and the rotors come in the order of their motor numbers. PX4's `actuator_motors` holds motors only, as
 //! many as `CA_ROTOR_COUNT` says. A blackbox's `motor[n]` are motors, each of them; its servos have a name of their own. Else rotors are the
 //! outputs that move and that follow the collective: low on the ground, up in the air, or up by as much as the others wherever those go up.
+//! An output that is switched now and then and stands still in between is none; and of more than `MAV_TYPE` says (2 four, 13 six, 14 eight) the
+//! first so many are.
+//!
+//! Outputs of an aeroplane, a rover or a boat are no rotors of a multirotor, whatever they do ([`other_vehicle`]).
 
 use std::collections::BTreeMap;
 
 use super::resample::median;
+use super::sources::SourceLog;
 
 /// An output that moves less than this is no motor.
 const MOVES: f64 = 0.01;
@@ -56,6 +61,7 @@ pub(super) fn rotors(duties: &[Vec<f64>], parameters: &BTreeMap<String, f64>) ->
         };
     }
     let moving: Vec<usize> = (0..duties.len()).filter(|output| moves(&duties[*output])).collect();
+    let moving = without_switched(duties, moving);
     if moving.len() < FEWEST {
         return Rotors {
             outputs: (0..duties.len()).collect(),
@@ -63,6 +69,12 @@ pub(super) fn rotors(duties: &[Vec<f64>], parameters: &BTreeMap<String, f64>) ->
         };
     }
     let following = even(following(duties, &moving));
+    if let Some(count) = by_type(&following, parameters) {
+        return Rotors {
+            outputs: (0..count).collect(),
+            why: "MAV_TYPE says that there are no more motors",
+        };
+    }
     Rotors {
         outputs: if following.len() < FEWEST { moving } else { following },
         why: "it does not move, or not with the collective: no rotor",
@@ -99,6 +111,91 @@ fn by_count(duties: &[Vec<f64>], parameters: &BTreeMap<String, f64>) -> Option<u
         .enumerate()
         .all(|(output, duty)| has_numbers(duty) == (output < count));
     (multirotor && motors_only && (FEWEST..=duties.len()).contains(&count)).then_some(count)
+}
+
+/// Rotors of the vehicle that `MAV_TYPE` names, where the first so many outputs follow the collective and others do as well. Not where the
+/// number of the airframe says another count: a parameter that was left at its default names a quadrotor.
+fn by_type(following: &[usize], parameters: &BTreeMap<String, f64>) -> Option<usize> {
+    let count = match *parameters.get("MAV_TYPE")? as i64 {
+        2 => 4,
+        13 => 6,
+        14 => 8,
+        _ => return None,
+    };
+    // Of PX4's airframes: 4000 to 5999 have four rotors, 6000 to 7999 and 11000 six, 8000 to 9999 and 12000 eight.
+    let airframe = match parameters.get("SYS_AUTOSTART").map_or(0, |number| *number as i64) / 1000 {
+        4 | 5 => 4,
+        6 | 7 | 11 => 6,
+        8 | 9 | 12 => 8,
+        _ => count,
+    };
+    let rotors = parameters.get("CA_ROTOR_COUNT").map_or(0, |number| *number as usize);
+    let first = following.iter().take(count).copied().eq(0..count);
+    (airframe == count && (rotors == 0 || rotors == count) && first && following.len() > count).then_some(count)
+}
+
+/// What the log's own account says that its vehicle is, where that is no multirotor: one clause.
+///
+/// PX4 by `MAV_TYPE`, unless its status says that it flies on rotors (an old default of the parameter was an aeroplane); ArduPilot by the functions
+/// of its servos, where none of them is a motor of a multirotor.
+pub(super) fn other_vehicle(log: &SourceLog) -> Option<String> {
+    let rotary = |stream: &super::sources::RawStream| {
+        let said = |field: &str, wanted: f64| {
+            let values = stream.fields.iter().find(|(name, _)| name == field);
+            values.is_some_and(|(_, values)| values.contains(&wanted))
+        };
+        said("vehicle_type", 1.0) || said("is_rotary_wing", 1.0)
+    };
+    let status = log.streams.iter().find(|stream| stream.is_called("vehicle_status", 0));
+    let kind = log.parameters.get("MAV_TYPE").copied().unwrap_or(0.0) as i64;
+    let named = match kind {
+        1 => Some("an aeroplane"),
+        10 => Some("a rover"),
+        11 => Some("a boat"),
+        12 => Some("a submarine"),
+        _ => None,
+    };
+    if let Some(name) = named {
+        return (!status.is_some_and(rotary)).then(|| format!("{name} (MAV_TYPE {kind}), not a multirotor"));
+    }
+    let function = |output: usize| log.parameters.get(&format!("SERVO{output}_FUNCTION"));
+    let functions: Vec<(usize, i64)> = (1..=32)
+        .filter_map(|output| Some((output, *function(output)? as i64)))
+        .collect();
+    if functions
+        .iter()
+        .any(|(_, function)| matches!(function, 33..=40 | 82..=85))
+    {
+        return None;
+    }
+    let first = |name: &str, of: fn(i64) -> bool| {
+        let (output, function) = functions.iter().find(|(_, function)| of(*function))?;
+        Some(format!("{name} (SERVO{output}_FUNCTION {function}), not a multirotor"))
+    };
+    // Aileron, elevator, rudder, flaperons, elevons, V-tail; steering on the ground, throttle left and right.
+    first("an aeroplane", |function| {
+        matches!(function, 4 | 19 | 24 | 25 | 77..=80)
+    })
+    .or_else(|| first("a rover or boat", |function| matches!(function, 26 | 73 | 74)))
+}
+
+/// Outputs without those that are switched now and then: each of a hundredth of the changes of the third busiest, at most. The command of a motor
+/// changes from sample to sample in the air, that of a gripper or of an idle servo does not.
+fn without_switched(duties: &[Vec<f64>], moving: Vec<usize>) -> Vec<usize> {
+    const SHARE: f64 = 0.01;
+    let changes = |output: &usize| {
+        let values = duties[*output].iter().filter(|value| value.is_finite());
+        values.clone().zip(values.skip(1)).filter(|(a, b)| a != b).count() as f64
+    };
+    let mut counts: Vec<f64> = moving.iter().map(changes).collect();
+    counts.sort_by(|a, b| b.total_cmp(a));
+    let Some(busy) = counts.get(FEWEST - 1) else {
+        return moving;
+    };
+    moving
+        .into_iter()
+        .filter(|output| changes(output) > SHARE * busy)
+        .collect()
 }
 
 fn moves(duty: &[f64]) -> bool {
@@ -255,6 +352,65 @@ mod tests {
         assert!(are_motors("main:motor[]") && are_motors("motor[]"));
         assert!(!are_motors("main:servo[]") && !are_motors("actuator_outputs:output[]"));
         assert_eq!(all(4).outputs, [0, 1, 2, 3]);
+    }
+
+    /// Auxiliary outputs that stand at their middle from arming on were rotors 5 and 6 of a quadrotor, and ten of a hexarotor's log.
+    #[test]
+    fn regress_an_output_that_is_switched_at_arming_is_no_rotor() {
+        let armed: Vec<f64> = (0..300).map(|k| if k < 90 { 0.0 } else { 0.5 }).collect();
+        let mut duties = vec![flown(0.0, 0.5); 4];
+        duties.extend(vec![armed; 8]);
+        assert_eq!(rotors(&duties, &BTreeMap::new()).outputs, [0, 1, 2, 3]);
+    }
+
+    #[test]
+    fn val_the_type_of_the_vehicle_bounds_its_rotors_unless_its_airframe_says_otherwise() {
+        let duties = vec![flown(0.0, 0.5); 6];
+        let of = |kind: f64, airframe: f64| {
+            let parameters = BTreeMap::from([("MAV_TYPE".to_owned(), kind), ("SYS_AUTOSTART".to_owned(), airframe)]);
+            rotors(&duties, &parameters).outputs.len()
+        };
+        assert_eq!(of(2.0, 4001.0), 4);
+        assert_eq!(of(2.0, 3010.0), 4);
+        assert_eq!(of(2.0, 6001.0), 6);
+        assert_eq!(of(13.0, 6001.0), 6);
+        assert_eq!(of(14.0, 8001.0), 6);
+    }
+
+    #[test]
+    fn val_what_is_no_multirotor_is_said_by_its_parameters() {
+        let with = |parameters: &[(&str, f64)]| SourceLog {
+            parameters: parameters
+                .iter()
+                .map(|(name, value)| ((*name).to_owned(), *value))
+                .collect(),
+            ..SourceLog::default()
+        };
+        let mut plane = with(&[("MAV_TYPE", 1.0)]);
+        assert_eq!(
+            other_vehicle(&plane).as_deref(),
+            Some("an aeroplane (MAV_TYPE 1), not a multirotor")
+        );
+        plane.streams.push(crate::log::sources::RawStream {
+            name: "vehicle_status".to_owned(),
+            fields: vec![("is_rotary_wing".to_owned(), vec![1.0, 1.0])],
+            ..Default::default()
+        });
+        assert_eq!(other_vehicle(&plane), None);
+        assert_eq!(other_vehicle(&with(&[("MAV_TYPE", 2.0)])), None);
+        let servos = [
+            ("SERVO1_FUNCTION", 4.0),
+            ("SERVO2_FUNCTION", 19.0),
+            ("SERVO3_FUNCTION", 70.0),
+        ];
+        assert_eq!(
+            other_vehicle(&with(&servos)).as_deref(),
+            Some("an aeroplane (SERVO1_FUNCTION 4), not a multirotor")
+        );
+        // A quadplane has motors, too; a multirotor may have a servo.
+        let motors = [("SERVO1_FUNCTION", 4.0), ("SERVO5_FUNCTION", 33.0)];
+        assert_eq!(other_vehicle(&with(&motors)), None);
+        assert_eq!(other_vehicle(&with(&[("SERVO9_FUNCTION", 7.0)])), None);
     }
 
     #[test]

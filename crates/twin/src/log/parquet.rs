@@ -12,6 +12,9 @@ use parquet::file::reader::{FileReader, SerializedFileReader};
 use rotortwin_store::column_file::{ColumnFileWriter, Content, Field, Layout, Packing, Values};
 use std::path::Path;
 
+/// How a Parquet file begins.
+pub(crate) const MAGIC: &[u8] = b"PAR1";
+
 /// Rows asked for at a time.
 const BATCH: usize = 16_384;
 

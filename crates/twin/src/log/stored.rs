@@ -25,6 +25,8 @@ pub(crate) struct Kept {
     #[serde(default, skip_serializing_if = "Option::is_none")]
     flown: Option<Flown>,
     rotor_outputs: Vec<usize>,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    other_vehicle: Option<String>,
     streams: Vec<Stream>,
     parameters: BTreeMap<String, f64>,
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
@@ -42,6 +44,7 @@ impl Kept {
             clock_start_s: log.report.clock_start_s,
             flown: log.report.flown.clone(),
             rotor_outputs: log.report.rotor_outputs.clone(),
+            other_vehicle: log.report.other_vehicle.clone(),
             streams: log.report.streams.clone(),
             parameters: log.parameters.clone(),
             happenings: log.report.happenings.clone(),
@@ -69,6 +72,7 @@ impl Kept {
                 log.report.clock_start_s = kept.clock_start_s;
                 log.report.flown = kept.flown;
                 log.report.rotor_outputs = kept.rotor_outputs;
+                log.report.other_vehicle = kept.other_vehicle;
                 log.report.streams = kept.streams;
                 log.report.happenings = kept.happenings;
                 log.parameters = kept.parameters;
@@ -123,6 +127,7 @@ impl FlightLog {
     /// # Errors
     /// A file of this name is there already, or the folder cannot be written.
     pub fn store(&self, folder: &Path, name: &str) -> Result<PathBuf, LogError> {
+        refuse_a_file_as_folder(folder)?;
         let parquet = folder.join(format!("{name}.parquet"));
         let side = folder.join(format!("{name}.toml"));
         let account = folder.join(format!("{name}.import.json"));
@@ -171,6 +176,19 @@ impl FlightLog {
     }
 }
 
+/// A name of a file where a folder is asked for: `--out flight.parquet` made a folder of that name.
+fn refuse_a_file_as_folder(folder: &Path) -> Result<(), LogError> {
+    let ending = folder.extension().map(|ending| ending.to_string_lossy().to_lowercase());
+    let of_a_log = ending.is_some_and(|ending| ["parquet", "csv"].contains(&ending.as_str()));
+    if of_a_log && !folder.is_dir() {
+        return Err(LogError::format(
+            folder,
+            "--out takes a folder, in which the log becomes NAME.parquet with its account beside it; the name of a file was given",
+        ));
+    }
+    Ok(())
+}
+
 /// Writes beside the file and renames, so that nobody sees half of it.
 fn whole(path: &Path, write: impl FnOnce(&Path) -> Result<(), LogError>) -> Result<(), LogError> {
     let mut partial = path.as_os_str().to_owned();
@@ -183,4 +201,25 @@ fn whole(path: &Path, write: impl FnOnce(&Path) -> Result<(), LogError>) -> Resu
         drop(std::fs::remove_file(&partial));
     }
     written
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn regress_a_file_as_folder_is_refused() {
+        let folder = tempfile::tempdir().unwrap();
+        let log = FlightLog::from_columns("x", vec![0.0, 1.0], []).unwrap();
+        let reason = log
+            .store(&folder.path().join("x.parquet"), "x")
+            .unwrap_err()
+            .to_string();
+        assert!(reason.contains("--out takes a folder"), "{reason}");
+        assert!(!folder.path().join("x.parquet").exists());
+        // A folder that is there under such a name is one.
+        std::fs::create_dir(folder.path().join("old.csv")).unwrap();
+        assert!(log.store(&folder.path().join("old.csv"), "x").is_ok());
+        assert!(log.store(&folder.path().join("new"), "x").is_ok());
+    }
 }

@@ -12,6 +12,8 @@ const IDLE_DUTY: f64 = 0.05;
 const DRIVEN_DUTY: f64 = 2.0 * IDLE_DUTY;
 /// Less current than this lifts nothing that carries a logger, A.
 const IDLE_CURRENT_A: f64 = 1.0;
+/// An autopilot with its receiver takes more than this from the battery by itself, A: a sensor that reads less measures nothing.
+const ELECTRONICS_A: f64 = 0.02;
 /// A vehicle at rest turns and shakes less than this (a simulated hover does more), rad/s and m/s².
 const STILL_RATES_RAD_S: f64 = 0.01;
 const STILL_ACCEL_M_S2: f64 = 0.06;
@@ -42,9 +44,19 @@ fn mean_duties(log: &FlightLog) -> Vec<f64> {
         .collect()
 }
 
-/// The current that three quarters of the rows in which the motors are driven stay below, where it is too small for a flight, and words for it,
-/// A. Of 95 % of all rows where no motor is driven, or none is in the log: a flight may be short beside the time that its logger ran.
-pub(crate) fn idle_current(log: &FlightLog) -> Option<(f64, &'static str)> {
+/// A battery's current that is too small for a flight.
+pub(crate) struct IdleCurrent {
+    /// Most of it, A.
+    pub(crate) most_a: f64,
+    /// … where, in words.
+    pub(crate) where_it_is: &'static str,
+    /// For half of that time it is below what the autopilot itself takes: it says nothing for a flight, nor against one.
+    pub(crate) measures_nothing: bool,
+}
+
+/// The current that three quarters of the rows in which the motors are driven stay below, where it is too small for a flight. Of 95 % of all
+/// rows where no motor is driven, or none is in the log: a flight may be short beside the time that its logger ran.
+pub(crate) fn idle_current(log: &FlightLog) -> Option<IdleCurrent> {
     const FLYING: (usize, &str) = (75, "75 % of the rows in which its motors are asked for thrust");
     const ALL: (usize, &str) = (95, "95 % of the rows");
     let current = log.column(names::BATTERY_CURRENT)?;
@@ -55,11 +67,15 @@ pub(crate) fn idle_current(log: &FlightLog) -> Option<(f64, &'static str)> {
         .map(|(_, current)| *current)
         .collect();
     let lasts = driven.len() as f64 > FLIGHT_S * log.sample_rate_hz();
-    let (values, (percent, words)) = if lasts { (&driven[..], FLYING) } else { (current, ALL) };
+    let (values, (percent, where_it_is)) = if lasts { (&driven[..], FLYING) } else { (current, ALL) };
     // A sensor that is not there reads 0 or less throughout.
     let reads = high(values, 95)? > 0.0;
-    let most = high(values, percent).filter(|current| reads && *current < IDLE_CURRENT_A)?;
-    Some((most, words))
+    let most_a = high(values, percent).filter(|current| reads && *current < IDLE_CURRENT_A)?;
+    Some(IdleCurrent {
+        most_a,
+        where_it_is,
+        measures_nothing: high(values, 50)? < ELECTRONICS_A,
+    })
 }
 
 /// By how much the battery's voltage falls from where the motors are asked for little to where they are asked for much, over the voltage;
@@ -205,12 +221,13 @@ pub(super) fn no_flight(log: &FlightLog, findings: &mut Vec<Finding>) {
             return;
         }
     }
-    if let Some((current, where_it_is)) = idle_current(log) {
+    if let Some(current) = idle_current(log).filter(|current| !current.measures_nothing) {
         push(
             findings,
             FindingKind::NoFlight,
             format!(
-                "the battery gives less than {current:.2} A in {where_it_is}: nothing flies, nothing can be identified"
+                "the battery gives less than {:.2} A in {}: nothing flies, nothing can be identified",
+                current.most_a, current.where_it_is
             ),
         );
         return;
@@ -347,6 +364,25 @@ mod tests {
         let log = FlightLog::from_columns("short", time, columns).expect("a log");
         assert_eq!(log.says_no_flight(), None, "{:?}", log.report.findings);
         assert!(log.flight_parts(None).air_s() > 20.0);
+    }
+
+    /// A real flight was "on the ground" by a sensor that reads 0.00 A but for a few rows.
+    #[test]
+    fn regress_a_current_below_that_of_the_autopilot_says_nothing_against_a_flight() {
+        let handled = handled(0.0);
+        let mut columns: Vec<(String, Vec<f64>)> = handled.columns.clone().into_iter().collect();
+        columns.retain(|(name, _)| name != names::BATTERY_CURRENT && name != names::BATTERY_VOLTAGE);
+        // A tenth of the rows reads up to 0.5 A.
+        let current = |row: usize| if row % 10 == 0 { 0.05 * (row % 11) as f64 } else { 0.0 };
+        columns.push((
+            names::BATTERY_CURRENT.to_owned(),
+            (0..handled.time_s.len()).map(current).collect(),
+        ));
+        let log = FlightLog::from_columns("unconnected", handled.time_s, columns).expect("a log");
+        assert_eq!(log.says_no_flight(), None, "{:?}", log.report.findings);
+        assert!(log.column(names::BATTERY_CURRENT).is_none());
+        let told = log.report.notes.join("\n");
+        assert!(told.contains("less than an autopilot itself takes"), "{told}");
     }
 
     #[test]

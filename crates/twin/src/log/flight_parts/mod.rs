@@ -106,9 +106,11 @@ impl FlightLog {
     ///   that reaches its limit first
     pub fn flight_parts(&self, rotors: Option<&[RotorPlace]>) -> FlightParts {
         let signals = Signals::of(self);
-        let parts = match self.says_no_flight() {
-            Some(why) => stages::on_the_ground(&signals, why),
-            None => stages::parts(&signals),
+        let parts = match (self.says_no_flight(), &self.report.other_vehicle) {
+            (Some(why), _) => stages::all_of(&signals, PartKind::Ground, why),
+            // An aeroplane glides with its motor off: what tells the ground of a multirotor does not tell its.
+            (None, Some(other)) => stages::all_of(&signals, PartKind::Unknown, other),
+            (None, None) => stages::parts(&signals),
         };
         let mut events = events::gaps(self);
         events.extend(events::resets(self, &parts));

@@ -34,6 +34,8 @@ pub(super) struct Signals {
     pub(super) force: Option<Vec<f64>>,
     /// Size of the specific force, m/s².
     pub(super) shock: Option<Vec<f64>>,
+    /// Rate at which it was measured, Hz; 0 where too little of it is new.
+    pub(super) shock_hz: f64,
     /// All three axes of it are there.
     pub(super) has_all_forces: bool,
     /// Angle between the body's z and the vertical, rad.
@@ -124,6 +126,7 @@ impl Signals {
                     .map(|bin| (up[bin].powi(2) + part(0, bin).powi(2) + part(1, bin).powi(2)).sqrt())
                     .collect(),
             );
+            signals.shock_hz = log.source_rate(names::ACCEL[2]).map_or(0.0, |rate| rate.source_hz);
             signals.sources.push("accelerometer");
         }
         if let [Some(roll), Some(pitch)] = [0, 1].map(|axis| log.column(names::ATTITUDE[axis])) {

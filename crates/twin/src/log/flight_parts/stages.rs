@@ -21,6 +21,12 @@ const TILT_GOOD_RAD: f64 = 1.05;
 const TILT_UPRIGHT_RAD: f64 = 0.52;
 /// Specific force of a blow, m/s².
 const BLOW: f64 = 35.0;
+/// Specific forces that are logged at less than this, Hz, hold samples of a vibration as they come …
+const ALIASED_HZ: f64 = 30.0;
+/// … of which one is no blow unless the body answers it by turning, rad/s, or leaning, rad, in this time about it, s.
+const ANSWER_RATE_RAD_S: f64 = 1.5;
+const ANSWER_LEAN_RAD: f64 = 0.17;
+const ANSWER_S: f64 = 0.3;
 /// Motors this low for so long: no flight, s.
 const FALLEN_S: f64 = 3.0;
 /// Motors low and the vehicle at rest for so long: the ground, s.
@@ -92,13 +98,13 @@ const LEAST_CALM_S: f64 = 1.0;
 
 const UNMOVED_WHY: &str = "the motors run and the vehicle does not move (no propellers, or tied down)";
 
-/// The whole log on the ground, without a hole but where the log has one.
-pub(super) fn on_the_ground(signals: &Signals, why: &str) -> Vec<FlightPart> {
+/// The whole log as one kind, without a hole but where the log has one.
+pub(super) fn all_of(signals: &Signals, kind: PartKind, why: &str) -> Vec<FlightPart> {
     let mut found = Vec::new();
     let mut from = 0;
     for bin in 1..=signals.bins() {
         if bin == signals.bins() || signals.breaks_after(bin - 1) {
-            found.push(part(signals, from..bin, PartKind::Ground, why));
+            found.push(part(signals, from..bin, kind, why));
             from = bin;
         }
     }
@@ -652,7 +658,30 @@ fn upsets(signals: &Signals, run: Range<usize>) -> Vec<Upset> {
             }),
         }
     }
+    found.retain(|upset| !is_one_sample_of_a_vibration(signals, upset));
     found
+}
+
+/// Whether an upset is the force of one sample alone, from an accelerometer that is logged too slowly to tell a blow from the vibration that is
+/// always there, while neither rates nor attitude show one. Without these nobody knows, and it stays.
+fn is_one_sample_of_a_vibration(signals: &Signals, upset: &Upset) -> bool {
+    let slow = (f64::MIN_POSITIVE..ALIASED_HZ).contains(&signals.shock_hz);
+    // Joined by straight lines to its neighbours, a sample reaches over less than two intervals.
+    let alone = slow && upset.end_s - upset.start_s < 2.0 / signals.shock_hz;
+    if !alone || beyond(upset.tilt_rad, TILT_END_RAD) || (signals.rates.is_none() && signals.lean.is_none()) {
+        return false;
+    }
+    let about = signals.between(upset.start_s - ANSWER_S, upset.end_s + ANSWER_S);
+    let turns = signals
+        .rates
+        .iter()
+        .flatten()
+        .any(|rate| about.clone().any(|bin| beyond(rate[bin].abs(), ANSWER_RATE_RAD_S)));
+    let leans = signals.lean.iter().flatten().any(|lean| {
+        let values = || about.clone().map(|bin| lean[bin]).filter(|lean| lean.is_finite());
+        values().fold(f64::NEG_INFINITY, f64::max) - values().fold(f64::INFINITY, f64::min) > ANSWER_LEAN_RAD
+    });
+    !turns && !leans
 }
 
 /// The force along the thrust that the motors can make in a bin, m/s²: half as much again as a hover's by the square of what they are or were

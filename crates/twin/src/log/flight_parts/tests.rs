@@ -553,3 +553,29 @@ fn regress_an_attitude_that_ran_away_makes_no_crash() {
     assert!(parts.parts.iter().all(|part| part.kind != PartKind::Crash), "{parts:?}");
     assert!(!parts.found_from.contains(&"attitude"), "{parts:?}");
 }
+
+/// One sample of an accelerometer that was logged at 10 Hz made "an upset: tilt up to 6°, 38 m/s²" of a calm flight. A blow that turns the body
+/// is one at any rate.
+#[test]
+fn regress_one_sample_of_a_vibration_is_no_upset() {
+    let columns = [&DUTIES[..], &ATTITUDE, &FORCES, &RATES, &["position_down_m"]].concat();
+    let with = |turns: f64| {
+        let log = flown_with(&columns, |t, mut row| {
+            // Each sample holds for 0.1 s; the one at 15 s is a spike, after which the body turns.
+            let sample = (10.0 * t + 1e-6).floor() as i64;
+            if (50..250).contains(&sample) {
+                row.accel_z = -9.81 + 2.0 * (1.9 * sample as f64).sin();
+            }
+            if sample == 150 {
+                row.accel_z = -38.0;
+            }
+            if sample == 151 {
+                row.rate = turns;
+            }
+            row
+        });
+        kinds(&log.flight_parts(None))
+    };
+    assert_eq!(with(0.2), WHOLE);
+    assert!(with(3.0).contains(&PartKind::Upset));
+}

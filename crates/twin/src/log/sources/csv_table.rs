@@ -10,12 +10,20 @@
 //! ```
 //! The rows become the one topic `csv`, with the columns by their names (a comma or colon in a name is read as a space, because the rows of a
 //! mapping part with them). A cell that is no number is a missing value; how many there are is told column by column.
+//!
+//! A column whose cells are lists (`"[0.1, 0.2, 0.3]"`, as pandas writes them) is as many columns as it has numbers: `v[0]`, `v[1]`, `v[2]`; lists
+//! of one number are a column of numbers. Lists in lists follow each other, row by row.
+//!
+//! A Parquet file of another program comes by the same mapping: its columns are numbers already, so `separator` and `decimal` say nothing there.
 
+use super::super::table::Table;
 use super::{MAX_COLUMNS, RawStream, Room, SourceLog};
 use serde::Deserialize;
 
 /// Seconds of a day.
 const DAY_S: f64 = 86_400.0;
+/// Rows below the header that tell which columns hold lists, and of how many numbers.
+const LIST_ROWS: usize = 100;
 
 /// How a table is laid out.
 #[derive(Clone, Debug, Deserialize)]
@@ -238,6 +246,154 @@ fn unquoted(cell: &str) -> &str {
         .trim()
 }
 
+/// The numbers of a cell that is a list, as text: `[0.1, 0.2]`, `(1 2 3)`; those of lists in it one after the other. None of any other cell.
+pub(crate) fn list_parts(cell: &str, decimal: char) -> Option<Vec<&str>> {
+    if !cell.starts_with(['[', '(']) || !cell.ends_with([']', ')']) {
+        return None;
+    }
+    let between = |c: char| c.is_whitespace() || "[]();".contains(c) || (c == ',' && decimal != ',');
+    let parts: Vec<&str> = cell.split(between).filter(|part| !part.is_empty()).collect();
+    let is_number = |part: &&str| number(part, decimal).is_some() || part.eq_ignore_ascii_case("nan");
+    (!parts.is_empty() && parts.iter().all(is_number)).then_some(parts)
+}
+
+/// Which columns of a table hold lists: by column, how many numbers each of its lists has; none of a column of single cells.
+#[derive(Debug, Clone)]
+pub(crate) struct Lists(Vec<Option<usize>>);
+
+impl Lists {
+    /// Told from the first rows: most cells of such a column are lists, and its width is that of most of them.
+    pub(crate) fn of<'a>(lines: impl Iterator<Item = &'a str>, width: usize, separator: char, decimal: char) -> Self {
+        let rows: Vec<Vec<&str>> = lines
+            .map(|line| cells(line, separator))
+            .filter(|cells| cells.len() == width)
+            .take(LIST_ROWS)
+            .collect();
+        let of_column = |column: usize| {
+            let mut lengths: Vec<usize> = rows
+                .iter()
+                .filter_map(|cells| list_parts(cells[column], decimal))
+                .map(|parts| parts.len())
+                .collect();
+            let filled = rows.iter().filter(|cells| !cells[column].is_empty()).count();
+            if lengths.is_empty() || 2 * lengths.len() <= filled {
+                return None;
+            }
+            lengths.sort_unstable();
+            let count = |length: usize| lengths.iter().filter(|other| **other == length).count();
+            lengths.iter().copied().max_by_key(|length| (count(*length), *length))
+        };
+        Self((0..width).map(of_column).collect())
+    }
+
+    /// Names of the columns, with those of the parts of lists: `v[0]`, `v[1]`.
+    pub(crate) fn names(&self, names: &[String]) -> Vec<String> {
+        let mut out = Vec::new();
+        for (name, list) in names.iter().zip(&self.0) {
+            match list {
+                None | Some(1) => out.push(name.clone()),
+                Some(count) => out.extend((0..*count).map(|part| format!("{name}[{part}]"))),
+            }
+        }
+        out
+    }
+
+    /// Names of the columns whose lists are parted.
+    pub(crate) fn parted<'a>(&self, names: &'a [String]) -> Vec<&'a str> {
+        let parted = names
+            .iter()
+            .zip(&self.0)
+            .filter(|(_, list)| list.is_some_and(|count| count > 1));
+        parted.map(|(name, _)| name.as_str()).collect()
+    }
+
+    /// Cells of a row, with those of lists in their parts. A list of another length than the others is no number in any of its parts.
+    pub(crate) fn cells<'a>(&self, cells: Vec<&'a str>, decimal: char) -> Vec<&'a str> {
+        if self.0.iter().all(Option::is_none) {
+            return cells;
+        }
+        let mut out = Vec::with_capacity(cells.len());
+        for (cell, list) in cells.into_iter().zip(&self.0) {
+            match list {
+                None => out.push(cell),
+                Some(count) => match list_parts(cell, decimal).filter(|parts| parts.len() == *count) {
+                    Some(parts) => out.extend(parts),
+                    None => out.extend(std::iter::repeat_n(cell, *count)),
+                },
+            }
+        }
+        out
+    }
+}
+
+/// A table whose columns are numbers already, as a mapping's `[csv]` says: of it only the clock counts.
+pub(super) fn of_columns(table: Table, layout: &Layout) -> Result<SourceLog, String> {
+    layout.check()?;
+    let mut names = Vec::new();
+    let mut columns = Vec::new();
+    let mut log = SourceLog::default();
+    for column in table.columns {
+        if column.bad_cells > 0 {
+            log.notes
+                .push(format!("{}: {} cells are not numbers", column.name, column.bad_cells));
+        }
+        names.push(plain(&column.name));
+        columns.push(column.values);
+    }
+    let rows = columns.first().map_or(0, Vec::len);
+    let mut time_s: Vec<f64> = match &layout.clock {
+        None => (0..rows)
+            .map(|row| row as f64 / layout.rate_hz.unwrap_or(1.0))
+            .collect(),
+        Some(wanted) => {
+            let found = clock_column(&names, wanted)?;
+            let scale = match layout.clock_format.unwrap_or(Clock::Seconds) {
+                Clock::Seconds => 1.0,
+                Clock::Milliseconds => 1e-3,
+                Clock::Microseconds => 1e-6,
+                Clock::Nanoseconds => 1e-9,
+                other => {
+                    return Err(format!(
+                        "csv.clock_format = \"{}\": a time of a Parquet file is a number: s, ms, us or ns was expected",
+                        other.name()
+                    ));
+                }
+            };
+            columns[found].iter().map(|time| scale * time).collect()
+        }
+    };
+    let timeless = time_s.iter().filter(|time| !time.is_finite()).count();
+    if timeless == rows {
+        return Err("no row of the table has a time; is csv.clock right?".to_owned());
+    }
+    if timeless > 0 {
+        log.notes.push(format!("{timeless} rows without a time are left out"));
+        let keep: Vec<bool> = time_s.iter().map(|time| time.is_finite()).collect();
+        for values in columns.iter_mut().chain([&mut time_s]) {
+            let mut keep = keep.iter();
+            values.retain(|_| keep.next() == Some(&true));
+        }
+    }
+    log.streams.push(RawStream {
+        name: "csv".to_owned(),
+        time_s,
+        fields: names.into_iter().zip(columns).collect(),
+        ..RawStream::default()
+    });
+    Ok(log)
+}
+
+/// The column that a mapping names as the clock.
+fn clock_column(names: &[String], wanted: &str) -> Result<usize, String> {
+    let wanted = plain(wanted);
+    names.iter().position(|name| *name == wanted).ok_or_else(|| {
+        format!(
+            "csv.clock = \"{wanted}\": there is no such column; the columns are {}",
+            names.join(", ")
+        )
+    })
+}
+
 /// Parses a table as it is laid out.
 pub(super) fn parse(bytes: &[u8], layout: &Layout, mut room: Room) -> Result<SourceLog, String> {
     layout.check()?;
@@ -255,22 +411,19 @@ pub(super) fn parse(bytes: &[u8], layout: &Layout, mut room: Room) -> Result<Sou
         .into_iter()
         .map(plain)
         .collect();
+    let width = names.len();
+    let lists = Lists::of(lines.clone(), width, separator, decimal);
+    let names = lists.names(&names);
     if names.len() > MAX_COLUMNS {
         return Err(format!(
             "more than {MAX_COLUMNS} columns in the header; a flight log was expected"
         ));
     }
     let clock = match &layout.clock {
-        Some(wanted) => {
-            let wanted = plain(wanted);
-            let found = names.iter().position(|name| *name == wanted).ok_or_else(|| {
-                format!(
-                    "csv.clock = \"{wanted}\": there is no such column; the columns are {}",
-                    names.join(", ")
-                )
-            })?;
-            Some((found, layout.clock_format.unwrap_or(Clock::Seconds)))
-        }
+        Some(wanted) => Some((
+            clock_column(&names, wanted)?,
+            layout.clock_format.unwrap_or(Clock::Seconds),
+        )),
         None => None,
     };
     room.stream(names.len())?;
@@ -280,10 +433,11 @@ pub(super) fn parse(bytes: &[u8], layout: &Layout, mut room: Room) -> Result<Sou
     let (mut last, mut midnight) = (f64::NEG_INFINITY, 0.0);
     for line in lines {
         let cells = cells(line, separator);
-        if cells.len() != names.len() {
+        if cells.len() != width {
             short += 1;
             continue;
         }
+        let cells = lists.cells(cells, decimal);
         let time = match clock {
             Some((column, format)) => match format.seconds(cells[column], decimal) {
                 Some(time) => {
@@ -394,6 +548,64 @@ mod tests {
         assert_eq!(stream.fields[1], ("Gyro X roll".to_owned(), vec![1.25, -2.5]));
         assert!(stream.fields[2].1.iter().all(|value| value.is_nan()));
         assert_eq!(log.notes.len(), 2, "{:?}", log.notes);
+    }
+
+    /// As pandas writes arrays: each cell was no number, and nothing of such a log could be read.
+    #[test]
+    fn regress_lists_in_cells_are_columns_of_their_numbers() {
+        let text = ",t,v,R,throttle\n\
+            0,0.0,\"[1.0, -2.5, 3e-1]\",\"[[1.0, 0.0], [0.0, 1.0]]\",[0.4]\n\
+            1,0.1,\"[1.5, nan, 0.5]\",\"[[1 0]\n\
+            2,0.2,\"[1.5, 2.0]\",\"[[1.0 0.5] [0.5 1.0]]\",\"(0.5,)\"\n";
+        let log = read(text, &layout("clock = \"t\"")).unwrap();
+        let stream = &log.streams[0];
+        let names: Vec<&str> = stream.fields.iter().map(|(name, _)| name.as_str()).collect();
+        assert_eq!(
+            names,
+            [
+                "", "t", "v[0]", "v[1]", "v[2]", "R[0]", "R[1]", "R[2]", "R[3]", "throttle"
+            ]
+        );
+        let of = |name: &str| &stream.fields.iter().find(|(field, _)| field == name).unwrap().1;
+        assert_eq!((of("v[1]")[0], of("v[2]")[0], of("R[3]")[0]), (-2.5, 0.3, 1.0));
+        assert_eq!((of("throttle")[0], of("throttle")[1], of("R[1]")[1]), (0.4, 0.5, 0.5));
+        // A list of two among lists of three is none of its numbers; the cut line is no row.
+        assert!(of("v[0]")[1].is_nan());
+        assert!(
+            log.notes.iter().any(|note| note.starts_with("v[0]: 1 cells")),
+            "{:?}",
+            log.notes
+        );
+        assert_eq!(stream.time_s.len(), 2);
+    }
+
+    #[test]
+    fn val_only_cells_of_numbers_in_brackets_are_lists() {
+        assert_eq!(list_parts("[1.0, 2]", '.'), Some(vec!["1.0", "2"]));
+        assert_eq!(list_parts("[1,5; 2,5]", ','), Some(vec!["1,5", "2,5"]));
+        for cell in ["", "[]", "[a, b]", "1.0", "(1.0", "AUTO (2)"] {
+            assert_eq!(list_parts(cell, '.'), None, "{cell}");
+        }
+    }
+
+    #[test]
+    fn val_a_table_of_numbers_takes_its_clock_from_a_mapping() {
+        let table = || {
+            let mut table = Table::default();
+            table.push("stamp", vec![1e9, f64::NAN, 3e9]);
+            table.push("wx", vec![0.1, 0.2, 0.3]);
+            table
+        };
+        let log = of_columns(table(), &layout("clock = \"stamp\"\nclock_format = \"ns\"")).unwrap();
+        assert_eq!(log.streams[0].time_s, [1.0, 3.0]);
+        assert_eq!(log.streams[0].fields[1].1, [0.1, 0.3]);
+        for (text, part) in [
+            ("clock = \"t\"", "there is no such column"),
+            ("clock = \"stamp\"\nclock_format = \"hh:mm:ss\"", "is a number"),
+        ] {
+            let reason = of_columns(table(), &layout(text)).unwrap_err();
+            assert!(reason.contains(part), "{reason}");
+        }
     }
 
     #[test]

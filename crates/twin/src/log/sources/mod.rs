@@ -301,6 +301,11 @@ pub(crate) fn parse_table(bytes: &[u8], layout: &csv_table::Layout, most_cells: 
     Ok(csv_table::parse(bytes, layout, Room::new(most_cells))?.finish())
 }
 
+/// A table whose columns are numbers already, as a mapping says.
+pub(crate) fn of_columns(table: super::table::Table, layout: &csv_table::Layout) -> Result<SourceLog, String> {
+    Ok(csv_table::of_columns(table, layout)?.finish())
+}
+
 /// Bytes taken from the front, never past the end.
 #[derive(Clone, Copy)]
 struct Cursor<'a> {
