@@ -37,6 +37,6 @@ describe("a log that is read again otherwise", () => {
     expect(twice).toContain('to = "accel_y_m_s2"\nfrom = "fixedFrequency:acc.y"\nunit = "g"');
     expect(twice).not.toContain("factor = -1.0\n\n[[column]]\nto = \"accel_y");
     const order = mappingOf("px4-ulog", { axes: {}, units: {}, order: [1, 3, 2] }, px4, 3) ?? "";
-    expect(order.match(/order = \[1,3,2\]/g)).toHaveLength(2);
+    expect(order.match(/order = \[1,3,2\]/g)).toHaveLength(4);
   });
 });

@@ -35,8 +35,10 @@ const SWING_RAD: [f64; 3] = [0.08, 0.08, 0.15];
 const PERIOD_S: f64 = 0.8;
 /// Duties within this of their limits answer nothing.
 const AT_LIMIT: f64 = 0.02;
-/// Share of the samples that must be left without those.
+/// Share of the samples that must be left without those, to leave them out.
 const LEFT: f64 = 0.5;
+/// Share of a swing with motors at their limits that is told where nothing fits.
+const TOLD: f64 = 0.1;
 /// Pause between two axes, s.
 const REST_S: f64 = 1.5;
 /// Longest landing, s.
@@ -126,6 +128,8 @@ struct Stand {
     first: [f64; 3],
     attitude: [f64; 3],
     rates: [f64; 3],
+    /// Of each swing: share with a motor at its limit.
+    at_limit: [f64; 3],
 }
 
 impl Stand {
@@ -149,6 +153,7 @@ impl Stand {
             first: simulation.first_point(),
             attitude: [0.0; 3],
             rates: [0.0; 3],
+            at_limit: [0.0; 3],
         })
     }
 
@@ -241,7 +246,16 @@ impl Stand {
             }
         }
         self.land(autopilot, say);
-        judge(&self.airframe, &shares, rotor_of_channel, autopilot.identity().peer)
+        let most = self.at_limit[0].max(self.at_limit[1]);
+        judge(&self.airframe, &shares, rotor_of_channel, autopilot.identity().peer).map_err(|sentence| {
+            if most < TOLD {
+                return sentence;
+            }
+            format!(
+                "{sentence}; motors stood at their limits for {:.0} % of a swing, as its integrators work against the stand: try again",
+                100.0 * most
+            )
+        })
     }
 
     fn climb(&mut self, autopilot: &mut impl Autopilot, say: &mut dyn FnMut(f64, String)) -> Result<(), String> {
@@ -273,10 +287,9 @@ impl Stand {
         let angle = |time_s: f64| SWING_RAD[axis] * (0.5 * time_s / PERIOD_S).min(1.0) * (omega * time_s).sin();
         let steps = (ROCK_S * 400.0) as u32;
         let rotors = self.airframe.rotor_count();
-        // duty = mean + sine sin ωt + cosine cos ωt by least squares, as parts of a period may be left out.
-        let mut normal = Matrix3::zeros();
-        let mut right = [Vector3::zeros(); MAX_ROTORS];
-        let (mut looked, mut used) = (0.0, 0.0);
+        // duty = mean + sine sin ωt + cosine cos ωt by least squares: of all samples, and of those without a duty at its limit.
+        let mut sums = [(Matrix3::zeros(), [Vector3::zeros(); MAX_ROTORS]); 2];
+        let (mut looked, mut free) = (0.0, 0.0);
         for step in 0..steps {
             let time_s = f64::from(step) / 400.0;
             let (mut attitude, mut rates) = ([0.0; 3], [0.0; 3]);
@@ -287,30 +300,23 @@ impl Stand {
             if time_s < 2.0 * PERIOD_S {
                 continue;
             }
-            looked += 1.0;
-            if self.duty[..rotors]
-                .iter()
-                .any(|duty| !(AT_LIMIT..=1.0 - AT_LIMIT).contains(duty))
-            {
-                continue;
-            }
-            used += 1.0;
             let row = Vector3::new(1.0, (omega * time_s).sin(), (omega * time_s).cos());
-            normal += row * row.transpose();
-            for (sums, duty) in right.iter_mut().zip(&self.duty) {
-                *sums += row * *duty;
+            let range = AT_LIMIT..=1.0 - AT_LIMIT;
+            let is_free = self.duty[..rotors].iter().all(|duty| range.contains(duty));
+            looked += 1.0;
+            free += f64::from(u8::from(is_free));
+            for (normal, right) in &mut sums[..1 + usize::from(is_free)] {
+                *normal += row * row.transpose();
+                for (sum, duty) in right.iter_mut().zip(&self.duty) {
+                    *sum += row * *duty;
+                }
             }
         }
-        let solved = normal.try_inverse().filter(|_| used >= LEFT * looked);
-        let Some(inverse) = solved else {
-            return Err(format!(
-                "the motors of {} stood at their limits for {:.0} % of the swing in {}: its integrators work against the stand, and nothing can be told of their order; try again",
-                autopilot.identity().peer,
-                100.0 * (1.0 - used / looked),
-                ["roll", "pitch", "yaw"][axis]
-            ));
-        };
-        let answers = right.map(|sums| inverse * sums);
+        self.at_limit[axis] = 1.0 - free / looked;
+        // An autopilot whose motors are reversed drives them to their limits by itself.
+        let (normal, right) = sums[usize::from(free >= LEFT * looked)];
+        let inverse = normal.try_inverse().ok_or("the swing is too short")?;
+        let answers = right.map(|sum| inverse * sum);
         let [sine, cosine] = [1, 2].map(|place| answers.map(|answer| -answer[place]));
         // The phase at which the response is largest, within a quarter turn of one that opposes both angle and rate.
         let (ss, cc) = (length(&sine).powi(2), length(&cosine).powi(2));

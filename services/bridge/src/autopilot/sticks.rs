@@ -27,9 +27,8 @@ const TILT_GAIN: f64 = 1.0;
 const TILT_AT_FULL_STICK: f64 = std::f64::consts::PI / 3.0;
 /// Yaw rate at full stick, rad/s: its `yaw_rc_rate` and `yaw_srate` of 100 °/s, as set in our configuration.
 const YAW_AT_FULL_STICK: f64 = 1.745;
-/// Yaw rate per yaw error, 1/s, and its limit, rad/s. The yaw loop of Betaflight's default gains is hardly damped: with 0.6 around it a hexarotor swung up by four every 2 s, from nothing,
-/// and was lost after 28 s.
-const YAW_GAIN: f64 = 0.2;
+/// Yaw rate per yaw error, 1/s, and its limit, rad/s.
+const YAW_GAIN: f64 = 0.6;
 const FASTEST_YAW: f64 = 0.4;
 /// Initial throttle, and search range of the hover throttle, fractions.
 const FIRST_THROTTLE: f64 = 0.12;

@@ -19,6 +19,27 @@ to = "attitude"
 from = "ATT:Roll,Pitch,Yaw"
 unit = "deg"
 
+# Where ATT is not logged: what the estimators say (EKF3, EKF2, EKF1), else the second attitude that the autopilot keeps.
+[[column]]
+to = "attitude"
+from = "XKF1:Roll,Pitch,Yaw"
+unit = "deg"
+
+[[column]]
+to = "attitude"
+from = "NKF1:Roll,Pitch,Yaw"
+unit = "deg"
+
+[[column]]
+to = "attitude"
+from = "EKF1:Roll,Pitch,Yaw"
+unit = "deg"
+
+[[column]]
+to = "attitude"
+from = "AHR2:Roll,Pitch,Yaw"
+unit = "deg"
+
 [[column]] # EKF3
 to = "position"
 from = "XKF1:PN,PE,PD"

@@ -69,6 +69,19 @@ from = "actuator_outputs:output[]"
 low = { parameter = ["PWM_MAIN_MIN", "PWM_MIN"], default = 1000.0 }
 high = { parameter = ["PWM_MAIN_MAX", "PWM_MAX"], default = 2000.0 }
 
+# Outputs of another driver (ESCs on a CAN bus), taken where those of the first one stand still.
+[[column]]
+to = "duty"
+from = "actuator_outputs#1:output[]"
+low = { parameter = ["PWM_MAIN_MIN", "PWM_MIN"], default = 1000.0 }
+high = { parameter = ["PWM_MAIN_MAX", "PWM_MAX"], default = 2000.0 }
+
+[[column]]
+to = "duty"
+from = "actuator_outputs#2:output[]"
+low = { parameter = ["PWM_MAIN_MIN", "PWM_MIN"], default = 1000.0 }
+high = { parameter = ["PWM_MAIN_MAX", "PWM_MAX"], default = 2000.0 }
+
 [[column]]
 to = "rotor_speed"
 from = "esc_status:esc[0].esc_rpm,esc[1].esc_rpm,esc[2].esc_rpm,esc[3].esc_rpm,esc[4].esc_rpm,esc[5].esc_rpm,esc[6].esc_rpm,esc[7].esc_rpm"
