@@ -43,6 +43,8 @@ const PAIR_PRIOR: f64 = 0.02;
 const LARGEST_LOSS: f64 = 0.3;
 /// Lower bound of the spread between flights, ln of thrust.
 const LEAST_SPREAD: f64 = 0.001;
+/// Fraction of lasting losses that are told as over.
+const FALSE_ENDS: f64 = 0.01;
 /// Minimum number of flights of a loss that is over, and after it.
 const LEAST_EPISODE: usize = 2;
 const LEAST_AFTER: usize = 2;
@@ -390,14 +392,7 @@ pub fn assess(flights: &[Flight], signatures: &Signatures) -> Finding {
 fn refine(found: &mut Finding, rows: &mut [Vec<f64>], flights: &[Flight], signatures: &Signatures, shapes: &[Shape]) {
     let count = flights.len();
     let regressor = |shape| centred(&regressor(shape, count), flights);
-    let episodes: Vec<Shape> = (LEAST_BEFORE..count)
-        .flat_map(|from| {
-            (from + LEAST_EPISODE..(count + 1).saturating_sub(LEAST_AFTER)).map(move |end| Shape::Episode(from, end))
-        })
-        .collect();
-    // By chance the best of so many ends explains this much in one healthy vehicle of 1/FALSE_CLAIMS.
     let (spread, _) = plain_spread(rows, flights, signatures, found.named.len());
-    let chance = 2.0 * (episodes.len().max(1) as f64 / FALSE_CLAIMS).ln() * spread * spread;
     for _ in 0..SWEEPS {
         for one in &mut found.named {
             let own = &signatures.own[one.rotor];
@@ -409,15 +404,20 @@ fn refine(found: &mut Finding, rows: &mut [Vec<f64>], flights: &[Flight], signat
                 let fits = shapes.iter().filter_map(|shape| fit(*shape, rows, flights));
                 fits.max_by(|a, b| explained(a).total_cmp(&explained(b)))
             };
-            let (lasting, over) = (best_of(shapes), best_of(&episodes));
-            let is_over = |lasting: &Fit| {
-                over.as_ref()
-                    .is_some_and(|over| explained(over) > explained(lasting) + chance)
+            let lasting = best_of(shapes);
+            let ends: Vec<Shape> = match lasting.as_ref().map(|fit| fit.shape) {
+                Some(Shape::Step(from)) => (from + LEAST_EPISODE..(count + 1).saturating_sub(LEAST_AFTER))
+                    .map(|end| Shape::Episode(from, end))
+                    .collect(),
+                _ => Vec::new(),
             };
-            let best = match lasting {
-                Some(lasting) if is_over(&lasting) => over,
-                lasting => lasting,
-            };
+            // What the best of so many ends explains by chance.
+            let chance = 2.0 * (ends.len().max(1) as f64 / FALSE_ENDS).ln() * spread * spread;
+            let over = best_of(&ends).filter(|over| {
+                let by_step = lasting.as_ref().map_or(0.0, explained);
+                explained(over) > by_step + chance
+            });
+            let best = over.or(lasting);
             if let Some(best) = best {
                 one.shape = best.shape;
                 one.total = signatures.loss(one.rotor, &best.change);
