@@ -577,7 +577,7 @@ mod tests {
                 assert_eq!(shapes, [(3, shape)], "seed {seed}: {found:?}");
                 let named = &found.named[0];
                 assert!(
-                    (named.total - 0.06).abs() < 1.5 * named.half_width,
+                    (named.total - 0.06).abs() < 2.0 * named.half_width,
                     "seed {seed}: {named:?}"
                 );
             }
