@@ -194,17 +194,8 @@ fn unwrapped(column: &[f64]) -> Vec<f64> {
         .collect()
 }
 
-/// The axes that an accelerometer's columns are in.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum AccelAxes {
-    /// Of the vehicle, as a sensor has them.
-    Body,
-    /// Of the world: somebody has turned them by the attitude.
-    World,
-}
-
-/// Velocity against specific force.
-pub(crate) fn velocity_pairs(log: &FlightLog, axes: AccelAxes) -> Option<Pairs> {
+/// Velocity against specific force. `world` and `body` turn the log's axes into NED and FRD first.
+pub(crate) fn velocity_pairs(log: &FlightLog) -> Option<Pairs> {
     let attitude = log.vector(names::ATTITUDE)?;
     let accel = log.vector(names::ACCEL)?;
     let velocity = log.vector(names::VELOCITY)?;
@@ -221,11 +212,10 @@ pub(crate) fn velocity_pairs(log: &FlightLog, axes: AccelAxes) -> Option<Pairs> 
         let left = [0, 1, 2].map(|axis| after[axis] - before[axis]);
         let right = integral(&log.time_s, first, last, |row| {
             let force = at(&accel, row);
-            let force = [0, 1, 2].map(|axis| sign[axis] * force[axis]);
-            let mut world = match axes {
-                AccelAxes::Body => apply(&ned_from_body(at(&attitude, row)), force),
-                AccelAxes::World => force,
-            };
+            let mut world = apply(
+                &ned_from_body(at(&attitude, row)),
+                [0, 1, 2].map(|axis| sign[axis] * force[axis]),
+            );
             world[2] += GRAVITY_M_S2;
             world
         });

@@ -12,7 +12,7 @@ pub(crate) use vehicle::LEAST_TO_CONTRADICT_HZ;
 
 use super::findings::{Finding, FindingKind};
 use super::{FlightLog, names};
-use kinematics::{AccelAxes, Fit, IDENTITY};
+use kinematics::{Fit, IDENTITY};
 
 /// Signed axes that turn ENU into NED: north is the second, east the first, down the third turned round.
 const FROM_ENU: kinematics::Axes = [(1, 1.0), (0, 1.0), (2, -1.0)];
@@ -76,7 +76,7 @@ fn same_where_moving(fit: &Fit, axes: &kinematics::Axes) -> bool {
 
 fn axes_units_and_clock(log: &FlightLog, findings: &mut Vec<Finding>) {
     let rates = kinematics::rate_pairs(log).and_then(|pairs| pairs.fit());
-    let velocity = kinematics::velocity_pairs(log, AccelAxes::Body).and_then(|pairs| pairs.fit());
+    let velocity = kinematics::velocity_pairs(log).and_then(|pairs| pairs.fit());
     let position = kinematics::position_pairs(log).and_then(|pairs| pairs.fit());
 
     degrees_without_motion(log, findings);
@@ -89,7 +89,6 @@ fn axes_units_and_clock(log: &FlightLog, findings: &mut Vec<Finding>) {
         .any(|finding| matches!(finding.kind, FindingKind::BodyAxesFlu | FindingKind::UpsideDownAxes));
     world_axes(velocity.as_ref(), position.as_ref(), z_up, findings);
     lift_down(log, findings);
-    accelerometer_in_the_world(log, velocity.as_ref(), findings);
     for (what, fit) in [
         ("body rates and attitude", &rates),
         ("specific force and velocity", &velocity),
@@ -109,27 +108,6 @@ fn axes_units_and_clock(log: &FlightLog, findings: &mut Vec<Finding>) {
                 ),
             );
         }
-    }
-}
-
-/// An accelerometer whose readings somebody has turned into the world's axes: they fit the velocity as they are, and turned once more they do not.
-fn accelerometer_in_the_world(log: &FlightLog, in_body: Option<&Fit>, findings: &mut Vec<Finding>) {
-    let (Some(in_body), true) = (in_body, findings.is_empty()) else {
-        return;
-    };
-    let in_world = kinematics::velocity_pairs(log, AccelAxes::World).and_then(|pairs| pairs.fit());
-    let Some(in_world) = in_world else { return };
-    if in_world.explained_as_is > GAIN_BELIEVED && in_world.explained_as_is - in_body.explained > CLEARLY {
-        push(
-            findings,
-            FindingKind::Inconsistent,
-            format!(
-                "the accelerometer fits the velocity in the world's axes ({:.0} % of the motion) and not in the vehicle's ({:.0} %): its readings seem to have been turned \
-                 by the attitude already; what the sensor reads was expected",
-                100.0 * in_world.explained_as_is,
-                100.0 * in_body.explained.max(0.0)
-            ),
-        );
     }
 }
 
@@ -470,63 +448,6 @@ mod tests {
             columns.push((format!("duty_{rotor}"), of(&duty)));
         }
         FlightLog::from_columns("climbs", time, columns).expect("a log")
-    }
-
-    /// Swings of a vehicle that accelerates as it leans, at a heading of 1 rad; the accelerometer in its own axes, or in the world's.
-    fn swings(axes: AccelAxes) -> FlightLog {
-        let time: Vec<f64> = (0..4000_u32).map(|k| 0.01 * f64::from(k)).collect();
-        let attitude = |t: f64| [0.2 * (1.7 * t).sin(), 0.15 * (1.1 * t).cos(), 1.0];
-        let rates = |t: f64| {
-            let (d, step) = (1e-4, attitude(t));
-            let next = kinematics::rotation_between(
-                &kinematics::ned_from_body(step),
-                &kinematics::ned_from_body(attitude(t + d)),
-            );
-            next.map(|angle| angle / d)
-        };
-        // Level flight: the thrust carries the weight.
-        let force = |t: f64| {
-            let r = kinematics::ned_from_body(attitude(t));
-            [0, 1, 2].map(|axis| -9.81 * r[axis][2] / r[2][2])
-        };
-        let mut velocity = vec![[0.0; 3]];
-        for t in &time[1..] {
-            let (last, f) = (velocity[velocity.len() - 1], force(t - 0.005));
-            velocity.push([last[0] + 0.01 * f[0], last[1] + 0.01 * f[1], 0.02 * t.sin()]);
-        }
-        let read = |t: f64| {
-            let (r, f) = (kinematics::ned_from_body(attitude(t)), force(t));
-            match axes {
-                AccelAxes::World => f,
-                AccelAxes::Body => [0, 1, 2].map(|axis| (0..3).map(|k| r[k][axis] * f[k]).sum()),
-            }
-        };
-        let mut columns: Vec<(String, Vec<f64>)> = Vec::new();
-        for axis in 0..3 {
-            let mut add = |name: &str, values: Vec<f64>| columns.push((name.to_owned(), values));
-            add(names::ATTITUDE[axis], time.iter().map(|t| attitude(*t)[axis]).collect());
-            add(names::RATES[axis], time.iter().map(|t| rates(*t)[axis]).collect());
-            add(names::ACCEL[axis], time.iter().map(|t| read(*t)[axis]).collect());
-            add(names::VELOCITY[axis], velocity.iter().map(|v| v[axis]).collect());
-        }
-        FlightLog::from_columns("swings", time, columns).expect("a log")
-    }
-
-    /// "No findings" of a Crazyflie's data set whose accelerations had been turned into the world's axes.
-    #[test]
-    fn regress_an_accelerometer_in_the_worlds_axes_is_a_finding() {
-        let about_axes = |log: FlightLog| -> Vec<Finding> {
-            let found = log.report.findings.into_iter();
-            found
-                .filter(|finding| finding.kind == FindingKind::Inconsistent)
-                .collect()
-        };
-        assert_eq!(about_axes(swings(AccelAxes::Body)), []);
-        let found = about_axes(swings(AccelAxes::World));
-        assert!(
-            matches!(&found[..], [one] if one.detail.contains("in the world's axes")),
-            "{found:?}"
-        );
     }
 
     /// A log in north-west-up was taken for north-east-down: "resistance of the ESC 7.5 Ω".
