@@ -153,7 +153,7 @@ fn judge_all(args: &LogArgs) -> Result<Vec<JudgedLog>, String> {
         let over_time = args.report.is_some().then(|| {
             let believed = NamedModel {
                 label: report.detectors.vehicle.clone(),
-                version: ModelVersion::first(report.detectors.vehicle.as_str(), detectors.vehicle().clone()),
+                version: model.clone(),
             };
             OverTime::of(std::slice::from_ref(&log), &[believed])
         });

@@ -141,6 +141,13 @@ pub struct SecondLook {
     uneven: [[f64; 2]; MAX_ROTORS],
 }
 
+/// What is lost, N and N², at the levers, and its explanations, likeliest first.
+struct Weighed {
+    value: [f64; AXES],
+    variance: [f64; AXES],
+    found: Vec<Explanation>,
+}
+
 impl SecondLook {
     /// For the vehicle of an engine that has taken this configuration.
     pub fn new(config: &FdiConfig) -> Self {
@@ -333,6 +340,17 @@ impl SecondLook {
         (value, variance)
     }
 
+    /// The lost wrench with what explains it; nothing where it is no number.
+    fn weighed(&self) -> Option<Weighed> {
+        let (value, variance) = self.lost();
+        let is_finite = value.iter().chain(&variance).all(|x| x.is_finite());
+        is_finite.then(|| Weighed {
+            found: sets::weigh(&self.column, self.rotor_count, &value, &variance, self.hover),
+            value,
+            variance,
+        })
+    }
+
     /// Lost share of each tracked rotor now, and its standard deviation. It is not known better than to the disturbance that the calibration saw:
     /// a loss that may move follows one that is as slow, whatever the filter says of its own variance. The variance counts as often as the model has
     /// been worse than it may be, and a thrust that is off in hover is off in its slope.
@@ -470,11 +488,13 @@ impl SecondLook {
         if !self.filter.is_ready() {
             return Ok(report);
         }
-        if let Some(load) = self.changed_load() {
+        let mut weighed = self.weighed();
+        if let Some(load) = weighed.as_ref().and_then(|weighed| self.changed_load(weighed)) {
             self.take_load(&load);
+            weighed = self.weighed();
         }
         let by_engine = !matches!(output.sequential, FaultVerdict::NotReady | FaultVerdict::Healthy);
-        if !by_engine && !self.has_grown() {
+        if !by_engine && !self.has_grown(weighed.as_ref()) {
             if self.alarm.take().is_some() {
                 self.end_episode();
                 self.snapshots.clear();
@@ -484,11 +504,9 @@ impl SecondLook {
             }
             return Ok(report);
         }
-        let (value, variance) = self.lost();
-        if !value.iter().chain(&variance).all(|x| x.is_finite()) {
+        let Some(Weighed { value, variance, found }) = weighed else {
             return Ok(report);
-        }
-        let found = sets::weigh(&self.column, self.rotor_count, &value, &variance, self.hover);
+        };
         let nothing: f64 = found
             .iter()
             .filter(|e| e.kind == Kind::Nothing)
@@ -539,12 +557,8 @@ impl SecondLook {
     }
 
     /// A load that was dropped or taken up, once it is sure.
-    fn changed_load(&mut self) -> Option<Found> {
-        let (value, variance) = self.lost();
-        if !value.iter().chain(&variance).all(|x| x.is_finite()) {
-            return None;
-        }
-        let found = sets::weigh(&self.column, self.rotor_count, &value, &variance, self.hover);
+    fn changed_load(&mut self, weighed: &Weighed) -> Option<Found> {
+        let Weighed { value, variance, found } = weighed;
         let load = found.iter().filter(|e| e.kind == Kind::Load);
         let seen = Seen {
             force: [value[0], variance[0]],
@@ -555,26 +569,22 @@ impl SecondLook {
     }
 
     /// A loss is there that has grown too slowly for the engine to find it.
-    fn has_grown(&mut self) -> bool {
+    fn has_grown(&mut self, weighed: Option<&Weighed>) -> bool {
         if self.growth_watch.is_found() {
             return true;
         }
-        let lone = self.lone_rotor();
+        let lone = weighed.and_then(|weighed| self.lone_rotor(weighed));
         self.growth_watch
             .take(lone, self.trust.is_proven() && self.trust.is_kept())
     }
 
     /// The rotor whose loss alone explains the lost wrench, beyond doubt.
-    fn lone_rotor(&self) -> Option<Lone> {
-        let (value, variance) = self.lost();
-        if !value.iter().chain(&variance).all(|x| x.is_finite()) {
-            return None;
-        }
-        let evidence = sets::chi_square(&value, &variance, self.hover) / self.trust.now().max(1.0);
+    fn lone_rotor(&self, weighed: &Weighed) -> Option<Lone> {
+        let Weighed { value, variance, found } = weighed;
+        let evidence = sets::chi_square(value, variance, self.hover) / self.trust.now().max(1.0);
         if evidence < GROWN {
             return None;
         }
-        let found = sets::weigh(&self.column, self.rotor_count, &value, &variance, self.hover);
         let best = found.first()?;
         let is_loss = matches!(best.kind, Kind::Losses | Kind::LossWithDrag) && best.rotors.count_ones() == 1;
         let same = found.iter().filter(|e| e.rotors == best.rotors && e.kind != Kind::Gain);
@@ -582,7 +592,7 @@ impl SecondLook {
             return None;
         }
         let rotor = best.rotors.trailing_zeros() as usize;
-        let lost = sets::sizes(best, &self.column, &value, &variance, self.hover)[0][0] / self.hover_thrust[rotor];
+        let lost = sets::sizes(best, &self.column, value, variance, self.hover)[0][0] / self.hover_thrust[rotor];
         let smallest = f64::from(*self.smallest_loss().get(rotor)?);
         Some(Lone {
             rotor: best.rotors,
