@@ -373,7 +373,13 @@ mod tests {
         let mut columns: Vec<(String, Vec<f64>)> = handled.columns.clone().into_iter().collect();
         columns.retain(|(name, _)| name != names::BATTERY_CURRENT && name != names::BATTERY_VOLTAGE);
         // A tenth of the rows reads up to 0.5 A.
-        let current = |row: usize| if row.is_multiple_of(10) { 0.05 * (row % 11) as f64 } else { 0.0 };
+        let current = |row: usize| {
+            if row.is_multiple_of(10) {
+                0.05 * (row % 11) as f64
+            } else {
+                0.0
+            }
+        };
         columns.push((
             names::BATTERY_CURRENT.to_owned(),
             (0..handled.time_s.len()).map(current).collect(),
