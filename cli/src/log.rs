@@ -199,6 +199,11 @@ fn map(args: &MapArgs) -> ExitCode {
             output::say(format!("{} → {}", args.file.display(), out.display()));
         }
     }
+    if drafted.rows.is_empty() {
+        output::say_aside(
+            "No column was recognised: an import takes this mapping only with rows that you write (`[[column]]`, `to`, `from`, `unit`: docs/logs.md).",
+        );
+    }
     for question in &drafted.questions {
         output::say_aside(format!("Question: {}.", question.sentence));
     }

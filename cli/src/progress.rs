@@ -1,4 +1,5 @@
-//! Progress of a long calculation: an updated line on a terminal, or events for the server that started the process.
+//! Progress of a long calculation: an updated line on a terminal, now and then a line in a file or a pipe, or events for the server that
+//! started the process.
 
 use crate::output;
 use indicatif::{HumanDuration, ProgressBar, ProgressDrawTarget, ProgressState, ProgressStyle};
@@ -13,26 +14,58 @@ const PAUSE: Duration = Duration::from_millis(250);
 /// Minimum interval between events that count flights.
 const PAUSE_OF_FLIGHTS: Duration = Duration::from_millis(500);
 
+/// Interval between lines where standard error is no terminal: enough to see that it works, few enough for a log file.
+const PAUSE_OF_A_PIPE: Duration = Duration::from_secs(15);
+
 /// Progress output.
 pub(crate) struct Progress {
-    shown: bool,
+    shown: Shown,
     lines: Option<Lines>,
+}
+
+/// What standard error is given.
+enum Shown {
+    Nothing,
+    /// One line that is updated.
+    Updated,
+    /// Lines of their own, and when the last one was written.
+    Lines(Mutex<Instant>),
 }
 
 impl Progress {
     /// `quiet`: nothing on the terminal; `events`: JSON lines on standard output.
     pub(crate) fn new(quiet: bool, events: bool) -> Self {
+        let shown = if quiet || events {
+            Shown::Nothing
+        } else if std::io::stderr().is_terminal() {
+            Shown::Updated
+        } else {
+            Shown::Lines(Mutex::new(Instant::now()))
+        };
         Self {
-            shown: !quiet && std::io::stderr().is_terminal(),
+            shown,
             lines: events.then(Lines::new),
         }
     }
 
     /// Current activity, and the completed fraction.
     pub(crate) fn tell(&self, event: &JobEvent) {
-        if let (true, JobEvent::Progress(Told::Share { share, text })) = (self.shown, event) {
-            // A terminal that has gone ends the command elsewhere.
-            write!(std::io::stderr(), "\r\x1b[K{:3.0} % {text}", 100.0 * share).ok();
+        if let JobEvent::Progress(Told::Share { share, text }) = event {
+            let percent = 100.0 * share;
+            // A reader that has gone ends the command elsewhere.
+            match &self.shown {
+                Shown::Nothing => {}
+                Shown::Updated => {
+                    write!(std::io::stderr(), "\r\x1b[K{percent:3.0} % {text}").ok();
+                }
+                Shown::Lines(last) => {
+                    let mut last = last.lock().unwrap_or_else(PoisonError::into_inner);
+                    if last.elapsed() >= PAUSE_OF_A_PIPE {
+                        *last = Instant::now();
+                        writeln!(std::io::stderr(), "{percent:3.0} % {text}").ok();
+                    }
+                }
+            }
         }
         if let Some(lines) = &self.lines {
             lines.tell(event);
@@ -41,7 +74,7 @@ impl Progress {
 
     /// Clears the line for other output.
     pub(crate) fn clear(&self) {
-        if self.shown {
+        if matches!(self.shown, Shown::Updated) {
             eprint!("\r\x1b[K");
         }
     }

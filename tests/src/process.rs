@@ -108,6 +108,88 @@ fn all_pids() -> Vec<u32> {
         .collect()
 }
 
+/// How much slower than alone a process was while somebody waited for it: programs beside it want the same cores, and a virtual machine
+/// may be refused a core by its host.
+#[derive(Debug)]
+pub struct Crowding {
+    cores: f64,
+    /// Sum over the samples of the runnable threads per core, at least one each.
+    per_core: f64,
+    samples: f64,
+    /// Time of all cores since the start of the machine, in ticks: all, and what the host withheld.
+    ticks: Option<(f64, f64)>,
+}
+
+impl Crowding {
+    /// Begins to sample.
+    pub fn begin() -> Self {
+        Self {
+            cores: std::thread::available_parallelism()
+                .map_or(1.0, |cores| f64::from(u32::try_from(cores.get()).unwrap_or(1))),
+            per_core: 0.0,
+            samples: 0.0,
+            ticks: ticks(),
+        }
+    }
+
+    fn sample(&mut self) {
+        // "0.20 0.18 0.12 3/80 11206": 3 of 80 threads can run, one of them this one.
+        let text = std::fs::read_to_string("/proc/loadavg").unwrap_or_default();
+        let runnable = text
+            .split_ascii_whitespace()
+            .nth(3)
+            .and_then(|field| field.split_once('/')?.0.parse::<f64>().ok());
+        self.per_core += runnable.map_or(1.0, |runnable| ((runnable - 1.0) / self.cores).max(1.0));
+        self.samples += 1.0;
+    }
+
+    /// The time that `limit` on a machine of its own is here: times runnable threads per core, divided by the share of the time that
+    /// the host granted.
+    pub fn stretch(&self, limit: Duration) -> Duration {
+        let per_core = if self.samples > 0.0 {
+            self.per_core / self.samples
+        } else {
+            1.0
+        };
+        let granted = self
+            .ticks
+            .zip(ticks())
+            .map_or(1.0, |((all, stolen), (all_now, stolen_now))| {
+                let all = all_now - all;
+                if all > 0.0 {
+                    1.0 - ((stolen_now - stolen) / all).clamp(0.0, 0.9)
+                } else {
+                    1.0
+                }
+            });
+        limit.mul_f64(per_core / granted)
+    }
+}
+
+/// All ticks of the machine, and those withheld by its host.
+fn ticks() -> Option<(f64, f64)> {
+    let text = std::fs::read_to_string("/proc/stat").ok()?;
+    let fields: Vec<f64> = text
+        .lines()
+        .next()?
+        .split_ascii_whitespace()
+        .skip(1)
+        .take(8)
+        .filter_map(|field| field.parse().ok())
+        .collect();
+    Some((fields.iter().sum(), *fields.get(7)?))
+}
+
+/// As [`wait_until`], and how crowded the machine was meanwhile.
+pub fn wait_in_crowd(limit: Duration, mut is_true: impl FnMut() -> bool) -> (Option<Duration>, Crowding) {
+    let mut crowding = Crowding::begin();
+    let time = wait_until(limit, || {
+        crowding.sample();
+        is_true()
+    });
+    (time, crowding)
+}
+
 /// Polls a condition every millisecond; returns the time taken, or `None` after `limit`.
 pub fn wait_until(limit: Duration, mut is_true: impl FnMut() -> bool) -> Option<Duration> {
     let begin = Instant::now();

@@ -9,7 +9,8 @@ use rotortwin_jobs::Identification as Job;
 use rotortwin_page::Report;
 use rotortwin_twin::compare::NamedModel;
 use rotortwin_twin::identify::{
-    Bench, Estimate, Files, HeldOut, Identification, Identified, Request, Source, files, held_out_with, identify_with,
+    Bench, Estimate, Files, HeldOut, Identification, Identified, Request, Source, files, frame_contradiction,
+    held_out_with, identify_with,
 };
 use rotortwin_twin::model::ModelVersion;
 use rotortwin_twin::over_time::OverTime;
@@ -76,10 +77,15 @@ fn find(job: &Job) -> Result<Found, String> {
     let documents = texts
         .documents()
         .map_err(|reason| format!("the identified vehicle is not valid, so nothing was written: {reason}"))?;
+    let version = ModelVersion::first(name, documents);
+    let against = |log| frame_contradiction(log, &version.vehicle, &vehicle.airframe);
+    if let Some(contradiction) = logs.iter().filter(|_| !job.trust_frame).find_map(against) {
+        return Err(contradiction);
+    }
     let over_time = targets.is_some().then(|| {
         let identified = NamedModel {
             label: name.to_owned(),
-            version: ModelVersion::first(name, documents),
+            version,
         };
         OverTime::of(&logs, &[identified])
     });

@@ -37,7 +37,7 @@ use rotortwin_flight_core::fdi::{FdiConfig, FdiConfigError};
 use rotortwin_plant::STEP_RATE_HZ;
 use rotortwin_scenario::Detectors;
 use rotortwin_twin::flight_picture::FlightPicture;
-use rotortwin_twin::log::flight_parts::{EventKind, FlightPart, FlightParts, PartKind};
+use rotortwin_twin::log::flight_parts::{FlightPart, FlightParts, PartKind};
 use rotortwin_twin::log::{FlightLog, GAP_FACTOR, RotorOrder, names};
 use serde::Serialize;
 use utoipa::ToSchema;
@@ -608,11 +608,7 @@ fn report(log: &FlightLog, detectors: &Detectors, judge: Judge, lacks: Vec<Lack>
     let mut notes = judge.notes;
     // The detectors end where a vehicle tumbles; what its motors were asked for before that says more than "not judged".
     let log_start_s = log.time_s.first().copied().unwrap_or(0.0);
-    let lost = judge
-        .parts
-        .events
-        .iter()
-        .filter(|event| event.kind == EventKind::LostRotor);
+    let lost = judge.parts.events.iter().filter(|event| event.kind.decides());
     notes.splice(
         0..0,
         lost.map(|event| format!("{:.2} s: {}", event.start_s - log_start_s, event.detail)),

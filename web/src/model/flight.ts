@@ -33,6 +33,7 @@ export function partLane(parts: readonly Pick<Part, "kind" | "start_s" | "end_s"
 const EVENTS: readonly { kind: Event["kind"]; name: string }[] = [
   { kind: "saturated", name: "saturated" },
   { kind: "lost-rotor", name: "lost rotor" },
+  { kind: "motor-off", name: "motor off" },
   { kind: "estimator-reset", name: "jumps" },
   { kind: "hard-landing", name: "hard landing" },
   { kind: "gap", name: "no rows" },
@@ -46,7 +47,7 @@ export function eventLanes(flight: Pick<FlightPicture, "parts" | "start_s" | "en
   return EVENTS.flatMap(({ kind, name }) => {
     const events = flight.parts.events.filter((one) => one.kind === kind);
     if (events.length === 0) return [];
-    const motors = kind === "saturated" || kind === "lost-rotor";
+    const motors = kind === "saturated" || kind === "lost-rotor" || kind === "motor-off";
     const stretches: Stretch[] = events.map((one, place) => ({
       from: one.start_s, to: Math.max(one.end_s, one.start_s + width), code: motors && one.output ? one.output : -1 - place,
     }));

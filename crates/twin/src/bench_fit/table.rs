@@ -77,8 +77,8 @@ impl Role {
                 ],
                 "",
             ),
-            Self::Thrust => (&["thrust", "lift", "force", "f"], "N"),
-            Self::Voltage => (&["voltage", "battery_voltage", "volt", "v"], "V"),
+            Self::Thrust => (&["thrust", "lift", "force", "f", "weight"], "N"),
+            Self::Voltage => (&["voltage", "battery_voltage", "volt", "vbat", "v"], "V"),
             Self::Current => (&["current", "battery_current", "curr", "i"], "A"),
             Self::Torque => (&["torque", "moment"], "Nm"),
             Self::Power => (&["electrical power", "power", "electrical_power"], "W"),
@@ -304,6 +304,7 @@ impl Table {
                 .notes
                 .push(format!("no time column: rows are taken as {period} s apart"));
         }
+        table.leave_out_the_few_out_of_order();
         // Points of a thrust curve need no clock, and RCbenchmark writes an averaging time in the place of the first ones.
         if let Some(k) = table.time.windows(2).position(|pair| pair[1] <= pair[0]) {
             table.without_time = Some(format!(
@@ -321,6 +322,37 @@ impl Table {
         table.settle_command(mapping)?;
         table.cut(mapping)?;
         Ok(table)
+    }
+
+    /// Leaves out rows whose time is not after that of the rows before, where they are one in a hundred at most.
+    fn leave_out_the_few_out_of_order(&mut self) {
+        const MOST_SHARE: f64 = 0.01;
+        let mut latest = f64::NEG_INFINITY;
+        let keep: Vec<bool> = self
+            .time
+            .iter()
+            .map(|time| {
+                let after = *time > latest;
+                latest = latest.max(*time);
+                after
+            })
+            .collect();
+        let count = keep.iter().filter(|keep| !**keep).count();
+        if count == 0 || count as f64 > MOST_SHARE * keep.len() as f64 {
+            return;
+        }
+        self.notes.push(format!(
+            "{count} of {} rows are left out: their time is not after that of the rows before",
+            keep.len()
+        ));
+        self.retain(&keep);
+    }
+
+    fn retain(&mut self, keep: &[bool]) {
+        for role in Role::ALL {
+            let mut rows = keep.iter();
+            self.column_mut(role).retain(|_| rows.next().is_none_or(|keep| *keep));
+        }
     }
 
     fn column_mut(&mut self, role: Role) -> &mut Vec<f64> {
@@ -408,13 +440,8 @@ impl Table {
             .map(|k| self.command[k])
             .fold(f64::INFINITY, f64::min);
         let mut table = self.clone();
-        for role in Role::ALL {
-            let mut k = 0;
-            table.column_mut(role).retain(|_| {
-                k += 1;
-                !stands[k - 1]
-            });
-        }
+        let turns: Vec<bool> = stands.iter().map(|stands| !stands).collect();
+        table.retain(&turns);
         table.notes.push(format!(
             "{count} of {points} points are left out: the motor stands there, from duty {first:.2} on, with less than a tenth of the current and a third \
              of the thrust of a lower duty"
@@ -471,13 +498,7 @@ impl Table {
         }
         self.notes
             .push(format!("{count} of {} rows used: {from} to {to} s", keep.len()));
-        for role in Role::ALL {
-            let mut k = 0;
-            self.column_mut(role).retain(|_| {
-                k += 1;
-                keep[k - 1]
-            });
-        }
+        self.retain(&keep);
         Ok(())
     }
 }
@@ -745,6 +766,34 @@ mod tests {
             ..table.clone()
         };
         assert_eq!(whole.without_stalls().command.len(), 5);
+    }
+
+    /// `fit lag` refused 1000 rows of RCbenchmark for the second one, which `fit thrust` read.
+    #[test]
+    fn regress_the_few_rows_out_of_order_are_left_out() {
+        let rows: Vec<String> = (0..200)
+            .map(|k| format!("{},{},{}", 0.01 * f64::from(k) + 0.05, k % 7, 8.1))
+            .collect();
+        let text = format!(
+            "time [s],weight[g],vbat[V]\n0.0482,1,8.1\n0.0467,1,8.1\n{}\n",
+            rows.join("\n")
+        );
+        let table = Table::parse("steps.csv", &text, &Mapping::default()).unwrap();
+        assert_eq!(
+            (table.time.len(), table.thrust.len(), table.voltage.len()),
+            (201, 201, 201)
+        );
+        assert!(
+            table
+                .notes
+                .iter()
+                .any(|note| note.starts_with("1 of 202 rows are left out")),
+            "{:?}",
+            table.notes
+        );
+        // Of few rows none is left out without its time being needed.
+        let table = Table::parse("few.csv", "time [s],weight[g]\n0,1\n0,2\n1,3\n", &Mapping::default()).unwrap();
+        assert_eq!(table.thrust.len(), 3);
     }
 
     #[test]

@@ -4,6 +4,7 @@ use rotortwin_plant::effects::hover_rotor_speed_rad_s;
 use rotortwin_plant::vehicle::model::SpinDirection;
 use serde::Serialize;
 
+use super::agreement::Compared;
 use super::bench::{About, together};
 use super::class::{self, Class};
 use super::estimate::Estimate;
@@ -11,6 +12,8 @@ use super::excitation::Excitation;
 use super::fit::{self, ALPHA, BETA, DELAY, Fitted, GAIN, LAG, SLOPES};
 use super::frames::{self, Frame, Place};
 use super::grid::{GRAVITY, Grid, moving_outputs};
+use super::held_out::Halves;
+use super::plausible::{GYRATION_OVER_ARM, MOMENT_RATIO_OVER_ARM, gyration_over_arm, has_possible_gyration};
 use super::slow::Drag;
 use super::wiring::{self, Contradiction, Wiring};
 use super::yaw::{EXPLAINED, Reaction, Yaw};
@@ -48,7 +51,13 @@ pub(crate) fn rotor_outputs(log: &FlightLog) -> Result<Vec<usize>, String> {
     let moving = moving_outputs(log);
     if moving.len() < 4 {
         let found = log.rotor_count();
-        return Err(if found == 0 {
+        return Err(if found > 0 && log.duties().is_empty() {
+            format!(
+                "{}: expected motor outputs (duty_1 …), the log has speeds of {found} rotors and none: a mapping makes outputs of them, with `to = \"duty\"`, \
+                 the speeds' columns in `from`, `low = 0` and `high` the motors' highest speed (docs/logs.md)",
+                log.name
+            )
+        } else if found == 0 {
             format!(
                 "{}: expected motor outputs (duty_1 …), the log has none: a vehicle cannot be made from it",
                 log.name
@@ -178,9 +187,10 @@ pub(crate) fn find(log: &FlightLog, grids: &[Grid], request: &Request, class: &C
     let Some(motion) = motion.map(|motion| motion.best) else {
         return Err(format!(
             "{}: the motor order is unknown: no parameter says it, and without body rates (or with {rotors} rotors) the motion cannot; \
-             name the frame with --frame ({})",
+             name the frame with --frame ({}){}",
             log.name,
-            frame_names()
+            frame_names(),
+            no_coaxial(rotors)
         ));
     };
     if let Some(doubt) = motion.doubt() {
@@ -279,6 +289,15 @@ fn listed(places: &[Place]) -> String {
     places.iter().enumerate().map(one).collect::<Vec<_>>().join(", ")
 }
 
+/// What somebody with a frame that no table can hold must know.
+pub(crate) fn no_coaxial(rotors: usize) -> &'static str {
+    match rotors {
+        6 => "; a coaxial Y6 is none of these: a vehicle here cannot have two rotors on one axis",
+        8 => "; a coaxial X8 is none of these: a vehicle here cannot have two rotors on one axis",
+        _ => "",
+    }
+}
+
 fn frame_names() -> String {
     frames::FRAMES
         .iter()
@@ -337,6 +356,8 @@ pub(crate) struct Findings<'a> {
     pub(crate) logs: &'a [FlightLog],
     pub(crate) fitted: &'a Fitted,
     pub(crate) yaw: Option<Yaw>,
+    /// What each half of the flights gives by itself, where they are long enough.
+    pub(crate) halves: Option<&'a Halves>,
     pub(crate) voltage_slope: (f64, f64, Source),
     pub(crate) has_voltage: bool,
     pub(crate) rotors: usize,
@@ -368,29 +389,6 @@ const DEAD_ZONE_DEVIATION: f64 = 0.01;
 /// Share of the drag along the body that the drag of climbs must surely be below, for the difference to be that of rotors. A thrust curve
 /// fitted to the same flight can take half of a drag along all axes for its own.
 const LITTLE_IN_CLIMBS: f64 = 0.3;
-
-/// Radii of gyration about roll and pitch that a multirotor can have, over its arm: 0.71 if its whole mass were at the rotors of an even polygon,
-/// 0.2 if a twelfth of it were there and the rest a point. Vehicles of the classes have 0.45 to 0.57.
-const GYRATION_OVER_ARM: std::ops::RangeInclusive<f64> = 0.2..=0.8;
-
-/// √(J/m) over the arm, of a gain l m/J, 1/m.
-fn gyration_over_arm(gain: f64, arm_m: f64) -> f64 {
-    (arm_m / gain).sqrt() / arm_m
-}
-
-/// Whether the gain of roll or pitch, l m/J, is one that a multirotor can have.
-pub(crate) fn has_possible_gyration(gain: f64, arm_m: f64) -> bool {
-    GYRATION_OVER_ARM.contains(&gyration_over_arm(gain, arm_m))
-}
-
-/// Whether the gain of yaw, c m/Jz, 1/m, is one that propellers can have on these arms, with Jz by the gains of roll and pitch.
-pub(crate) fn has_possible_moment(yaw_gain: f64, gain: [f64; 2], arm_m: f64) -> bool {
-    let gyration_squared = gain.iter().map(|gain| arm_m / gain).sum::<f64>();
-    MOMENT_RATIO_OVER_ARM.contains(&(yaw_gain * class::YAW_INERTIA_SHARE * gyration_squared / arm_m))
-}
-
-/// Torque over thrust that a propeller can have, over the arm. Propellers have 0.02 to 0.1 of their diameter, which is 0.3 to 1.7 arms.
-const MOMENT_RATIO_OVER_ARM: std::ops::RangeInclusive<f64> = 0.004..=0.3;
 
 /// Deviation of ln c/Jz from which on the flight tells nothing of it.
 const YAW_LOG_DEVIATION: f64 = 1.0;
@@ -482,6 +480,16 @@ impl Findings<'_> {
         (numbers, values)
     }
 
+    /// A value and its deviation by the first and by the second half of the flights, where both excite it.
+    fn by_halves(
+        &self,
+        value: impl Fn(&Fitted) -> (f64, f64),
+        excited: impl Fn(&Excitation) -> bool,
+    ) -> Option<[(f64, f64); 2]> {
+        let halves = self.halves.filter(|halves| halves.excitation.iter().all(excited))?;
+        Some(halves.fitted.each_ref().map(value))
+    }
+
     /// Jx, Jy and the deviations of their logarithms.
     fn inertia(&self, values: &mut Vec<Estimate>, notes: &mut Vec<String>) -> [(f64, f64); 2] {
         let (mass, arm) = (self.request.mass_kg, self.request.arm_m);
@@ -537,10 +545,27 @@ impl Findings<'_> {
                     (fitted.covariance[(i, i)].sqrt(), class::INERTIA_LOG_DEVIATION),
                     source,
                 );
+                let compared = Compared {
+                    name,
+                    whole: flown.ln(),
+                    class: of_its_class.ln(),
+                    halves: self.by_halves(
+                        |half| ((mass * arm / half.gain[axis]).ln(), half.covariance[(i, i)].sqrt()),
+                        |excitation| excitation.rate[axis],
+                    ),
+                    score: self.halves.and_then(|halves| halves.acceleration(axis)),
+                    shown: &|logarithm| format!("{:.3e} kg·m²", logarithm.exp()),
+                };
+                let (deviation, source) = compared.checked((deviation, source), notes);
                 (flown, deviation, source, how)
             };
+            let mut estimate = Estimate::log_normal(key, name, "kg·m²", value, deviation, source);
+            if source == Source::Class {
+                // Towers of stacked rotors and batteries have what no flat vehicle of the class has: a published X8 0.78 arms.
+                estimate.high = estimate.high.max(mass * (GYRATION_OVER_ARM.end() * arm).powi(2));
+            }
             values.push(
-                Estimate::log_normal(key, name, "kg·m²", value, deviation, source)
+                estimate
                     .how(how)
                     .better("20 s of roll and pitch doublets, logged at 200 Hz or more"),
             );
@@ -595,6 +620,7 @@ impl Findings<'_> {
             determined
         });
         let believed = told.is_some_and(|yaw| yaw.explained >= EXPLAINED);
+        let told = told.map(|yaw| self.yaw_by_halves(yaw, notes));
         let yaw_source = match told {
             Some(yaw) if believed && yaw.deviation < 0.5 * class::MOMENT_LOG_DEVIATION => Source::Log,
             _ => Source::LogAndClass,
@@ -650,15 +676,22 @@ impl Findings<'_> {
             .exp()
             .min(0.999 * sum)
             .max(1.001 * (inertia[0].0 - inertia[1].0).abs());
+        // What Jx + Jy has above its class may be height, which adds nothing to Jz: a published X8 has 0.36 (Jx + Jy).
+        let of_its_class = share * self.class.inertia_ratio.iter().sum::<f64>() * mass * arm * arm;
+        let least_inertia = (yaw_inertia / (Z95 * inertia_deviation).exp()).min(of_its_class);
+        let flat = Estimate::log_normal(
+            "body.inertia_body_kg_m2[2]",
+            "inertia, yaw",
+            "kg·m²",
+            yaw_inertia,
+            inertia_deviation,
+            Source::LogAndClass,
+        );
         values.push(
-            Estimate::log_normal(
-                "body.inertia_body_kg_m2[2]",
-                "inertia, yaw",
-                "kg·m²",
-                yaw_inertia,
-                inertia_deviation,
-                Source::LogAndClass,
-            )
+            Estimate {
+                low: least_inertia,
+                ..flat
+            }
             .how(format!("{share} (Jx + Jy), as flat bodies have"))
             .better("a bifilar pendulum"),
         );
@@ -668,24 +701,58 @@ impl Findings<'_> {
             (ratio, inertia_deviation),
             values,
         );
+        let moment = Estimate::log_normal(
+            "rotors.moment_ratio_m",
+            "torque over thrust, c",
+            "m",
+            ratio,
+            ratio_deviation,
+            ratio_source,
+        );
+        // The flight tells c/Jz: where Jz may be less, so may c.
+        let least = if told.is_some() && ratio_source != Source::Bench {
+            moment.low.min(ratio * least_inertia / yaw_inertia)
+        } else {
+            moment.low
+        };
         values.push(
-            Estimate::log_normal(
-                "rotors.moment_ratio_m",
-                "torque over thrust, c",
-                "m",
-                ratio,
-                ratio_deviation,
-                ratio_source,
-            )
-            .how(match (ratio_source, told.is_some()) {
-                (Source::Bench, true) => "torque over thrust of the bench, and c/Jz of the flight, by their variances",
-                (Source::Bench, false) => "torque over thrust of the bench",
-                (Source::Class, _) => "not determined by the flight",
-                _ => "c/Jz of the flight times Jz",
-            })
-            .better("10 s of yaw steps; a thrust stand with torque"),
+            Estimate { low: least, ..moment }
+                .how(match (ratio_source, told.is_some()) {
+                    (Source::Bench, true) => {
+                        "torque over thrust of the bench, and c/Jz of the flight, by their variances"
+                    }
+                    (Source::Bench, false) => "torque over thrust of the bench",
+                    (Source::Class, _) => "not determined by the flight",
+                    _ => "c/Jz of the flight times Jz",
+                })
+                .better("10 s of yaw steps; a thrust stand with torque"),
         );
         (ratio, yaw_inertia, reaction_s)
+    }
+
+    /// c/Jz with a deviation that its halves, and the class, do not contradict.
+    fn yaw_by_halves(&self, yaw: Yaw, notes: &mut Vec<String>) -> Yaw {
+        let Some(halves) = self.halves else { return yaw };
+        let both = match halves.yaw {
+            [Some(first), Some(second)] if halves.excitation.iter().all(|e| e.rate[2]) => {
+                let believed = [first, second].iter().all(|half| half.explained >= EXPLAINED);
+                believed.then(|| [first, second].map(|half| (half.gain.ln(), half.deviation)))
+            }
+            _ => None,
+        };
+        let mass = self.request.mass_kg;
+        let inertia: f64 =
+            self.class.inertia_ratio.iter().sum::<f64>() * class::YAW_INERTIA_SHARE * self.request.arm_m.powi(2);
+        let compared = Compared {
+            name: "c/Jz",
+            whole: yaw.gain.ln(),
+            class: (self.class.moment_ratio_m / inertia).ln(),
+            halves: both,
+            score: halves.acceleration(2),
+            shown: &|logarithm| format!("{:.3}/(kg·m)", logarithm.exp() / mass),
+        };
+        let (deviation, _) = compared.checked((yaw.deviation, Source::Log), notes);
+        Yaw { deviation, ..yaw }
     }
 
     /// λ of the document, s; listed with the inertia of a rotor that it stands for at hover. Asks for c, m, and the deviation of ln Jz.
@@ -880,7 +947,12 @@ impl Findings<'_> {
                 "the mean specific force in the air is {level:.3} g: the accelerometer's scale is off by that, or the flight climbs and turns"
             ));
         }
-        let slope_variance = covariance[(ALPHA, ALPHA)] + 0.25 * covariance[(BETA, BETA)] - covariance[(ALPHA, BETA)];
+        let slope_of = |fitted: &Fitted| {
+            let c = &fitted.covariance;
+            let variance = c[(ALPHA, ALPHA)] + 0.25 * c[(BETA, BETA)] - c[(ALPHA, BETA)];
+            (fitted.curve.slope(), variance.max(0.0).sqrt())
+        };
+        let slope_variance = slope_of(fitted).1.powi(2);
         let slope_source = whose_in_all(
             fitted.data_deviation[ALPHA]
                 .hypot(0.5 * fitted.data_deviation[BETA])
@@ -893,6 +965,18 @@ impl Findings<'_> {
             (slope_variance.sqrt(), class::SLOPE_DEVIATION),
             slope_source,
         );
+        let compared = Compared {
+            name: "thrust slope",
+            whole: curve.slope(),
+            class: self.class.slope,
+            halves: self.by_halves(slope_of, |excitation| excitation.lift),
+            score: self.halves.and_then(Halves::lift),
+            shown: &|slope| format!("n = {slope:.2}"),
+        };
+        let (slope_deviation, slope_source) = match (self.bench, self.impossible_slope) {
+            (None, None) => compared.checked((slope_deviation, slope_source), notes),
+            _ => (slope_deviation, slope_source),
+        };
         let impossible = self.impossible_slope.map(|slope| {
             format!(
                 "the flight indicates n = {slope:.2}, which no propeller has ({} to {})",
@@ -949,23 +1033,36 @@ impl Findings<'_> {
         );
         let (s, deviation, source) = self.voltage_slope;
         let of_the_bench = self.bench.is_some_and(|bench| bench.exponent.is_some());
+        let mut of_voltage = Estimate::normal(
+            "rotors.voltage_slope",
+            "d ln thrust/d ln voltage",
+            "",
+            s,
+            deviation,
+            if of_the_bench { Source::Bench } else { source },
+        );
+        // The value is that of the document, which has Eq. 19: T ∝ V − V₀, V₀ ≥ 0.
+        of_voltage.value = s.max(1.0);
+        of_voltage.high = of_voltage.high.max(of_voltage.value);
+        if of_voltage.value > s + Z95 * deviation {
+            notes.push(format!(
+                "thrust over voltage: the flight says V^{s:.2} ± {:.2}, as where an ESC holds the speed or the autopilot makes up for the battery; a vehicle document holds V^1 at \
+                 least, so `improve` on the flight has an exponent of the voltage to add",
+                Z95 * deviation
+            ));
+        }
         values.push(
-            Estimate::normal(
-                "rotors.voltage_slope",
-                "d ln thrust/d ln voltage",
-                "",
-                s,
-                deviation,
-                if of_the_bench { Source::Bench } else { source },
-            )
-            .how(match source {
-                _ if of_the_bench => "voltages of the bench, combined with the flight by their variances",
-                _ if !self.has_voltage => "no voltage in the log",
-                Source::Log => "slow drift of thrust over voltage; anything else that drifts with time is in it",
-                Source::LogAndClass => "slow drift of thrust over voltage, combined with the class by their variances",
-                _ => "the voltage hardly varies",
-            })
-            .better("a flight over most of the charge, with voltage"),
+            of_voltage
+                .how(match source {
+                    _ if of_the_bench => "voltages of the bench, combined with the flight by their variances",
+                    _ if !self.has_voltage => "no voltage in the log",
+                    Source::Log => "slow drift of thrust over voltage; anything else that drifts with time is in it",
+                    Source::LogAndClass => {
+                        "slow drift of thrust over voltage, combined with the class by their variances"
+                    }
+                    _ => "the voltage hardly varies",
+                })
+                .better("a flight over most of the charge, with voltage"),
         );
         self.falls(values);
         let lag_deviation = covariance[(LAG, LAG)].sqrt();
@@ -1276,18 +1373,5 @@ mod tests {
         assert_eq!(whose_in_all(0.9, (0.11, 0.3), 0.0), Source::LogAndClass);
         assert_eq!(whose_in_all(0.9, (0.29, 0.3), 0.2), Source::Class);
         assert_eq!(whose_in_all(0.1, (0.09, 0.3), 0.2), Source::Log);
-    }
-
-    /// Gains of halves that no vehicle has made R² of −20 000.
-    #[test]
-    fn regress_gains_that_no_vehicle_has_are_told() {
-        let arm_m = 0.149;
-        // J = 0.25 m l² and 1.2 m l².
-        let [usual, impossible] = [0.25, 1.2].map(|ratio| 1.0 / (ratio * arm_m));
-        assert!(has_possible_gyration(usual, arm_m) && !has_possible_gyration(impossible, arm_m));
-        // Jz of a flat body, c of 0.012 m and of 1.29 m.
-        let of = |ratio_m: f64| ratio_m / (class::YAW_INERTIA_SHARE * 0.5 * arm_m * arm_m);
-        assert!(has_possible_moment(of(0.012), [usual; 2], arm_m));
-        assert!(!has_possible_moment(of(1.29), [usual; 2], arm_m));
     }
 }

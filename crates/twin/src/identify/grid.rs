@@ -2,6 +2,7 @@
 
 use std::ops::Range;
 
+use crate::log::flight_parts::EventKind;
 use crate::log::rest::{quiet_mean, scale_of};
 use crate::log::{FlightLog, GAP_FACTOR, names};
 
@@ -149,7 +150,42 @@ impl Grid {
         grid.find_rest();
         grid.decimate();
         grid.find_airborne()?;
+        grid.leave_out_motors_off(log)?;
         Ok(grid)
+    }
+
+    /// What a vehicle does while a parameter keeps one of its motors from turning tells nothing of a vehicle whose motors all turn.
+    fn leave_out_motors_off(&mut self, log: &FlightLog) -> Result<(), String> {
+        for event in log
+            .report
+            .happenings
+            .iter()
+            .filter(|event| event.kind == EventKind::MotorOff)
+        {
+            let row = |time_s: f64| ((time_s - self.start_s) / self.step_s).clamp(0.0, self.rows as f64) as usize;
+            let (from, to) = (row(event.start_s), row(event.end_s) + 1);
+            if !self.airborne.iter().any(|part| part.start < to && from < part.end) {
+                continue;
+            }
+            let shortest = self.rows_of(SHORTEST_S);
+            let sides = |part: &Range<usize>| [part.start..part.end.min(from), part.start.max(to)..part.end];
+            self.airborne = self
+                .airborne
+                .iter()
+                .flat_map(sides)
+                .filter(|side| side.len() >= shortest)
+                .collect();
+            let told = format!("from {:.1} s on {}", event.start_s, event.detail);
+            if self.airborne.is_empty() {
+                return Err(format!(
+                    "{}: expected at least {SHORTEST_S} s of flight with all motors, found none: {told}",
+                    self.name
+                ));
+            }
+            self.notes
+                .push(format!("{}: {told}; left out until it is on again", self.name));
+        }
+        Ok(())
     }
 
     /// Above 600 Hz means of some rows are taken: vibration and the gyro's own filter are no part of the model, and the error between

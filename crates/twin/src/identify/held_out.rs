@@ -3,7 +3,6 @@
 use serde::Serialize;
 
 use super::actuator::lagged;
-use super::airframe::{has_possible_gyration, has_possible_moment};
 use super::bench::{self, Bench};
 use super::class::{self, Class};
 use super::curve::Curve;
@@ -12,7 +11,8 @@ use super::filters::Band;
 use super::fit::{self, Fitted, Series};
 use super::frames::Place;
 use super::grid::Grid;
-use super::yaw::{self, derivative};
+use super::plausible::{has_possible_gyration, has_possible_moment};
+use super::yaw::{self, Yaw, derivative};
 use super::{IdentifyError, Request, prepare, slow};
 use crate::log::FlightLog;
 
@@ -94,57 +94,99 @@ pub fn held_out(log: &FlightLog, request: &Request) -> Result<HeldOut, IdentifyE
 /// As [`held_out`].
 pub fn held_out_with(log: &FlightLog, request: &Request, bench: Option<&Bench>) -> Result<HeldOut, IdentifyError> {
     let class = Class::of(request.mass_kg, request.arm_m);
-    let (mut grids, airframe) = prepare(std::slice::from_ref(log), request, &class)?;
-    let whole = grids.remove(0);
-    let halves = split(&whole).ok_or_else(|| {
+    let (grids, airframe) = prepare(std::slice::from_ref(log), request, &class)?;
+    let seconds = grids[0].airborne_s();
+    let halves = Halves::of(&grids, &airframe.places, &class, request, bench).ok_or_else(|| {
         IdentifyError(format!(
-            "{}: {:.1} s in the air; two halves of at least 3 s are needed",
-            log.name,
-            whole.airborne_s()
+            "{}: {seconds:.1} s in the air; two halves of at least 3 s are needed",
+            log.name
         ))
     })?;
-    let channels: [(&'static str, Band); 5] = [
-        ("vertical specific force", Band::of_lift(whole.step_s, whole.fast)),
-        (
-            "the same without drift",
-            Band {
-                low_hz: 0.1,
-                ..Band::of_lift(whole.step_s, whole.fast)
-            },
-        ),
-        ("roll acceleration", Band::of_torque(whole.step_s, whole.fast)),
-        ("pitch acceleration", Band::of_torque(whole.step_s, whole.fast)),
-        ("yaw acceleration", Band::of_yaw(whole.step_s, whole.fast)),
-    ];
-    let mut sums = [[Sum::default(); 5]; 2];
-    let mut gains = Vec::new();
-    for fitted_half in 0..2 {
-        let learn = std::slice::from_ref(&halves[fitted_half]);
-        let proof = &halves[1 - fitted_half];
-        let default = default_model(learn, &airframe.places, &class, request.arm_m);
-        let (calibrated, fitted) = calibrate(learn, &airframe.places, &class, request, bench);
-        gains.push(fitted.gain);
-        for (sums, model) in sums.iter_mut().zip([&default, &calibrated]) {
-            score(proof, &airframe.places, model, &channels, sums);
-        }
-    }
-    let scores = channels
-        .iter()
-        .enumerate()
-        .filter(|(i, _)| sums[0][*i].count > 0.0)
-        .map(|(i, (channel, band))| Score {
-            channel,
-            band: *band,
-            class_default: sums[0][i].explained(),
-            calibrated: sums[1][i].explained(),
-        })
-        .collect();
+    let [first, second] = &halves.fitted;
     Ok(HeldOut {
         log: log.name.clone(),
-        seconds: whole.airborne_s(),
-        scores,
-        gain_ratio: [0, 1].map(|axis| gains[1][axis] / gains[0][axis]),
+        seconds,
+        gain_ratio: [0, 1].map(|axis| second.gain[axis] / first.gain[axis]),
+        scores: halves.scores,
     })
+}
+
+/// Channels of the scores.
+const LIFT: &str = "vertical specific force";
+const LIFT_WITHOUT_DRIFT: &str = "the same without drift";
+const ACCELERATION: [&str; 3] = ["roll acceleration", "pitch acceleration", "yaw acceleration"];
+
+/// What each half of the flights gives by itself, and how well it predicts the other.
+pub(crate) struct Halves {
+    pub(crate) fitted: [Fitted; 2],
+    pub(crate) yaw: [Option<Yaw>; 2],
+    pub(crate) excitation: [Excitation; 2],
+    pub(crate) scores: Vec<Score>,
+}
+
+impl Halves {
+    /// Each flight is cut in the middle; `None` where none is long enough.
+    pub(crate) fn of(
+        grids: &[Grid],
+        places: &[Place],
+        class: &Class,
+        request: &Request,
+        bench: Option<&Bench>,
+    ) -> Option<Self> {
+        let (first, second): (Vec<Grid>, Vec<Grid>) = grids.iter().filter_map(split).map(|[a, b]| (a, b)).unzip();
+        let step_s = first.iter().map(|grid| grid.step_s).reduce(f64::max)?;
+        let fast = first.iter().all(|grid| grid.fast);
+        let lift = Band::of_lift(step_s, fast);
+        let channels: [(&'static str, Band); 5] = [
+            (LIFT, lift),
+            (LIFT_WITHOUT_DRIFT, Band { low_hz: 0.1, ..lift }),
+            (ACCELERATION[0], Band::of_torque(step_s, fast)),
+            (ACCELERATION[1], Band::of_torque(step_s, fast)),
+            (ACCELERATION[2], Band::of_yaw(step_s, fast)),
+        ];
+        let mut sums = [[Sum::default(); 5]; 2];
+        let [one, other] = [(&first, &second), (&second, &first)].map(|(learn, proof)| {
+            let default = default_model(learn, class, request.arm_m);
+            let calibrated = calibrate(learn, places, class, request, bench);
+            for (sums, model) in sums.iter_mut().zip([&default, &calibrated.model]) {
+                for grid in proof {
+                    score(grid, places, model, &channels, sums);
+                }
+            }
+            calibrated
+        });
+        let scores = channels
+            .iter()
+            .enumerate()
+            .filter(|(i, _)| sums[0][*i].count > 0.0)
+            .map(|(i, (channel, band))| Score {
+                channel,
+                band: *band,
+                class_default: sums[0][i].explained(),
+                calibrated: sums[1][i].explained(),
+            })
+            .collect();
+        Some(Self {
+            yaw: [one.yaw, other.yaw],
+            fitted: [one.fitted, other.fitted],
+            excitation: [Excitation::of(&first), Excitation::of(&second)],
+            scores,
+        })
+    }
+
+    /// R² of the specific force apart from its drift.
+    pub(crate) fn lift(&self) -> Option<&Score> {
+        self.score(LIFT_WITHOUT_DRIFT)
+    }
+
+    /// R² of the acceleration in roll, pitch or yaw.
+    pub(crate) fn acceleration(&self, axis: usize) -> Option<&Score> {
+        self.score(ACCELERATION[axis])
+    }
+
+    fn score(&self, channel: &str) -> Option<&Score> {
+        self.scores.iter().find(|score| score.channel == channel)
+    }
 }
 
 /// The time in the air, cut in the middle.
@@ -170,13 +212,15 @@ fn split(grid: &Grid) -> Option<[Grid; 2]> {
     halves.iter().all(|half| half.airborne_s() >= 3.0).then_some(halves)
 }
 
-fn calibrate(
-    grids: &[Grid],
-    places: &[Place],
-    class: &Class,
-    request: &Request,
-    bench: Option<&Bench>,
-) -> (Model, Fitted) {
+/// What some flights give.
+struct Calibrated {
+    model: Model,
+    fitted: Fitted,
+    /// Also where no propeller has it.
+    yaw: Option<Yaw>,
+}
+
+fn calibrate(grids: &[Grid], places: &[Place], class: &Class, request: &Request, bench: Option<&Bench>) -> Calibrated {
     let arm_m = request.arm_m;
     let problem = |voltage_slope| fit::Problem {
         grids,
@@ -187,7 +231,7 @@ fn calibrate(
     };
     let mut fitted = fit::fit(&problem(class::VOLTAGE_SLOPE), arm_m);
     let mut voltage_slope = class::VOLTAGE_SLOPE;
-    if grids[0].voltage.is_some() {
+    if grids.iter().all(|grid| grid.voltage.is_some()) {
         (voltage_slope, ..) = slow::voltage_slope(grids, &fitted.curve);
         fitted = fit::fit(&problem(voltage_slope), arm_m);
     }
@@ -213,7 +257,8 @@ fn calibrate(
             of_class[axis]
         }
     });
-    let (yaw_gain, reaction_s) = yaw::fit(grids, places, &fitted)
+    let yaw = yaw::fit(grids, places, &fitted);
+    let (yaw_gain, reaction_s) = yaw
         .filter(|yaw| has_possible_moment(yaw.gain, gain, arm_m))
         .map_or((default_yaw(class, arm_m), 0.0), |yaw| {
             (yaw.gain, yaw.reaction.value_s())
@@ -225,9 +270,13 @@ fn calibrate(
         gain,
         yaw_gain,
         reaction_s,
-        fall: grids.iter().find_map(|grid| slow::fall(grid, &fitted.curve)),
+        // Of several flights each would have its own.
+        fall: match grids {
+            [only] => slow::fall(only, &fitted.curve),
+            _ => None,
+        },
     };
-    (model, fitted)
+    Calibrated { model, fitted, yaw }
 }
 
 /// c m/Jz by class.
@@ -236,7 +285,7 @@ fn default_yaw(class: &Class, arm_m: f64) -> f64 {
     class.moment_ratio_m / inertia
 }
 
-fn default_model(grids: &[Grid], _places: &[Place], class: &Class, arm_m: f64) -> Model {
+fn default_model(grids: &[Grid], class: &Class, arm_m: f64) -> Model {
     let (hover_duty, voltage) = fit::hover_point(grids);
     let mut curve = Curve::with_slope(hover_duty, 1.0, class.slope);
     if voltage.is_finite() {

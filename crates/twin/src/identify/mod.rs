@@ -13,6 +13,7 @@
 //! [`crate::compare`], which fits them to each log.
 
 mod actuator;
+mod agreement;
 mod airframe;
 mod bench;
 mod class;
@@ -43,7 +44,7 @@ pub use estimate::Estimate;
 pub use filters::Band;
 pub use grid::running_mean;
 pub use held_out::{HeldOut, Score, held_out, held_out_with};
-pub use order::{in_the_order_of, read_for, same_rotor_order};
+pub use order::{frame_contradiction, in_the_order_of, read_for, same_rotor_order};
 pub use wiring::Wiring;
 pub use write::{Files, files};
 
@@ -52,6 +53,7 @@ use curve::Curve;
 use excitation::Excitation;
 use frames::Place;
 use grid::Grid;
+use held_out::Halves;
 
 /// Why no vehicle comes out of a log: one sentence.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
@@ -252,7 +254,7 @@ fn estimate_all(
     grids: &[Grid],
     airframe: Airframe,
     request: &Request,
-    (class, bench): (Class, Option<&Bench>),
+    (class, given_bench): (Class, Option<&Bench>),
 ) -> Result<Identified, IdentifyError> {
     let places = &airframe.places;
     let excitation = Excitation::of(grids);
@@ -273,7 +275,7 @@ fn estimate_all(
         }
     }
     let mut notes: Vec<String> = grids.iter().flat_map(|grid| grid.notes.clone()).collect();
-    let bench = bench.and_then(|bench| {
+    let bench = given_bench.and_then(|bench| {
         notes.extend(bench.notes.iter().map(|note| format!("bench {note}")));
         bench::consult(bench, &fitted, (&class, request.mass_kg), excitation.lift, &mut notes)
     });
@@ -301,7 +303,9 @@ fn estimate_all(
     if bench.is_none() {
         (fitted, impossible_slope) = fit::with_a_possible_slope(&problem(voltage_slope.0), request.arm_m, fitted);
     }
+    notes.extend(slow::unlike(grids, &fitted.curve));
     let yaw = yaw::fit(grids, places, &fitted);
+    let halves = Halves::of(grids, places, &class, request, given_bench);
     if grids.iter().all(|grid| grid.rates.is_some() && grid.accel[2].is_some()) {
         notes.extend(excitation.note());
     }
@@ -319,6 +323,7 @@ fn estimate_all(
         logs,
         fitted: &fitted,
         yaw,
+        halves: halves.as_ref(),
         voltage_slope,
         has_voltage,
         rotors,

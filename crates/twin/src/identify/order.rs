@@ -7,7 +7,7 @@
 use rotortwin_plant::vehicle::model::VehicleModel;
 use std::path::Path;
 
-use super::airframe;
+use super::airframe::{self, Airframe};
 use super::frames::Place;
 use crate::log::{FindingKind, FlightLog, ReadOptions, RotorOrder};
 
@@ -69,6 +69,27 @@ pub fn in_the_order_of(mut log: FlightLog, vehicle: &VehicleModel) -> FlightLog 
     };
     log.report.rotor_order = RotorOrder::Vehicle(note);
     log
+}
+
+/// Why a vehicle that was made of a log is not believed: frames of more rotors than every order can be tried for are held against the motion here,
+/// as whoever compares the log with the vehicle holds them. `None` where nothing speaks against it, or the motion was asked before.
+pub fn frame_contradiction(log: &FlightLog, vehicle: &VehicleModel, airframe: &Airframe) -> Option<String> {
+    if airframe.motion.is_some() || airframe.against_the_motion {
+        return None;
+    }
+    let log = in_the_order_of(log.clone(), vehicle);
+    let found = log.check_against_vehicle(vehicle).into_iter();
+    let swapped = found
+        .into_iter()
+        .find(|finding| finding.kind == FindingKind::SwappedMotors)?;
+    Some(format!(
+        "{}: the frame {} ({}) contradicts the motion: {}; name the right one with --frame, or insist with --trust-frame{}",
+        log.name,
+        airframe.name,
+        airframe.how,
+        swapped.detail,
+        airframe::no_coaxial(vehicle.rotor_count())
+    ))
 }
 
 fn is_swapped(log: &FlightLog, vehicle: &VehicleModel) -> bool {

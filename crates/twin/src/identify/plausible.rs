@@ -1,10 +1,10 @@
-//! Whether mass and arm can be those of a multirotor: a factor of ten or a wrong unit passes every fit, as all forces scale with the mass.
+//! Whether mass and arm, inertias and torques can be those of a multirotor: a factor of ten or a wrong unit passes every fit, as all forces scale with the mass.
 //!
 //! The disc loading m g/(n π r²), with propellers as large as the arm allows, is 15 to 150 N/m² of vehicles from 27 g to 20 kg; racing
 //! quadrotors and heavy lifters reach 250.
 
 use super::Request;
-use super::class::largest_radius_m;
+use super::class::{self, largest_radius_m};
 use std::f64::consts::PI;
 use std::ops::RangeInclusive;
 
@@ -15,6 +15,29 @@ const ORDINARY: RangeInclusive<f64> = 8.0..=300.0;
 const POSSIBLE: RangeInclusive<f64> = 0.1..=3000.0;
 /// Heaviest vehicle on one cell, kg.
 const ONE_CELL_KG: f64 = 0.3;
+
+/// Radii of gyration about roll and pitch that a multirotor can have, over its arm: 0.71 if its whole mass were at the rotors of an even polygon,
+/// 0.2 if a twelfth of it were there and the rest a point. Vehicles of the classes have 0.45 to 0.57.
+pub(super) const GYRATION_OVER_ARM: std::ops::RangeInclusive<f64> = 0.2..=0.8;
+
+/// √(J/m) over the arm, of a gain l m/J, 1/m.
+pub(super) fn gyration_over_arm(gain: f64, arm_m: f64) -> f64 {
+    (arm_m / gain).sqrt() / arm_m
+}
+
+/// Whether the gain of roll or pitch, l m/J, is one that a multirotor can have.
+pub(crate) fn has_possible_gyration(gain: f64, arm_m: f64) -> bool {
+    GYRATION_OVER_ARM.contains(&gyration_over_arm(gain, arm_m))
+}
+
+/// Whether the gain of yaw, c m/Jz, 1/m, is one that propellers can have on these arms, with Jz by the gains of roll and pitch.
+pub(crate) fn has_possible_moment(yaw_gain: f64, gain: [f64; 2], arm_m: f64) -> bool {
+    let gyration_squared = gain.iter().map(|gain| arm_m / gain).sum::<f64>();
+    MOMENT_RATIO_OVER_ARM.contains(&(yaw_gain * class::YAW_INERTIA_SHARE * gyration_squared / arm_m))
+}
+
+/// Torque over thrust that a propeller can have, over the arm. Propellers have 0.02 to 0.1 of their diameter, which is 0.3 to 1.7 arms.
+pub(super) const MOMENT_RATIO_OVER_ARM: std::ops::RangeInclusive<f64> = 0.004..=0.3;
 
 /// N/m² of a vehicle with so many rotors.
 fn loading(mass_kg: f64, arm_m: f64, rotors: usize) -> f64 {
@@ -123,5 +146,18 @@ mod tests {
             assert!(found.contains(words), "{mass} kg, {arm} m: {found:?}");
         }
         assert!(doubt(&request(1.5, 0.25), 4, 1).is_some_and(|note| note.contains("one cell")));
+    }
+
+    /// Gains of halves that no vehicle has made R² of −20 000.
+    #[test]
+    fn regress_gains_that_no_vehicle_has_are_told() {
+        let arm_m = 0.149;
+        // J = 0.25 m l² and 1.2 m l².
+        let [usual, impossible] = [0.25, 1.2].map(|ratio| 1.0 / (ratio * arm_m));
+        assert!(has_possible_gyration(usual, arm_m) && !has_possible_gyration(impossible, arm_m));
+        // Jz of a flat body, c of 0.012 m and of 1.29 m.
+        let of = |ratio_m: f64| ratio_m / (class::YAW_INERTIA_SHARE * 0.5 * arm_m * arm_m);
+        assert!(has_possible_moment(of(0.012), [usual; 2], arm_m));
+        assert!(!has_possible_moment(of(1.29), [usual; 2], arm_m));
     }
 }

@@ -4,6 +4,7 @@ use super::class;
 use super::curve::Curve;
 use super::filters::Band;
 use super::grid::{GRAVITY, Grid, mean_deviation};
+use crate::Z95;
 use crate::model::constants::Source;
 
 /// What a log says of the drag over the mass, 1/s.
@@ -234,6 +235,40 @@ fn levels(grid: &Grid, curve: &Curve, block_s: f64) -> Vec<(std::ops::Range<usiz
     blocks.filter(|(_, level)| level.is_finite()).collect()
 }
 
+/// Flights of one call that are not of one vehicle, or not with the same propellers or load: at the same duty and voltage one has much more
+/// thrust over its mass than another.
+pub(crate) fn unlike(grids: &[Grid], curve: &Curve) -> Option<String> {
+    const BLOCK_S: f64 = 2.0;
+    /// Logarithm: pilots, temperatures and batteries make less.
+    const UNLIKE: f64 = 0.15;
+    let mean_level = |grid: &Grid| {
+        let logs = levels(grid, curve, BLOCK_S).into_iter().map(|(rows, level)| {
+            let volts = grid
+                .voltage
+                .as_ref()
+                .map(|voltage| mean_deviation(voltage[rows].iter().copied()).0);
+            level - volts.map_or(0.0, |volts| curve.voltage_factor(volts).ln())
+        });
+        mean_deviation(logs.filter(|level| level.is_finite())).0
+    };
+    let means: Vec<(&str, f64)> = grids
+        .iter()
+        .map(|grid| (grid.name.as_str(), mean_level(grid)))
+        .filter(|(_, level)| level.is_finite())
+        .collect();
+    let least = means.iter().min_by(|a, b| a.1.total_cmp(&b.1))?;
+    let most = means.iter().max_by(|a, b| a.1.total_cmp(&b.1))?;
+    (most.1 - least.1 > UNLIKE).then(|| {
+        format!(
+            "at the same duty and voltage {} has {:.0} % more thrust over its mass than {}: another vehicle, other propellers or another load? One vehicle \
+             is fitted to both",
+            most.0,
+            100.0 * ((most.1 - least.1).exp() - 1.0),
+            least.0
+        )
+    })
+}
+
 /// Fall of the thrust with the time where no voltage was logged: most likely a supply that empties.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct Fall {
@@ -327,6 +362,13 @@ pub(crate) fn voltage_slope(grids: &[Grid], curve: &Curve) -> (f64, f64, Source)
     // Neighbours agree: fewer independent points. And voltage runs with time, as drift of anything else does.
     let deviation = (variance / xx * (1.0 + rho) / (1.0 - rho)).sqrt().hypot(0.1);
     let prior = class::VOLTAGE_SLOPE_DEVIATION;
+    if deviation_x > ENOUGH_DISCHARGE
+        && s.abs() < Z95 * deviation.min(NO_SLOPE_DEVIATION)
+        && s + Z95 * deviation < class::VOLTAGE_SLOPE - prior
+    {
+        // Nothing of the class: speeds are controlled, or the autopilot makes up for the battery.
+        return (s, deviation, Source::Log);
+    }
     // Outside of what motors have, something else that drifts is in it, and neither of the two is believed alone.
     let beyond = (s - class::VOLTAGE_SLOPE).abs();
     let deviation = if beyond > 2.0 * prior {
@@ -343,6 +385,11 @@ pub(crate) fn voltage_slope(grids: &[Grid], curve: &Curve) -> (f64, f64, Source)
     };
     (combined, (1.0 / (a + b)).sqrt(), source)
 }
+
+/// Deviation of ln V from which a flight may say that the thrust does not follow the voltage at all.
+const ENOUGH_DISCHARGE: f64 = 0.02;
+/// Deviation of s about 0 where a governor or the autopilot holds the thrust.
+const NO_SLOPE_DEVIATION: f64 = 0.15;
 
 /// Information of the log over that of the class from which on the log decides, and counts.
 const LOG_DECIDES: f64 = 3.0;

@@ -44,6 +44,12 @@ fn unquoted(cell: &str) -> &str {
         .unwrap_or(cell)
 }
 
+/// `DJIFlightRecord_2021-09-05_[19-23-47].txt`
+fn is_dji_flight_record(path: &Path) -> bool {
+    let name = path.file_name().and_then(std::ffi::OsStr::to_str).unwrap_or_default();
+    name.starts_with("DJIFlightRecord")
+}
+
 /// Reads the table of a CSV file.
 pub(crate) fn read(path: &Path, bytes: &[u8], most_cells: usize) -> Result<Table, LogError> {
     if bytes.iter().all(u8::is_ascii_whitespace) {
@@ -53,6 +59,13 @@ pub(crate) fn read(path: &Path, bytes: &[u8], most_cells: usize) -> Result<Table
         ));
     }
     let text = std::str::from_utf8(bytes).map_err(|bad| {
+        if is_dji_flight_record(path) {
+            return LogError::format(
+                path,
+                "a DJI flight record, which is encrypted and holds no motor outputs; a program that exports it as CSV, and a mapping for that \
+                 (`rotortwin log map`), give position, velocity and attitude",
+            );
+        }
         let line = 1 + bytes[..bad.valid_up_to()].iter().filter(|byte| **byte == b'\n').count();
         LogError::format(
             path,

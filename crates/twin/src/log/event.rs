@@ -11,6 +11,8 @@ pub enum EventKind {
     Saturated,
     /// A motor at its limit while the attitude runs away.
     LostRotor,
+    /// A parameter took a motor away.
+    MotorOff,
     /// Position, velocity or heading jump while the vehicle does not.
     EstimatorReset,
     /// No rows.
@@ -23,6 +25,13 @@ pub enum EventKind {
     Parameter,
     /// A pilot's sticks away from their middle.
     Pilot,
+}
+
+impl EventKind {
+    /// Whether it decides about a flight: a rotor without its thrust.
+    pub fn decides(self) -> bool {
+        matches!(self, Self::LostRotor | Self::MotorOff)
+    }
 }
 
 /// Something that happened.

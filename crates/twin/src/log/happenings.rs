@@ -10,6 +10,7 @@
 //! They explain what a model cannot: a gain that changed, a pilot who pulled. Nothing is computed from them.
 
 use super::event::{EventKind, FlightEvent};
+use super::outputs::motor_of;
 use super::sources::{MOST_CHANGES, ParameterChange, RawStream, SourceLog};
 
 /// A stick beyond this share of its travel is an input.
@@ -30,6 +31,7 @@ pub(crate) fn of(log: &SourceLog, start_s: f64) -> Vec<FlightEvent> {
     let mut found = modes(log);
     found.extend(arming(log));
     found.extend(parameters(&log.parameter_changes));
+    found.extend(motors_off(log));
     found.extend(sticks(log));
     for event in &mut found {
         event.start_s -= start_s;
@@ -248,6 +250,40 @@ fn parameters(changes: &[ParameterChange]) -> Vec<FlightEvent> {
     found
 }
 
+/// Motors that a change of `SERVOn_FUNCTION` takes away while the autopilot runs, until another gives them back: how a fault is made in flight by
+/// telemetry.
+fn motors_off(log: &SourceLog) -> Vec<FlightEvent> {
+    let last_s = log.streams.iter().filter_map(|stream| stream.time_s.last()).copied();
+    let end_s = last_s.fold(f64::NEG_INFINITY, f64::max);
+    let mut found: Vec<FlightEvent> = Vec::new();
+    for change in &log.parameter_changes {
+        if !(change.name.starts_with("SERVO") && change.name.ends_with("_FUNCTION")) {
+            continue;
+        }
+        match (motor_of(change.before), motor_of(change.after)) {
+            (Some(motor), None) => found.push(FlightEvent {
+                output: Some(motor),
+                ..event(
+                    EventKind::MotorOff,
+                    change.time_s,
+                    end_s.max(change.time_s),
+                    format!(
+                        "motor {motor} is switched off: {} from {} to {}",
+                        change.name, change.before, change.after
+                    ),
+                )
+            }),
+            (None, Some(motor)) => {
+                if let Some(off) = found.iter_mut().rfind(|event| event.output == Some(motor)) {
+                    off.end_s = change.time_s;
+                }
+            }
+            _ => {}
+        }
+    }
+    found
+}
+
 /// Roll, pitch and yaw of a pilot's sticks, −1 to 1.
 fn stick_positions(log: &SourceLog) -> Option<(&RawStream, [Vec<f64>; 3])> {
     let scaled = |values: &[f64], middle: f64, travel: f64| -> Vec<f64> {
@@ -422,6 +458,33 @@ mod tests {
             "parameters changed: A from 0.1 to 0.2, B from 0.1 to 0.2, C from 0.1 to 0.2 and 2 more"
         );
         assert_eq!(found[1].1, 10.0);
+    }
+
+    /// Motor 4 of a hexarotor was made to stand by telemetry: its frame was blamed.
+    #[test]
+    fn val_a_motor_that_a_parameter_takes_away_is_told() {
+        let change = |time_s: f64, name: &str, before: f64, after: f64| ParameterChange {
+            time_s,
+            name: name.to_owned(),
+            before,
+            after,
+        };
+        let log = SourceLog {
+            streams: vec![raw("RCOU", vec![100.0, 130.0], &[])],
+            parameter_changes: vec![
+                change(117.0, "SERVO4_FUNCTION", 36.0, 1.0),
+                change(118.0, "SERVO9_FUNCTION", 7.0, 0.0),
+                change(119.0, "SERVO2_FUNCTION", 34.0, 0.0),
+                change(121.0, "SERVO2_FUNCTION", 0.0, 34.0),
+            ],
+            ..SourceLog::default()
+        };
+        let off: Vec<(Option<usize>, f64, f64)> = of(&log, 100.0)
+            .into_iter()
+            .filter(|event| event.kind == EventKind::MotorOff)
+            .map(|event| (event.output, event.start_s, event.end_s))
+            .collect();
+        assert_eq!(off, [(Some(4), 17.0, 30.0), (Some(2), 19.0, 21.0)]);
     }
 
     #[test]

@@ -346,6 +346,12 @@ impl FlightLog {
             None if is_run => path.join(RUN_TELEMETRY),
             None => path.to_path_buf(),
         };
+        if is_run && !file.exists() {
+            return Err(LogError::format(
+                path,
+                format!("a folder without {RUN_TELEMETRY}; a run folder, or a file in this one, was expected"),
+            ));
+        }
         let length = std::fs::metadata(&file)
             .map_err(error::io(&file, "cannot read the log"))?
             .len();

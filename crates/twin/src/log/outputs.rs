@@ -81,16 +81,20 @@ pub(super) fn rotors(duties: &[Vec<f64>], parameters: &BTreeMap<String, f64>) ->
     }
 }
 
-/// `SERVOn_FUNCTION` 33 to 40 are motors 1 to 8, 82 to 85 motors 9 to 12.
+/// Motor, from 1, of a `SERVOn_FUNCTION`: 33 to 40 are motors 1 to 8, 82 to 85 motors 9 to 12.
+pub(crate) fn motor_of(function: f64) -> Option<usize> {
+    match function as usize {
+        function @ 33..=40 => Some(function - 32),
+        function @ 82..=85 => Some(function - 73),
+        _ => None,
+    }
+}
+
 fn by_function(count: usize, parameters: &BTreeMap<String, f64>) -> Vec<usize> {
     let mut motors: Vec<(usize, usize)> = (0..count)
         .filter_map(|output| {
-            let function = *parameters.get(&format!("SERVO{}_FUNCTION", output + 1))? as usize;
-            match function {
-                33..=40 => Some((function - 32, output)),
-                82..=85 => Some((function - 73, output)),
-                _ => None,
-            }
+            let function = *parameters.get(&format!("SERVO{}_FUNCTION", output + 1))?;
+            Some((motor_of(function)?, output))
         })
         .collect();
     motors.sort_unstable();

@@ -194,8 +194,18 @@ fn unwrapped(column: &[f64]) -> Vec<f64> {
         .collect()
 }
 
-/// Velocity against specific force. `world` and `body` turn the log's axes into NED and FRD first.
+/// Velocity against specific force.
 pub(crate) fn velocity_pairs(log: &FlightLog) -> Option<Pairs> {
+    force_pairs(log, |attitude, force| apply(&ned_from_body(attitude), force))
+}
+
+/// The same of a force that is in the world's axes already.
+pub(crate) fn world_force_pairs(log: &FlightLog) -> Option<Pairs> {
+    force_pairs(log, |_, force| force)
+}
+
+/// Velocity against specific force, which `to_world` brings from roll, pitch, yaw and the accelerometer's axes to the world's.
+fn force_pairs(log: &FlightLog, to_world: impl Fn(V3, V3) -> V3) -> Option<Pairs> {
     let attitude = log.vector(names::ATTITUDE)?;
     let accel = log.vector(names::ACCEL)?;
     let velocity = log.vector(names::VELOCITY)?;
@@ -212,10 +222,7 @@ pub(crate) fn velocity_pairs(log: &FlightLog) -> Option<Pairs> {
         let left = [0, 1, 2].map(|axis| after[axis] - before[axis]);
         let right = integral(&log.time_s, first, last, |row| {
             let force = at(&accel, row);
-            let mut world = apply(
-                &ned_from_body(at(&attitude, row)),
-                [0, 1, 2].map(|axis| sign[axis] * force[axis]),
-            );
+            let mut world = to_world(at(&attitude, row), [0, 1, 2].map(|axis| sign[axis] * force[axis]));
             world[2] += GRAVITY_M_S2;
             world
         });

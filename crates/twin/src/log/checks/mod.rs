@@ -77,6 +77,8 @@ fn same_where_moving(fit: &Fit, axes: &kinematics::Axes) -> bool {
 fn axes_units_and_clock(log: &FlightLog, findings: &mut Vec<Finding>) {
     let rates = kinematics::rate_pairs(log).and_then(|pairs| pairs.fit());
     let velocity = kinematics::velocity_pairs(log).and_then(|pairs| pairs.fit());
+    // Of a force in other axes no comparison of the two says anything else.
+    let velocity = velocity.filter(|fit| !force_in_world_axes(log, fit, findings));
     let position = kinematics::position_pairs(log).and_then(|pairs| pairs.fit());
 
     degrees_without_motion(log, findings);
@@ -109,6 +111,37 @@ fn axes_units_and_clock(log: &FlightLog, findings: &mut Vec<Finding>) {
             );
         }
     }
+}
+
+/// An accelerometer whose readings have been turned into the world's axes: with every tilt, gravity is then counted twice, and half of what the
+/// force says is the motion.
+fn force_in_world_axes(log: &FlightLog, body: &Fit, findings: &mut Vec<Finding>) -> bool {
+    /// Gain that a right pair has, and how much of the motion it shares.
+    const RIGHT: std::ops::Range<f64> = 0.8..1.25;
+    const SHARED: f64 = 0.85;
+    let is_right = |fit: &Fit| fit.explained_as_is > SHARED && RIGHT.contains(&fit.gain) && fit.axes == IDENTITY;
+    if is_right(body) || !(body.moving[0] && body.moving[1]) {
+        return false;
+    }
+    let Some(world) = kinematics::world_force_pairs(log).and_then(|pairs| pairs.fit()) else {
+        return false;
+    };
+    if !is_right(&world) {
+        return false;
+    }
+    push(
+        findings,
+        FindingKind::SwappedAxes,
+        format!(
+            "the accelerometer reads along the axes of the world, not of the body: taken so, it explains {:.0} % of the change of the velocity with a gain of {:.2}; \
+             as body axes {:.0} % with {:.2}; the attitude turns it back",
+            100.0 * world.explained_as_is,
+            world.gain,
+            100.0 * body.explained_as_is.max(0.0),
+            body.gain
+        ),
+    );
+    true
 }
 
 /// Without an accelerometer: the faster the rotors turn, the more the vehicle accelerates upwards.
@@ -459,6 +492,55 @@ mod tests {
             matches!(&found[..], [one] if one.kind == FindingKind::Inconsistent && one.detail.contains("points up")),
             "{found:?}"
         );
+    }
+
+    /// A quadrotor that sways by 0.2 rad, its accelerometer in the axes of the body or of the world.
+    fn sways(in_world_axes: bool) -> FlightLog {
+        let rows = 4000_u32;
+        let time: Vec<f64> = (0..rows).map(|k| 0.01 * f64::from(k)).collect();
+        let of = |f: &dyn Fn(f64) -> f64| -> Vec<f64> { time.iter().map(|t| f(*t)).collect() };
+        let angle = |axis: usize, t: f64| 0.2 * ([1.1, 0.9, 0.0][axis] * t).sin();
+        // Thrust carries the weight at every tilt: ax = −g tan θ, ay = g tan φ/cos θ.
+        let force = |t: f64| {
+            let (roll, pitch) = (angle(0, t), angle(1, t));
+            [-9.81 * pitch.tan(), 9.81 * roll.tan() / pitch.cos(), 0.0]
+        };
+        let mut velocity = [[0.0; 3]; 4000];
+        for row in 1..rows as usize {
+            let (before, after) = (force(time[row - 1]), force(time[row]));
+            velocity[row] = [0, 1, 2].map(|axis| velocity[row - 1][axis] + 0.005 * (before[axis] + after[axis]));
+        }
+        let mut columns: Vec<(String, Vec<f64>)> = Vec::new();
+        for axis in 0..3 {
+            columns.push((names::ATTITUDE[axis].to_owned(), of(&|t| angle(axis, t))));
+            let accel = of(&|t| match (in_world_axes, axis) {
+                (true, 2) => -9.81,
+                (true, _) => force(t)[axis],
+                (false, 2) => -9.81 / (angle(0, t).cos() * angle(1, t).cos()),
+                (false, _) => 0.01 * (2.0 * t).sin(),
+            });
+            columns.push((names::ACCEL[axis].to_owned(), accel));
+            columns.push((
+                names::VELOCITY[axis].to_owned(),
+                velocity.iter().map(|v| v[axis]).collect(),
+            ));
+        }
+        FlightLog::from_columns("sways", time, columns).expect("a log")
+    }
+
+    /// It passed every check: the twin then had an error of 164 times its noise.
+    #[test]
+    fn regress_an_accelerometer_in_the_axes_of_the_world_is_told() {
+        let told = |log: FlightLog| {
+            let mut found = log.report.findings.into_iter();
+            found.any(|finding| {
+                finding
+                    .detail
+                    .starts_with("the accelerometer reads along the axes of the world")
+            })
+        };
+        assert!(told(sways(true)));
+        assert!(!told(sways(false)), "{:?}", sways(false).report.findings);
     }
 
     /// A calm hover was refused: "the log is at fault … specific force and velocity move, but not together".

@@ -125,7 +125,7 @@ impl FlightLog {
         if more_events > 0 {
             let mut kept = 0;
             events.retain(|event| {
-                let decides = event.kind == EventKind::LostRotor;
+                let decides = event.kind.decides();
                 kept += usize::from(!decides);
                 decides || kept <= MOST_EVENTS
             });
@@ -249,7 +249,7 @@ impl FlightParts {
             .collect();
         // What decides first, then by time.
         let mut order: Vec<&FlightEvent> = self.events.iter().collect();
-        order.sort_by_key(|event| event.kind != EventKind::LostRotor);
+        order.sort_by_key(|event| !event.kind.decides());
         let events = order
             .into_iter()
             .map(|event| format!("{}  {}", time(event.start_s, event.end_s), event.detail))

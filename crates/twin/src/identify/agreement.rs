@@ -1,0 +1,125 @@
+//! Whether the two halves of a flight, and the class, leave a value its interval.
+//!
+//! The interval of a fit is made of its own errors and of the scatter of short parts about one linearisation. What neither says is told by fits
+//! of the halves alone: of a real quadrotor the gain of roll was 4.6 times larger in the second half, and ± 29 % were written for the whole.
+
+use super::held_out::Score;
+use crate::Z95;
+use crate::model::constants::Source;
+
+/// How many of their deviations halves that agree lie apart at most: one value in 400 by chance.
+const APART: f64 = 3.0;
+/// R² by which what was learnt may predict unseen seconds worse than the class does, by chance.
+const WORSE: f64 = 0.05;
+
+/// A value as it was found in the whole flight, in each half, and of the class, all on the same scale.
+pub(super) struct Compared<'a> {
+    pub(super) name: &'a str,
+    pub(super) whole: f64,
+    pub(super) class: f64,
+    /// Value and deviation by half, where both tell it.
+    pub(super) halves: Option<[(f64, f64); 2]>,
+    /// How each half predicts the other in the channel that the value shows in.
+    pub(super) score: Option<&'a Score>,
+    /// A number on that scale, for people.
+    pub(super) shown: &'a dyn Fn(f64) -> String,
+}
+
+impl Compared<'_> {
+    /// Deviation and source, where nothing speaks against them; else a deviation that covers what does, with a note.
+    pub(super) fn checked(&self, (mut deviation, mut source): (f64, Source), notes: &mut Vec<String>) -> (f64, Source) {
+        if source == Source::Class {
+            return (deviation, source);
+        }
+        if let Some([(first, _), (second, _)]) = self.halves.filter(halves_differ) {
+            let cover = (first - self.whole).abs().max((second - self.whole).abs()) / Z95;
+            if cover > deviation {
+                deviation = cover;
+                source = Source::LogAndClass;
+                notes.push(format!(
+                    "{}: the first half of the flight gives {}, the second {}, farther apart than their errors: the interval covers both",
+                    self.name,
+                    (self.shown)(first),
+                    (self.shown)(second)
+                ));
+            }
+        }
+        if let Some(score) = self
+            .score
+            .filter(|score| score.calibrated < score.class_default - WORSE)
+        {
+            deviation = deviation.max((self.whole - self.class).abs() / Z95);
+            source = Source::LogAndClass;
+            notes.push(format!(
+                "{}: {} in seconds that were not fitted is predicted worse with the flight's value than with the class default (R² {:.2} against \
+                 {:.2}): the interval covers both",
+                self.name, score.channel, score.calibrated, score.class_default
+            ));
+        }
+        (deviation, source)
+    }
+}
+
+fn halves_differ([(first, its), (second, other)]: &[(f64, f64); 2]) -> bool {
+    (first - second).abs() > APART * its.hypot(*other)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::identify::Band;
+
+    fn compared<'a>(halves: [(f64, f64); 2], score: Option<&'a Score>) -> Compared<'a> {
+        Compared {
+            name: "inertia, roll",
+            whole: 0.0,
+            class: -1.0,
+            halves: Some(halves),
+            score,
+            shown: &|value| format!("{value:.2}"),
+        }
+    }
+
+    #[test]
+    fn regress_halves_that_differ_widen_the_interval() {
+        let mut notes = Vec::new();
+        let found = |halves, notes: &mut Vec<String>| compared(halves, None).checked((0.05, Source::Log), notes);
+        assert_eq!(found([(-0.1, 0.1), (0.1, 0.1)], &mut notes), (0.05, Source::Log));
+        // One half that hardly tells it does not speak against the other.
+        assert_eq!(found([(-1.5, 0.6), (0.0, 0.05)], &mut notes), (0.05, Source::Log));
+        assert!(notes.is_empty());
+        let (deviation, source) = found([(-0.7, 0.1), (0.8, 0.1)], &mut notes);
+        assert!((deviation * Z95 - 0.8).abs() < 1e-12 && source == Source::LogAndClass);
+        assert!(
+            notes[0].contains("the first half of the flight gives -0.70, the second 0.80"),
+            "{notes:?}"
+        );
+    }
+
+    #[test]
+    fn regress_what_predicts_worse_than_the_class_does_not_exclude_it() {
+        let score = |calibrated| Score {
+            channel: "roll acceleration",
+            band: Band {
+                low_hz: 0.5,
+                high_hz: 10.0,
+            },
+            class_default: -0.2,
+            calibrated,
+        };
+        let mut notes = Vec::new();
+        let same = [(0.0, 0.1), (0.0, 0.1)];
+        let fair = score(-0.21);
+        assert_eq!(
+            compared(same, Some(&fair)).checked((0.05, Source::Log), &mut notes).1,
+            Source::Log
+        );
+        let poor = score(-2.8);
+        let (deviation, source) = compared(same, Some(&poor)).checked((0.05, Source::Log), &mut notes);
+        assert!(deviation * Z95 >= 1.0 && source == Source::LogAndClass);
+        assert_eq!(
+            compared(same, Some(&poor)).checked((0.3, Source::Class), &mut notes),
+            (0.3, Source::Class)
+        );
+    }
+}

@@ -1,0 +1,32 @@
+#!/usr/bin/env bash
+# A compiler for `RUSTC_WRAPPER`: compiles a crate, and lints it if it is one that was asked for. `cargo clippy` compiles the interfaces of all 600
+# dependencies beside what a build compiles, for minutes on a cold machine; here clippy reads those of the build. What is up to date is not
+# linted again: a warm tree needs `cargo xtask check`.
+#
+#   RUSTC_WRAPPER="$PWD/tools/lint-while-compiling.sh" cargo build --release --workspace
+set -euo pipefail
+rustc=$1
+shift
+"$rustc" "$@" || exit
+# Dependencies, build scripts, and questions such as `rustc -vV`.
+case "${CARGO_PRIMARY_PACKAGE:-} ${CARGO_CRATE_NAME:-}" in
+  " "* | "1 " | *" build_script_"*) exit 0 ;;
+esac
+
+scratch=$(mktemp -d)
+trap 'rm -rf "$scratch"' EXIT
+# The same call, for its interface alone and for people: cargo takes JSON for its own.
+arguments=()
+skip=
+for argument in "$@"; do
+  if [ -n "$skip" ]; then
+    skip=
+    continue
+  fi
+  case $argument in
+    --out-dir) skip=1 ;;
+    --emit=* | --json=* | --error-format=* | --out-dir=*) ;;
+    *) arguments+=("$argument") ;;
+  esac
+done
+CLIPPY_ARGS="-D__CLIPPY_HACKERY__warnings__CLIPPY_HACKERY__" clippy-driver "$rustc" "${arguments[@]}" --emit=metadata --out-dir "$scratch"
