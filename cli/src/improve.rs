@@ -4,6 +4,7 @@
 use crate::output;
 use crate::progress::Progress;
 use clap::Parser;
+use rotortwin_runner::diagnosis::TIME_LIMIT_S;
 use rotortwin_runner::improvement::{self, Companion};
 use rotortwin_runner::text::significant;
 use rotortwin_twin::Z95;
@@ -42,6 +43,9 @@ pub struct Args {
     /// Write the final version into this file, as 'rotortwin model export' does
     #[arg(long = "final", value_name = "FILE")]
     pub final_version: Option<PathBuf>,
+    /// Time limit of each search for a missing effect, s; it then goes on with what has been proved so far
+    #[arg(long, value_name = "S", default_value_t = TIME_LIMIT_S, value_parser = clap::value_parser!(u32).range(1..=86_400))]
+    pub time_limit: u32,
     /// Print the result as JSON, nothing else; needs --yes
     #[arg(long, requires = "yes")]
     pub json: bool,
@@ -60,6 +64,7 @@ impl Args {
             truth: self.truth.clone(),
             out: self.out.clone(),
             final_version: self.final_version.clone(),
+            time_limit_s: Some(self.time_limit),
         }
     }
 }

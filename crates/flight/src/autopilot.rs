@@ -162,10 +162,13 @@ impl Flight {
             if autopilot.landed() && simulation.on_ground() {
                 self.landing_s = Some(since_s);
                 let p = simulation.truth().position_ned_m;
-                let text = format!(
-                    "landed, motors off, {since_s:.1} s after the last step, {:.1} m north and {:.1} m east of the origin",
-                    p[0], p[1]
-                );
+                // Who lies there already has not landed now.
+                let what = if since_s > 0.0 {
+                    format!("landed, motors off, {since_s:.1} s after the last step")
+                } else {
+                    "on the ground with its motors off before the last step".to_owned()
+                };
+                let text = format!("{what}, {:.1} m north and {:.1} m east of the origin", p[0], p[1]);
                 observer.words(plant_time_s, text);
                 return Ok(());
             }

@@ -85,6 +85,9 @@ pub struct Improvement {
     #[serde(default, skip_serializing_if = "Option::is_none")]
     #[schema(value_type = Option<String>)]
     pub final_version: Option<PathBuf>,
+    /// Seconds after which each search starts nothing new and returns what it has proved so far; absent: ten minutes.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub time_limit_s: Option<u32>,
 }
 
 /// A vehicle from flight logs, mass and arm: `vehicle.toml`, its blades and its intervals.

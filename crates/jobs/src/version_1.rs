@@ -172,6 +172,7 @@ impl<'a> Words<'a> {
                 truth: None,
                 out: Some(self.one("out")?.into()),
                 final_version: Some(self.one("final")?.into()),
+                time_limit_s: None,
             }),
             ["log", "import", file] => Job::LogImport(LogImport {
                 file: file.into(),

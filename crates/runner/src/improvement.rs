@@ -89,7 +89,7 @@ pub fn improve(job: &Job, companion: &mut impl Companion, tell: Tell<'_>) -> Res
     let options = Options {
         progress: &|text, share| tell(&share_done(text, share)),
         clock: &|| start.elapsed().as_secs_f64(),
-        time_limit_s: f64::from(TIME_LIMIT_S),
+        time_limit_s: f64::from(job.time_limit_s.unwrap_or(TIME_LIMIT_S)),
         ..Options::default()
     };
     let request = Request {

@@ -154,7 +154,7 @@ export interface Diagnosis {
   sentence: string;
   effects: Finding[];
   sensor_or_timing: Finding[];
-  ranking: { label: string; ln_bayes_factor: number; held_out_chi2_change: number }[];
+  ranking: { label: string; parameters: { plausible: boolean }[]; ln_bayes_factor: number; held_out_chi2_change: number }[];
   not_testable: Unseen[];
   not_considered: Unconsidered[];
   calibrate: { key: string; name: string; unit: string; value: number; low: number; high: number; wanted: number; wanted_interval_95: number; ln_bayes_factor: number; blocking: boolean; how: string; better: string; correction?: Correction }[];

@@ -19,6 +19,8 @@ pub(super) struct Compared<'a> {
     pub(super) class: f64,
     /// Value and deviation by half, where both tell it.
     pub(super) halves: Option<[(f64, f64); 2]>,
+    /// What one half gives, if that cannot be.
+    pub(super) impossible: Option<f64>,
     /// How each half predicts the other in the channel that the value shows in.
     pub(super) score: Option<&'a Score>,
     /// A number on that scale, for people.
@@ -43,6 +45,18 @@ impl Compared<'_> {
                     (self.shown)(second)
                 ));
             }
+        }
+        if let Some(impossible) = self.impossible {
+            let all = self.halves.iter().flatten().map(|(value, _)| *value);
+            let others = all.filter(|value| *value != impossible).chain([self.class]);
+            let cover = others.map(|value| (value - self.whole).abs()).fold(0.0, f64::max) / Z95;
+            deviation = deviation.max(cover);
+            source = Source::LogAndClass;
+            notes.push(format!(
+                "{}: half of the flight, fitted by itself, gives {}, which is impossible: the interval covers the other half and the class default",
+                self.name,
+                (self.shown)(impossible)
+            ));
         }
         if let Some(score) = self
             .score
@@ -75,6 +89,7 @@ mod tests {
             whole: 0.0,
             class: -1.0,
             halves: Some(halves),
+            impossible: None,
             score,
             shown: &|value| format!("{value:.2}"),
         }
@@ -92,6 +107,21 @@ mod tests {
         assert!((deviation * Z95 - 0.8).abs() < 1e-12 && source == Source::LogAndClass);
         assert!(
             notes[0].contains("the first half of the flight gives -0.70, the second 0.80"),
+            "{notes:?}"
+        );
+    }
+
+    /// "inertia, roll 0.0273 ± 29 % (log)" of a flight whose halves gave 0.050, which is impossible, and 0.011.
+    #[test]
+    fn regress_a_half_that_is_impossible_leaves_no_value_of_the_log() {
+        let mut notes = Vec::new();
+        let one = Compared {
+            impossible: Some(0.6),
+            ..compared([(0.6, 1.0), (-0.9, 0.3)], None)
+        };
+        let (deviation, source) = one.checked((0.13, Source::Log), &mut notes);
+        assert!(
+            (deviation * Z95 - 1.0).abs() < 1e-12 && source == Source::LogAndClass,
             "{notes:?}"
         );
     }

@@ -24,6 +24,9 @@ use crate::log::flight_parts::RotorPlace;
 use crate::log::{FlightLog, RotorOrder, SensorRate, SourceKind};
 use crate::model::constants::Source;
 
+/// Motor outputs that come more slowly than this contradict a frame only where the motion knows the right one: 15 Hz is what it takes.
+const SURE_HZ: f64 = 15.0;
+
 /// What would tell the drag.
 const STRAIGHT_RUN: &str = "a straight run at 4 m/s or more, there and back, with velocity in the log";
 
@@ -141,7 +144,8 @@ pub(crate) fn find(log: &FlightLog, grids: &[Grid], request: &Request, class: &C
         let against_the_motion = matches!(stated_against, Some((_, Some(_))));
         // Between two samples a controller moves its motors up and down again: the commands that are logged may be in antiphase to the motion that they damp.
         let rate = log.duty_rate().filter(SensorRate::is_slower).map(|rate| rate.source_hz);
-        let too_slow_hz = rate.filter(|hz| *hz < LEAST_TO_CONTRADICT_HZ);
+        let unsure = motion.as_ref().is_some_and(|motion| motion.best.doubt().is_some());
+        let too_slow_hz = rate.filter(|hz| *hz < if unsure { SURE_HZ } else { LEAST_TO_CONTRADICT_HZ });
         let how = match stated_against {
             None => how,
             Some((motion, None)) if motion.best.doubt().is_some() => how,
@@ -436,6 +440,7 @@ impl Findings<'_> {
             Estimate::normal("arm", "arm", "m", self.request.arm_m, 0.0, Source::Entered)
                 .how("every inertia scales with it"),
         ];
+        notes.extend(self.turns_otherwise());
         let inertia = self.inertia(&mut values, notes);
         let (moment_ratio, yaw_inertia, reaction_s) = self.yaw(inertia, &mut values, notes);
         let (drag, rotor_drag) = self.drag(&mut values, notes);
@@ -488,6 +493,25 @@ impl Findings<'_> {
     ) -> Option<[(f64, f64); 2]> {
         let halves = self.halves.filter(|halves| halves.excitation.iter().all(excited))?;
         Some(halves.fitted.each_ref().map(value))
+    }
+
+    /// That rotors at these places would turn the vehicle far more than it turns, with its own constants and with those of the class.
+    fn turns_otherwise(&self) -> Option<String> {
+        /// R² of a torque that has nothing to do with the motion and 1.4 times its size; outputs that are logged slowly make 0 to −0.5.
+        const NOTHING: f64 = -1.0;
+        let scores = [0, 1].map(|axis| self.halves.and_then(|halves| halves.acceleration(axis)));
+        let told = scores.into_iter().flatten();
+        let wrong: Vec<String> = told
+            .filter(|score| score.calibrated.max(score.class_default) < NOTHING)
+            .map(|score| format!("{} R² {:.1}", score.channel, score.calibrated.max(score.class_default)))
+            .collect();
+        (!wrong.is_empty()).then(|| {
+            format!(
+                "the motion is not that of rotors at these places ({} on seconds that were not fitted): check the frame and the order of the outputs{}",
+                wrong.join(", "),
+                no_coaxial(self.rotors)
+            )
+        })
     }
 
     /// Jx, Jy and the deviations of their logarithms.
@@ -545,14 +569,17 @@ impl Findings<'_> {
                     (fitted.covariance[(i, i)].sqrt(), class::INERTIA_LOG_DEVIATION),
                     source,
                 );
+                let halves = self.by_halves(
+                    |half| ((mass * arm / half.gain[axis]).ln(), half.covariance[(i, i)].sqrt()),
+                    |excitation| excitation.rate[axis],
+                );
+                let cannot_be = |value: &f64| !has_possible_gyration(mass * arm / value.exp(), arm);
                 let compared = Compared {
                     name,
+                    impossible: halves.iter().flatten().map(|(value, _)| *value).find(cannot_be),
                     whole: flown.ln(),
                     class: of_its_class.ln(),
-                    halves: self.by_halves(
-                        |half| ((mass * arm / half.gain[axis]).ln(), half.covariance[(i, i)].sqrt()),
-                        |excitation| excitation.rate[axis],
-                    ),
+                    halves,
                     score: self.halves.and_then(|halves| halves.acceleration(axis)),
                     shown: &|logarithm| format!("{:.3e} kg·m²", logarithm.exp()),
                 };
@@ -748,6 +775,7 @@ impl Findings<'_> {
             whole: yaw.gain.ln(),
             class: (self.class.moment_ratio_m / inertia).ln(),
             halves: both,
+            impossible: None,
             score: halves.acceleration(2),
             shown: &|logarithm| format!("{:.3}/(kg·m)", logarithm.exp() / mass),
         };
@@ -970,6 +998,7 @@ impl Findings<'_> {
             whole: curve.slope(),
             class: self.class.slope,
             halves: self.by_halves(slope_of, |excitation| excitation.lift),
+            impossible: None,
             score: self.halves.and_then(Halves::lift),
             shown: &|slope| format!("n = {slope:.2}"),
         };

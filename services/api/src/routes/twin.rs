@@ -208,6 +208,7 @@ async fn submit(
                 models: out.join(MODELS),
                 truth: None,
                 final_version: Some(out.join(FINAL_MODEL)),
+                time_limit_s: None,
                 out: Some(out),
             })
         }

@@ -82,6 +82,9 @@ pub(super) fn improve(server: &ServerArgs, args: &improve::Args) -> ExitCode {
     if args.truth.is_some() {
         return output::bad_input("--truth belongs to improvements on this machine; expected it without --server");
     }
+    if args.time_limit != TIME_LIMIT_S {
+        return output::bad_input("--time-limit belongs to improvements on this machine; expected it without --server");
+    }
     let store = ModelStore::new(&args.models);
     let (version, branch) = match find_or_begin(&store, &args.model) {
         Ok(found) => found,
