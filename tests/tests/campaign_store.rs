@@ -20,7 +20,7 @@ fn campaign(scratch: &Scratch, seed: u64) -> PathBuf {
     scratch.write("short.toml", short_flight());
     let text = format!(
         "name = 'c'\ndescription = 'of the system tests'\nscenario = 'short.toml'\nseed = {seed}\nflights = 320\n\
-         [set]\nduration_s = 20.0\n[[axis]]\nname = 'loss'\nkey = 'fault[0].thrust_loss_percent'\nlog_uniform = [2.0, 30.0]\n"
+         [[axis]]\nname = 'loss'\nkey = 'fault[0].thrust_loss_percent'\nlog_uniform = [2.0, 30.0]\n"
     );
     scratch.write("c.toml", text)
 }
