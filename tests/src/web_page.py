@@ -31,7 +31,7 @@ SERVER, CHROMIUM, FOLDER, SCENARIO = sys.argv[1], sys.argv[2], Path(sys.argv[3])
 PICTURES = Path(os.environ.get("ROTORTWIN_PICTURES") or FOLDER)
 PAGES = ["/twin", "/runs?new=1", "/campaigns", "/blind", "/fdi", "/library", "/library?kind=vehicles&name=quad-x"]
 # A job on a machine that compiles at the same time.
-PATIENCE_MS = 120_000
+PATIENCE_MS = 300_000
 FIRST_LOAD_KB = 150
 # What is promised of a machine that does nothing else, asserted where that is so; beside other work the limit in brackets.
 # A table of 10,000 runs, s.
