@@ -56,7 +56,7 @@ pub(crate) fn rotor_outputs(log: &FlightLog) -> Result<Vec<usize>, String> {
         let found = log.rotor_count();
         return Err(if found > 0 && log.duties().is_empty() {
             format!(
-                "{}: expected motor outputs (duty_1 …), the log has speeds of {found} rotors and none: a mapping makes outputs of them, with `to = \"duty\"`, \
+                "{}: expected motor outputs (duty_1 …), the log has rotor speeds alone; a mapping makes outputs of them, with `to = \"duty\"`, \
                  the speeds' columns in `from`, `low = 0` and `high` the motors' highest speed (docs/logs.md)",
                 log.name
             )
@@ -495,10 +495,19 @@ impl Findings<'_> {
         Some(halves.fitted.each_ref().map(value))
     }
 
-    /// That rotors at these places would turn the vehicle far more than it turns, with its own constants and with those of the class.
+    /// That rotors at these places would turn the vehicle far more than it turns, with its own constants and with those of the class. Asked of six
+    /// rotors and more, which may be coaxial; not of outputs that come slowly, which are in no phase with the motion (R² of a right frame down to −20
+    /// at 10 Hz).
     fn turns_otherwise(&self) -> Option<String> {
-        /// R² of a torque that has nothing to do with the motion and 1.4 times its size; outputs that are logged slowly make 0 to −0.5.
+        /// R² of a torque that has nothing to do with the motion and 1.4 times its size.
         const NOTHING: f64 = -1.0;
+        let is_slow = |log: &FlightLog| {
+            let rate = log.duty_rate().filter(SensorRate::is_slower);
+            rate.is_some_and(|rate| rate.source_hz < SURE_HZ)
+        };
+        if self.rotors < 6 || self.logs.iter().any(is_slow) {
+            return None;
+        }
         let scores = [0, 1].map(|axis| self.halves.and_then(|halves| halves.acceleration(axis)));
         let told = scores.into_iter().flatten();
         let wrong: Vec<String> = told
