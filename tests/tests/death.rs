@@ -357,10 +357,14 @@ fn scenario_all_killed_at_once() {
         let members = run.members();
         members.iter().for_each(|member| member.signal(Signal::STOP));
         members.iter().for_each(|member| member.signal(Signal::KILL));
-        let ended = wait_until(PATIENCE, || {
+        let (ended, crowding) = wait_in_crowd(PATIENCE, || {
             run.has_ended() && members.iter().all(|member| !member.is_alive())
         });
-        assert!(ended.is_some(), "killed processes end");
+        let limit = crowding.stretch(END_WITHIN);
+        assert!(
+            ended.is_some_and(|time| time <= limit),
+            "killed processes end: {ended:?}, expected {limit:?} on a machine this busy"
+        );
         drop(run.end(PATIENCE));
         if link == Link::Iceoryx2 {
             assert!(!scratch.shared_memory().is_empty(), "there is something to tidy up");

@@ -12,7 +12,7 @@ use super::excitation::Excitation;
 use super::fit::{self, ALPHA, BETA, DELAY, Fitted, GAIN, LAG, SLOPES};
 use super::frames::{self, Frame, Place};
 use super::grid::{GRAVITY, Grid, moving_outputs};
-use super::held_out::Halves;
+use super::held_out::{Halves, default_yaw};
 use super::plausible::{GYRATION_OVER_ARM, MOMENT_RATIO_OVER_ARM, gyration_over_arm, has_possible_gyration};
 use super::slow::Drag;
 use super::wiring::{self, Contradiction, Wiring};
@@ -777,12 +777,10 @@ impl Findings<'_> {
             _ => None,
         };
         let mass = self.request.mass_kg;
-        let inertia: f64 =
-            self.class.inertia_ratio.iter().sum::<f64>() * class::YAW_INERTIA_SHARE * self.request.arm_m.powi(2);
         let compared = Compared {
             name: "c/Jz",
             whole: yaw.gain.ln(),
-            class: (self.class.moment_ratio_m / inertia).ln(),
+            class: default_yaw(&self.class, self.request.arm_m).ln(),
             halves: both,
             impossible: None,
             score: halves.acceleration(2),

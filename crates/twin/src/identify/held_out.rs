@@ -280,7 +280,7 @@ fn calibrate(grids: &[Grid], places: &[Place], class: &Class, request: &Request,
 }
 
 /// c m/Jz by class.
-fn default_yaw(class: &Class, arm_m: f64) -> f64 {
+pub(crate) fn default_yaw(class: &Class, arm_m: f64) -> f64 {
     let inertia: f64 = class.inertia_ratio.iter().sum::<f64>() * class::YAW_INERTIA_SHARE * arm_m * arm_m;
     class.moment_ratio_m / inertia
 }
