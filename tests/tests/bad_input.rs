@@ -187,7 +187,7 @@ impl Spoilt {
 #[test]
 fn scenario_vehicles_that_cannot_be_flown() {
     use Spoilt::{Replaced, Without};
-    let second = "[0.00, 0.24, 0.0]";
+    let third = "[-0.30, 0.20, 0.0]";
     let table: &[(&str, &str, Spoilt, &[&str])] = &[
         (
             "wrong unit",
@@ -228,14 +228,14 @@ fn scenario_vehicles_that_cannot_be_flown() {
         (
             "coaxial",
             "hexa-h",
-            Replaced(second, "[0.30, 0.20, -0.1]"),
-            &["hexa-h.toml", "rotors 1 and 2 are coaxial"],
+            Replaced(third, "[0.30, 0.20, -0.1]"),
+            &["hexa-h.toml", "rotors 1 and 3 are coaxial and turn the same way"],
         ),
         (
             "same position",
             "hexa-h",
-            Replaced(second, "[0.30, 0.20, 0.0]"),
-            &["hexa-h.toml", "rotors 1 and 2 are coaxial"],
+            Replaced(third, "[0.30, 0.20, 0.0]"),
+            &["hexa-h.toml", "rotors 1 and 3 are coaxial and turn the same way"],
         ),
         (
             "three rotors",

@@ -4,8 +4,8 @@
 //! pseudo-inverse for the allocation, and the decoupling bases of Eqs. 37–39 onto which the residual generators project.
 //! [`crate::control`] and [`crate::fdi`] read it; neither knows an arm length.
 //!
-//! Limits: rotors push along −z of the body only (no tilt), any 4 to [`MAX_ROTORS`] of them, no two coaxial, none on the z axis. A
-//! rotor's own z position is stored but has no effect: a vertical force has the same moment about the centre of mass at every
+//! Limits: rotors push along −z of the body only (no tilt), any 4 to [`MAX_ROTORS`] of them, none on the z axis, coaxial ones only if they
+//! counter-rotate: their columns then differ in yaw alone, by which faults of the two are told apart. A rotor's own z position is stored but has no effect: a vertical force has the same moment about the centre of mass at every
 //! height (Eq. 5). Lift and drag of a rotor are proportional (Eq. 4), so that one number, the moment ratio, covers the drag.
 //!
 //! Corrections to the paper used here: the last entry of Eq. 36 is c_D/c_L, not c_L/c_D (only then Eq. 39 is in the
@@ -295,11 +295,11 @@ fn check_spacing(rotors: &[Rotor]) -> Result<(), GeometryError> {
         if libm::hypot(x, y) <= limit {
             return Err(GeometryError::OnVerticalAxis { rotor });
         }
-        // At the same place the columns are parallel, or differ only in the weak yaw entry; neither is covered by the method (§4.2).
+        // Columns of rotors at the same place that turn the same way are parallel: no residual tells them apart (§4.2).
         for (first, other) in rotors[..rotor].iter().enumerate() {
             let (other_x, other_y) = horizontal(other);
-            if libm::hypot(x - other_x, y - other_y) <= limit {
-                return Err(GeometryError::Coaxial { first, second: rotor });
+            if r.spin == other.spin && libm::hypot(x - other_x, y - other_y) <= limit {
+                return Err(GeometryError::CoaxialSameSpin { first, second: rotor });
             }
         }
     }
@@ -351,8 +351,8 @@ pub enum GeometryError {
         /// Zero-based.
         rotor: usize,
     },
-    /// Two rotors one above the other.
-    Coaxial {
+    /// Two rotors one above the other that turn the same way.
+    CoaxialSameSpin {
         /// Zero-based, the smaller index.
         first: usize,
         /// Zero-based.
@@ -389,9 +389,9 @@ impl core::fmt::Display for GeometryError {
                 "rotor {} sits on the vertical axis and so has no arm azimuth, which fault isolation needs",
                 rotor + 1
             ),
-            Self::Coaxial { first, second } => write!(
+            Self::CoaxialSameSpin { first, second } => write!(
                 out,
-                "rotors {} and {} are coaxial: faults of rotors at the same place cannot be distinguished",
+                "rotors {} and {} are coaxial and turn the same way: faults of the two cannot be distinguished",
                 first + 1,
                 second + 1
             ),
@@ -550,11 +550,9 @@ mod tests {
         let refusal = |rotors: &[Rotor]| Geometry::new(rotors).expect_err("refused");
         let mut six = [quad().as_slice(), quad().as_slice()].concat();
         six.truncate(6);
-        // Counter-rotating pair of a coaxial frame: the columns are not parallel, but the rotors are coaxial all the same.
-        six[4].spin = Spin::Cw;
         let coaxial = refusal(&six);
-        assert_eq!(coaxial, GeometryError::Coaxial { first: 0, second: 4 });
-        assert!(coaxial.to_string().starts_with("rotors 1 and 5 are coaxial"));
+        assert_eq!(coaxial, GeometryError::CoaxialSameSpin { first: 0, second: 4 });
+        assert!(coaxial.to_string().starts_with("rotors 1 and 5 are coaxial and turn the same way"));
 
         assert_eq!(refusal(&quad()[..3]), GeometryError::TooFewRotors { count: 3 });
         assert_eq!(

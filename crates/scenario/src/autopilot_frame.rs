@@ -74,7 +74,7 @@ pub struct Motor {
 }
 
 /// Built-in documents.
-const BUILT_IN: [(&str, &str); 14] = [
+const BUILT_IN: [(&str, &str); 16] = [
     (
         "ardupilot-hexa-x",
         include_str!("../../../config/autopilots/ardupilot-hexa-x.toml"),
@@ -114,6 +114,14 @@ const BUILT_IN: [(&str, &str); 14] = [
         include_str!("../../../config/autopilots/ardupilot-octo-cw-x.toml"),
     ),
     ("px4-octo-x", include_str!("../../../config/autopilots/px4-octo-x.toml")),
+    (
+        "ardupilot-octaquad-x",
+        include_str!("../../../config/autopilots/ardupilot-octaquad-x.toml"),
+    ),
+    (
+        "px4-octaquad-x",
+        include_str!("../../../config/autopilots/px4-octaquad-x.toml"),
+    ),
     (
         "betaflight-octoflatx",
         include_str!("../../../config/autopilots/betaflight-octoflatx.toml"),
@@ -185,8 +193,8 @@ impl AutopilotFrame {
                 let away = (azimuth - motor.azimuth_deg).rem_euclid(360.0);
                 away.min(360.0 - away) < TOLERANCE_DEG
             };
-            let found = placements.iter().position(|rotor| near(rotor.position_body));
-            let Some(rotor) = found else {
+            let mut there = (0..placements.len()).filter(|rotor| near(placements[*rotor].position_body)).peekable();
+            let Some(&first) = there.peek() else {
                 let Motor {
                     channel, azimuth_deg, ..
                 } = motor;
@@ -194,13 +202,14 @@ impl AutopilotFrame {
                     "its motor {channel} at {azimuth_deg}° matches no rotor of the vehicle"
                 ));
             };
-            if placements[rotor].spin != motor.spin {
+            // Of two on one axis, that which turns as the motor does.
+            let Some(rotor) = there.find(|rotor| placements[*rotor].spin == motor.spin) else {
                 return Err(format!(
                     "its motor {} spins opposite to rotor {} of the vehicle",
                     motor.channel,
-                    rotor + 1
+                    first + 1
                 ));
-            }
+            };
             rotors[motor.channel as usize - 1] = rotor;
         }
         Ok(rotors)

@@ -45,6 +45,16 @@ fn val_channels_of_a_quadrotor_x_are_those_of_the_frames_tables() {
     }
 }
 
+/// `AP_MotorsMatrix`, OCTAQUAD X: motors 1 to 4 above, front right, front left, rear left, rear right; 5 to 8 below, front left first.
+#[test]
+fn val_channels_of_a_coaxial_octorotor_are_found_by_place_and_spin() {
+    for autopilot in [AutopilotKind::ArduPilot, AutopilotKind::Px4] {
+        let (frame, found) = channels(autopilot, "x8-skids");
+        assert!(frame.ends_with("octaquad-x"), "{frame}");
+        assert_eq!(found, [1, 7, 5, 3, 8, 2, 4, 6], "{frame}");
+    }
+}
+
 #[test]
 fn val_channels_of_an_octorotor_x_are_those_of_the_frames_tables() {
     // Rotor 1 front right, then clockwise; ArduPilot's AP_MotorsMatrix, PX4's airframe 8001, Betaflight's mixerOctoFlatX.

@@ -431,12 +431,14 @@ fn val_rotor_lists() {
         spoilt("hexa-h.toml", "spin = \"cw\"", "spin = \"left\""),
         "vehicles/hexa-h.toml, line #, key `rotors.layout.rotor[1].spin`: expected one of ccw, cw, got `left`"
     );
-    let coaxial = spoilt("hexa-h.toml", "[0.00, 0.24, 0.0]", "[0.30, 0.20, -0.1]");
+    let coaxial = spoilt("hexa-h.toml", "[-0.30, 0.20, 0.0]", "[0.30, 0.20, -0.1]");
     assert!(
         coaxial.starts_with("vehicles/hexa-h.toml, line ")
-            && coaxial.contains(", key `rotors.layout`: rotors 1 and 2 are coaxial: "),
+            && coaxial.contains(", key `rotors.layout`: rotors 1 and 3 are coaxial and turn the same way: "),
         "{coaxial}"
     );
+    let counter_rotating = spoilt("hexa-h.toml", "[0.00, 0.24, 0.0]", "[0.30, 0.20, -0.1]");
+    assert_eq!(counter_rotating, "accepted");
     let lame = spoilt(
         "hexa-h.toml",
         "position_body_m = [0.00, 0.24, 0.0]",

@@ -139,7 +139,7 @@ export function groupsOf(values: readonly Estimate[]): { title: string; values: 
 /** Frames to choose from if the log does not name one; motors are numbered as in ArduPilot. */
 export const FRAMES = [
   "quad-x", "quad-plus", "quad-v", "quad-h", "quad-betaflight-x", "quad-dji-x", "quad-cw-x", "quad-betaflight-x-reversed",
-  "hexa-x", "hexa-plus", "hexa-dji-x", "hexa-cw-x", "octo-x", "octo-plus", "octo-dji-x", "octo-cw-x",
+  "hexa-x", "hexa-plus", "hexa-dji-x", "hexa-cw-x", "octo-x", "octo-plus", "octo-dji-x", "octo-cw-x", "octaquad-x", "octaquad-plus", "octaquad-h", "y6a", "y6b", "y6f",
 ] as const;
 
 /** A valid document name derived from a file name. */

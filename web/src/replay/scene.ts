@@ -8,6 +8,7 @@ import { OrbitControls } from "three/addons/controls/OrbitControls.js";
 import { mergeGeometries } from "three/addons/utils/BufferGeometryUtils.js";
 import { Pace } from "./pace";
 import type { Geometry, Pose } from "./motion";
+import { levels } from "../parts/coaxial";
 
 /** Loss at which the colour saturates, share of the nominal thrust. */
 const FULL_LOSS = 0.25;
@@ -192,6 +193,7 @@ export class Scene {
     const group = new THREE.Group();
     group.scale.setScalar(MAGNIFY);
     const places = rotors.map((rotor) => world(rotor.position_body_m));
+    const level = levels(rotors);
     const booms = places.map((at) => {
       const turn = new THREE.Quaternion().setFromUnitVectors(new THREE.Vector3(0, 1, 0), at.clone().normalize());
       return new THREE.CylinderGeometry(0.035 * arm, 0.035 * arm, at.length(), 8).applyMatrix4(new THREE.Matrix4().compose(at.clone().multiplyScalar(0.5), turn, new THREE.Vector3(1, 1, 1)));
@@ -201,9 +203,11 @@ export class Scene {
     const nose = new THREE.Mesh(new THREE.ConeGeometry(0.09 * arm, 0.3 * arm, 12), new THREE.MeshLambertMaterial({ color: this.colours.trail, transparent: opacity < 1, opacity }));
     nose.rotation.x = -Math.PI / 2;
     nose.position.set(0, 0, -0.38 * arm);
-    const spacing = Math.min(...rotors.flatMap((a, i) => rotors.slice(i + 1).map((b) => Math.hypot(a.position_body_m[0] - b.position_body_m[0], a.position_body_m[1] - b.position_body_m[1]))));
+    const upper = rotors.filter((_, k) => level[k] === 0);
+    const spacing = Math.min(...upper.flatMap((a, i) => upper.slice(i + 1).map((b) => Math.hypot(a.position_body_m[0] - b.position_body_m[0], a.position_body_m[1] - b.position_body_m[1]))));
     const radius = Math.min(0.45 * arm, 0.47 * (Number.isFinite(spacing) ? spacing : arm));
-    for (const at of places) at.y += 0.09 * arm;
+    // On an axis of two, one above the boom and one below it, whatever their heights.
+    places.forEach((at, k) => (at.y += (level[k] === 0 ? 0.09 : -0.09) * arm));
     const discs = new THREE.InstancedMesh(new THREE.CylinderGeometry(radius, radius, 0.03 * arm, 32), new THREE.MeshLambertMaterial({ transparent: true, opacity: 0.8 * opacity }), rotors.length);
     places.forEach((at, k) => {
       discs.setMatrixAt(k, new THREE.Matrix4().setPosition(at));

@@ -191,10 +191,9 @@ pub(crate) fn find(log: &FlightLog, grids: &[Grid], request: &Request, class: &C
     let Some(motion) = motion.map(|motion| motion.best) else {
         return Err(format!(
             "{}: the motor order is unknown: no parameter says it, and without body rates (or with {rotors} rotors) the motion cannot; \
-             name the frame with --frame ({}){}",
+             name the frame with --frame ({})",
             log.name,
-            frame_names(),
-            no_coaxial(rotors)
+            frame_names()
         ));
     };
     if let Some(doubt) = motion.doubt() {
@@ -291,15 +290,6 @@ fn listed(places: &[Place]) -> String {
         format!("output {} at {degrees:.0}° {spin}", i + 1)
     };
     places.iter().enumerate().map(one).collect::<Vec<_>>().join(", ")
-}
-
-/// What somebody with a frame that no table can hold must know.
-pub(crate) fn no_coaxial(rotors: usize) -> &'static str {
-    match rotors {
-        6 => "; a coaxial Y6 is none of these: a vehicle here cannot have two rotors on one axis",
-        8 => "; a coaxial X8 is none of these: a vehicle here cannot have two rotors on one axis",
-        _ => "",
-    }
 }
 
 fn frame_names() -> String {
@@ -496,7 +486,7 @@ impl Findings<'_> {
     }
 
     /// That rotors at these places would turn the vehicle far more than it turns, with its own constants and with those of the class. Asked of six
-    /// rotors and more, which may be coaxial; not of outputs that come slowly, which are in no phase with the motion (R² of a right frame down to −20
+    /// rotors and more, whose orders the motion was not searched for or which may be none of those searched; not of outputs that come slowly, which are in no phase with the motion (R² of a right frame down to −20
     /// at 10 Hz).
     fn turns_otherwise(&self) -> Option<String> {
         /// R² of a torque that has nothing to do with the motion and 1.4 times its size.
@@ -516,9 +506,8 @@ impl Findings<'_> {
             .collect();
         (!wrong.is_empty()).then(|| {
             format!(
-                "the motion is not that of rotors at these places ({} on seconds that were not fitted): check the frame and the order of the outputs{}",
-                wrong.join(", "),
-                no_coaxial(self.rotors)
+                "the motion is not that of rotors at these places ({} on seconds that were not fitted): check the frame and the order of the outputs",
+                wrong.join(", ")
             )
         })
     }

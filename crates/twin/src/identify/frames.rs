@@ -1,8 +1,8 @@
 //! Frames: where the rotor of each motor number is, and how it turns.
 //!
 //! Angles in degrees from the nose, clockwise seen from above. Numbers are those of the autopilot: ArduPilot's frame classes and types
-//! (`AP_MotorsMatrix`), which PX4's fixed airframes share. Coaxial frames (X8, Y6) are not here: a vehicle document cannot hold two rotors
-//! on one axis.
+//! (`AP_MotorsMatrix`), which PX4's fixed airframes share. Of two rotors on one axis (X8, Y6) it is not said which is the upper one: their
+//! columns of the effectiveness matrix have no height.
 
 use rotortwin_plant::vehicle::model::SpinDirection::{self, Ccw, Cw};
 use std::collections::BTreeMap;
@@ -45,6 +45,9 @@ pub struct Frame {
     /// Angle and spin by motor number.
     motors: &'static [(f64, SpinDirection)],
 }
+
+/// FRAME_CLASS of ArduPilot's Y6.
+const Y6: u32 = 5;
 
 /// Every frame that can be named.
 pub const FRAMES: &[Frame] = &[
@@ -224,6 +227,77 @@ pub const FRAMES: &[Frame] = &[
             (-22.5, Cw),
         ],
     ),
+    // Coaxial, of PX4 too: pairs on four arms, motors 1 to 4 above.
+    frame(
+        "octaquad-x",
+        4,
+        1,
+        12_001,
+        &[
+            (45.0, Ccw),
+            (-45.0, Cw),
+            (-135.0, Ccw),
+            (135.0, Cw),
+            (-45.0, Ccw),
+            (45.0, Cw),
+            (135.0, Ccw),
+            (-135.0, Cw),
+        ],
+    ),
+    frame(
+        "octaquad-plus",
+        4,
+        0,
+        0,
+        &[
+            (0.0, Ccw),
+            (-90.0, Cw),
+            (180.0, Ccw),
+            (90.0, Cw),
+            (-90.0, Ccw),
+            (0.0, Cw),
+            (90.0, Ccw),
+            (180.0, Cw),
+        ],
+    ),
+    frame(
+        "octaquad-h",
+        4,
+        3,
+        0,
+        &[
+            (45.0, Cw),
+            (-45.0, Ccw),
+            (-135.0, Cw),
+            (135.0, Ccw),
+            (-45.0, Cw),
+            (45.0, Ccw),
+            (135.0, Cw),
+            (-135.0, Ccw),
+        ],
+    ),
+    // Pairs on three arms; every kind but 10 and 11 is the first.
+    frame(
+        "y6a",
+        Y6,
+        1,
+        0,
+        &[(60.0, Ccw), (-60.0, Cw), (-60.0, Ccw), (180.0, Cw), (60.0, Cw), (180.0, Ccw)],
+    ),
+    frame(
+        "y6b",
+        Y6,
+        10,
+        11_001,
+        &[(60.0, Cw), (60.0, Ccw), (180.0, Cw), (180.0, Ccw), (-60.0, Cw), (-60.0, Ccw)],
+    ),
+    frame(
+        "y6f",
+        Y6,
+        11,
+        0,
+        &[(180.0, Ccw), (60.0, Ccw), (-60.0, Ccw), (180.0, Cw), (60.0, Cw), (-60.0, Cw)],
+    ),
 ];
 
 const fn frame(
@@ -272,6 +346,8 @@ impl Frame {
         let (Some(&class), Some(&kind)) = (parameters.get("FRAME_CLASS"), parameters.get("FRAME_TYPE")) else {
             return Ok(None);
         };
+        // `AP_MotorsMatrix`: a Y6 of any other kind is Y6A.
+        let kind = if class == f64::from(Y6) && ![10.0, 11.0].contains(&kind) { 1.0 } else { kind };
         let known = FRAMES
             .iter()
             .find(|frame| f64::from(frame.class) == class && f64::from(frame.kind) == kind);
@@ -279,11 +355,8 @@ impl Frame {
             Some(frame) => Ok(Some(frame)),
             None if class == 0.0 => Ok(None),
             None => Err(format!(
-                "FRAME_CLASS {class}, FRAME_TYPE {kind}: {}",
-                match class as i64 {
-                    4 | 5 => "a coaxial frame; a vehicle cannot have two rotors on one axis",
-                    _ => "this frame is in no table; name another with --frame if its rotors are where that one's are",
-                }
+                "FRAME_CLASS {class}, FRAME_TYPE {kind}: this frame is in no table; name another with --frame if its rotors are where that one's \
+                 are"
             )),
         }
     }
@@ -351,17 +424,39 @@ pub(crate) fn of_px4_allocation(parameters: &BTreeMap<String, f64>) -> Option<(V
     })
 }
 
-/// The even polygons that wirings are searched over: rotor angles of the X and the plus layout.
-pub(crate) fn polygons(rotors: usize) -> [(&'static str, Vec<Place>); 2] {
-    let ring = |offset: f64| {
-        (0..rotors)
-            .map(|i| {
-                let spin = if i % 2 == 0 { Ccw } else { Cw };
-                Place::at(360.0 / rotors as f64 * (i as f64 + offset), spin)
-            })
-            .collect()
+/// A set of places over which motors are distributed where no parameter says their order.
+pub(crate) struct Ring {
+    /// What people call it.
+    pub layout: &'static str,
+    /// Without an order.
+    pub places: Vec<Place>,
+    /// With every spin reversed it is another set of places.
+    pub has_a_mirror: bool,
+}
+
+/// The layouts that wirings are searched over: the even polygons, X and plus, and for six rotors three coaxial pairs.
+pub(crate) fn rings(rotors: usize) -> Vec<Ring> {
+    let polygon = |layout, offset: f64| {
+        let place = |i: usize| {
+            let spin = if i.is_multiple_of(2) { Ccw } else { Cw };
+            Place::at(360.0 / rotors as f64 * (i as f64 + offset), spin)
+        };
+        Ring {
+            layout,
+            places: (0..rotors).map(place).collect(),
+            has_a_mirror: true,
+        }
     };
-    [("X", ring(0.5)), ("plus", ring(0.0))]
+    let mut rings = vec![polygon("X", 0.5), polygon("plus", 0.0)];
+    if rotors == 6 {
+        let y6 = Frame::named("y6b").expect("in the table");
+        rings.push(Ring {
+            layout: "Y6",
+            places: y6.places(),
+            has_a_mirror: false,
+        });
+    }
+    rings
 }
 
 #[cfg(test)]
@@ -369,7 +464,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn val_every_frame_is_an_even_polygon_that_no_thrust_turns() {
+    fn val_no_thrust_turns_a_frame() {
         for frame in FRAMES {
             let places = frame.places();
             for sum in [
@@ -382,6 +477,36 @@ mod tests {
                 assert!(sum.abs() < 1e-9, "{}: {sum}", frame.name);
             }
         }
+    }
+
+    /// ArduPilot's parameters of the coaxial frames; any kind of Y6 that it does not know is Y6A.
+    #[test]
+    fn val_coaxial_frames_are_pairs_on_three_or_four_arms() {
+        let of = |class: f64, kind: f64| {
+            let parameters = BTreeMap::from([("FRAME_CLASS".to_owned(), class), ("FRAME_TYPE".to_owned(), kind)]);
+            Frame::of_ardupilot(&parameters)
+        };
+        for (class, kind, name, arms) in [
+            (4.0, 1.0, "octaquad-x", 4),
+            (4.0, 0.0, "octaquad-plus", 4),
+            (4.0, 3.0, "octaquad-h", 4),
+            (5.0, 0.0, "y6a", 3),
+            (5.0, 1.0, "y6a", 3),
+            (5.0, 10.0, "y6b", 3),
+            (5.0, 11.0, "y6f", 3),
+        ] {
+            let frame = of(class, kind).unwrap().unwrap();
+            assert_eq!(frame.name, name);
+            let places = frame.places();
+            assert_eq!(places.len(), 2 * arms, "{name}");
+            for place in &places {
+                let on_its_arm: Vec<&Place> = places.iter().filter(|other| other.position == place.position).collect();
+                assert_eq!(on_its_arm.len(), 2, "{name}");
+                assert_ne!(on_its_arm[0].spin, on_its_arm[1].spin, "{name}");
+            }
+        }
+        // OCTAQUAD V has arms of its own, which no table holds.
+        assert!(of(4.0, 2.0).unwrap_err().contains("in no table"));
     }
 
     /// 4014 is PX4's S500, 4040 an H frame among the X frames, 13000 a VTOL.
@@ -428,7 +553,7 @@ mod tests {
             }
             compared += 1;
         }
-        assert_eq!(compared, 10);
+        assert_eq!(compared, 12);
     }
 
     /// The mappings for logs of PX4 give the rotors of the vehicle that its frame file gives in flight.

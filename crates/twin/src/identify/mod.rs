@@ -9,7 +9,7 @@
 //! default with a wide interval and is marked so. Mass and arm are never estimated: an IMU knows thrust over mass and torque over
 //! inertia, so every scale follows from what was entered.
 //!
-//! Limits: equal rotors on one plane; no coaxial frames; one thrust curve; rotors' differences and the centre of mass are left to
+//! Limits: equal rotors, also where one is in the wake of another (coaxial frames); one thrust curve; rotors' differences and the centre of mass are left to
 //! [`crate::compare`], which fits them to each log.
 
 mod actuator;

@@ -83,12 +83,11 @@ pub fn frame_contradiction(log: &FlightLog, vehicle: &VehicleModel, airframe: &A
         .into_iter()
         .find(|finding| finding.kind == FindingKind::SwappedMotors)?;
     Some(format!(
-        "{}: the frame {} ({}) contradicts the motion: {}; name the right one with --frame, or insist with --trust-frame{}",
+        "{}: the frame {} ({}) contradicts the motion: {}; name the right one with --frame, or insist with --trust-frame",
         log.name,
         airframe.name,
         airframe.how,
-        swapped.detail,
-        airframe::no_coaxial(vehicle.rotor_count())
+        swapped.detail
     ))
 }
 

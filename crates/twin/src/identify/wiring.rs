@@ -12,7 +12,7 @@ use super::class::Class;
 use super::curve::Curve;
 use super::filters::Band;
 use super::fit::hover_point;
-use super::frames::{Place, polygons};
+use super::frames::{Place, rings};
 use super::grid::Grid;
 
 /// Most rotors that all orders are tried of.
@@ -261,11 +261,12 @@ fn best(rotors: usize, moments: &[Moments; 3], space: Option<&Square>, seconds: 
     let mut found: Option<Wiring> = None;
     let mut second = f64::NEG_INFINITY;
     let mut tried = 0;
-    for (layout, ring) in polygons(rotors) {
+    for ring in rings(rotors) {
+        let places = &ring.places;
         let mut order: Vec<usize> = (0..rotors).collect();
         permutations(&mut order, 0, &mut |order| {
             let lever =
-                |value: &dyn Fn(&Place) -> f64| -> Vec<f64> { order.iter().map(|i| value(&ring[*i])).collect() };
+                |value: &dyn Fn(&Place) -> f64| -> Vec<f64> { order.iter().map(|i| value(&places[*i])).collect() };
             let roll = lever(&|place| -place.position[1]);
             let pitch = lever(&|place| place.position[0]);
             let yaw = lever(&Place::yaw_sign);
@@ -278,6 +279,9 @@ fn best(rotors: usize, moments: &[Moments; 3], space: Option<&Square>, seconds: 
             }
             let turned: Vec<f64> = yaw.iter().map(|sign| -sign).collect();
             for (sense, yaw) in [(1.0, &yaw), (-1.0, &turned)] {
+                if sense < 0.0 && !ring.has_a_mirror {
+                    continue;
+                }
                 tried += 1;
                 let correlation = [
                     moments[0].correlation(&roll),
@@ -290,7 +294,7 @@ fn best(rotors: usize, moments: &[Moments; 3], space: Option<&Square>, seconds: 
                     let places = order
                         .iter()
                         .map(|i| {
-                            let mut place = ring[*i];
+                            let mut place = places[*i];
                             if sense < 0.0 {
                                 place.spin = opposite(place.spin);
                             }
@@ -298,7 +302,7 @@ fn best(rotors: usize, moments: &[Moments; 3], space: Option<&Square>, seconds: 
                         })
                         .collect();
                     found = Some(Wiring {
-                        layout,
+                        layout: ring.layout,
                         places,
                         score,
                         margin: 0.0,

@@ -32,6 +32,8 @@ const LEAST_ANSWER_S: f64 = 0.8;
 /// … with a gain that is this share of the gain before, where that correlates at least by so much.
 const GAIN_SHARE: f64 = 0.6;
 const CORRELATED: f64 = 0.3;
+/// Rotors nearer than this share of the arm are on one axis.
+const SAME_ARM: f64 = 0.05;
 /// The attitude has run away, rad: 60°.
 const AWAY_RAD: f64 = 1.05;
 /// How long before that the motor reaches its limit, s.
@@ -125,7 +127,7 @@ fn by_limit(signals: &Signals, part: &FlightPart, begin_s: f64) -> Option<Flight
         signals,
         part,
         from,
-        output,
+        Some(output),
         format!(
             "motor output {output} at its limit while the tilt passes {:.0}° {:.2} s later: rotor {output} lost its thrust, or most of it",
             AWAY_RAD.to_degrees(),
@@ -182,14 +184,24 @@ fn by_sinking_arm(signals: &Signals, part: &FlightPart, begin_s: f64, places: &[
     if tilted || struck(signals, bin) || answers(signals, part, bin, (begin_s, rotor, places)) {
         return None;
     }
-    let output = signals.outputs[rotor];
+    let on_its_arm: Vec<usize> = (0..places.len())
+        .filter(|other| {
+            let [x, y] = [0, 1].map(|axis| places[*other][axis] - places[rotor][axis]);
+            x.hypot(y) < SAME_ARM * arm
+        })
+        .map(|other| signals.outputs[other])
+        .collect();
+    // Two on one axis are asked for the same.
+    let alone = (on_its_arm.len() == 1).then_some(signals.outputs[rotor]);
+    let named: Vec<String> = on_its_arm.iter().map(usize::to_string).collect();
     Some(event(
         signals,
         part,
         bin,
-        output,
+        alone,
         format!(
-            "rotor {output} lost its thrust, or most of it: its arm sinks while its motor is asked for more (sink rate times excess {size:.1} rad/s; healthy flights stay below 0.7)"
+            "rotor {} lost its thrust, or most of it: its arm sinks while its motor is asked for more (sink rate times excess {size:.1} rad/s; healthy flights stay below 0.7)",
+            named.join(" or ")
         ),
     ))
 }
@@ -271,12 +283,12 @@ fn follows(signals: &Signals, rate: &[f64], asked: &[f64], (from_s, to_s): (f64,
     best
 }
 
-fn event(signals: &Signals, part: &FlightPart, bin: usize, output: usize, detail: String) -> FlightEvent {
+fn event(signals: &Signals, part: &FlightPart, bin: usize, output: Option<usize>, detail: String) -> FlightEvent {
     FlightEvent {
         kind: EventKind::LostRotor,
         start_s: signals.start_s[bin],
         end_s: part.end_s.max(signals.end_s[bin]),
-        output: Some(output),
+        output,
         detail,
     }
 }
