@@ -430,9 +430,11 @@ impl Findings<'_> {
             Estimate::normal("arm", "arm", "m", self.request.arm_m, 0.0, Source::Entered)
                 .how("every inertia scales with it"),
         ];
-        notes.extend(self.turns_otherwise());
-        let inertia = self.inertia(&mut values, notes);
-        let (moment_ratio, yaw_inertia, reaction_s) = self.yaw(inertia, &mut values, notes);
+        let otherwise = self.turns_otherwise();
+        let is_its_frame = !self.against_the_motion && otherwise.is_none();
+        notes.extend(otherwise);
+        let inertia = self.inertia(is_its_frame, &mut values, notes);
+        let (moment_ratio, yaw_inertia, reaction_s) = self.yaw(is_its_frame, inertia, &mut values, notes);
         let (drag, rotor_drag) = self.drag(&mut values, notes);
         self.thrust(&mut values, notes);
         let battery = self.battery(&mut values);
@@ -512,8 +514,8 @@ impl Findings<'_> {
         })
     }
 
-    /// Jx, Jy and the deviations of their logarithms.
-    fn inertia(&self, values: &mut Vec<Estimate>, notes: &mut Vec<String>) -> [(f64, f64); 2] {
+    /// Jx, Jy and the deviations of their logarithms; `is_its_frame`: the motion does not speak against the frame.
+    fn inertia(&self, is_its_frame: bool, values: &mut Vec<Estimate>, notes: &mut Vec<String>) -> [(f64, f64); 2] {
         let (mass, arm) = (self.request.mass_kg, self.request.arm_m);
         let fitted = self.fitted;
         let of_class = |axis: usize, why: String| {
@@ -540,7 +542,7 @@ impl Findings<'_> {
             } else {
                 ""
             };
-            let (value, deviation, source, how) = if self.against_the_motion {
+            let (value, deviation, source, how) = if !is_its_frame {
                 of_class(axis, "the motion contradicts the frame, so its torques determine no inertia".to_owned())
             } else if !has_possible_gyration(fitted.gain[axis], arm) {
                 let impossible = format!(
@@ -599,7 +601,13 @@ impl Findings<'_> {
     }
 
     /// c, Jz and λ.
-    fn yaw(&self, inertia: [(f64, f64); 2], values: &mut Vec<Estimate>, notes: &mut Vec<String>) -> (f64, f64, f64) {
+    fn yaw(
+        &self,
+        is_its_frame: bool,
+        inertia: [(f64, f64); 2],
+        values: &mut Vec<Estimate>,
+        notes: &mut Vec<String>,
+    ) -> (f64, f64, f64) {
         let (mass, arm) = (self.request.mass_kg, self.request.arm_m);
         let share = class::YAW_INERTIA_SHARE;
         let sum = inertia[0].0 + inertia[1].0;
@@ -618,7 +626,7 @@ impl Findings<'_> {
         } else {
             Source::Class
         };
-        let counts = self.excitation.rate[2] && !self.against_the_motion;
+        let counts = self.excitation.rate[2] && is_its_frame;
         let told = self.yaw.filter(|_| counts).filter(|yaw| {
             let ratio = yaw.gain / mass * share * sum;
             let possible = MOMENT_RATIO_OVER_ARM.contains(&(ratio / arm));

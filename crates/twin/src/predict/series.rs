@@ -229,16 +229,17 @@ impl Series {
         }
         let mut notes = Vec::new();
         if let RotorOrder::Vehicle(note) = &log.report.rotor_order {
-            notes.push(note.clone());
+            // Whoever shows the notes says of which log they are.
+            let of_this = format!("{}: ", log.name);
+            notes.push(note.strip_prefix(&of_this).unwrap_or(note).to_owned());
         }
         let thinned;
         let (log, rate) = match thinning(log.time_s.len(), rate) {
             None => (log, rate),
             Some(factor) => {
                 notes.push(format!(
-                    "{}: {} rows at {rate:.0} Hz, taken as means of {factor}: a search over all of them would take minutes, and what is faster is \
+                    "{} rows at {rate:.0} Hz, taken as means of {factor}: a search over all of them would take minutes, and what is faster is \
                      vibration and filters; `LOG@a:b` of less than {:.0} s is taken as it is",
-                    log.name,
                     log.time_s.len(),
                     MOST_FAST_ROWS as f64 / rate
                 ));
@@ -287,8 +288,7 @@ impl Series {
         let accel = match (accel, rest_scale(log, air.first().map_or(f64::NAN, |first| first.0))) {
             (Some(mut readings), Some(scale)) => {
                 notes.push(format!(
-                    "{}: at rest before take-off the accelerometer reads {:.3} m/s²; its readings are divided by {scale:.4}",
-                    log.name,
+                    "at rest before take-off the accelerometer reads {:.3} m/s²; its readings are divided by {scale:.4}",
                     scale * GRAVITY_M_S2
                 ));
                 readings.iter_mut().flatten().for_each(|reading| *reading /= scale);
