@@ -231,13 +231,6 @@ pub fn openapi_document() -> String {
     text
 }
 
-#[cfg(test)]
-fn stated() -> Stated {
-    let (_, mut api) = described().split_for_parts();
-    openapi::complete(&mut api);
-    Stated::of(&api)
-}
-
 /// Everything that is served.
 pub(crate) fn router(app: Arc<App>) -> Router {
     let request_id = HeaderName::from_static("x-request-id");
