@@ -552,7 +552,11 @@ mod tests {
         six.truncate(6);
         let coaxial = refusal(&six);
         assert_eq!(coaxial, GeometryError::CoaxialSameSpin { first: 0, second: 4 });
-        assert!(coaxial.to_string().starts_with("rotors 1 and 5 are coaxial and turn the same way"));
+        assert!(
+            coaxial
+                .to_string()
+                .starts_with("rotors 1 and 5 are coaxial and turn the same way")
+        );
 
         assert_eq!(refusal(&quad()[..3]), GeometryError::TooFewRotors { count: 3 });
         assert_eq!(

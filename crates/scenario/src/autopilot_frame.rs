@@ -193,7 +193,9 @@ impl AutopilotFrame {
                 let away = (azimuth - motor.azimuth_deg).rem_euclid(360.0);
                 away.min(360.0 - away) < TOLERANCE_DEG
             };
-            let mut there = (0..placements.len()).filter(|rotor| near(placements[*rotor].position_body)).peekable();
+            let mut there = (0..placements.len())
+                .filter(|rotor| near(placements[*rotor].position_body))
+                .peekable();
             let Some(&first) = there.peek() else {
                 let Motor {
                     channel, azimuth_deg, ..

@@ -282,21 +282,42 @@ pub const FRAMES: &[Frame] = &[
         Y6,
         1,
         0,
-        &[(60.0, Ccw), (-60.0, Cw), (-60.0, Ccw), (180.0, Cw), (60.0, Cw), (180.0, Ccw)],
+        &[
+            (60.0, Ccw),
+            (-60.0, Cw),
+            (-60.0, Ccw),
+            (180.0, Cw),
+            (60.0, Cw),
+            (180.0, Ccw),
+        ],
     ),
     frame(
         "y6b",
         Y6,
         10,
         11_001,
-        &[(60.0, Cw), (60.0, Ccw), (180.0, Cw), (180.0, Ccw), (-60.0, Cw), (-60.0, Ccw)],
+        &[
+            (60.0, Cw),
+            (60.0, Ccw),
+            (180.0, Cw),
+            (180.0, Ccw),
+            (-60.0, Cw),
+            (-60.0, Ccw),
+        ],
     ),
     frame(
         "y6f",
         Y6,
         11,
         0,
-        &[(180.0, Ccw), (60.0, Ccw), (-60.0, Ccw), (180.0, Cw), (60.0, Cw), (-60.0, Cw)],
+        &[
+            (180.0, Ccw),
+            (60.0, Ccw),
+            (-60.0, Ccw),
+            (180.0, Cw),
+            (60.0, Cw),
+            (-60.0, Cw),
+        ],
     ),
 ];
 
@@ -347,7 +368,11 @@ impl Frame {
             return Ok(None);
         };
         // `AP_MotorsMatrix`: a Y6 of any other kind is Y6A.
-        let kind = if class == f64::from(Y6) && ![10.0, 11.0].contains(&kind) { 1.0 } else { kind };
+        let kind = if class == f64::from(Y6) && ![10.0, 11.0].contains(&kind) {
+            1.0
+        } else {
+            kind
+        };
         let known = FRAMES
             .iter()
             .find(|frame| f64::from(frame.class) == class && f64::from(frame.kind) == kind);

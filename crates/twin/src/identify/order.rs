@@ -84,10 +84,7 @@ pub fn frame_contradiction(log: &FlightLog, vehicle: &VehicleModel, airframe: &A
         .find(|finding| finding.kind == FindingKind::SwappedMotors)?;
     Some(format!(
         "{}: the frame {} ({}) contradicts the motion: {}; name the right one with --frame, or insist with --trust-frame",
-        log.name,
-        airframe.name,
-        airframe.how,
-        swapped.detail
+        log.name, airframe.name, airframe.how, swapped.detail
     ))
 }
 

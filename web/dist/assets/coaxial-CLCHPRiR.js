@@ -1,0 +1,1 @@
+function e(e){let[n,r,i]=[0,1,2].map(e=>t=>t.position_body_m[e]??0),a=Math.max(0,...e.map(e=>Math.hypot(n(e),r(e))));return e.map((o,s)=>{let c=(e,t)=>i(e)<i(o)||i(e)===i(o)&&t<s;return e.filter((e,i)=>i!==s&&Math.hypot(n(e)-n(o),r(e)-r(o))<t*a&&c(e,i)).length})}var t=.05;export{e as t};
