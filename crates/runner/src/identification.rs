@@ -66,7 +66,11 @@ fn find(job: &Job) -> Result<Found, String> {
     let mut vehicle = identify_with(&logs, &request, bench.as_ref()).map_err(|error| error.to_string())?;
     let mut scores = Vec::new();
     for log in logs.iter().filter(|_| job.held_out) {
-        match held_out_with(log, &request, bench.as_ref()) {
+        let score = match vehicle.held_out.clone() {
+            Some(score) => Ok(score),
+            None => held_out_with(log, &request, bench.as_ref()),
+        };
+        match score {
             Ok(score) => scores.push(score),
             // A flight too short for two halves still gave a vehicle.
             Err(refusal) => vehicle.notes.push(format!("not judged on its halves: {refusal}")),

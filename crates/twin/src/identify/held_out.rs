@@ -102,13 +102,7 @@ pub fn held_out_with(log: &FlightLog, request: &Request, bench: Option<&Bench>) 
             log.name
         ))
     })?;
-    let [first, second] = &halves.fitted;
-    Ok(HeldOut {
-        log: log.name.clone(),
-        seconds,
-        gain_ratio: [0, 1].map(|axis| second.gain[axis] / first.gain[axis]),
-        scores: halves.scores,
-    })
+    Ok(halves.held_out(&log.name, seconds))
 }
 
 /// Channels of the scores.
@@ -172,6 +166,17 @@ impl Halves {
             excitation: [Excitation::of(&first), Excitation::of(&second)],
             scores,
         })
+    }
+
+    /// As it is shown, of a log with so many seconds in the air.
+    pub(crate) fn held_out(&self, log: &str, seconds: f64) -> HeldOut {
+        let [first, second] = &self.fitted;
+        HeldOut {
+            log: log.to_owned(),
+            seconds,
+            gain_ratio: [0, 1].map(|axis| second.gain[axis] / first.gain[axis]),
+            scores: self.scores.clone(),
+        }
     }
 
     /// R² of the specific force apart from its drift.

@@ -151,6 +151,9 @@ pub struct Identified {
     pub sensors: Vec<SensorRate>,
     /// What was found on the way.
     pub notes: Vec<String>,
+    /// How well each half predicts the other, where it is one log and long enough: the estimates need it anyhow.
+    #[serde(skip)]
+    pub held_out: Option<HeldOut>,
     #[serde(skip)]
     pub(crate) numbers: Numbers,
     #[serde(skip)]
@@ -339,7 +342,12 @@ fn estimate_all(
     if let Some(doubt) = plausible::doubt(request, rotors, numbers.cells) {
         notes.insert(0, doubt);
     }
+    let held_out = match (grids, &halves) {
+        ([only], Some(halves)) => Some(halves.held_out(&only.name, only.airborne_s())),
+        _ => None,
+    };
     Ok(Identified {
+        held_out,
         logs: logs.iter().map(|log| log.name.clone()).collect(),
         class,
         outputs: match logs.first() {

@@ -171,6 +171,24 @@ fn val_a_motor_at_its_limit_while_the_attitude_runs_away_is_a_lost_rotor() {
     }
 }
 
+/// Two rotors on one axis are asked for the same: which of them it was, nothing says.
+#[test]
+fn val_of_two_rotors_on_one_axis_none_is_named_alone() {
+    let positions = [[0.7, 0.7], [-0.7, 0.7], [0.7, -0.7], [0.7, -0.7]];
+    let places = [0, 1, 2, 3].map(|rotor| RotorPlace {
+        output: rotor + 1,
+        position: positions[rotor],
+    });
+    let columns = [&DUTIES[..], &ATTITUDE, &RATES].concat();
+    let parts = crashed(&columns).flight_parts(Some(&places));
+    let lost: Vec<&FlightEvent> = parts.events.iter().filter(|e| e.kind == EventKind::LostRotor).collect();
+    assert_eq!(lost.len(), 1, "{parts:?}");
+    assert!(
+        lost[0].output.is_none() && lost[0].detail.starts_with("rotor 3 or 4 lost"),
+        "{lost:?}"
+    );
+}
+
 /// A hard braking manoeuvre: the outputs 1 and 2 go to their limit for less than 0.12 s, then 3 and 4 together for longer, the tilt passes 70° and
 /// comes back. Rotor 3 was called lost, and the manoeuvre a crash.
 #[test]
