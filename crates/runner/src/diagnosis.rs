@@ -12,7 +12,7 @@ use rotortwin_plant::effects::EffectDocument;
 use rotortwin_scenario::{ConfigError, effect_documents};
 use rotortwin_twin::baseline::Trim;
 use rotortwin_twin::compare::NamedModel;
-use rotortwin_twin::diagnose::{Diagnosis, Finding, NotConsidered, Options, Ranked, Verdict, diagnose as search};
+use rotortwin_twin::diagnose::{Diagnosis, Finding, NotConsidered, Options, Verdict, diagnose as search};
 use rotortwin_twin::estimation::parameters::FittedParameter;
 use rotortwin_twin::improve::from_diagnosis;
 use rotortwin_twin::improve::report::quantity;
@@ -253,11 +253,8 @@ fn text(diagnosis: &Diagnosis) -> String {
     }
     text += "\nRanking about the given model (linear; ± is 95 %)\n";
     let mut table = Grid::new(["effect", "fitted", "ln BF", "held-out chi²"]).numbers([2, 3]);
-    // The linear fit may ask for a mass below nothing: what can be comes first.
-    let can_be = |row: &&Ranked| row.parameters.iter().all(|parameter| parameter.plausible);
-    let (possible, impossible): (Vec<&Ranked>, Vec<&Ranked>) = diagnosis.ranking.iter().partition(can_be);
-    for row in possible.into_iter().chain(impossible).take(RANKING_ROWS) {
-        let label = if can_be(&row) {
+    for row in diagnosis.ranking.iter().take(RANKING_ROWS) {
+        let label = if row.can_be() {
             row.label.clone()
         } else {
             format!("{} (impossible size)", row.label)

@@ -102,7 +102,7 @@ fn val_a_vehicle_without_a_frame_is_named() {
     assert_eq!(
         sentence,
         "no frame of PX4 fits the vehicle Octo X (px4-hexa-x: it has 6 motors, the vehicle 8; px4-quad-x: it has 4 motors, the vehicle 8; \
-         px4-octo-x: its motor 1 spins opposite to rotor 1 of the vehicle)"
+         px4-octo-x: its motor 1 spins opposite to rotor 1 of the vehicle; px4-octaquad-x: its motor 1 at 45° matches no rotor of the vehicle)"
     );
 }
 

@@ -272,7 +272,6 @@ type Ranked = Diagnosis["ranking"][number];
 
 /** The linear fit may ask for a size that no vehicle has. */
 const canBe = (one: Ranked): boolean => one.parameters.every((parameter) => parameter.plausible);
-const ranked = (all: readonly Ranked[]): Ranked[] => [...all.filter(canBe), ...all.filter((one) => !canBe(one))];
 
 function Rest(props: { found: Diagnosis }) {
   return (
@@ -283,7 +282,7 @@ function Rest(props: { found: Diagnosis }) {
           <table class="small">
             <thead><tr><th scope="col">Candidate alone</th><th class="r" scope="col">ln Bayes factor</th><th class="r" scope="col">held-out chi²</th></tr></thead>
             <tbody>
-              <For each={ranked(props.found.ranking).slice(0, 15)}>{(one) => <tr><td>{one.label}{canBe(one) ? "" : " (impossible size)"}</td><td class="r">{short(one.ln_bayes_factor)}</td><td class="r">{short(one.held_out_chi2_change)}</td></tr>}</For>
+              <For each={props.found.ranking.slice(0, 15)}>{(one) => <tr><td>{one.label}{canBe(one) ? "" : " (impossible size)"}</td><td class="r">{short(one.ln_bayes_factor)}</td><td class="r">{short(one.held_out_chi2_change)}</td></tr>}</For>
             </tbody>
           </table>
         </div>

@@ -734,8 +734,13 @@ impl SecondLook {
             .find(|set| set.0 == self.named.0 && set.1 > STILL_NAMED * (1.0 - nothing));
         let (first, probability) = *known.unwrap_or(&sets[0]);
         let has_twins = first.count_ones() == 2 && of(&|e| e.rotors.count_ones() > 2) > TWIN;
+        let shares_axes = (0..self.rotor_count)
+            .filter(|rotor| first >> rotor & 1 == 1)
+            .any(|rotor| sets::shares_its_axis(&self.column, rotor));
         let enough = match known {
             _ if has_twins => SURE,
+            // Its name in an earlier window proves nothing against the rotor above or below it.
+            _ if shares_axes => NAMED,
             Some(_) => STILL_NAMED,
             None => NAMED,
         };

@@ -6,7 +6,8 @@
 //! C = diag V + s² Σ_i F_i F_iᵀ (rotors)   + s_z² e_z e_zᵀ + s_m² (e_roll e_rollᵀ + e_pitch e_pitchᵀ) (load)   + s_y² e_yaw e_yawᵀ (a blade that drags)   + s² 1 (something else)
 //!
 //! so that p(û | explanation) is closed, an explanation with more rotors pays for its freedom by itself (Occam), and two that make the same
-//! wrench are as likely as their priors. Losses and gains are one-sided: the density counts with the posterior probability of the sides.
+//! wrench are as likely as their priors. Of two rotors on one axis each may be the other with a blade that drags, so there the drag of a blade
+//! is open in every explanation. Losses and gains are one-sided: the density counts with the posterior probability of the sides.
 //! V holds the filter's variance and what the model may be wrong by in proportion to the wrench ([`GAIN_ERROR`]).
 
 use super::meter::AXES;
@@ -27,6 +28,8 @@ const BESIDE: f64 = 0.1;
 const DRAG: f64 = 0.2;
 /// Something else.
 const OTHER: f64 = 0.1;
+/// Rotors whose columns differ by less in roll and pitch, levers taken out, share an axis.
+const SAME_AXIS: f64 = 1e-3;
 
 /// ln of the odds against each kind, next to one rotor that lost thrust.
 const AGAINST_NOTHING: f64 = 0.0;
@@ -94,21 +97,27 @@ pub(super) fn weigh(
     add(Kind::Load, 0, AGAINST_BESIDE, &load, 0);
     let free: [_; AXES] = std::array::from_fn(|axis| unit(axis, OTHER));
     add(Kind::Other, 0, AGAINST_OTHER, &free, 0);
+    let parts = |rotors: &[usize]| -> Vec<Part> {
+        let on_shared_axes = rotors.iter().filter(|rotor| shares_its_axis(column, **rotor));
+        let drags = on_shared_axes.map(|rotor| drag(&column[*rotor], hover));
+        rotors.iter().map(|rotor| loss(*rotor)).chain(drags).collect()
+    };
     for i in 0..rotor_count {
-        add(Kind::Losses, 1 << i, 0.0, &[loss(i)], 1);
-        add(
-            Kind::LossWithDrag,
-            1 << i,
-            AGAINST_DRAG,
-            &[loss(i), drag(&column[i], hover)],
-            2,
-        );
+        let with_drag = [loss(i), drag(&column[i], hover)];
+        if shares_its_axis(column, i) {
+            add(Kind::LossWithDrag, 1 << i, 0.0, &with_drag, 2);
+        } else {
+            add(Kind::Losses, 1 << i, 0.0, &with_drag[..1], 1);
+            add(Kind::LossWithDrag, 1 << i, AGAINST_DRAG, &with_drag, 2);
+        }
         add(Kind::Gain, 1 << i, AGAINST_GAIN, &[gain(&column[i], hover)], 1);
         for j in 0..i {
-            add(Kind::Losses, 1 << i | 1 << j, AGAINST_PAIR, &[loss(j), loss(i)], 2);
+            let two = parts(&[j, i]);
+            add(Kind::Losses, 1 << i | 1 << j, AGAINST_PAIR, &two, two.len());
             for k in 0..j {
                 let rotors = 1 << i | 1 << j | 1 << k;
-                add(Kind::Losses, rotors, AGAINST_THREE, &[loss(k), loss(j), loss(i)], 3);
+                let three = parts(&[k, j, i]);
+                add(Kind::Losses, rotors, AGAINST_THREE, &three, three.len());
             }
         }
     }
@@ -131,6 +140,13 @@ pub(super) fn weigh(
     }
     found.sort_by(|a, b| b.probability.total_cmp(&a.probability));
     found
+}
+
+/// Another rotor is above or below this one: their columns differ in yaw alone.
+pub(super) fn shares_its_axis(column: &[[f64; AXES]; MAX_ROTORS], rotor: usize) -> bool {
+    let own = &column[rotor];
+    let is_on_it = |other: &[f64; AXES]| (0..AXES - 1).all(|axis| (other[axis] - own[axis]).abs() < SAME_AXIS);
+    column.iter().filter(|other| is_on_it(other)).count() > 1
 }
 
 /// A direction in the space of wrenches, and the standard deviation along it, N.
@@ -179,9 +195,12 @@ pub(super) fn sizes(
         }
         Kind::Nothing | Kind::Other => Vec::new(),
     };
-    if explanation.kind == Kind::LossWithDrag {
-        parts.extend(rotors().map(|rotor| drag(&column[rotor], hover)));
-    }
+    let with_drag = |rotor: &usize| match explanation.kind {
+        Kind::LossWithDrag => true,
+        Kind::Losses => shares_its_axis(column, *rotor),
+        _ => false,
+    };
+    parts.extend(rotors().filter(with_drag).map(|rotor| drag(&column[rotor], hover)));
     let mut c = [[0.0; AXES]; AXES];
     for axis in 0..AXES {
         c[axis][axis] = error(value[axis], variance[axis], hover);
@@ -201,6 +220,9 @@ pub(super) fn sizes(
         [square * dot(direction, &weighted), variance.max(0.0)]
     };
     let mut sizes: Vec<[f64; 2]> = parts.iter().map(of).collect();
+    if explanation.kind == Kind::Losses {
+        sizes.truncate(explanation.rotors.count_ones() as usize);
+    }
     let unit = match explanation.kind {
         Kind::LossWithDrag => DRAG,
         Kind::Load => LOAD * MAX_ROTORS as f64,
@@ -300,10 +322,50 @@ mod tests {
     /// A regular hexarotor: spins alternate, so that opposite rotors turn against each other.
     fn hexarotor() -> [[f64; AXES]; MAX_ROTORS] {
         std::array::from_fn(|rotor| {
+            if rotor >= 6 {
+                return [0.0; AXES];
+            }
             let (sin, cos) = (std::f64::consts::PI * (rotor as f64 + 0.5) / 3.0).sin_cos();
             let spin = if rotor % 2 == 0 { 1.0 } else { -1.0 };
             [-1.0, -sin, cos, spin]
         })
+    }
+
+    /// Pairs on four arms, each counter-rotating.
+    fn coaxial() -> [[f64; AXES]; MAX_ROTORS] {
+        std::array::from_fn(|rotor| {
+            if rotor >= 8 {
+                return [0.0; AXES];
+            }
+            let (sin, cos) = (std::f64::consts::FRAC_PI_2 * ((rotor / 2) as f64 + 0.5)).sin_cos();
+            let spin = if rotor % 4 == 0 || rotor % 4 == 3 { 1.0 } else { -1.0 };
+            [-1.0, -sin, cos, spin]
+        })
+    }
+
+    /// A blade that drags by twice its loss turns the vehicle as a loss of the rotor above or below it does: neither is ruled out by the other.
+    #[test]
+    fn val_of_two_rotors_on_one_axis_neither_is_named_before_its_loss_is_larger_than_drags_are() {
+        let column = coaxial();
+        assert!((0..8).all(|rotor| shares_its_axis(&column, rotor)) && !shares_its_axis(&hexarotor(), 0));
+        let weighed = |lost: f64, drag: f64| {
+            let mut value: [f64; AXES] = std::array::from_fn(|axis| -column[0][axis] * lost);
+            value[AXES - 1] += column[0][AXES - 1] * drag;
+            weigh(&column, 8, &value, &[1e-6; AXES], 1.0)
+        };
+        let told = |found: &[Explanation]| {
+            [1, 2].map(|rotors| {
+                let same = found.iter().filter(|e| e.rotors == rotors && e.kind != Kind::Gain);
+                same.map(|e| e.probability).sum::<f64>()
+            })
+        };
+        for (lost, drag) in [(0.05, 0.0), (0.1, 0.0), (0.05, 0.1), (0.1, 0.2), (0.15, 0.15)] {
+            let [own, other] = told(&weighed(lost, drag));
+            assert!(own.max(other) < 0.8 && own > 0.1, "{lost}, {drag}: {own}, {other}");
+            assert!(own + other > 0.8, "{lost}, {drag}: {own}, {other}");
+        }
+        let [own, other] = told(&weighed(0.3, 0.0));
+        assert!(own > 5.0 * other, "{own}, {other}");
     }
 
     /// What losses (negative: gains) of rotors make, weighed with a standard deviation of each axis.

@@ -8,7 +8,7 @@ use crate::estimation::problem::Problem;
 use crate::estimation::scores::{Scored, opened_mean, priors};
 use crate::predict::PredictError;
 
-/// The table of all candidates; held-out scores for the leading ones.
+/// The table of all candidates; held-out scores for the leading ones. The linear fit may ask for a mass below nothing: what can be comes first.
 pub(crate) fn table(problem: &Problem, scored: &[Scored]) -> Result<Vec<Ranked>, PredictError> {
     const HELD_OUT_FOR: usize = 12;
     let folds: Vec<(Normal, Normal)> = [0, 1]
@@ -54,6 +54,8 @@ pub(crate) fn table(problem: &Problem, scored: &[Scored]) -> Result<Vec<Ranked>,
             held_out_chi2_change: change,
         });
     }
+    // Stable: each part stays in its order.
+    rows.sort_by_key(|row| !row.can_be());
     Ok(rows)
 }
 

@@ -193,6 +193,13 @@ pub struct Ranked {
     pub held_out_chi2_change: f64,
 }
 
+impl Ranked {
+    /// A vehicle can have all of its sizes.
+    pub fn can_be(&self) -> bool {
+        self.parameters.iter().all(|parameter| parameter.plausible)
+    }
+}
+
 /// An effect that this flight cannot show at its plausible size.
 #[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]
 pub struct NotTestable {

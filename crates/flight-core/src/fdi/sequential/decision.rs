@@ -27,6 +27,9 @@ const UNDISPUTED_NATS: f32 = 2.0;
 /// Settling times for which a disputed single fault waits for more evidence before it is absorbed.
 const DISPUTED_SETTLINGS: u32 = 4;
 
+/// Rotors whose columns differ by less in every axis but yaw, levers taken out, share an axis.
+const SAME_AXIS: f32 = 1e-3;
+
 /// Squared relative model error of an axis that no manoeuvre has excited.
 const MODEL_VARIANCE: f32 = 1e-4;
 
@@ -333,6 +336,11 @@ impl SequentialDetector {
                 *estimate = LossEstimate::new(loss, variance, self.tuning.hover_thrust[rotor]);
             }
         }
+        let open = self.with_those_on_the_same_axes(mask);
+        if count <= 2 && open.hypothesis_count > 1 {
+            self.report_open(0, open, probability);
+            return;
+        }
         let first = mask.trailing_zeros() as u8;
         let (verdict, suspects) = match count {
             1 => (FaultVerdict::Faulty { rotor: first }, Suspects::certain(mask)),
@@ -351,6 +359,28 @@ impl SequentialDetector {
             thrust_loss: estimates,
             suspects,
         };
+    }
+
+    /// The set, and the sets in which a rotor is replaced by one that counter-rotates on its axis. Their columns differ in yaw alone, which the
+    /// drag of a damaged blade changes by as much as its lost thrust does: the evidence of one is no evidence against the other.
+    fn with_those_on_the_same_axes(&self, mask: u32) -> Suspects {
+        let mut sets = Suspects::one_set(mask);
+        for rotor in (0..self.rotors()).filter(|rotor| mask >> rotor & 1 == 1) {
+            let own = &self.tuning.column[within(rotor)];
+            let is_on_its_axis = |other: &usize| {
+                let column = &self.tuning.column[within(*other)];
+                let differ = |axis: usize| libm::fabsf(column[axis] - own[axis]) > SAME_AXIS;
+                mask >> other & 1 == 0 && !(0..AXES - 1).any(differ)
+            };
+            for other in (0..self.rotors()).filter(is_on_its_axis) {
+                for set in sets.hypotheses {
+                    if set >> rotor & 1 == 1 {
+                        sets.add(set & !(1 << rotor) | 1 << other);
+                    }
+                }
+            }
+        }
+        sets
     }
 
     fn report_open(&mut self, known: u32, open: Suspects, probability: f32) {

@@ -97,6 +97,15 @@ impl Suspects {
         }
     }
 
+    /// Adds a set, while there is room.
+    pub(super) fn add(&mut self, rotors: u32) {
+        self.rotors |= rotors;
+        self.hypothesis_count += 1;
+        if let Some(free) = self.hypotheses.iter_mut().find(|set| **set == 0) {
+            *free = rotors;
+        }
+    }
+
     /// Adds rotors known to be faulty to every set.
     #[inline]
     #[must_use]
