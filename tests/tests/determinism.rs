@@ -9,9 +9,9 @@ use rustix::process::Signal;
 use std::path::Path;
 use std::time::Duration;
 
-/// Seeds that are flown over every link: 15, or as many as `ROTORTWIN_SEEDS` says.
+/// Seeds that are flown over every link: 8, or as many as `ROTORTWIN_SEEDS` says.
 fn seed_count() -> u64 {
-    const USUAL: u64 = 15;
+    const USUAL: u64 = 8;
     let asked = std::env::var("ROTORTWIN_SEEDS").ok();
     asked.map_or(USUAL, |text| text.parse().expect("ROTORTWIN_SEEDS is a count"))
 }
