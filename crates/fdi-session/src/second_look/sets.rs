@@ -97,14 +97,15 @@ pub(super) fn weigh(
     add(Kind::Load, 0, AGAINST_BESIDE, &load, 0);
     let free: [_; AXES] = std::array::from_fn(|axis| unit(axis, OTHER));
     add(Kind::Other, 0, AGAINST_OTHER, &free, 0);
+    let shared: [bool; MAX_ROTORS] = std::array::from_fn(|rotor| shares_its_axis(column, rotor));
     let parts = |rotors: &[usize]| -> Vec<Part> {
-        let on_shared_axes = rotors.iter().filter(|rotor| shares_its_axis(column, **rotor));
+        let on_shared_axes = rotors.iter().filter(|rotor| shared[**rotor]);
         let drags = on_shared_axes.map(|rotor| drag(&column[*rotor], hover));
         rotors.iter().map(|rotor| loss(*rotor)).chain(drags).collect()
     };
     for i in 0..rotor_count {
         let with_drag = [loss(i), drag(&column[i], hover)];
-        if shares_its_axis(column, i) {
+        if shared[i] {
             add(Kind::LossWithDrag, 1 << i, 0.0, &with_drag, 2);
         } else {
             add(Kind::Losses, 1 << i, 0.0, &with_drag[..1], 1);
