@@ -1303,13 +1303,14 @@ struct Run {
 }
 
 impl Run {
-    /// What makes a run of outputs the one that drives the rotors: it moves, the first number of its names counts, it is long, and its numbers
-    /// are those of an output.
-    fn rank(&self, columns: &[Column]) -> (bool, bool, usize, bool) {
+    /// What makes a run of outputs the one that drives the rotors: it moves, most of it keeps its sign (torques and sticks do not), the first
+    /// number of its names counts, it is long, and its numbers are those of an output.
+    fn rank(&self, columns: &[Column]) -> (bool, bool, bool, usize, bool) {
         let ranges = || self.columns.iter().map(|index| columns[*index].range());
         let moves = ranges().filter(|(low, high)| high > low).count() >= FEWEST;
+        let keeps_sign = 2 * ranges().filter(|(low, high)| *low < 0.0 && *high > 0.0).count() < self.columns.len();
         let of_outputs = ranges().all(|(low, high)| (low >= 0.0 && high <= 1.001) || (low >= 800.0 && high <= 2200.0));
-        (moves, self.place == 0, self.columns.len(), of_outputs)
+        (moves, keeps_sign, self.place == 0, self.columns.len(), of_outputs)
     }
 }
 
@@ -2031,7 +2032,8 @@ mod tests {
         );
     }
 
-    /// A logger of a vehicle with eight rotors: set points stood for the state, and the motors of another vehicle, all zero, for its own.
+    /// A logger of a vehicle with eight rotors: set points stood for the state, and the motors of another vehicle, all zero, for its own; then
+    /// the thrust and torques that its controller asks for, of which three change their sign.
     #[test]
     fn regress_the_state_goes_before_what_the_user_asks_for_and_motors_that_turn_before_those_that_do_not() {
         let mut names = vec!["Current time [s]".to_owned()];
@@ -2043,6 +2045,8 @@ mod tests {
             };
             names.extend(["x", "y", "z"].map(|axis| format!("{what} {axis} [{unit}]")));
         }
+        names.push("U control input U1 [N]".to_owned());
+        names.extend((2..=4).map(|input| format!("U control input U{input} [Nm]")));
         names.extend((1..=4).map(|motor| format!("Thrust motors QUADCOPTER T{motor} [N]")));
         names.extend((1..=8).map(|motor| format!("Thrust motors X8COPTER T{motor} [N]")));
         names.extend((1..=8).map(|motor| format!("Thrust motors normalized X8COPTER T{motor} [-]")));
@@ -2051,6 +2055,8 @@ mod tests {
                 let t = 0.01 * f64::from(k);
                 let mut cells = vec![format!("{t:.2}")];
                 cells.extend((0..12).map(|column| format!("{:.3}", (t + f64::from(column)).sin())));
+                cells.push(format!("{:.3}", 24.0 + t.sin()));
+                cells.extend((0..3).map(|axis| format!("{:.3}", (9.0 * t + f64::from(axis)).sin())));
                 cells.extend((0..4).map(|_| "0".to_owned()));
                 cells.extend((0..8).map(|motor| format!("{:.3}", 3.0 + (t + f64::from(motor)).sin())));
                 cells.extend((0..8).map(|motor| format!("{:.3}", 0.5 + 0.1 * (t + f64::from(motor)).sin())));

@@ -492,8 +492,7 @@ fn in_the_air(log: &FlightLog, notes: &mut Vec<String>) -> Result<Vec<(f64, f64)
     let seconds: f64 = air.iter().map(|(a, b)| b - a).sum();
     if log.duration_s() - seconds > 0.1 {
         notes.push(format!(
-            "{}: judged in the air only, {} ({seconds:.1} of {:.1} s; `rotortwin log show` says what the rest is)",
-            log.name,
+            "judged in the air only, {} ({seconds:.1} of {:.1} s; `rotortwin log show` says what the rest is)",
             words(&air),
             log.duration_s()
         ));

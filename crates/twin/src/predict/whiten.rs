@@ -82,12 +82,12 @@ const MOST_FILTER_STEPS: usize = 20_000;
 type FilterStep = [f64; 3];
 
 impl RateNoise {
-    /// The filter's steps until it stands still.
-    fn steps(self) -> Vec<FilterStep> {
+    /// The filter's steps until it stands still, `most` at most.
+    fn steps(self, most: usize) -> Vec<FilterStep> {
         let (white, drift) = (self.white * self.white, self.drift * self.drift);
         let (mut rate, mut both, mut torque) = (1.0, 0.0, drift * DRIFTED_STEPS);
         let mut steps: Vec<FilterStep> = Vec::new();
-        while steps.len() < MOST_FILTER_STEPS {
+        while steps.len() < most {
             (rate, both, torque) = (rate + 2.0 * both + torque + white, both + torque, torque + drift);
             let variance = rate + 1.0;
             let (to_rate, to_torque) = (rate / variance, both / variance);
@@ -109,7 +109,8 @@ impl RateNoise {
     /// ln likelihood of rate residuals h r (rad/s; NaN where masked) with readings of this deviation, and with the deviation of the
     /// readings that makes it most likely, and that deviation. Without the constant.
     pub fn log_likelihood(self, residual: &[f64]) -> (f64, f64, f64) {
-        let steps = self.steps();
+        // No sample is further from the last masked one than the residual is long.
+        let steps = self.steps(residual.len().clamp(1, MOST_FILTER_STEPS));
         let (mut at, mut count, mut squares, mut logs) = (0, 0.0, 0.0, 0.0);
         let (mut after, mut torque) = (0.0, 0.0);
         let log_variance: Vec<f64> = steps.iter().map(|step| step[0].ln()).collect();
@@ -250,7 +251,7 @@ impl Whitener {
         let mut steps = vec![[0.0; 3]];
         steps.extend(
             noise
-                .steps()
+                .steps(MOST_FILTER_STEPS)
                 .into_iter()
                 .map(|[variance, rate, torque]| [1.0 / (noise.reading * variance.sqrt()), rate, torque]),
         );
