@@ -8,8 +8,10 @@ if [ -n "${DATABASE_URL_FILE:-}" ]; then
   DATABASE_URL=$(cat "$DATABASE_URL_FILE")
   export DATABASE_URL
 fi
-if [ "${1:-}" = serve ] && [ -n "${FIRST_TOKEN_FILE:-}" ] && ! rotortwin token --data /data list | grep -qw valid; then
-  umask 077
-  rotortwin token --data /data create first --scopes read,write,admin > "$FIRST_TOKEN_FILE"
+if [ "${1:-}" = serve ] && [ -n "${FIRST_TOKEN_FILE:-}" ]; then
+  # Without a database there is no token.
+  if { [ -z "${DATABASE_URL:-}" ] && [ ! -e /data/rotortwin.sqlite ]; } || ! rotortwin token --data /data list | grep -qw valid; then
+    (umask 077 && rotortwin token --data /data create first --scopes read,write,admin > "$FIRST_TOKEN_FILE")
+  fi
 fi
 exec rotortwin "$@"

@@ -207,7 +207,13 @@ fn over_link(args: &Args, scenario: &Scenario, address: &LinkAddress) -> Result<
     let link = address.for_peers(&host_name()).to_string();
     eprintln!(
         "  {}",
-        invitation(External::Controller, &link, run_id, args.trial.step_timeout)
+        invitation(
+            External::Controller,
+            &link,
+            run_id,
+            args.trial.join_timeout,
+            args.trial.step_timeout
+        )
     );
     let demands = demands(args, true);
     match endpoint {

@@ -245,7 +245,7 @@ fn peers(job: &Flight, here: &FlightHere, scenario: &Scenario, seed: u64, path: 
     let address: LinkAddress = text.parse().map_err(Failure::input)?;
     address
         .probe()
-        .map_err(|sentence| Failure::input(format!("`here.flight.meeting`: {sentence}")))?;
+        .map_err(|sentence| Failure::input(format!("the meeting point of the flight's processes: {sentence}")))?;
     let placement = match job.pace {
         flight::Pace::RealTime => Placement::kernel("real-time pace"),
         flight::Pace::Fast if !external.is_empty() => Placement::kernel("not all processes are started here"),
@@ -539,13 +539,14 @@ impl Running<'_> {
     fn invited(&self, processes: &Processes) -> Vec<Invited> {
         let link = processes.address.for_peers(&host_name()).to_string();
         let invited = |who: &External| {
-            let command = invitation(*who, &link, self.config.run_id, self.step_timeout_ms);
+            let join_timeout_ms = self.join_timeout_ms.unwrap_or(EXTERNAL_JOIN_TIMEOUT_MS);
+            let command = invitation(*who, &link, self.config.run_id, join_timeout_ms, self.step_timeout_ms);
             Invited {
                 command: match self.config.priority {
                     Some(priority) => format!("{command} --priority={priority}"),
                     None => command,
                 },
-                join_timeout_ms: self.join_timeout_ms.unwrap_or(EXTERNAL_JOIN_TIMEOUT_MS),
+                join_timeout_ms,
                 link: link.clone(),
                 messages: rotortwin_wire::PROTOCOL_VERSION,
                 role: who.name(),
@@ -572,10 +573,10 @@ impl ArgList {
     }
 }
 
-/// The command that starts our own program in that place.
-pub fn invitation(who: External, link: &str, run_id: u64, step_timeout_ms: u64) -> String {
+/// The command that starts our own program in that place. It waits as long as the plant does for all peers to join.
+pub fn invitation(who: External, link: &str, run_id: u64, join_timeout_ms: u64, step_timeout_ms: u64) -> String {
     format!(
-        "rotortwin {} --link {link} --run-id {run_id:016x} --step-timeout {step_timeout_ms}",
+        "rotortwin {} --link {link} --run-id {run_id:016x} --join-timeout {join_timeout_ms} --step-timeout {step_timeout_ms}",
         who.name()
     )
 }

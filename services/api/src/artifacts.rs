@@ -3,13 +3,18 @@
 //! | Where | A worker writes | A reader reads |
 //! |---|---|---|
 //! | local folder (default: the data folder) | in place | in place |
-//! | `s3://BUCKET[/PREFIX]` | locally, then uploads | a cached copy, fetched on first access |
+//! | `s3://BUCKET[/PREFIX]` | locally, then uploads | a cached copy, fetched on first access ([`Copies`]) |
 //!
 //! Keys look like paths: `jobs/ID/ATTEMPT/out/report.html`. A job's files never change once it has ended, so a cached copy is never stale.
 
 use crate::bucket::{Bucket, File};
+use crate::copies::Copies;
+use crate::data_folder::OWN_FOLDER;
 use std::io;
+use std::os::unix::fs::DirBuilderExt as _;
 use std::path::{Component, Path, PathBuf};
+use std::sync::Arc;
+use std::time::Instant;
 
 /// Minimum free space for a job, bytes.
 const LEAST_ROOM: u64 = 1 << 20;
@@ -19,7 +24,7 @@ const LEAST_ROOM: u64 = 1 << 20;
 pub(crate) struct Artifacts {
     /// Folder of the files, or of cached copies.
     root: PathBuf,
-    bucket: Option<Bucket>,
+    bucket: Option<(Bucket, Arc<Copies>)>,
 }
 
 impl Artifacts {
@@ -33,8 +38,17 @@ impl Artifacts {
             None => None,
             Some(address) => Some(Bucket::open(address).map_err(|error| format!("--artifacts {error}"))?),
         };
-        std::fs::create_dir_all(root)
-            .map_err(|error| format!("{}: cannot be used for files: {error}", root.display()))?;
+        let told = |error: io::Error| format!("{}: cannot be used for files: {error}", root.display());
+        // Logs and results are private. The permissions of a folder that others share are not ours to change.
+        std::fs::DirBuilder::new()
+            .recursive(true)
+            .mode(OWN_FOLDER)
+            .create(root)
+            .map_err(told)?;
+        let bucket = match bucket {
+            None => None,
+            Some(bucket) => Some((bucket, Arc::new(Copies::below(root).map_err(told)?))),
+        };
         Ok(Self {
             root: root.to_owned(),
             bucket,
@@ -48,9 +62,17 @@ impl Artifacts {
 
     /// Whether there is enough space for a worker. True if unknown (an in-memory file system without a limit reports no blocks).
     pub(crate) fn has_room(&self) -> bool {
-        rustix::fs::statvfs(&self.root).map_or(true, |space| {
-            space.f_blocks == 0 || space.f_bavail.saturating_mul(space.f_frsize) >= LEAST_ROOM
-        })
+        let has_room = || {
+            rustix::fs::statvfs(&self.root).map_or(true, |space| {
+                space.f_blocks == 0 || space.f_bavail.saturating_mul(space.f_frsize) >= LEAST_ROOM
+            })
+        };
+        if let Some((_, copies)) = &self.bucket
+            && !has_room()
+        {
+            copies.make_room(Instant::now());
+        }
+        has_room()
     }
 
     /// Makes everything below a key durable and visible to all hosts; returns the number of bytes.
@@ -74,7 +96,22 @@ impl Artifacts {
         match &self.bucket {
             // An accepted result survives a power cut.
             None => tokio::fs::File::open(&path).await?.sync_all().await,
-            Some(bucket) => bucket.upload(&format!("{key}/{relative}"), &path).await,
+            Some((bucket, copies)) => {
+                bucket.upload(&format!("{key}/{relative}"), &path).await?;
+                copies.note(&path, Instant::now());
+                Ok(())
+            }
+        }
+    }
+
+    /// Removes the files of an attempt that has ended from this host, if a bucket has what is kept of them.
+    pub(crate) fn leave(&self, key: &str) {
+        if let Some((_, copies)) = &self.bucket {
+            let place = self.place(key);
+            copies.forget(&place);
+            if let Err(error) = std::fs::remove_dir_all(&place) {
+                tracing::debug!(key, %error, "its files are gone already");
+            }
         }
     }
 
@@ -94,11 +131,14 @@ impl Artifacts {
         }
         let root = self.place(key);
         let path = root.join(relative);
-        if let Some(bucket) = &self.bucket
-            && !path.is_file()
-            && !bucket.download(&format!("{key}/{relative}"), &path).await?
-        {
-            return Ok(None);
+        if let Some((bucket, copies)) = &self.bucket {
+            if path.is_file() {
+                copies.used(&path, Instant::now());
+            } else if bucket.download(&format!("{key}/{relative}"), &path).await? {
+                copies.note(&path, Instant::now());
+            } else {
+                return Ok(None);
+            }
         }
         // A link must not lead out of the folder.
         let (Ok(root), Ok(real)) = (root.canonicalize(), path.canonicalize()) else {
@@ -114,7 +154,7 @@ impl Artifacts {
     pub(crate) async fn list(&self, key: &str) -> io::Result<Vec<File>> {
         match &self.bucket {
             None => files_below(&self.place(key)),
-            Some(bucket) => bucket.list(key).await,
+            Some((bucket, _)) => bucket.list(key).await,
         }
     }
 
@@ -123,10 +163,11 @@ impl Artifacts {
     /// # Errors
     /// The store does not answer.
     pub(crate) async fn delete(&self, key: &str) -> io::Result<()> {
-        if let Some(bucket) = &self.bucket {
+        if let Some((bucket, copies)) = &self.bucket {
             for file in bucket.list(key).await? {
                 bucket.delete(&format!("{key}/{}", file.path)).await?;
             }
+            copies.forget(&self.place(key));
         }
         match tokio::fs::remove_dir_all(self.place(key)).await {
             Err(error) if error.kind() != io::ErrorKind::NotFound => Err(error),
@@ -141,7 +182,7 @@ impl Artifacts {
     pub(crate) async fn ping(&self) -> io::Result<()> {
         match &self.bucket {
             None => std::fs::metadata(&self.root).map(|_| ()),
-            Some(bucket) => bucket.has("ping").await.map(drop),
+            Some((bucket, _)) => bucket.has("ping").await.map(drop),
         }
     }
 }

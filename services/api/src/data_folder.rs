@@ -9,7 +9,7 @@ use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
 /// Accessible to this user only.
-const OWN_FOLDER: u32 = 0o700;
+pub(crate) const OWN_FOLDER: u32 = 0o700;
 /// Accessible to this user only.
 pub(crate) const OWN_FILE: u32 = 0o600;
 /// Longest wait for the lock of a server that has just been killed.

@@ -16,6 +16,7 @@ mod browsers;
 mod bucket;
 mod clock;
 mod connections;
+mod copies;
 mod data_folder;
 pub mod fdi;
 mod incoming;
@@ -236,7 +237,7 @@ impl Worker {
             (false, Some(_)) => Left::AllButHandedOver,
         };
         let queued = async {
-            worker::requeue(&database, left).await?;
+            worker::requeue(&database, &artifacts, left).await?;
             if left == Left::AllButHandedOver {
                 database.orphan_handed_over().await?;
             }

@@ -68,7 +68,7 @@ fn get(url: &str, ca: Option<&Path>) -> Result<(), String> {
             .build()?;
         client.get(url).send().await
     });
-    let answer = answer.map_err(|error| told(&error))?;
+    let answer = answer.map_err(|error| crate::remote::http::causes(&error))?;
     match answer.status().as_u16() {
         200 => Ok(()),
         other => Err(format!("the answer is {other}, expected 200")),

@@ -8,6 +8,15 @@ use std::process::ExitCode;
 
 /// Exit code 0, 1 if the database fails, 2 for bad input.
 pub(crate) fn run(args: &Args) -> ExitCode {
+    // To ask about tokens makes no database: where there is none, another one is meant.
+    let file = args.data.join("rotortwin.sqlite");
+    let asks = !matches!(args.what, What::Create { .. });
+    if asks && args.database_url.is_none() && !file.exists() {
+        return bad_input(format!(
+            "{}: expected the database of a server; --data names its data folder, DATABASE_URL its Postgres",
+            file.display()
+        ));
+    }
     crate::serve::in_runtime(async {
         let tokens = match tokens::open(&args.data, args.database_url.as_deref()).await {
             Ok(tokens) => tokens,

@@ -12,6 +12,7 @@ use crate::clock::now_ms;
 use crate::jobs::database::Database;
 use sqlx::Row as _;
 use std::collections::BTreeSet;
+use std::sync::atomic::{AtomicI64, Ordering};
 use std::time::Duration;
 
 /// None of our leases or pauses ends later than 20 s from now. A later one was written before the database's clock was set back, and must not
@@ -465,14 +466,18 @@ impl Database {
     }
 
     /// Queues every job of [`Left`] again. A job that was started `attempts` times has most likely killed its workers: it fails. Returns
-    /// their ids.
+    /// their ids and what they are now.
     ///
     /// Each in a separate transaction, and locked rows are left for the next time: a host that vanished during a transaction holds its rows
     /// until the database notices, which must not delay other jobs.
     ///
     /// # Errors
     /// The database; for a single job only if none could be queued.
-    pub(crate) async fn requeue_abandoned(&self, left: Left, attempts: i64) -> Result<Vec<String>, sqlx::Error> {
+    pub(crate) async fn requeue_abandoned(
+        &self,
+        left: Left,
+        attempts: i64,
+    ) -> Result<Vec<(String, Status)>, sqlx::Error> {
         let rows = sqlx::query(self.sql(&format!(
             "SELECT id FROM job WHERE status = 'running' {} ORDER BY id",
             left.condition()
@@ -483,8 +488,8 @@ impl Database {
         for row in rows {
             let id: String = row.try_get("id")?;
             match self.requeue_one(&id, left, attempts).await {
-                Ok(true) => ids.push(id),
-                Ok(false) => {}
+                Ok(Some(status)) => ids.push((id, status)),
+                Ok(None) => {}
                 Err(error) => {
                     tracing::warn!(job = id, %error, "an abandoned job cannot be queued now; trying again later");
                     refused = Some(error);
@@ -498,7 +503,7 @@ impl Database {
     }
 
     /// `false`: another process holds it, or has locked its row.
-    async fn requeue_one(&self, id: &str, left: Left, attempts: i64) -> Result<bool, sqlx::Error> {
+    async fn requeue_one(&self, id: &str, left: Left, attempts: i64) -> Result<Option<Status>, sqlx::Error> {
         let mut transaction = self.pool.begin().await?;
         let row = sqlx::query(self.sql(
             "UPDATE job SET status = CASE WHEN cancel_requested = 1 THEN 'canceled' WHEN attempts >= $1 THEN 'failed' ELSE 'queued' END, \
@@ -518,7 +523,7 @@ impl Database {
         .fetch_optional(&mut *transaction)
         .await?;
         let Some(row) = row else {
-            return Ok(false);
+            return Ok(None);
         };
         let job = job_of(&row)?;
         let mut others = Vec::new();
@@ -538,7 +543,7 @@ impl Database {
             self.hub.wake(&id);
         }
         self.hub.queue.notify_one();
-        Ok(true)
+        Ok(Some(job.status))
     }
 
     /// Requests cancellation: a queued job is cancelled at once with its parts, a running one through its worker. `None`: unknown job.
@@ -654,7 +659,10 @@ fn ended(job: &Job) -> String {
     serde_json::json!({ "status": job.status, "run_hash": job.run_hash, "error": job.error }).to_string()
 }
 
-/// 12 hex digits of ms, 20 random ones: ids increase with time.
+/// 12 hex digits of ms, 20 random ones: ids increase with time, also where the clock is set back.
 pub(crate) fn new_id() -> String {
-    format!("{:012x}{:020x}", now_ms(), rand::random::<u128>() & ((1 << 80) - 1))
+    static LAST_MS: AtomicI64 = AtomicI64::new(0);
+    let now = now_ms();
+    let ms = LAST_MS.fetch_max(now, Ordering::Relaxed).max(now);
+    format!("{ms:012x}{:020x}", rand::random::<u128>() & ((1 << 80) - 1))
 }

@@ -1,7 +1,8 @@
 //! Seats of a run, taken by other hosts: its controller, its FDI engine.
 //!
 //! The worker of the run offers them once its plant listens; any `rotortwin worker --roles …` takes one and starts the process with the
-//! ticket. A seat is valid as long as the attempt that offered it: when that ends, the process finds no peer and exits too.
+//! ticket. A seat is valid as long as the attempt that offered it: when that ends, the process is ended too. A process that cannot reach the
+//! plant's meeting point gives the seat back, for another host to try.
 
 use crate::jobs::database::Database;
 use crate::jobs::queue::{holds, new_id};
@@ -16,6 +17,8 @@ pub(crate) struct Seat {
     pub(crate) role: String,
     /// JSON.
     pub(crate) ticket: String,
+    /// Who took it: each time another.
+    pub(crate) claim: String,
 }
 
 impl Database {
@@ -72,9 +75,41 @@ impl Database {
                     job: row.try_get("job_id")?,
                     role: row.try_get("role")?,
                     ticket: row.try_get("ticket")?,
+                    claim: row.try_get("claim")?,
                 }));
             }
         }
         Ok(None)
+    }
+
+    /// True as long as the attempt that offered the seat runs, and nobody else has the seat.
+    ///
+    /// # Errors
+    /// The database.
+    pub(crate) async fn seat_is_wanted(&self, seat: &Seat) -> Result<bool, sqlx::Error> {
+        let row = sqlx::query(
+            "SELECT 1 FROM seat s JOIN job b ON b.id = s.job_id WHERE s.job_id = $1 AND s.role = $2 AND s.claim = $3 \
+             AND b.claim = s.attempt_claim AND b.status = 'running'",
+        )
+        .bind(&seat.job)
+        .bind(&seat.role)
+        .bind(&seat.claim)
+        .fetch_optional(&self.pool)
+        .await?;
+        Ok(row.is_some())
+    }
+
+    /// Gives a seat back whose process never reached the plant: another host may.
+    ///
+    /// # Errors
+    /// The database.
+    pub(crate) async fn release_seat(&self, seat: &Seat) -> Result<(), sqlx::Error> {
+        sqlx::query("UPDATE seat SET claim = NULL WHERE job_id = $1 AND role = $2 AND claim = $3")
+            .bind(&seat.job)
+            .bind(&seat.role)
+            .bind(&seat.claim)
+            .execute(&self.pool)
+            .await?;
+        Ok(())
     }
 }

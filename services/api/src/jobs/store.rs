@@ -166,13 +166,15 @@ impl Database {
             .collect()
     }
 
-    /// Submission time of the job that has been waiting longest to start, ms of Unix time. Jobs waiting for their parts do not count.
+    /// How long the job has waited that has been waiting longest to start, ms by the database's clock. Jobs waiting for their parts do not count.
     ///
     /// # Errors
     /// The database.
-    pub(crate) async fn oldest_queued(&self) -> Result<Option<i64>, sqlx::Error> {
-        let row = sqlx::query("SELECT MIN(submitted_ms) AS oldest FROM job WHERE status = 'queued' AND waits_for = 0");
-        row.fetch_one(&self.pool).await?.try_get("oldest")
+    pub(crate) async fn age_of_oldest_queued(&self) -> Result<Option<i64>, sqlx::Error> {
+        let row = sqlx::query(
+            self.sql("SELECT @NOW - MIN(submitted_ms) AS age FROM job WHERE status = 'queued' AND waits_for = 0"),
+        );
+        row.fetch_one(&self.pool).await?.try_get("age")
     }
 
     /// Number of waiting and running jobs by tenant and state.

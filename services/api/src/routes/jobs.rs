@@ -226,12 +226,24 @@ pub(super) async fn before_under<V: Serialize>(
     request_hash: &str,
     view: impl FnOnce(Job) -> V,
 ) -> Result<Option<Response>, Problem> {
+    let job = job_before(app, caller, kind, key, request_hash).await?;
+    Ok(job.map(|job| (StatusCode::OK, Json(view(job))).into_response()))
+}
+
+/// The job that was accepted under a key.
+///
+/// # Errors
+/// 409, 503.
+pub(super) async fn job_before(
+    app: &App,
+    caller: &Caller,
+    kind: JobKind,
+    key: &str,
+    request_hash: &str,
+) -> Result<Option<Job>, Problem> {
     match app.database.by_key(&caller.tenant, kind, key).await? {
-        None => Ok(None),
-        Some(job) if job.new.request_hash == request_hash => {
-            Ok(Some((StatusCode::OK, Json(view(job))).into_response()))
-        }
-        Some(_) => Err(another_body()),
+        Some(job) if job.new.request_hash != request_hash => Err(another_body()),
+        job => Ok(job),
     }
 }
 

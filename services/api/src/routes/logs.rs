@@ -190,13 +190,13 @@ pub(crate) async fn again(
     headers: HeaderMap,
     body: Result<JsonObject<ImportAgain>, Problem>,
 ) -> Result<Response, Problem> {
-    let (id, JsonObject(body)) = (id?, body?);
-    let log = jobs::find(&app, &caller, JobKind::Log, Ok(id)).await?;
-    let submission = (&log.id, &body);
+    let (Path(id), JsonObject(body)) = (id?, body?);
+    let submission = (&id, &body);
     let known = jobs::request_hash(&submission);
     if let Some(answer) = jobs::before(&app, &caller, JobKind::Log, &headers, &known, JobView::from).await? {
         return Ok(answer);
     }
+    let log = jobs::find(&app, &caller, JobKind::Log, Ok(Path(id.clone()))).await?;
     check_rate(body.rate_hz)?;
     if body.mapping.as_ref().is_some_and(|text| text.len() > LONGEST_MAPPING) {
         return Err(Problem::unprocessable(format!(

@@ -2,7 +2,6 @@
 
 use crate::App;
 use crate::access::Caller;
-use crate::clock::now_ms;
 use crate::memory::Heap;
 use crate::problem::Problem;
 use axum::Json;
@@ -43,6 +42,11 @@ pub(crate) async fn readyz(State(app): State<Arc<App>>) -> Result<String, Proble
     written
         .map_err(|error| Problem::internal(&error))?
         .map_err(|error| Problem::unavailable(format!("the data folder is not writable: {error}")))?;
+    if !app.artifacts.has_room() {
+        return Err(Problem::unavailable(
+            "the disk of the jobs' files is full: no worker begins a job there until it has room",
+        ));
+    }
     match tokio::time::timeout(STORE_PATIENCE, app.artifacts.ping()).await {
         // A cluster that does not answer keeps only parts waiting, and their nodes have to find this server all the same.
         Ok(Ok(())) => Ok(match &app.context.ray {
@@ -132,8 +136,8 @@ pub(crate) async fn metrics(
         ));
     }
     let jobs = app.database.count().await?;
-    let oldest = app.database.oldest_queued().await?;
-    let queue_age_s = oldest.map_or(0.0, |at| (now_ms() - at).max(0) as f64 / 1000.0);
+    let oldest = app.database.age_of_oldest_queued().await?;
+    let queue_age_s = oldest.map_or(0.0, |ms| ms.max(0) as f64 / 1000.0);
     let by_tenant = if counted.tenants {
         app.database.count_open_by_tenant().await?
     } else {

@@ -82,14 +82,23 @@ pub(crate) async fn verify(
     id: Result<Path<String>, PathRejection>,
     headers: HeaderMap,
 ) -> Result<Response, Problem> {
-    let run = runs::find(&app, &caller, id).await?;
-    let (Some(recorded), Some(folder), Status::Done) = (run.run_hash.clone(), &run.folder, run.status) else {
+    let Path(id) = id?;
+    let key = jobs::idempotency_key(&headers)?;
+    let hash = jobs::request_hash(&id);
+    // A retry waits for the same job, also where the run has been deleted since.
+    if let Some(key) = &key
+        && let Some(job) = jobs::job_before(&app, &caller, KIND, key, &hash).await?
+    {
+        let run = app.database.get(&id).await?;
+        return compared(&app, run.as_ref(), &job.id).await;
+    }
+    let run = runs::find(&app, &caller, Ok(Path(id))).await?;
+    let (Some(_), Some(folder), Status::Done) = (&run.run_hash, &run.folder, run.status) else {
         return Err(Problem::conflict(format!(
             "the run is {}; only a run that is done can be flown again and compared",
             run.status.as_str()
         )));
     };
-    let key = jobs::idempotency_key(&headers)?;
     let mut files = vec![SUMMARY_FILE];
     if run.new.autopilot.is_some() {
         files.push(COMMANDS_FILE);
@@ -122,11 +131,16 @@ pub(crate) async fn verify(
     let new = NewJob {
         parent: Some(run.id.clone()),
         idempotency_key: key,
-        request_hash: jobs::request_hash(&run.id),
+        request_hash: hash,
         ..draft.into_job(&caller)?
     };
     let (job, _) = jobs::admit(&app, new).await?;
-    let job = ended(&app, &job.id).await?;
+    compared(&app, Some(&run), &job.id).await
+}
+
+/// The answer once the job has ended, or the job as it is after [`PATIENCE`]. `run`: what it flies again, if that is there.
+async fn compared(app: &App, run: Option<&Job>, id: &str) -> Result<Response, Problem> {
+    let job = ended(app, id).await?;
     if !job.status.is_final() {
         let location = format!("/api/v1/{}/{}", KIND.collection(), job.id);
         let goes_on = (
@@ -144,21 +158,22 @@ pub(crate) async fn verify(
         let why = job.error.unwrap_or_else(|| format!("it was {}", job.status.as_str()));
         return Err(Problem::unprocessable(why.strip_prefix("rotortwin: ").unwrap_or(&why)));
     };
-    let same = replayed.same && replayed.recorded == recorded;
+    let recorded = run.and_then(|run| run.run_hash.clone());
+    let same = replayed.same && recorded.as_ref().is_none_or(|hash| *hash == replayed.recorded);
     let note = (!same)
-        .then(|| replayed.note.or_else(|| note_of_others(&run)))
+        .then(|| replayed.note.or_else(|| run.and_then(note_of_others)))
         .flatten();
     if !same && note.is_none() {
         tracing::error!(
-            run = run.id,
-            recorded,
+            run = run.map(|run| &run.id),
+            recorded = replayed.recorded,
             again = replayed.replayed,
             "a second execution differs"
         );
     }
     Ok(Json(Verification {
         same,
-        recorded,
+        recorded: recorded.unwrap_or(replayed.recorded),
         again: replayed.replayed,
         note,
         wall_ms: job.finished_ms.unwrap_or(job.submitted_ms) - job.submitted_ms,

@@ -4,7 +4,7 @@
 //! server that shares it, even one restarted meanwhile.
 
 use super::child::{self, LARGEST_FILE};
-use super::{ATTEMPTS, WorkerContext, failed, files_key, pause_after_failure};
+use super::{ATTEMPTS, WorkerContext, accounted, attempt_key, failed, files_key, pause_after_failure};
 use crate::artifacts::files_below;
 use crate::jobs::queue::new_id;
 use crate::jobs::{Job, Outcome, Status};
@@ -266,11 +266,12 @@ pub(crate) async fn end(
                 context.database.finish(&job.id, &claim, &outcome).await?
             }
             PartHow::Refused { why } => {
-                let outcome = failed(&job, format!("on node {node}: {why}"));
+                let outcome = accounted(context, &job, failed(&job, format!("on node {node}: {why}"))).await;
                 context.database.finish(&job.id, &claim, &outcome).await?
             }
             PartHow::Failed { why } if job.failures + 1 >= ATTEMPTS => {
-                let outcome = failed(&job, format!("on node {node}: {why} ({} attempts)", job.failures + 1));
+                let why = format!("on node {node}: {why} ({} attempts)", job.failures + 1);
+                let outcome = accounted(context, &job, failed(&job, why)).await;
                 context.database.finish(&job.id, &claim, &outcome).await?
             }
             PartHow::Failed { why } => {
@@ -280,6 +281,7 @@ pub(crate) async fn end(
             }
         };
         if written {
+            context.artifacts.leave(&attempt_key(&job));
             return job.ticket.as_deref().and_then(Ticket::parse).ok_or_else(over);
         }
         // Another server has just taken over the attempt: its claim is equally valid.

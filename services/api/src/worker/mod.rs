@@ -238,7 +238,7 @@ pub(crate) async fn keep_offering(context: Arc<WorkerContext>) {
 pub(crate) async fn look_after_claims(context: Arc<WorkerContext>) {
     let mut ending = context.ending.subscribe();
     while !*ending.borrow() {
-        if let Err(error) = requeue(&context.database, Left::Abandoned).await {
+        if let Err(error) = requeue(&context.database, &context.artifacts, Left::Abandoned).await {
             tracing::error!(%error, "the search for abandoned jobs failed");
         }
         tokio::select! {
@@ -252,9 +252,17 @@ pub(crate) async fn look_after_claims(context: Arc<WorkerContext>) {
 ///
 /// # Errors
 /// The database.
-pub(crate) async fn requeue(database: &Database, left: Left) -> Result<(), sqlx::Error> {
-    for id in database.requeue_abandoned(left, ATTEMPTS_OF_DEAD_WORKERS).await? {
-        tracing::warn!(job = id, "its worker died: queued again");
+pub(crate) async fn requeue(database: &Database, artifacts: &Artifacts, left: Left) -> Result<(), sqlx::Error> {
+    for (id, status) in database.requeue_abandoned(left, ATTEMPTS_OF_DEAD_WORKERS).await? {
+        if !status.is_final() {
+            tracing::warn!(job = id, "its worker died: queued again");
+            continue;
+        }
+        tracing::warn!(job = id, status = status.as_str(), "its worker died");
+        // Nobody can read what its attempts left.
+        if let Err(error) = artifacts.delete(&format!("jobs/{id}")).await {
+            tracing::warn!(job = id, %error, "files of its attempts cannot be deleted");
+        }
     }
     Ok(())
 }
@@ -323,17 +331,38 @@ fn pause_after_failure(job: &Job) -> Duration {
 }
 
 async fn write_down(context: &WorkerContext, job: &Job, token: &str, ended: Ended) {
-    let begun = tokio::time::Instant::now();
     let ended = match ended {
         Ended::Failed(why) if job.failures + 1 >= ATTEMPTS => {
-            let mut outcome = failed(job, format!("{why} ({} attempts)", job.failures + 1));
-            outcome.bytes = kept_of_failed(context, job).await;
-            Ended::Outcome(outcome)
+            Ended::Outcome(failed(job, format!("{why} ({} attempts)", job.failures + 1)))
         }
         ended => ended,
     };
+    let ended = match ended {
+        Ended::Outcome(outcome) => Ended::Outcome(accounted(context, job, outcome).await),
+        ended => ended,
+    };
+    let last_word = last_word(context, job, token, &ended).await;
+    match last_word {
+        Some(true) if matches!(&ended, Ended::Outcome(outcome) if outcome.status == Status::Done) => {
+            forget_parts(context, &job.id).await;
+        }
+        Some(false) => {
+            tracing::warn!(job = job.id, "another worker has this job: its result counts");
+            let key = attempt_key(job);
+            if let Err(error) = context.artifacts.delete(&key).await {
+                tracing::warn!(key, %error, "files of a discarded attempt cannot be deleted");
+            }
+        }
+        _ => {}
+    }
+    context.artifacts.leave(&attempt_key(job));
+}
+
+/// Writes the end of an attempt into the database. `false`: another worker has the job; `None`: the database could not be told.
+async fn last_word(context: &WorkerContext, job: &Job, token: &str, ended: &Ended) -> Option<bool> {
+    let begun = tokio::time::Instant::now();
     loop {
-        let written = match &ended {
+        let written = match ended {
             Ended::Lost => Ok(false),
             Ended::Failed(why) => {
                 let pause = pause_after_failure(job);
@@ -348,20 +377,7 @@ async fn write_down(context: &WorkerContext, job: &Job, token: &str, ended: Ende
             Ended::Outcome(outcome) => context.database.finish(&job.id, token, outcome).await,
         };
         match written {
-            Ok(true) => {
-                if matches!(&ended, Ended::Outcome(outcome) if outcome.status == Status::Done) {
-                    forget_parts(context, &job.id).await;
-                }
-                return;
-            }
-            Ok(false) => {
-                tracing::warn!(job = job.id, "another worker has this job: its result counts");
-                let key = attempt_key(job);
-                if let Err(error) = context.artifacts.delete(&key).await {
-                    tracing::warn!(key, %error, "files of a discarded attempt cannot be deleted");
-                }
-                return;
-            }
+            Ok(written) => return Some(written),
             Err(error) if begun.elapsed() < LAST_WORD => {
                 tracing::error!(job = job.id, %error, "the end of a job cannot be written; trying again");
                 tokio::time::sleep(Duration::from_millis(500)).await;
@@ -369,10 +385,26 @@ async fn write_down(context: &WorkerContext, job: &Job, token: &str, ended: Ende
             // The claim expires and the job is started again: nothing is lost.
             Err(error) => {
                 tracing::error!(job = job.id, %error, "the end of a job cannot be written; it will be started again");
-                return;
+                return None;
             }
         }
     }
+}
+
+/// What is kept of an attempt counts for its tenant, however it ended; what nobody can read is removed.
+async fn accounted(context: &WorkerContext, job: &Job, mut outcome: Outcome) -> Outcome {
+    if outcome.status == Status::Done || outcome.bytes > 0 {
+        return outcome;
+    }
+    if outcome.folder.is_some() {
+        outcome.bytes = kept_of_failed(context, job).await;
+        return outcome;
+    }
+    let key = attempt_key(job);
+    if let Err(error) = context.artifacts.delete(&key).await {
+        tracing::warn!(key, %error, "files of a job without a result cannot be deleted");
+    }
+    outcome
 }
 
 /// Keeps the files of a job's last attempt for error analysis; returns their size, which counts for its tenant.

@@ -11,6 +11,12 @@ use tokio::process::Command;
 
 /// Time for a process to exit after a request.
 const GRACE: Duration = Duration::from_secs(1);
+/// Time between two questions whether the attempt still runs.
+const ASK: Duration = Duration::from_secs(2);
+/// Time that a host leaves to others after it could not reach a plant.
+const LEAVE_TO_OTHERS: Duration = Duration::from_secs(3);
+/// Exit code of a process that cannot reach the meeting point.
+const UNREACHABLE: i32 = 2;
 
 /// Starts the process and waits for its end. However it ends, the plant notices and reports which peer is missing.
 pub(super) async fn serve(context: &WorkerContext, seat: &Seat) {
@@ -21,7 +27,7 @@ pub(super) async fn serve(context: &WorkerContext, seat: &Seat) {
     let text = |key: &str| ticket[key].as_str().unwrap_or_default().to_owned();
     let complaints = context
         .artifacts
-        .place(&format!("seats/{}-{}.log", seat.job, seat.role));
+        .place(&format!("seats/{}-{}-{}.log", seat.job, seat.role, seat.claim));
     let child = complaints
         .parent()
         .map_or(Ok(()), std::fs::create_dir_all)
@@ -33,6 +39,8 @@ pub(super) async fn serve(context: &WorkerContext, seat: &Seat) {
                 .arg(&seat.role)
                 .args(["--link", &text("link")])
                 .args(["--run-id", &text("run_id")])
+                // As long as the plant waits for all its peers: they may come one after the other.
+                .args(["--join-timeout", &ticket["join_timeout_ms"].to_string()])
                 .args(["--step-timeout", &ticket["step_timeout_ms"].to_string()])
                 .stdin(Stdio::null())
                 .stdout(Stdio::null())
@@ -52,7 +60,7 @@ pub(super) async fn serve(context: &WorkerContext, seat: &Seat) {
     let mut ending = context.ending.subscribe();
     let ended = tokio::select! {
         ended = child.wait() => ended,
-        () = ends(&mut ending) => {
+        () = async { tokio::select! { () = ends(&mut ending) => {}, () = unwanted(context, seat) => {} } } => {
             signal(&child, Signal::TERM, false);
             match tokio::time::timeout(GRACE, child.wait()).await {
                 Ok(ended) => ended,
@@ -64,6 +72,15 @@ pub(super) async fn serve(context: &WorkerContext, seat: &Seat) {
         Ok(status) if status.success() => tracing::info!(run = seat.job, role = seat.role, "seat left"),
         Ok(status) => {
             tracing::warn!(run = seat.job, role = seat.role, %status, why = last_words(&complaints), "seat left early");
+            if status.code() == Some(UNREACHABLE) {
+                if let Err(error) = context.database.release_seat(seat).await {
+                    tracing::error!(run = seat.job, role = seat.role, %error, "a seat cannot be given back");
+                }
+                tokio::select! {
+                    () = ends(&mut ending) => {}
+                    () = tokio::time::sleep(LEAVE_TO_OTHERS) => {}
+                }
+            }
         }
         Err(error) => {
             tracing::error!(run = seat.job, role = seat.role, %error, "waiting for the process of a seat failed")
@@ -71,6 +88,17 @@ pub(super) async fn serve(context: &WorkerContext, seat: &Seat) {
     }
     if let Err(error) = std::fs::remove_file(&complaints) {
         tracing::debug!(%error, "a seat's log cannot be removed");
+    }
+}
+
+/// Ready once the attempt that offered the seat is over.
+async fn unwanted(context: &WorkerContext, seat: &Seat) {
+    loop {
+        tokio::time::sleep(ASK).await;
+        // A database that is away says nothing about the run.
+        if let Ok(false) = context.database.seat_is_wanted(seat).await {
+            return;
+        }
     }
 }
 

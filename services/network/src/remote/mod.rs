@@ -16,7 +16,7 @@ mod events;
 mod fetch;
 mod flights;
 mod fly;
-mod http;
+pub(crate) mod http;
 mod jobs;
 mod library;
 mod results;
