@@ -644,7 +644,7 @@ CANCELED_S = (2.0, 10.0)
 
 def cancel(browser: Browser) -> dict[str, float]:
     """Whatever runs ends soon after a click on Cancel, says so, and can be asked for again; how long each stage took, s: upload, example, import,
-    comparison, diagnosis, next flight, identification, campaign, blind bench, a live flight. The last three compute until they end; the others, which
+    comparison, diagnosis, next flight, identification, campaign, blind bench, a live flight, a verification. The three before the last compute until they end; the others, which
     may be done before the mouse is there, are stopped first."""
     page, watch = open_page(browser)
     times: dict[str, float] = {}
@@ -717,6 +717,17 @@ def cancel(browser: Browser) -> dict[str, float]:
         page.get_by_role("button", name="Cancel").click()
     page.locator("h1 + .tag", has_text="canceled").wait_for()
     told("a live flight", answer.value)
+    run = api("/runs", {"scenario": "short-hover"})["id"]
+    assert wait_for(f"/runs/{run}")["status"] == "done"
+    page.goto(f"{SERVER}/runs/{run}")
+    page.get_by_role("button", name="Verify", exact=True).click()
+    process = stopped("verification")
+    with page.expect_response(lambda answer: answer.url.endswith("/cancel")) as answer:
+        page.get_by_role("button", name="Cancel the verification").click()
+    page.get_by_role("button", name="Verify", exact=True).wait_for()
+    goes_on(process)
+    told("a verification", answer.value)
+    assert wait_for(f"/verifications/{answer.value.json()['id']}")["status"] == "canceled"
     watch.check()
     return times
 
@@ -952,6 +963,12 @@ def editor(browser: Browser) -> None:
     assert f"line {line}:" in complaint.inner_text(), (line, complaint.inner_text())
     save = page.get_by_role("button", name="Save", exact=True)
     assert save.is_disabled() and text.input_value() == wrong
+    # Another page, and back: what was typed and what is wrong with it are there.
+    page.get_by_role("link", name="Runs", exact=True).click()
+    page.get_by_role("heading", name="Runs", exact=True).wait_for()
+    page.goto(f"{SERVER}/library?kind=scenarios&name=short-hover")
+    complaint.wait_for()
+    assert text.input_value() == wrong
     text.fill(re.sub(r"(?m)^duration_s = .*$", "duration_s = 4.5", right.replace('name = "short-hover"', 'name = "typed"')))
     page.get_by_text("The document is valid.").wait_for()
     page.get_by_label("Save as").fill("typed")
@@ -1180,6 +1197,17 @@ def session(browser: Browser) -> None:
     form.get_by_role("button", name="Sign in").click()
     page.locator("h1 + .tag", has_text="done").wait_for()
     assert page.get_by_text("seed 77").is_visible(), "what was asked for before is done after"
+    # A file that is dropped after the end of the session is taken once there is another one.
+    page.goto(f"{SERVER}/twin")
+    page.locator("#step-1 .drop").wait_for()
+    third = re.search(r"rtw_\w+", command("create", "third"))[0]
+    command("revoke", other.split("_")[1])
+    (FOLDER / "late.csv").write_text("time_s,roll_rad\n0,0\n")
+    let_go(page, "#step-1 .drop", "late.csv")
+    field.fill(third)
+    form.get_by_role("button", name="Sign in").click()
+    page.locator("#step-1 .say.bad", has_text="late").wait_for()
+    assert "log=" in page.url
     watch.check()
 
 
@@ -1275,6 +1303,8 @@ def live(browser: Browser) -> None:
     lanes.wait_for()
     page.locator("h1 + .tag", has_text="done").wait_for()
     page.get_by_role("heading", name="Summary").wait_for()
+    page.get_by_text(re.compile(r"^in-process, real time; controller: .+, in lockstep\.$")).wait_for()
+    page.get_by_text(re.compile(r"Lateness of a step: median [\d.]+ µs.*steps late")).wait_for()
     page.locator("figure canvas").nth(5).wait_for()
     # Rotors are coloured by the estimated loss: at a moment with one.
     slider = page.get_by_label("time of the replay")
@@ -1505,6 +1535,24 @@ def killed(browser: Browser) -> None:
         assert there and not missed, f"missed {missed} of {len(there)}"
         assert [one[2] for one in told if one[1] == run].count("ended") == 1
         print(f"killed: {len(there)} events, none missed, none twice")
+        # An upload goes on by itself, and is taken once.
+        (FOLDER / "late.csv").write_text("time_s,roll_rad\n" + "".join(f"{k / 100},0\n" for k in range(100_000)))
+        sending = context.new_page()
+        sending.set_default_timeout(PATIENCE_MS)
+        sending.goto(f"{SERVER}/twin")
+        network = context.new_cdp_session(sending)
+        network.send("Network.enable")
+        limits = {"offline": False, "latency": 0, "downloadThroughput": -1}
+        network.send("Network.emulateNetworkConditions", {**limits, "uploadThroughput": 100_000})
+        sending.set_input_files("input[type=file]", FOLDER / "late.csv")
+        sending.locator("#step-1 [role=status]", has_text="Sending late.csv").wait_for()
+        process.kill()
+        process.wait()
+        sending.get_by_text("does not answer").wait_for()
+        network.send("Network.emulateNetworkConditions", {**limits, "uploadThroughput": -1})
+        process, SERVER = serve(data, urllib.parse.urlsplit(SERVER).netloc)
+        sending.wait_for_url(re.compile("log="))
+        assert [log["name"] for log in api("/logs")["items"]].count("late") == 1
         for watch in watches:
             watch.check()
     finally:

@@ -50,6 +50,32 @@ fn calls(text: &str, key: &str) -> Vec<Vec<String>> {
     calls
 }
 
+/// The number behind a key of a manifest.
+fn number(file: &str, key: &str) -> u64 {
+    let text = manifest(file);
+    let (_, rest) = text.split_once(key).unwrap_or_else(|| panic!("{file}: expected {key}"));
+    let digits: String = rest
+        .chars()
+        .skip_while(|c| !c.is_ascii_digit())
+        .take_while(char::is_ascii_digit)
+        .collect();
+    digits.parse().expect("it is a number")
+}
+
+#[test]
+fn val_as_many_workers_as_are_allowed_find_connections_and_their_jobs_memory() {
+    let replicas = |file: &str| number(file, "replicas:");
+    let workers =
+        number("autoscaling/workers.yaml", "maxReplicaCount:") + replicas("controller.yaml") + replicas("fdi.yaml");
+    // docs/server.md: 4 connections for each worker, 11 for each server, 3 that Postgres keeps.
+    let connections = 4 * workers + 11 * replicas("api.yaml") + 3;
+    let most = number("postgres.yaml", "max_connections=");
+    assert!(connections <= most, "{connections} of {most}");
+    let jobs = number("worker.yaml", "--workers, ") * number("worker.yaml", "--job-memory, ");
+    let gibibytes = number("worker.yaml", "limits: {memory: ");
+    assert!(jobs * 1_000_000 < gibibytes << 30, "{jobs} MB of {gibibytes} GiB");
+}
+
 #[test]
 fn val_containers_call_what_the_program_has() {
     let scratch = Scratch::new();

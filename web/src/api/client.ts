@@ -120,29 +120,52 @@ export async function text(url: string): Promise<string> {
   return (await send(url, {}, `GET ${url}`)).text();
 }
 
-/** Uploads a file with progress, fraction 0 to 1. `fetch` cannot report the progress of a body. */
-export function upload<T>(url: string, file: Blob, onProgress: (share: number) => void, signal?: AbortSignal): Promise<T> {
-  return new Promise((resolve, reject) => {
+/** How often an upload is sent whose connection breaks. */
+const UPLOADS = 3;
+
+/**
+ * Uploads a file with progress, fraction 0 to 1. An upload that breaks is sent again when the server is back, one that meets an ended session
+ * after the sign-in: always under the same key, so that it is taken once. `fetch` cannot report the progress of a body.
+ */
+export async function upload<T>(url: string, file: Blob, onProgress: (share: number) => void, signal?: AbortSignal): Promise<T> {
+  const key = freshKey();
+  for (let sent = 1; ; sent += 1) {
+    const request = await sendFile(url, file, key, onProgress, signal);
+    if (signal?.aborted) throw new ApiError(0, "The upload was canceled.");
+    if (request.status === 401) {
+      await signedIn();
+      continue;
+    }
+    if (request.status >= 200 && request.status < 300) return parseExact(request.responseText) as T;
+    const type = request.getResponseHeader("content-type") ?? "";
+    // No answer, or one of an intermediary while the server is down.
+    const broken = request.status === 0 || (request.status >= 500 && !type.startsWith("application/problem+json"));
+    if (!broken) throw await problemOf(new Response(request.responseText, { status: request.status, headers: { "content-type": type } }), "The upload");
+    lost();
+    if (sent === UPLOADS) throw new ApiError(0, `The connection broke ${UPLOADS} times during the upload.`);
+    onProgress(0);
+    await back();
+    // A server that turns an upload away early, because nobody is signed in, may break the connection before its answer is read.
+    await send("/api/v1/limits", signal ? { signal } : {}, "GET /api/v1/limits");
+  }
+}
+
+/** One try; resolves however it ends. */
+function sendFile(url: string, file: Blob, key: string, onProgress: (share: number) => void, signal?: AbortSignal): Promise<XMLHttpRequest> {
+  return new Promise((resolve) => {
     const request = new XMLHttpRequest();
+    const stop = () => request.abort();
     request.open("POST", url);
     request.responseType = "text";
     request.setRequestHeader("content-type", "application/octet-stream");
     request.setRequestHeader("accept", "application/json");
+    request.setRequestHeader("idempotency-key", key);
     request.upload.onprogress = (event) => event.lengthComputable && onProgress(event.loaded / event.total);
-    request.onload = () => {
-      if (request.status >= 200 && request.status < 300) {
-        resolve(parseExact(request.responseText) as T);
-        return;
-      }
-      const headers = { "content-type": request.getResponseHeader("content-type") ?? "" };
-      void problemOf(new Response(request.responseText, { status: request.status, headers }), "The upload").then(reject);
+    request.onloadend = () => {
+      signal?.removeEventListener("abort", stop);
+      resolve(request);
     };
-    request.onerror = () => {
-      lost();
-      reject(new ApiError(0, "The connection broke during the upload. The file is still chosen: try again when the server is back."));
-    };
-    request.onabort = () => reject(new ApiError(0, "The upload was canceled."));
-    signal?.addEventListener("abort", () => request.abort());
+    signal?.addEventListener("abort", stop);
     request.send(file);
   });
 }

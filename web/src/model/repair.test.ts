@@ -1,7 +1,9 @@
 import { describe, expect, it } from "vitest";
 import crazyflie from "../../../config/log-mappings/crazyflie-usdlog.toml?raw";
+import mavlink from "../../../config/log-mappings/mavlink-tlog.toml?raw";
 import px4 from "../../../config/log-mappings/px4-ulog.toml?raw";
-import { AS_IS, UP_LEFT, adviceFor, axesIn, axesText, isChosen, mappingOf, orderIn, orderOf, sourceOfFile, suggestionOf } from "./repair";
+import ros2 from "../../../config/log-mappings/ros2.toml?raw";
+import { AS_IS, UP_LEFT, adviceFor, axesIn, axesText, isChosen, mappingOf, orderIn, orderOf, sourceOf, suggestionOf } from "./repair";
 
 describe("a log that is read again otherwise", () => {
   it("reads axes and orders from the findings", () => {
@@ -22,11 +24,19 @@ describe("a log that is read again otherwise", () => {
   });
   it("exchanges columns of a canonical file", () => {
     const choice = suggestionOf([{ kind: "swapped_axes", detail: "the body rates fit the attitude as (y, x, z) (93 % of the motion, as they are 2 %)" }]);
-    expect(mappingOf(sourceOfFile("a.parquet"), choice, "", 4)).toBe(
+    expect(mappingOf(sourceOf(undefined, "a.parquet"), choice, "", 4)).toBe(
       ['source = "canonical"', "", ...["roll", "pitch", "yaw"].flatMap((name, k) => ["[[column]]", `to = "${name}_rate_rad_s"`, `from = "file:${["pitch", "roll", "yaw"][k]}_rate_rad_s"`, 'unit = "rad/s"', ""])].join("\n"),
     );
     expect(mappingOf("canonical", { axes: {}, units: { accel: "g" }, order: [2, 1, 3] }, "", 3)).toContain('from = "file:duty_2,duty_1,duty_3"');
     expect(mappingOf("canonical", { axes: { rates: AS_IS }, units: {} }, "", 4)).toBeUndefined();
+  });
+  it("knows a source by what the import found, then by the name", () => {
+    expect([sourceOf("run_mcap", "a.mcap"), sourceOf(undefined, "a.mcap"), sourceOf(undefined, "a.tlog"), sourceOf(undefined, "a.TSV"), sourceOf(undefined, "log00")])
+      .toEqual(["run-mcap", "ros2", "mavlink-tlog", "canonical", "crazyflie-usdlog"]);
+    const turned = { axes: { rates: UP_LEFT }, units: {} };
+    expect(mappingOf("mavlink-tlog", turned, mavlink, 4)).toContain('source = "mavlink-tlog"\n\n[[column]]\nto = "roll_rate_rad_s"\nfrom = "HIGHRES_IMU:xgyro"');
+    // Its axes are forward-left-up already.
+    expect(mappingOf("ros2", turned, ros2, 4)).toContain('to = "pitch_rate_rad_s"\nfrom = "sensor_msgs/Imu:angular_velocity.y"\nunit = "rad/s"\n\n');
   });
   it("changes the built-in rows of an autopilot, after their own frame", () => {
     const swapped = mappingOf("px4-ulog", { axes: { rates: [[1, 1], [0, 1], [2, 1]] }, units: {} }, px4, 4) ?? "";

@@ -5,7 +5,7 @@
  */
 
 /** Kinds of source with a mapping. */
-export type SourceName = "px4-ulog" | "ardupilot-dataflash" | "crazyflie-usdlog" | "blackbox" | "canonical";
+export type SourceName = "px4-ulog" | "ardupilot-dataflash" | "crazyflie-usdlog" | "blackbox" | "mavlink-tlog" | "ros2" | "run-mcap" | "canonical";
 
 /** `(axis of the file, sign)` of each of our axes. */
 export type Axes = readonly [Signed, Signed, Signed];
@@ -54,13 +54,20 @@ export function axesIn(sentence: string): Axes | undefined {
   return found.map((one) => ["xyz".indexOf(one.at(-1) ?? "x"), one.startsWith("−") ? -1 : 1] as unknown as Signed) as unknown as Axes;
 }
 
-/** Kind of source by file name; the import itself goes by content. */
-export function sourceOfFile(name: string): SourceName {
-  const ending = /\.([^.]+)$/.exec(name)?.[1]?.toLowerCase();
-  if (ending === "ulg") return "px4-ulog";
-  if (ending === "bin" || ending === "log") return "ardupilot-dataflash";
-  if (ending === "bbl" || ending === "bfl" || ending === "txt") return "blackbox";
-  return ending === "csv" || ending === "parquet" ? "canonical" : "crazyflie-usdlog";
+/** Sources by the kinds that an import reports. */
+const SOURCE_OF_KIND: Readonly<Record<string, SourceName>> = {
+  px4_ulog: "px4-ulog", ardupilot_dataflash: "ardupilot-dataflash", ardupilot_dataflash_text: "ardupilot-dataflash", crazyflie_usdlog: "crazyflie-usdlog",
+  blackbox: "blackbox", mavlink_tlog: "mavlink-tlog", ros2_bag: "ros2", run_mcap: "run-mcap", csv: "canonical", parquet: "canonical",
+};
+const SOURCE_OF_ENDING: Readonly<Record<string, SourceName>> = {
+  ulg: "px4-ulog", bin: "ardupilot-dataflash", log: "ardupilot-dataflash", bbl: "blackbox", bfl: "blackbox", txt: "blackbox", tlog: "mavlink-tlog", mcap: "ros2",
+  csv: "canonical", tsv: "canonical", parquet: "canonical",
+};
+
+/** Kind of source: what the import found in the file, or, where it refused that, what the name says. */
+export function sourceOf(kind: string | undefined, fileName: string): SourceName {
+  const ending = /\.([^.]+)$/.exec(fileName)?.[1]?.toLowerCase() ?? "";
+  return SOURCE_OF_KIND[kind ?? ""] ?? SOURCE_OF_ENDING[ending] ?? "crazyflie-usdlog";
 }
 
 export interface Finding {

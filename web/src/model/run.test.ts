@@ -1,5 +1,5 @@
 import { describe, expect, it } from "vitest";
-import { Collector, thinned, type Interval, type Score, type Summary, faultIntervals, kindOfScore, otherwise } from "./run";
+import { Collector, thinned, type Interval, type Score, type Summary, faultIntervals, kindOfScore, lateWords, otherwise, peersOf } from "./run";
 
 const start = { type: "start", status: "running", channels: [{ name: "a", unit: "m" }], rate_hz: 20 } as const;
 const sample = (time: number, a: number | null) => ({ type: "sample", time_s: time, step: Math.round(time * 400), values: { a } }) as const;
@@ -21,6 +21,15 @@ describe("Collector", () => {
     collector.take(sample(0, 5));
     expect(collector.time).toEqual([0]);
     expect(collector.data["a"]).toEqual([5]);
+  });
+});
+
+describe("who flew, and who was late", () => {
+  it("names link, pace, controller and causes", () => {
+    const summary = { link: "iceoryx2", pace: "real-time", controller: { peer: "rotortwin-controller", version: "0.1.0", lockstep: true } } as Summary;
+    expect(peersOf(summary)).toBe("iceoryx2, real time; controller: rotortwin-controller 0.1.0, in lockstep");
+    expect(peersOf({ link: "in-process", pace: "fast", controller: { peer: "Betaflight at 127.0.0.1:9001", lockstep: false } } as Summary)).toContain("not in lockstep");
+    expect(lateWords({ who: "fdi", why: "scheduler", steps: 1, worst_ms: 4.1234 })).toBe("FDI engine waited for a processor: 1 step, 4.12 ms at worst");
   });
 });
 

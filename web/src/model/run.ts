@@ -38,6 +38,7 @@ export interface Summary {
   failure?: { sentence: string; peer: string; step: number; silence_ms: number };
   seed?: number | string;
   link?: string;
+  controller?: { peer: string; version?: string; lockstep: boolean };
   pace?: string;
   started_at?: string;
   model_hash?: string;
@@ -45,7 +46,10 @@ export interface Summary {
   program_version: string;
   scenario: { name: string; vehicle: string; text: string; path?: string };
   wall_s: number;
-  real_time?: { jitter_us_p50: number; jitter_us_p99: number; jitter_us_max: number; deadline_misses: number };
+  real_time?: {
+    jitter_us_p50: number; jitter_us_p99: number; jitter_us_max: number; deadline_misses: number; overrun_ms_max?: number; priority?: number;
+    late?: { who: string; why: string; steps: number; worst_ms: number }[];
+  };
   steps: number;
   simulated_s: number;
   steps_per_s: number;
@@ -88,6 +92,18 @@ export function otherwise(interval: Interval, score: Score): string {
   ];
   return counts.filter(([count]) => count > 0).map(([count, what]) => `${count.toLocaleString("en")} ${what}`).join(", ");
 }
+
+/** How the parts of a run met and who flew it: "iceoryx2, real time; controller: rotortwin-controller 0.1.0, in lockstep". */
+export function peersOf(summary: Summary): string {
+  const link = [summary.link, summary.pace === "real-time" ? "real time" : undefined].filter(Boolean).join(", ");
+  const flew = summary.controller;
+  return [link, flew && `controller: ${[flew.peer, flew.version].filter(Boolean).join(" ")}, ${flew.lockstep ? "in lockstep" : "not in lockstep: the same seed gives another flight"}`].filter(Boolean).join("; ");
+}
+
+const CAUSES: Readonly<Record<string, string>> = { scheduler: "waited for a processor", computing: "was computing", unknown: "for a reason that is not known" };
+/** Who was late and why: "controller waited for a processor: 3 steps, 4.1 ms at worst". */
+export const lateWords = (late: { who: string; why: string; steps: number; worst_ms: number }) =>
+  `${late.who === "fdi" ? "FDI engine" : late.who} ${CAUSES[late.why] ?? late.why}: ${late.steps.toLocaleString("en")} ${late.steps === 1 ? "step" : "steps"}, ${Number(late.worst_ms.toPrecision(3))} ms at worst`;
 
 /** Intervals with a faulty rotor or sensor. */
 export const faultIntervals = (summary: Summary | undefined): [number, number][] =>

@@ -8,6 +8,7 @@ import { navigate, route, setQuery } from "../router";
 import { type BlindResult, BlindView } from "../shown/blind";
 import { BlindCases, type Cell } from "./blind-cases";
 import { JobList, JobPage } from "./jobs";
+import { createTyped } from "../typed";
 
 /** Kinds of cases, and their hidden effects (docs/blind-bench.md). */
 const PRESETS = [
@@ -49,8 +50,8 @@ const choose = (cell: Cell | undefined) => setQuery({ hidden: cell?.hidden, name
 
 function NewBench(props: { onSubmitted: () => void }) {
   const [presets, setPresets] = createSignal<readonly string[]>(["singles"]);
-  const [n, setN] = createSignal("6");
-  const [seed, setSeed] = createSignal("7");
+  const [n, setN] = createTyped("bench.n", "6");
+  const [seed, setSeed] = createTyped("bench.seed", "7");
   const [refusal, setRefusal] = createSignal<ApiError>();
   const submit = async (event: SubmitEvent) => {
     event.preventDefault();

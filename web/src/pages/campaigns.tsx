@@ -8,6 +8,7 @@ import { navigate, route, setQuery } from "../router";
 import { type CampaignResult, CampaignView, DETECTORS, type Look } from "../shown/campaign";
 import { CampaignFlights } from "./campaign-flights";
 import { JobList, JobPage } from "./jobs";
+import { createTyped } from "../typed";
 
 export default function Campaigns(props: { id: string | undefined }) {
   return (
@@ -37,14 +38,16 @@ interface Known {
 
 function NewCampaign(props: { onSubmitted: () => void }) {
   const known = createLoad(() => true, async (_, signal) => (await ask<{ items: Known[] }>("GET", "/api/v1/library/campaigns", undefined, { signal })).items);
-  const [name, setName] = createSignal("");
-  const [text, setText] = createSignal("");
+  const [name, setName] = createTyped("campaign.name");
+  const [text, setText, forgetText] = createTyped("campaign.text");
+  const wasTyped = text() !== "";
   const [refusal, setRefusal] = createSignal<ApiError>();
   const submit = async (event: SubmitEvent) => {
     event.preventDefault();
     setRefusal(undefined);
     try {
       const job = await ask<Schemas["JobView"]>("POST", "/api/v1/campaigns", text().trim() ? { text: text() } : { campaign: name().trim() });
+      forgetText();
       props.onSubmitted();
       navigate(`/campaigns/${job.id}`);
     } catch (error) {
@@ -65,7 +68,7 @@ function NewCampaign(props: { onSubmitted: () => void }) {
         </div>
         <Problem sentence={known.error() && `The campaigns of the library cannot be listed: ${known.error()}`} retry={known.reload} />
         <Show when={known.data()?.find((one) => one.name === name())?.description}>{(words) => <p class="small">{words()}</p>}</Show>
-        <details>
+        <details open={wasTyped}>
           <summary>or a document of one's own (TOML)</summary>
           <textarea rows="10" spellcheck={false} aria-label="campaign document" value={text()} onInput={(event) => setText(event.currentTarget.value)} />
         </details>

@@ -36,22 +36,29 @@ function Judge() {
   const { busy, problem, attempt } = createAttempt();
   const [report, setReport] = createSignal<Report>();
   const [over, setOver] = createSignal(false);
-  const judge = (what: () => Promise<Report>) => {
+  let control = new AbortController();
+  const judge = (what: (signal: AbortSignal) => Promise<Report>) => {
     setReport(undefined);
+    control = new AbortController();
+    const { signal } = control;
     return attempt(async () => {
       try {
-        setReport(await what());
+        setReport(await what(signal));
+      } catch (error) {
+        // The request ends, and with it what the server does for it.
+        if (!signal.aborted) throw error;
       } finally {
         setShare(undefined);
       }
     });
   };
+  onCleanup(() => control.abort());
   const send = (file: File | undefined) => {
     if (!file) return;
-    void judge(async () => {
+    void judge(async (signal) => {
       const refusal = await tooLarge(file, true);
       if (refusal) throw new ApiError(0, refusal);
-      return upload<Report>(address("/api/v1/fdi/reports", { query: { vehicle: vehicle(), flight: true } }), file, setShare);
+      return upload<Report>(address("/api/v1/fdi/reports", { query: { vehicle: vehicle(), flight: true } }), file, setShare, signal);
     });
   };
   return (
@@ -70,7 +77,7 @@ function Judge() {
               <For each={logs.data()?.items ?? []}>{(one) => <option value={one.id} selected={one.id === log()}>{one.name} {one.id.slice(0, 8)}</option>}</For>
             </select>
           </label>
-          <button type="button" class="main" disabled={!log() || busy()} onClick={() => void judge(() => ask<Report>("POST", address("/api/v1/fdi/reports", { query: { vehicle: vehicle(), log: log(), flight: true } })))}>Judge</button>
+          <button type="button" class="main" disabled={!log() || busy()} onClick={() => void judge((signal) => ask<Report>("POST", address("/api/v1/fdi/reports", { query: { vehicle: vehicle(), log: log(), flight: true } }), undefined, { signal }))}>Judge</button>
         </div>
         <div
           class="drop" classList={{ over: over() }}
@@ -80,7 +87,7 @@ function Judge() {
           Drop a log here (128 MB at most; it is not kept), or{" "}
           <label class="button">choose a file<input class="sr" type="file" onChange={(event) => { send(event.currentTarget.files?.[0]); event.currentTarget.value = ""; }} /></label>
         </div>
-        <Show when={busy()}><div class="row" role="status"><Progress share={share()} what="judging" /> {share() === undefined || share() === 1 ? "Judging …" : `Sending: ${percent(share(), 0)}`}</div></Show>
+        <Show when={busy()}><div class="row" role="status"><Progress share={share()} what="judging" /> {share() === undefined || share() === 1 ? "Judging …" : `Sending: ${percent(share(), 0)}`} <button type="button" onClick={() => control.abort()}>Cancel</button></div></Show>
         <Problem sentence={problem()} />
         <Show when={report()}>{(found) => <Judged report={found()} />}</Show>
       </div>

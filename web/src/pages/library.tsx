@@ -9,6 +9,7 @@ import { VehiclePicture } from "../parts/vehicle-picture";
 import { route, setQuery } from "../router";
 import { EffectSandbox } from "./effect-sandbox";
 import type { FullGeometry } from "./twin/vehicle";
+import { createTyped } from "../typed";
 
 const KINDS = [
   ["effects", "Effects"], ["vehicles", "Vehicles"], ["scenarios", "Scenarios"], ["blades", "Blades"], ["models", "Models"],
@@ -133,7 +134,15 @@ function Picture(props: { name: string }) {
 
 function Editor(props: { kind: Kind; name: string; own: boolean; onSaved: () => void }) {
   const document = createLoad(() => props.name, () => fetchText(`/api/v1/${props.kind}/${encodeURIComponent(props.name)}`));
-  const [draft, setDraft] = createSignal<string>();
+  // What stands behind a mark was typed, also if that is nothing.
+  const [typed, setTyped, forget] = createTyped(`document.${props.kind}.${props.name}`);
+  const draft = createMemo(() => (typed() === "" ? undefined : typed().slice(1)));
+  const setDraft = (text: string) => setTyped(`=${text}`);
+  const discard = () => {
+    setTyped("");
+    forget();
+    setCheck(undefined);
+  };
   const [target, setTarget] = createSignal(props.own ? props.name : `my-${props.name}`);
   const [check, setCheck] = createSignal<Schemas["Validation"]>();
   const [refusal, setRefusal] = createSignal<ApiError>();
@@ -149,12 +158,13 @@ function Editor(props: { kind: Kind; name: string; own: boolean; onSaved: () => 
         );
       }, TYPING_MS);
       onCleanup(() => clearTimeout(timer));
-    }, { defer: true }),
+    }),
   );
   const save = async () => {
     setRefusal(undefined);
     try {
       await putDocument(`/api/v1/${props.kind}/${encodeURIComponent(target())}`, draft() ?? document.data() ?? "");
+      forget();
       setSaid(`Saved as ${target()}.`);
       setSaved(target());
       props.onSaved();
@@ -182,7 +192,7 @@ function Editor(props: { kind: Kind; name: string; own: boolean; onSaved: () => 
             <div class="fields">
               <label class="field">Save as<input type="text" value={target()} onInput={(event) => setTarget(event.currentTarget.value.trim())} /></label>
               <button type="button" class="main" disabled={check()?.valid === false || !target()} onClick={() => void save()}>Save</button>
-              <Show when={draft() !== undefined}><button type="button" onClick={() => { setDraft(undefined); setCheck(undefined); }}>Back to what is saved</button></Show>
+              <Show when={draft() !== undefined}><button type="button" onClick={discard}>Back to what is saved</button></Show>
               <Show when={props.kind === "scenarios"}><a class="button" href={`/runs?new=1&scenario=${encodeURIComponent(saved())}`}>Fly {saved()}</a></Show>
               <span role="status" class="small muted">{said() || (check()?.valid && draft() !== undefined ? "The document is valid." : "")}</span>
             </div>

@@ -7,6 +7,7 @@ import { jsonWithSeed } from "../exact";
 import { type Wish, asCommand, asCurl, asPython, submissionOf } from "../model/commands";
 import { Copy, Panel, Problem } from "../parts/bits";
 import { navigate, route } from "../router";
+import { createTyped } from "../typed";
 
 /** Delay of the check after the last keystroke. */
 const TYPING_MS = 350;
@@ -24,8 +25,8 @@ export function NewRun(props: { onSubmitted: () => void }) {
     return { scenarios: scenarios.items, own: scenarios.own, parts: vehicles.own.length + blades.own.length, models: models.items, autopilots: autopilots.items, token: session.needs_token };
   });
   const [scenario, setScenario] = createSignal(route().query.get("scenario") ?? "reference-flight");
-  const [seed, setSeed] = createSignal("");
-  const [set, setSet] = createSignal("");
+  const [seed, setSeed, forgetSeed] = createTyped("run.seed");
+  const [set, setSet, forgetSet] = createTyped("run.set");
   const [pace, setPace] = createSignal<Wish["pace"]>("fast");
   const [link, setLink] = createSignal<Wish["link"]>("in-process");
   const [autopilot, setAutopilot] = createSignal("");
@@ -75,6 +76,8 @@ export function NewRun(props: { onSubmitted: () => void }) {
     setSending(true);
     try {
       const run = await ask<Schemas["Run"]>("POST", "/api/v1/runs", jsonWithSeed(submissionOf(wish())));
+      forgetSeed();
+      forgetSet();
       props.onSubmitted();
       navigate(`/runs/${run.id}`);
     } catch (error) {

@@ -73,20 +73,29 @@ export default function RunPage(props: { id: string }) {
     const made = await ask<Run>("POST", `/api/v1/runs/${id}/fork`, { healthy: true });
     navigate(`/runs/${made.id}?with=${id}`);
   });
+  let verification = new AbortController();
   const verify = () => act(async () => {
     setVerified("running");
+    verification = new AbortController();
+    const { signal } = verification;
     try {
-      // While it goes on the server answers with its job, and the same key goes on waiting for it.
+      // While it continues the server answers with its job, and the same key waits for it again.
       const headers = { "idempotency-key": freshKey() };
       let answer: Schemas["Verification"] | Schemas["JobView"];
       do {
-        answer = await ask("POST", `/api/v1/runs/${id}/verify`, undefined, { headers });
+        answer = await ask("POST", `/api/v1/runs/${id}/verify`, undefined, { headers, signal });
       } while (!("same" in answer));
       setVerified(answer);
     } catch (error) {
       setVerified(undefined);
-      throw error;
+      if (!signal.aborted) throw error;
     }
+  });
+  const stopVerifying = () => act(async () => {
+    verification.abort();
+    const open = await Promise.all((["queued", "running"] as const).map((status) => get("/api/v1/verifications", { query: { status, limit: 100 } })));
+    const ours = open.flatMap((one) => one.items).filter((job) => (job.facts as { run?: string } | null | undefined)?.run === id);
+    await Promise.all(ours.map((job) => ask("POST", `/api/v1/verifications/${job.id}/cancel`)));
   });
   const share = () => {
     const [step, steps] = [progress()["step"], progress()["step_count"]];
@@ -109,6 +118,7 @@ export default function RunPage(props: { id: string }) {
         <Show when={run()?.status === "done"}>
           <button type="button" onClick={() => void fork()}>Fork healthy</button>
           <button type="button" disabled={verified() === "running"} onClick={() => void verify()}>{verified() === "running" ? "Flying again …" : "Verify"}</button>
+          <Show when={verified() === "running"}><button type="button" onClick={() => void stopVerifying()}>Cancel<span class="sr"> the verification</span></button></Show>
           <a class="button" href={`/twin?run=${id}`}>Compare a model with it</a>
         </Show>
         <Show when={ended()}>

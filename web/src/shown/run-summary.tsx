@@ -1,7 +1,7 @@
 /** How a run ended, interval by interval. */
 import { For, Show } from "solid-js";
 import { duration, percent, short, verdictText } from "../format";
-import { type Score, type Summary, kindOfScore, otherwise } from "../model/run";
+import { type Score, type Summary, kindOfScore, lateWords, otherwise, peersOf } from "../model/run";
 import { Figures, Panel } from "../parts/bits";
 
 const OURS = ["sequential", "T-test", "network"] as const;
@@ -36,11 +36,14 @@ export function RunSummary(props: { summary: Summary }) {
             ["run hash", <code class="small">{it().run_hash.slice(0, 16)}</code>],
           ]}
         />
+        <Show when={peersOf(it())}>{(words) => <p class="small muted">{words()}.</p>}</Show>
         <Show when={it().real_time}>
           {(time) => (
             <p class="small muted">
               Lateness of a step: median {short(time().jitter_us_p50)} µs, 99 % {short(time().jitter_us_p99)} µs, worst {short(time().jitter_us_max)} µs;
-              {" "}{time().deadline_misses} steps late.
+              {" "}{time().deadline_misses.toLocaleString("en")} steps late{time().overrun_ms_max ? `, ${short(time().overrun_ms_max)} ms at worst` : ""}
+              {time().priority === undefined ? "" : `; real-time priority ${time().priority}`}.
+              <For each={time().late ?? []}>{(one) => <> The {lateWords(one)}.</>}</For>
             </p>
           )}
         </Show>

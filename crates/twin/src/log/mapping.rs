@@ -61,6 +61,23 @@ pub(crate) enum SourceName {
     Csv,
 }
 
+impl SourceName {
+    /// As a mapping writes it.
+    fn as_str(self) -> &'static str {
+        match self {
+            Self::Px4Ulog => "px4-ulog",
+            Self::ArdupilotDataflash => "ardupilot-dataflash",
+            Self::CrazyflieUsdlog => "crazyflie-usdlog",
+            Self::Blackbox => "blackbox",
+            Self::Canonical => "canonical",
+            Self::MavlinkTlog => "mavlink-tlog",
+            Self::Ros2 => "ros2",
+            Self::RunMcap => "run-mcap",
+            Self::Csv => "csv",
+        }
+    }
+}
+
 /// One row.
 #[derive(Clone, Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -381,8 +398,8 @@ pub(crate) fn load_for_canonical(path: &Path) -> Result<MappingFile, LogError> {
     Err(LogError::format(
         path,
         format!(
-            "a mapping for {:?}, but the columns of this log are canonical: source = \"canonical\" was expected",
-            mapping.source
+            "the mapping is for source = \"{}\"; the columns of this log are canonical, expected source = \"canonical\"",
+            mapping.source.as_str()
         ),
     ))
 }
@@ -418,7 +435,11 @@ pub(crate) fn load(source: SourceName, user: Option<&Path>) -> Result<MappingFil
     if mapping.source != source {
         return Err(LogError::format(
             path,
-            format!("a mapping for {:?}, but the log is {source:?}", mapping.source),
+            format!(
+                "the mapping is for source = \"{}\", and the log is of source = \"{}\"",
+                mapping.source.as_str(),
+                source.as_str()
+            ),
         ));
     }
     mapping.rows.extend(built_in.rows);

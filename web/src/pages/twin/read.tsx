@@ -1,7 +1,7 @@
 /** Step 2: the data read from the log, what is missing and what that rules out, what looks wrong and how to repair it. */
 import { For, Show, createMemo, createSignal } from "solid-js";
 import { duration, short } from "../../format";
-import { adviceFor, isChosen, sourceOfFile, suggestionOfRefusal } from "../../model/repair";
+import { adviceFor, isChosen, sourceOf, suggestionOfRefusal } from "../../model/repair";
 import { mayBeTable } from "../../model/table";
 import { findingBlocks, findingTitle } from "../../model/twin";
 import { Figures } from "../../parts/bits";
@@ -33,7 +33,7 @@ export function Read(props: { twin: Twin }) {
   const couldBeTable = () => refusal() !== undefined && !asTable() && mayBeTable(facts().file ?? "");
   const swapped = createMemo(() => (motors() ? [{ kind: "swapped_motors", detail: motors() ?? "" }] : []));
   // A log without a flight is not repaired: another one is the way on.
-  const hopeless = () => (blocking().some((one) => one.kind === "no_flight" || one.kind === "one_column") ? adviceFor(blocking()[0]?.kind ?? "", sourceOfFile(facts().file ?? "")) : undefined);
+  const hopeless = () => (blocking().some((one) => one.kind === "no_flight" || one.kind === "one_column") ? adviceFor(blocking()[0]?.kind ?? "", sourceOf(result()?.source.kind, facts().file ?? "")) : undefined);
   const isRun = () => props.twin.runs().length > 0;
   return (
     <Step

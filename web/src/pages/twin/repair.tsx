@@ -5,7 +5,7 @@ import { ask } from "../../api/client";
 import type { JobView } from "../../api/job";
 import { createLoad } from "../../api/load";
 import {
-  type Axes, type Choice, type Finding, type GroupKey, type SourceName, AS_IS, GROUPS, adviceFor, axesText, isChosen, mappingOf, orderOf, sameAxes, sourceOfFile, suggestionOf,
+  type Axes, type Choice, type Finding, type GroupKey, type SourceName, AS_IS, GROUPS, adviceFor, axesText, isChosen, mappingOf, orderOf, sameAxes, sourceOf, suggestionOf,
   suggestionOfRefusal,
 } from "../../model/repair";
 import { findingTitle } from "../../model/twin";
@@ -13,7 +13,8 @@ import { Problem } from "../../parts/bits";
 import type { Twin } from "./state";
 
 const SOURCE_WORDS: Record<SourceName, string> = {
-  "px4-ulog": "PX4 log", "ardupilot-dataflash": "ArduPilot log", "crazyflie-usdlog": "Crazyflie log", blackbox: "blackbox log", canonical: "CSV or Parquet file",
+  "px4-ulog": "PX4 log", "ardupilot-dataflash": "ArduPilot log", "crazyflie-usdlog": "Crazyflie log", blackbox: "blackbox log", "mavlink-tlog": "MAVLink telemetry log",
+  ros2: "ROS 2 recording", "run-mcap": "recording of a simulated run", canonical: "table",
 };
 /** The built-in rows, which a choice changes; loaded on demand. */
 const BUILT_IN: Record<SourceName, () => Promise<{ default: string }>> = {
@@ -21,12 +22,15 @@ const BUILT_IN: Record<SourceName, () => Promise<{ default: string }>> = {
   "ardupilot-dataflash": () => import("../../../../config/log-mappings/ardupilot-dataflash.toml?raw"),
   "crazyflie-usdlog": () => import("../../../../config/log-mappings/crazyflie-usdlog.toml?raw"),
   blackbox: () => import("../../../../config/log-mappings/blackbox.toml?raw"),
+  "mavlink-tlog": () => import("../../../../config/log-mappings/mavlink-tlog.toml?raw"),
+  ros2: () => import("../../../../config/log-mappings/ros2.toml?raw"),
+  "run-mcap": () => import("../../../../config/log-mappings/run-mcap.toml?raw"),
   canonical: () => Promise.resolve({ default: "" }),
 };
 
 export function Repair(props: { twin: Twin; findings: readonly Finding[]; refusal?: string | undefined }) {
   const facts = () => (props.twin.log.job()?.facts ?? {}) as { file?: string };
-  const source = () => sourceOfFile(facts().file ?? props.twin.log.job()?.name ?? "");
+  const source = () => sourceOf(props.twin.log.result()?.source.kind, facts().file ?? props.twin.log.job()?.name ?? "");
   const builtIn = createLoad(source, async (name) => (await BUILT_IN[name]()).default);
   const rotors = () => props.twin.rotorsOfLog() ?? 0;
   const [choice, setChoice] = createSignal<Choice>({ axes: {}, units: {} });
