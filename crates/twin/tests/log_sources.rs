@@ -159,7 +159,7 @@ fn val_a_mapping_overrides_one_row() {
         "the other rows stay"
     );
     for (text, expected) in [
-        ("source = \"px4-ulog\"\n", "a mapping for Px4Ulog"),
+        ("source = \"px4-ulog\"\n", "the mapping is for source = \"px4-ulog\""),
         (
             "source = \"crazyflie-usdlog\"\n[[column]]\nto = \"accel\"\nfrom = \"fixedFrequency:acc.x,acc.y,acc.z\"\nunit = \"deg\"\n",
             "does not fit 'accel'",
