@@ -108,6 +108,13 @@ fn scenario_tokens_say_who_may_do_what_on_whose_account() {
         .expect_code(0)
         .stdout;
     assert!(list.contains("revoked") && list.contains("reader"), "{list}");
+    // To ask where no server was makes no database there.
+    let elsewhere = scratch.path("elsewhere");
+    let asked = Call::new(&scratch, ["token", "list", "--data", &elsewhere.display().to_string()])
+        .run()
+        .expect_code(2);
+    assert!(asked.stderr.concat().contains("DATABASE_URL"), "{:?}", asked.stderr);
+    assert!(!elsewhere.exists());
     let secret = reader.rsplit('_').next().expect("a secret");
     assert!(!list.contains(secret));
     let database = std::fs::read(Path::new(&data).join("rotortwin.sqlite")).expect("readable");
@@ -126,7 +133,7 @@ fn scenario_the_same_key_is_the_same_job_whatever_has_changed() {
     let server = Server::start_at(
         "127.0.0.1:0",
         &scratch.path("data"),
-        &["--workers", "0", "--tenant-jobs", "3"],
+        &["--workers", "0", "--tenant-jobs", "4"],
     );
     let scenarios = repository().join("config/scenarios");
     let text = std::fs::read_to_string(scenarios.join("short-hover.toml")).expect("readable");
@@ -152,9 +159,14 @@ fn scenario_the_same_key_is_the_same_job_whatever_has_changed() {
             "time_s,roll_rad\n0,0\n",
         )
     };
-    assert_eq!(log("log").status, 202);
+    let uploaded = log("log");
+    assert_eq!(uploaded.status, 202);
+    let uploaded = uploaded.json()["id"].as_str().expect("an id").to_owned();
+    let import = format!("/api/v1/logs/{uploaded}/import");
+    let (status, imported) = ask(&import, "import", r#"{"damaged":true}"#);
+    assert_eq!(status, 202, "{imported}");
 
-    // The account is full, and the scenario and the run it was forked from are gone.
+    // The account is full, and the scenario, the run it was forked from and the first log are gone.
     assert_eq!(ask("/api/v1/runs", "another", body).0, 429);
     assert_eq!(server.ask("DELETE", "/api/v1/scenarios/mine", &[], "").status, 204);
     assert_eq!(
@@ -168,6 +180,20 @@ fn scenario_the_same_key_is_the_same_job_whatever_has_changed() {
     let (status, again) = ask(&fork, "fork", r#"{"healthy":true}"#);
     assert_eq!((status, &again["id"]), (200, &forked["id"]), "{again}");
     assert_eq!(log("log").status, 200);
+    assert_eq!(
+        server
+            .ask("POST", &format!("/api/v1/logs/{uploaded}/cancel"), &[], "")
+            .status,
+        202
+    );
+    assert_eq!(
+        server
+            .ask("DELETE", &format!("/api/v1/logs/{uploaded}"), &[], "")
+            .status,
+        204
+    );
+    let (status, again) = ask(&import, "import", r#"{"damaged":true}"#);
+    assert_eq!((status, &again["id"]), (200, &imported["id"]), "{again}");
 }
 
 #[test]

@@ -307,6 +307,27 @@ fn scenario_parts_of_a_run_on_other_workers_give_the_same_run() {
     assert_eq!((count("verdict=-2"), count("verdict=3")), (Some(1), Some(0)), "{run}");
 }
 
+/// The FDI engine's host is there at once, the controller's 12 s later: the plant waits, and so does who came first.
+#[test]
+fn scenario_parts_of_a_run_come_one_after_the_other() {
+    let scratch = Scratch::new();
+    let Some(postgres) = Postgres::start(&scratch.path("")) else {
+        return;
+    };
+    let arguments = shared(&scratch, &postgres, &["--workers", "1"]);
+    let server = Server::start_at("127.0.0.1:0", &scratch.path("server"), &words(&arguments));
+    let arguments = shared(&scratch, &postgres, &["--roles", "fdi"]);
+    let _fdi = Worker::start(&scratch.path("fdi"), &words(&arguments));
+    let id = server.submit(&json!({
+        "scenario": "short-hover", "link": "zenoh", "controller": "worker", "fdi": "worker"
+    }));
+    std::thread::sleep(Duration::from_secs(12));
+    let arguments = shared(&scratch, &postgres, &["--roles", "controller"]);
+    let _controller = Worker::start(&scratch.path("controller"), &words(&arguments));
+    let run = server.ended(&id);
+    assert_eq!((&run["status"], &run["attempts"]), (&json!("done"), &json!(1)), "{run}");
+}
+
 #[test]
 fn scenario_somebody_elses_controller_joins_with_the_ticket() {
     let scratch = Scratch::new();

@@ -307,6 +307,11 @@ fn scenario_a_frozen_process_gives_no_sign_of_life() {
     assert!(again.is_some(), "it goes on");
     let nobody = Call::new(&scratch, ["health", "worker:/nowhere"]).run().expect_code(1);
     assert!(nobody.stderr.concat().contains("no heartbeat"), "{:?}", nobody.stderr);
+    // A check over HTTP says why, not only that.
+    let nobody = Call::new(&scratch, ["health", "http://127.0.0.1:1/readyz"])
+        .run()
+        .expect_code(1);
+    assert!(nobody.stderr.concat().contains("refused"), "{:?}", nobody.stderr);
 }
 
 /// The processes of a flight: its job's process and its children.
