@@ -60,11 +60,11 @@ pub fn short_run(seed: u64) -> Value {
     json!({ "scenario": "short-hover", "seed": seed })
 }
 
-/// Invariants whatever was killed: as many runs as keys, each ended once, equal seeds with identical results.
+/// Invariants whatever was killed: as many runs as keys, each ended once, equal seeds with identical results. Returns how many failed.
 ///
 /// # Panics
 /// They do not hold.
-pub fn nothing_lost_and_nothing_doubled(server: &Server, accepted: &Accepted) {
+pub fn nothing_lost_and_nothing_doubled(server: &Server, accepted: &Accepted) -> usize {
     let mut hashes: BTreeMap<u64, Value> = BTreeMap::new();
     let (mut failed, mut reasons) = (0, BTreeMap::<String, usize>::new());
     for (key, (id, seed)) in accepted {
@@ -111,4 +111,5 @@ pub fn nothing_lost_and_nothing_doubled(server: &Server, accepted: &Accepted) {
     for (reason, times) in reasons {
         eprintln!("  {times} × {reason}");
     }
+    failed
 }

@@ -290,6 +290,15 @@ fn scenario_logs_of_this_machine_are_compared_and_diagnosed_there_as_here() {
         assert!(scratch.path("there").join(file).exists(), "{file}");
     }
 
+    // Several models at once.
+    let compare = [
+        "compare", log, "--model", &vehicle, &vehicle, "--label", "before", "--label", "after",
+    ];
+    let here = Call::new(&scratch, compare).run().expect_code(0);
+    let there = remote(&scratch, &server, compare).run().expect_code(0);
+    assert!(table(&here).concat().contains("after"), "{:?}", table(&here));
+    assert_eq!(table(&there), table(&here));
+
     let diagnose = ["diagnose", log, "--model", &vehicle];
     let here = Call::new(&scratch, diagnose).run().expect_code(0);
     let there = remote(&scratch, &server, diagnose).run().expect_code(0);
@@ -426,10 +435,6 @@ fn scenario_work_that_a_server_cannot_do_is_refused_in_one_sentence() {
     );
     let other = other.to_str().expect("UTF-8");
     for (arguments, words) in [
-        (
-            vec!["compare", log, "--model", &vehicle, &vehicle],
-            "one model at a time",
-        ),
         (vec!["compare", "missing.csv", "--model", &vehicle], "missing.csv"),
         (vec!["improve", log, "--model", &vehicle], "--yes"),
         (

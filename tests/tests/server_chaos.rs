@@ -29,6 +29,8 @@ const LOOK: Duration = Duration::from_millis(200);
 const SUBMITTED_EACH: Duration = Duration::from_secs(1);
 /// Concurrent clients that send half a request.
 const SLOW_CLIENTS: usize = 12;
+/// From this length on every kind of disturbance has come.
+const LONG: Duration = Duration::from_secs(300);
 /// Duration of a host's freeze.
 const FROZEN: Duration = Duration::from_secs(60);
 /// Duration of a network outage.
@@ -449,7 +451,7 @@ fn scenario_everything_at_once() {
     });
     let length = begun.elapsed();
     let drained = Instant::now();
-    nothing_lost_and_nothing_doubled(&bench.server, &accepted);
+    let failed = nothing_lost_and_nothing_doubled(&bench.server, &accepted);
     let worst = bench.recoveries.iter().max().copied();
     eprintln!(
         "seed {}, {:.0} s: {:?}, {} slow requests; {} jobs of lost hosts were queued or begun again, at worst after {worst:?}; the rest ended within {:.0} s",
@@ -460,6 +462,13 @@ fn scenario_everything_at_once() {
         bench.recoveries.len(),
         drained.elapsed().as_secs_f64(),
     );
+    // A run fails that was killed three times; far more would mean that disturbances take attempts which they need not.
+    assert!(10 * failed <= accepted.len(), "{failed} of {} failed", accepted.len());
+    if length >= LONG {
+        for kind in KINDS {
+            assert!(bench.done.contains_key(&kind), "{kind:?} never happened");
+        }
+    }
     if let Some((longest, kind)) = worst {
         // The figure is for an otherwise idle machine; a busy one may take longer.
         assert!(longest <= RECOVERY * 2, "{kind:?}: {longest:?}");

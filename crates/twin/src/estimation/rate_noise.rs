@@ -48,17 +48,20 @@ fn most_likely(problem: &Problem, mean: &[f64]) -> Vec<([RateNoise; 3], f64)> {
         .into_par_iter()
         .map(|log| {
             let rates = rates(problem, log, mean);
-            let mut gain = 0.0;
-            let noise = std::array::from_fn(|axis| {
-                let now = problem.logs[log].predictor.rate_noise(axis);
-                if rates[axis].is_empty() {
-                    return now;
-                }
-                let best = now.most_likely(&rates[axis]);
-                gain += best.log_likelihood(&rates[axis]).0 - now.log_likelihood(&rates[axis]).0;
-                best
-            });
-            (noise, gain)
+            let axes: Vec<(RateNoise, f64)> = rates
+                .par_iter()
+                .enumerate()
+                .map(|(axis, rates)| {
+                    let now = problem.logs[log].predictor.rate_noise(axis);
+                    if rates.is_empty() {
+                        return (now, 0.0);
+                    }
+                    let best = now.most_likely(rates);
+                    (best, best.log_likelihood(rates).0 - now.log_likelihood(rates).0)
+                })
+                .collect();
+            let gain = axes.iter().map(|(_, gain)| gain).sum();
+            ([0, 1, 2].map(|axis| axes[axis].0), gain)
         })
         .collect()
 }

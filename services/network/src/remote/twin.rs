@@ -27,20 +27,22 @@ fn body_of(version: &ModelVersion) -> Value {
     json!({ "version": version.to_toml() })
 }
 
-/// Compares a model with flights.
+/// Compares models with flights.
 pub(super) fn compare(server: &ServerArgs, args: &compare::Args) -> ExitCode {
-    let [model] = args.model.as_slice() else {
-        return output::bad_input("a server compares one model at a time: expected one --model, or no --server");
-    };
-    let found = match ModelStore::new(&args.models).find(model) {
-        Ok(found) => found,
-        Err(error) => return output::told(&error.into()),
-    };
+    let store = ModelStore::new(&args.models);
+    let mut models = Vec::with_capacity(args.model.len());
+    for (place, name) in args.model.iter().enumerate() {
+        let found = match store.find(name) {
+            Ok(found) => found,
+            Err(error) => return output::told(&error.into()),
+        };
+        let mut model = body_of(&found.version);
+        model["label"] = args.label.get(place).cloned().unwrap_or_else(|| found.label()).into();
+        models.push(model);
+    }
     with_server(server, async |remote| {
         let flights = flights::named(remote, &args.logs, args.json).await?;
-        let mut model = body_of(&found.version);
-        model["label"] = args.label.first().cloned().unwrap_or_else(|| found.label()).into();
-        let body = json!({ "model": model, "flights": flights });
+        let body = json!({ "model": models[0], "more_models": models[1..], "flights": flights });
         let done = task::perform(remote, "comparisons", "comparison", body, args.json).await?;
         done.print(remote, "comparison", args.json, args.out.as_deref()).await
     })
