@@ -7,6 +7,7 @@ use indicatif::ProgressBar;
 use rotortwin_blind::bench::cases::Preset;
 use rotortwin_blind::bench::faults::FaultBench;
 use rotortwin_blind::bench::faults_sheet;
+use rotortwin_blind::bench::merge;
 use rotortwin_blind::bench::run::Request;
 use rotortwin_blind::bench::sheet::{self, Sheet};
 use rotortwin_blind::command;
@@ -38,6 +39,18 @@ enum Sub {
     /// List what can be hidden: ids, parameters, typical sizes
     Effects {
         /// As JSON
+        #[arg(long)]
+        json: bool,
+    },
+    /// Merge parts of one bench (--cases) that were done elsewhere, and score it
+    Merge {
+        /// Folders with parts, in any order; a case may be in several
+        #[arg(required = true, value_name = "DIR")]
+        folders: Vec<PathBuf>,
+        /// Folder of the whole bench; it may hold some of the cases already
+        #[arg(long, value_name = "DIR", default_value = "runs/blind")]
+        out: PathBuf,
+        /// Print the score as JSON
         #[arg(long)]
         json: bool,
     },
@@ -80,7 +93,7 @@ pub struct BenchArgs {
     /// Another diagnosis: a command line with {log} and {vehicle} that prints an answer as JSON (docs/blind-bench.md)
     #[arg(long, value_name = "COMMAND")]
     diagnosis: Option<String>,
-    /// Do only these cases, counted over all presets, without scoring them; they are merged elsewhere
+    /// Do only these cases, counted over all presets, without scoring them; 'rotortwin blind merge' does that
     #[arg(long, value_name = "FIRST..END", value_parser = output::range)]
     cases: Option<Range<u64>>,
     /// Print the score as JSON
@@ -139,6 +152,7 @@ pub fn run(args: &Args) -> ExitCode {
     let result = match &args.command {
         Some(Sub::Generate(generate)) => return self::generate(generate),
         Some(Sub::Effects { json }) => return command::run(&command::Command::Effects { json: *json }),
+        Some(Sub::Merge { folders, out, json }) => merge(folders, out, *json),
         None => bench(&args.bench),
     };
     match result {
@@ -236,6 +250,23 @@ fn bench(args: &BenchArgs) -> anyhow::Result<()> {
         )),
         Benched::Whole(sheet) if args.json => println!("{:#}", serde_json::to_value(&sheet)?),
         Benched::Whole(sheet) => print_text(&sheet, &args.out),
+    }
+    Ok(())
+}
+
+fn merge(folders: &[PathBuf], out: &Path, json: bool) -> anyhow::Result<()> {
+    let merged = merge::merge(folders, out)?;
+    match merged.sheet {
+        Some(sheet) if json => println!("{:#}", serde_json::to_value(&sheet)?),
+        Some(sheet) => print_text(&sheet, out),
+        None => {
+            return Err(anyhow::anyhow!(
+                "{} of {} cases are missing: {}; do them with --cases and merge again",
+                merged.missing.len(),
+                merged.cases,
+                output::ranges(&merged.missing)
+            ));
+        }
     }
     Ok(())
 }

@@ -305,17 +305,8 @@ fn merge(args: &MergeArgs, store: Option<&dyn Store>) -> ExitCode {
         "{} of {} shards are missing: {}; fly them with --shards and merge again",
         missing.len(),
         folder.shard_count(),
-        ranges(&missing)
+        output::ranges(&missing)
     ))
-}
-
-/// Ascending numbers as ranges for `--shards`.
-fn ranges(numbers: &[u64]) -> String {
-    let apart: Vec<String> = numbers
-        .chunk_by(|a, b| a + 1 == *b)
-        .filter_map(|run| Some(format!("{}..{}", run.first()?, run.last()? + 1)))
-        .collect();
-    apart.join(", ")
 }
 
 fn fly_all(args: &FlightArgs, campaign: &Campaign) -> ExitCode {

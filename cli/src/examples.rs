@@ -133,6 +133,8 @@ Examples:
 pub(crate) const BLIND: &str = "\
 Examples:
   rotortwin blind --preset singles,pairs --count 200 --seed 7
+  rotortwin blind --preset singles --cases 0..60 --out part-0
+  rotortwin blind merge part-0 part-1 --out whole
   rotortwin blind generate --effect rotor-drag --out flight.parquet";
 
 pub(crate) const BOARD: &str = "\
@@ -320,6 +322,7 @@ const BELOW: [(&str, &[&str]); 64] = [
         ],
     ),
     ("blind effects", &["rotortwin blind effects"]),
+    ("blind merge", &["rotortwin blind merge part-0 part-1 --out whole"]),
     ("board list", &["rotortwin board list"]),
     ("board info", &["rotortwin board info serial:/dev/ttyACM0"]),
     (

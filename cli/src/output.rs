@@ -41,6 +41,15 @@ pub fn range(text: &str) -> Result<Range<u64>, String> {
     if range.is_empty() { Err(refuse()) } else { Ok(range) }
 }
 
+/// Ascending numbers as ranges that [`range`] reads.
+pub(crate) fn ranges(numbers: &[u64]) -> String {
+    let apart: Vec<String> = numbers
+        .chunk_by(|a, b| a + 1 == *b)
+        .filter_map(|run| Some(format!("{}..{}", run.first()?, run.last()? + 1)))
+        .collect();
+    apart.join(", ")
+}
+
 /// Exit code for the end of a run.
 pub fn exit_code(summary: &Summary) -> ExitCode {
     match summary.status {

@@ -243,7 +243,7 @@ fn steps() -> String {
 const SHOWN: [&str; 6] = ["effects show", "blind effects", "fly", "show", "log show", "fdi-log"];
 
 /// Commands that are not tried at a width, and why.
-const NOT_TRIED: [(&str, &str); 25] = [
+const NOT_TRIED: [(&str, &str); 26] = [
     ("judge", "tests/own_detector.rs"),
     ("features", "tests/own_detector.rs"),
     ("check", "prints a document"),
@@ -251,6 +251,7 @@ const NOT_TRIED: [(&str, &str); 25] = [
     ("man", "prints a page that man lays out"),
     ("job", "prints JSON"),
     ("blind generate", "prints nothing"),
+    ("blind merge", "prints the score of `blind`"),
     ("query", "needs DuckDB; tests/query.rs"),
     ("spin-test", "needs an autopilot"),
     ("board measure", "needs a board or QEMU"),

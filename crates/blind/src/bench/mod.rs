@@ -14,6 +14,7 @@ pub mod answer;
 pub mod cases;
 pub mod faults;
 pub mod faults_sheet;
+pub mod merge;
 pub mod product;
 pub mod report;
 pub mod run;

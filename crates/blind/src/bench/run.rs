@@ -25,6 +25,8 @@ use std::time::{Duration, Instant};
 const TIME_LIMIT: Duration = Duration::from_secs(120);
 /// Most flights of one case, if they are lost.
 const FLIGHTS: u64 = 8;
+/// Folders of a bench; the rows last, as what a case leaves last.
+pub(super) const PARTS: [&str; 4] = ["logs", "truth", "answers", "rows"];
 /// What the generator says of a lost flight.
 const LOST: &str = "the flight was lost";
 
@@ -75,6 +77,20 @@ impl Request {
             );
         }
         Ok(())
+    }
+
+    /// The request that a bench in this folder was created with.
+    ///
+    /// # Errors
+    /// There is none.
+    pub fn of_folder(folder: &Path) -> Result<Self> {
+        let path = folder.join("bench.json");
+        let text = std::fs::read_to_string(&path).map_err(|source| BlindError::file("reading", &path, source))?;
+        Self::parse(&path, &text)
+    }
+
+    fn parse(path: &Path, text: &str) -> Result<Self> {
+        serde_json::from_str(text).map_err(|error| BlindError::input(path.display().to_string(), error.to_string()))
     }
 
     /// How many cases [`cases`](Self::cases) draws; the largest number if that is beyond all bounds.
@@ -200,7 +216,7 @@ pub struct Bench {
     pub keep_logs: bool,
 }
 
-fn write_json<T: Serialize>(path: &Path, value: &T) -> Result<()> {
+pub(super) fn write_json<T: Serialize>(path: &Path, value: &T) -> Result<()> {
     let text = serde_json::to_string_pretty(value)
         .map_err(|error| BlindError::input(path.display().to_string(), error.to_string()))?;
     // Written aside and renamed, so that a stopped bench leaves no half row.
@@ -213,16 +229,14 @@ fn write_json<T: Serialize>(path: &Path, value: &T) -> Result<()> {
 impl Bench {
     /// Makes the folder, or checks that the one there belongs to the same request.
     pub fn open(&self) -> Result<()> {
-        for part in ["logs", "truth", "answers", "rows"] {
+        for part in PARTS {
             let path = self.folder.join(part);
             std::fs::create_dir_all(&path).map_err(|source| BlindError::file("creating", path, source))?;
         }
         let path = self.folder.join("bench.json");
         match std::fs::read_to_string(&path) {
             Ok(text) => {
-                let there: Request = serde_json::from_str(&text)
-                    .map_err(|error| BlindError::input(path.display().to_string(), error.to_string()))?;
-                if there == self.request {
+                if Request::parse(&path, &text)? == self.request {
                     return Ok(());
                 }
                 let reason = "expected the request that the folder was created with (presets, n, seed, vehicles, \
