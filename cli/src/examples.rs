@@ -202,7 +202,7 @@ Examples:
   rotortwin man --out ~/.local/share/man/man1";
 
 /// Examples of commands that are not declared in this crate's list of commands, or share a declaration.
-const BELOW: [(&str, &[&str]); 64] = [
+const BELOW: [(&str, &[&str]); 65] = [
     (
         "log import",
         &[
