@@ -1552,7 +1552,7 @@ def killed(browser: Browser) -> None:
         network.send("Network.emulateNetworkConditions", {**limits, "uploadThroughput": -1})
         process, SERVER = serve(data, urllib.parse.urlsplit(SERVER).netloc)
         sending.wait_for_url(re.compile("log="))
-        assert [log["name"] for log in api("/logs")["items"]].count("late") == 1
+        assert [log["name"] for log in api("/logs")["items"]].count("late.csv") == 1
         for watch in watches:
             watch.check()
     finally:
