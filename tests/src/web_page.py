@@ -717,7 +717,8 @@ def cancel(browser: Browser) -> dict[str, float]:
         page.get_by_role("button", name="Cancel").click()
     page.locator("h1 + .tag", has_text="canceled").wait_for()
     told("a live flight", answer.value)
-    run = api("/runs", {"scenario": "short-hover"})["id"]
+    # Long enough to be met while it is flown again.
+    run = api("/runs", {"scenario": "short-hover", "link": "in-process", "set": ["duration_s=300.0"]})["id"]
     assert wait_for(f"/runs/{run}")["status"] == "done"
     page.goto(f"{SERVER}/runs/{run}")
     page.get_by_role("button", name="Verify", exact=True).click()
