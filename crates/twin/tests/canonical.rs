@@ -234,7 +234,7 @@ fn val_a_mapping_that_does_not_fit_a_canonical_file_is_refused() {
     };
     let refused = FlightLog::read_with(&folder.write("flight.csv", text), &options).expect_err("another source");
     assert!(
-        refused.to_string().contains("source = \"canonical\" was expected"),
+        refused.to_string().contains("expected source = \"canonical\""),
         "{refused}"
     );
 }
