@@ -174,7 +174,10 @@ Examples:
 
 pub(crate) const TRAIN: &str = "\
 Examples:
-  rotortwin train --out my-classifier.json --seeds 1";
+  rotortwin train --out my-classifier.json --seeds 1
+  rotortwin train --networks 0..11 --out part-0        # on one machine
+  rotortwin train --networks 11..21 --out part-1       # on another
+  rotortwin train merge part-0 part-1 --out my-classifier.json";
 
 pub(crate) const JOB: &str = "\
 Examples:
@@ -202,7 +205,7 @@ Examples:
   rotortwin man --out ~/.local/share/man/man1";
 
 /// Examples of commands that are not declared in this crate's list of commands, or share a declaration.
-const BELOW: [(&str, &[&str]); 65] = [
+const BELOW: [(&str, &[&str]); 66] = [
     (
         "log import",
         &[
@@ -323,6 +326,10 @@ const BELOW: [(&str, &[&str]); 65] = [
     ),
     ("blind effects", &["rotortwin blind effects"]),
     ("blind merge", &["rotortwin blind merge part-0 part-1 --out whole"]),
+    (
+        "train merge",
+        &["rotortwin train merge part-0 part-1 --out my-classifier.json"],
+    ),
     ("board list", &["rotortwin board list"]),
     ("board info", &["rotortwin board info serial:/dev/ttyACM0"]),
     (

@@ -67,6 +67,7 @@ pub mod reproduce;
 pub mod show;
 mod spin_test;
 pub mod terminal;
+pub mod train;
 mod trial;
 mod vehicle;
 mod vibration;
@@ -214,7 +215,7 @@ pub enum Command {
     Man(manual::ManArgs),
     /// Train a classifier and write its file
     #[command(after_help = examples::TRAIN)]
-    Train(reproduce::TrainArgs),
+    Train(Box<train::Args>),
     /// One process of a run, started by hand: the plant
     #[command(
         override_usage = "rotortwin sim [OPTIONS] --out <DIR> --link <LINK> --run-id <HEX>\n                     <SCENARIO>"
@@ -300,7 +301,7 @@ fn run_command(perform: Option<network::Perform>) -> ExitCode {
         Command::Config => configuration::config(),
         Command::Completions(args) => manual::completions(&args),
         Command::Man(args) => manual::man(&args),
-        Command::Train(args) => reproduce::train(&args),
+        Command::Train(args) => train::run(&args),
         Command::Sim(args) => rotortwin_sim::process::run(args),
         Command::Controller(args) => rotortwin_controller::run(args),
         Command::Fdi(args) => rotortwin_fdi::run(args),

@@ -1,4 +1,4 @@
-//! `rotortwin reproduce` and `rotortwin train`: the paper's tables and figures, and the classifiers behind them.
+//! `rotortwin reproduce`: the paper's tables and figures.
 
 use crate::output;
 use clap::{Parser, ValueEnum};
@@ -15,7 +15,7 @@ use rotortwin_campaign::paper::reproduction::{self, Item, Method, Options, Repro
 use rotortwin_campaign::parallel::available_threads;
 use rotortwin_campaign::result_table::ResultTable;
 use rotortwin_flight::pace::Pace;
-use rotortwin_jobs::training::{Hyperparameters, Rule};
+use rotortwin_jobs::training::Hyperparameters;
 use rotortwin_runner::destination;
 use rotortwin_runner::failure::Failure;
 use rotortwin_runner::training::{self, BASE_SCENARIO, save_classifier};
@@ -33,22 +33,22 @@ use std::time::Instant;
 
 /// Options that `reproduce` and `train` share.
 #[derive(Debug, Parser)]
-struct Common {
+pub(crate) struct Common {
     /// Scenario that gives vehicle, controller, sensors and detector settings
     #[arg(long, value_name = "SCENARIO", default_value = BASE_SCENARIO, value_parser = crate::named::scenario())]
-    scenario: PathBuf,
+    pub(crate) scenario: PathBuf,
     /// Number of data sets (one per seed)
     #[arg(long, value_name = "COUNT", default_value_t = 5, value_parser = clap::value_parser!(u16).range(1..=1000))]
-    seeds: u16,
+    pub(crate) seeds: u16,
     /// First seed; the others follow
     #[arg(long, value_name = "SEED", default_value_t = 1, value_parser = clap::value_parser!(u64).range(..1 << 53))]
-    first_seed: u64,
+    pub(crate) first_seed: u64,
     /// Threads [default: as many as this process may use]
     #[arg(long = "jobs", alias = "threads", value_name = "COUNT")]
-    threads: Option<NonZeroUsize>,
+    pub(crate) threads: Option<NonZeroUsize>,
     /// Print the result as JSON, nothing else
     #[arg(long)]
-    json: bool,
+    pub(crate) json: bool,
 }
 
 /// Arguments of `rotortwin reproduce`.
@@ -71,122 +71,6 @@ pub struct Args {
     save_classifier: Option<PathBuf>,
     #[command(flatten)]
     common: Common,
-}
-
-/// Arguments of `rotortwin train`.
-#[derive(Debug, Parser)]
-pub struct TrainArgs {
-    /// Classifier file to write
-    #[arg(long, value_name = "FILE")]
-    out: PathBuf,
-    /// What the network reads and how it is trained
-    #[arg(long, value_enum, default_value_t = MethodArg::Paper)]
-    method: MethodArg,
-    #[command(flatten)]
-    common: Common,
-    /// How often every window is seen [default: 5; improved: 30]
-    #[arg(long, value_name = "COUNT", value_parser = clap::value_parser!(u32).range(1..=10_000), help_heading = "Training")]
-    epochs: Option<u32>,
-    /// Hidden neurons, at most three a rotor [default: three a rotor]
-    #[arg(long, value_name = "COUNT", value_parser = clap::value_parser!(u32).range(1..=48), help_heading = "Training")]
-    hidden: Option<u32>,
-    /// Update rule of the weights [default: sgdm; improved: adam]
-    #[arg(long, value_enum, value_name = "RULE", help_heading = "Training")]
-    optimiser: Option<RuleArg>,
-    /// Learning rate, above 0; with adam the initial one [default: 0.001; improved: 0.003]
-    #[arg(long, value_name = "RATE", help_heading = "Training")]
-    learning_rate: Option<f64>,
-    /// Momentum of sgdm, from 0 to below 1 [default: 0.9]
-    #[arg(long, value_name = "SHARE", help_heading = "Training")]
-    momentum: Option<f64>,
-    /// Weight decay, 0 to 1 [default: 0.0001; improved: 0]
-    #[arg(long, value_name = "FACTOR", help_heading = "Training")]
-    l2: Option<f64>,
-    /// Windows of a mini-batch [default: 32]
-    #[arg(long, value_name = "COUNT", value_parser = clap::value_parser!(u32).range(1..=10_000), help_heading = "Training")]
-    batch: Option<u32>,
-    /// Seed of split, initial weights and order of the windows [default: that of the data set]
-    #[arg(long, value_name = "SEED", value_parser = clap::value_parser!(u64).range(..1 << 53), help_heading = "Training")]
-    seed: Option<u64>,
-}
-
-/// Update rule on the command line.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-enum RuleArg {
-    /// Stochastic gradient descent with momentum
-    Sgdm,
-    /// Adam; its learning rate falls to 0 as a half cosine
-    Adam,
-}
-
-/// A training request to a server.
-pub struct TrainRequest<'a> {
-    /// Classifier file to write here.
-    pub out: &'a Path,
-    /// `paper` or `improved`.
-    pub method: &'static str,
-    /// The server must have the same scenario.
-    pub scenario: &'a Path,
-    /// Data sets.
-    pub seeds: u16,
-    /// First seed.
-    pub first_seed: u64,
-    /// What is trained otherwise than the method says.
-    pub hyperparameters: Hyperparameters,
-    /// Print JSON.
-    pub json: bool,
-}
-
-impl TrainArgs {
-    fn job(&self) -> rotortwin_jobs::Training {
-        rotortwin_jobs::Training {
-            method: self.method.asked(),
-            scenario: self.common.scenario.clone(),
-            seeds: u32::from(self.common.seeds),
-            first_seed: self.common.first_seed,
-            out: self.out.clone(),
-            threads: self.common.threads,
-            hyperparameters: self.hyperparameters(),
-        }
-    }
-
-    fn hyperparameters(&self) -> Hyperparameters {
-        Hyperparameters {
-            epochs: self.epochs,
-            hidden: self.hidden,
-            optimiser: self.optimiser.map(|rule| match rule {
-                RuleArg::Sgdm => Rule::Sgdm,
-                RuleArg::Adam => Rule::Adam,
-            }),
-            learning_rate: self.learning_rate,
-            momentum: self.momentum,
-            l2: self.l2,
-            batch: self.batch,
-            seed: self.seed,
-        }
-    }
-
-    /// The corresponding request to a server.
-    ///
-    /// # Errors
-    /// An option that a server does not support.
-    pub fn request(&self) -> Result<TrainRequest<'_>, String> {
-        if self.common.threads.is_some() {
-            return Err("--jobs applies to training on this machine only; leave it out with --server".to_owned());
-        }
-        Ok(TrainRequest {
-            out: &self.out,
-            method: match self.method {
-                MethodArg::Paper => "paper",
-                MethodArg::Improved => "improved",
-            },
-            scenario: &self.common.scenario,
-            seeds: self.common.seeds,
-            first_seed: self.common.first_seed,
-            hyperparameters: self.hyperparameters(),
-            json: self.common.json,
-        })
-    }
 }
 
 /// A table of the paper, or the one beyond it.
@@ -267,24 +151,6 @@ impl TableArg {
     }
 }
 
-/// A network that can be a classifier file.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-enum MethodArg {
-    /// §5.2 and Table 5; for scenarios with nominal_thrust = "static"
-    Paper,
-    /// Rotor lag in the residuals, self-calibrated, Adam; for scenarios with nominal_thrust = "lagged"
-    Improved,
-}
-
-impl MethodArg {
-    fn asked(self) -> rotortwin_jobs::training::Method {
-        match self {
-            Self::Paper => rotortwin_jobs::training::Method::Paper,
-            Self::Improved => rotortwin_jobs::training::Method::Improved,
-        }
-    }
-}
-
 impl Common {
     fn options(&self) -> Options {
         Options {
@@ -308,7 +174,8 @@ impl Common {
         training::data_set(u32::from(self.seeds), self.first_seed, &self.scenario)
     }
 
-    fn progress(&self, jobs: u64) -> ProgressBar {
+    /// A bar over flights and networks; none with --json.
+    pub(crate) fn progress(&self, jobs: u64) -> ProgressBar {
         let target = if self.json {
             ProgressDrawTarget::hidden()
         } else {
@@ -704,7 +571,7 @@ fn fly_reference(
     let held_out = Course::ALL.into_iter().find(|course| course.trajectory() == *flown);
     let own: Option<Fold> = match held_out {
         Some(_) => None,
-        None => classifiers::train_on_all(result, method, seed),
+        None => classifiers::train(result, method, seed, None),
     };
     let first = result.seeds.first().ok_or("there is no seed")?;
     let fold = match (held_out, &own) {
@@ -713,7 +580,8 @@ fn fly_reference(
         (None, None) => return Err("no flights were kept to train on".to_owned()),
     };
     let command = command_line(args);
-    let classifier = classifiers::classifier_file(base, result, method, seed, fold, &command)
+    let tested = classifiers::cross_validation(result, method);
+    let classifier = classifiers::classifier_file(base, result, method, seed, fold, &command, tested)
         .ok_or("no flights were kept to train on")?;
     let scenario = classifiers::with_classifier(base, classifier, "(trained by rotortwin reproduce)")
         .map_err(|error| error.to_string())?;
@@ -735,60 +603,6 @@ fn fly_reference(
         (_, Some(failure)) => Err(failure.sentence),
         (_, None) => Err("the reference flight was not finished".to_owned()),
     }
-}
-
-/// Trains a classifier and writes its file; exit code as for [`run`].
-pub fn train(args: &TrainArgs) -> ExitCode {
-    rotortwin_process::start_logging();
-    let job = args.job();
-    let prepared = match training::prepare(&job) {
-        Ok(prepared) => prepared,
-        Err(failure) => return output::told(&failure),
-    };
-    let bar = args.common.progress(prepared.parts());
-    let trained = prepared.train(&|| bar.inc(1));
-    bar.finish_and_clear();
-    match trained {
-        Ok(classifier) => {
-            print_trained(&classifier, &args.out, args.common.json);
-            ExitCode::SUCCESS
-        }
-        Err(failure) => output::told(&failure),
-    }
-}
-
-/// Prints a summary of the trained classifier.
-pub fn print_trained(classifier: &Classifier, out: &Path, json: bool) {
-    let provenance = &classifier.provenance;
-    let cross_validation = &provenance.cross_validation;
-    if json {
-        println!("{:#}", training::json(classifier, out));
-        return;
-    }
-    println!("{}", out.display());
-    println!(
-        "{}: {} rotors, nominal_thrust = \"{}\"{}",
-        classifier.name,
-        classifier.inputs.rotor_count,
-        classifier.inputs.nominal_thrust.as_str(),
-        if classifier.inputs.self_calibrated {
-            ", self-calibrated"
-        } else {
-            ""
-        }
-    );
-    println!(
-        "{}",
-        output::fitted(&format!(
-            "trained on {:.2} %, held back {:.2} % right; trajectories not seen: {:.2} % (std {:.2} over folds; 95 % interval ± {:.2} over {} seeds)",
-            100.0 * provenance.training_accuracy,
-            100.0 * provenance.validation_accuracy,
-            100.0 * cross_validation.test_mean,
-            100.0 * cross_validation.test_deviation_over_folds,
-            100.0 * cross_validation.test_interval_over_seeds,
-            cross_validation.seeds.len()
-        ))
-    );
 }
 
 fn print_json(result: &Reproduction, tables: &[ResultTable], files: &[PathBuf], start: Instant) {

@@ -102,6 +102,62 @@ fn val_containers_call_what_the_program_has() {
     assert!(count >= 15, "only {count} calls were found");
 }
 
+/// What a shell of a job of `deploy/kubernetes-campaign` executes, with `folder` in place of its volume.
+fn shell_of_job(file: &str, folder: &std::path::Path) -> String {
+    let path = repository().join("deploy/kubernetes-campaign").join(file);
+    let text = std::fs::read_to_string(path).expect("it is text");
+    let (_, args) = text.split_once("args:").expect("a container has arguments");
+    let (args, _) = args.split_once("env:").expect("and then its environment");
+    let script = args.trim().trim_start_matches("- |").trim_start_matches("['").trim_end_matches("']");
+    script.replace("/campaign/", &format!("{}/", folder.display()))
+}
+
+#[test]
+fn scenario_pods_of_an_indexed_job_and_their_merge_give_the_campaign_of_one_machine() {
+    let scratch = Scratch::new();
+    scratch.write("hover.toml", rotortwin_tests::scratch::short_flight());
+    // Two shards and a third that is not full; the last pod has less to do than the others.
+    let campaign = scratch.write(
+        "c.toml",
+        "name = 'c'\ndescription = 'in pods'\nscenario = 'hover.toml'\nseed = 5\nflights = 72\n[set]\nduration_s = 4.0\n\
+         [[axis]]\nname = 'loss'\nkey = 'fault[0].thrust_loss_percent'\nlog_uniform = [2.0, 30.0]\n",
+    );
+    std::fs::create_dir_all(scratch.path("bin")).expect("a folder");
+    std::os::unix::fs::symlink(rotortwin_tests::program::program(), scratch.path("bin/rotortwin")).expect("a link");
+    let path = format!(
+        "{}:{}",
+        scratch.path("bin").display(),
+        std::env::var("PATH").unwrap_or_default()
+    );
+    let volume = scratch.path("volume");
+    let shell = |file: &str, index: &str| {
+        let output = std::process::Command::new("sh")
+            .args(["-euc", &shell_of_job(file, &volume)])
+            .env("PATH", &path)
+            .env("CAMPAIGN", &campaign)
+            .env("PER_POD", "2")
+            .env("JOB_COMPLETION_INDEX", index)
+            .current_dir(scratch.path(""))
+            .output()
+            .expect("the shell runs");
+        let said = String::from_utf8_lossy(&output.stderr);
+        assert!(output.status.success(), "{file}, pod {index}: {said}");
+    };
+    shell("flights.yaml", "1");
+    shell("flights.yaml", "0");
+    // A pod that is made again after its last shard.
+    shell("flights.yaml", "1");
+    shell("merge.yaml", "");
+    let whole = scratch.path("one-machine");
+    Call::new(&scratch, ["campaign".into(), campaign.clone().into_os_string()])
+        .arg("--out")
+        .arg(&whole)
+        .run()
+        .expect_code(0);
+    let read = |folder: &std::path::Path| std::fs::read(folder.join("campaign.parquet")).expect("it was written");
+    assert_eq!(read(&volume.join("whole")), read(&whole));
+}
+
 #[test]
 fn val_containers_have_no_rights_to_spare() {
     let count = |text: &str, words: &str| text.matches(words).count();

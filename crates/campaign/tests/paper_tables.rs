@@ -174,10 +174,17 @@ fn regress_shipped_classifiers_are_what_training_writes() {
             ..options(&[], &[provenance.seed], 2)
         };
         let result = reproduction::run(&base, &wanted, &|| ()).expect("flown");
-        let fold = classifiers::train_on_all(&result, method, provenance.seed).expect("flights were kept");
-        let mut made =
-            classifiers::classifier_file(&base, &result, method, provenance.seed, &fold, &provenance.command)
-                .expect("a network on residuals");
+        let fold = classifiers::train(&result, method, provenance.seed, None).expect("flights were kept");
+        let mut made = classifiers::classifier_file(
+            &base,
+            &result,
+            method,
+            provenance.seed,
+            &fold,
+            &provenance.command,
+            classifiers::cross_validation(&result, method),
+        )
+        .expect("a network on residuals");
         let column = made.provenance.cross_validation.folds.clone();
         for (made, shipped) in column.iter().zip(&provenance.cross_validation.folds) {
             assert_eq!((&made.held_out, made.test[0]), (&shipped.held_out, shipped.test[0]));

@@ -1,4 +1,8 @@
-//! Training of classifiers.
+//! Training of classifiers, on this machine or in parts on several.
+
+mod networks;
+
+pub use networks::{Merged, PreparedNetworks, merge, prepare_networks};
 
 use crate::destination;
 use crate::failure::Failure;
@@ -30,7 +34,6 @@ pub struct Prepared<'a> {
 /// # Errors
 /// The scenario cannot be used, or the file cannot be written.
 pub fn prepare(job: &Job) -> Result<Prepared<'_>, Failure> {
-    let base = Scenario::load_without_classifier(&job.scenario).map_err(Failure::input)?;
     let parent = job.out.parent().filter(|parent| !parent.as_os_str().is_empty());
     if let Some(parent) = parent
         && !parent.is_dir()
@@ -38,6 +41,12 @@ pub fn prepare(job: &Job) -> Result<Prepared<'_>, Failure> {
         return Err(Failure::input(format!("--out: folder {} not found", parent.display())));
     }
     destination::writable_file(&job.out).map_err(Failure::Input)?;
+    settle(job)
+}
+
+/// What is to be trained, wherever the result goes.
+fn settle(job: &Job) -> Result<Prepared<'_>, Failure> {
+    let base = Scenario::load_without_classifier(&job.scenario).map_err(Failure::input)?;
     let options = Options {
         items: BTreeSet::new(),
         methods: BTreeSet::new(),
@@ -144,8 +153,9 @@ pub fn save_classifier(
     command: &str,
     path: &Path,
 ) -> Result<Classifier, String> {
-    let classifier = classifiers::train_on_all(result, method, seed)
-        .and_then(|fold| classifiers::classifier_file(base, result, method, seed, &fold, command))
+    let tested = classifiers::cross_validation(result, method);
+    let classifier = classifiers::train(result, method, seed, None)
+        .and_then(|fold| classifiers::classifier_file(base, result, method, seed, &fold, command, tested))
         .ok_or("no flights were kept to train on")?;
     std::fs::write(path, classifier.to_json())
         .map_err(|error| format!("{}: cannot write the file: {error}", path.display()))?;

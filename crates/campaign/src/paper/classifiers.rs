@@ -6,25 +6,26 @@
 use crate::learning::training::TrainingConfig;
 use crate::paper::cross_validation::{Fold, TRAINING_SHARE, fold};
 use crate::paper::protocol::Course;
-use crate::paper::reproduction::{Method, Options, Reproduction};
+use crate::paper::reproduction::{Method, Options, Reproduction, SeedResult};
 use crate::paper::scores::{deviation, interval_95, mean};
 use rotortwin_scenario::classifier::{
     Classifier, ClassifierInputs, CrossValidationRecord, FORMAT_VERSION, FoldRecord, Normalisation, Provenance, Weights,
 };
 use rotortwin_scenario::{ConfigError, Scenario};
 
-/// Trains on all trajectories, with the split and settings of the cross-validation, for `seed` of `reproduction`.
-pub fn train_on_all(reproduction: &Reproduction, method: Method, seed: u64) -> Option<Fold> {
+/// Trains on all trajectories but `held_out`, with the split and settings of the cross-validation, for `seed` of `reproduction`. `None`:
+/// its flights were not kept.
+pub fn train(reproduction: &Reproduction, method: Method, seed: u64, held_out: Option<Course>) -> Option<Fold> {
     let result = reproduction.seeds.iter().find(|result| result.seed == seed)?;
     let samples = method.samples(result.data.as_ref()?);
     let config = method.training(reproduction.rotor_count, &reproduction.options);
     let seed = reproduction.options.overrides.seed.unwrap_or(seed);
-    Some(fold(&samples, &config, reproduction.rotor_count, None, seed))
+    Some(fold(&samples, &config, reproduction.rotor_count, held_out, seed))
 }
 
-/// The classifier file of a network trained with `method`; its cross-validation covers all seeds of `reproduction`.
+/// The classifier file of a network trained with `method`.
 ///
-/// * `seed`: that of the weights   * `command`: reproduces the file
+/// * `seed`: that of the weights   * `command`: reproduces the file   * `cross_validation`: [`cross_validation`]
 pub fn classifier_file(
     base: &Scenario,
     reproduction: &Reproduction,
@@ -32,6 +33,7 @@ pub fn classifier_file(
     seed: u64,
     fold: &Fold,
     command: &str,
+    cross_validation: CrossValidationRecord,
 ) -> Option<Classifier> {
     let result = reproduction.seeds.iter().find(|result| result.seed == seed)?;
     let data = result.data.as_ref()?;
@@ -86,7 +88,7 @@ pub fn classifier_file(
             seed,
             training_accuracy: fold.training,
             validation_accuracy: fold.validation,
-            cross_validation: cross_validation(reproduction, method),
+            cross_validation,
         },
     })
 }
@@ -106,16 +108,21 @@ fn training_words(config: &TrainingConfig, neurons: usize) -> String {
     )
 }
 
-fn cross_validation(reproduction: &Reproduction, method: Method) -> CrossValidationRecord {
-    let tests: Vec<Vec<f64>> = reproduction
-        .seeds
-        .iter()
-        .map(|seed| seed.networks[&method].iter().map(|fold| fold.test.accuracy()).collect())
-        .collect();
+/// Accuracy on the trajectories held out, over all seeds of `reproduction`.
+pub fn cross_validation(reproduction: &Reproduction, method: Method) -> CrossValidationRecord {
+    let tests = |seed: &SeedResult| seed.networks[&method].iter().map(|fold| fold.test.accuracy()).collect();
+    cross_validation_of(
+        reproduction.seeds.iter().map(|seed| seed.seed).collect(),
+        &reproduction.seeds.iter().map(tests).collect::<Vec<_>>(),
+    )
+}
+
+/// * `tests`: accuracy on the held-out trajectory, seed by seed, each in the order of [`Course::ALL`]
+pub fn cross_validation_of(seeds: Vec<u64>, tests: &[Vec<f64>]) -> CrossValidationRecord {
     let means: Vec<f64> = tests.iter().map(|folds| mean(folds)).collect();
     let deviations: Vec<f64> = tests.iter().map(|folds| deviation(folds)).collect();
     CrossValidationRecord {
-        seeds: reproduction.seeds.iter().map(|seed| seed.seed).collect(),
+        seeds,
         test_mean: mean(&means),
         test_deviation_over_folds: mean(&deviations),
         test_interval_over_seeds: interval_95(&means).unwrap_or(0.0),

@@ -3,7 +3,7 @@
 use super::http::{Ask, Remote};
 use super::{RemoteError, fetch, task, with_server};
 use rotortwin_cli::network::remote::ServerArgs;
-use rotortwin_cli::reproduce::{self, TrainArgs};
+use rotortwin_cli::train;
 use rotortwin_cli::{output, show};
 use rotortwin_scenario::{Classifier, Documents, Scenario};
 use serde_json::{Value, json};
@@ -53,8 +53,11 @@ pub(super) fn check(server: &ServerArgs, args: &show::CheckArgs) -> ExitCode {
 }
 
 /// Trains a classifier on flights of a scenario of the server, and downloads its file.
-pub(super) fn train(server: &ServerArgs, args: &TrainArgs) -> ExitCode {
+pub(super) fn train(server: &ServerArgs, args: &train::Args) -> ExitCode {
     rotortwin_process::start_logging();
+    let Some(args) = args.training() else {
+        return output::bad_input("merge combines folders on this machine; leave out --server");
+    };
     let request = match args.request() {
         Ok(request) => request,
         Err(sentence) => return output::bad_input(sentence),
@@ -72,7 +75,7 @@ pub(super) fn train(server: &ServerArgs, args: &TrainArgs) -> ExitCode {
         fetch::file(remote, &format!("{}/artifacts/{CLASSIFIER}", done.path), request.out).await?;
         let classifier =
             Classifier::read(request.out).map_err(|error| RemoteError::Failed(format!("the server's {error}")))?;
-        reproduce::print_trained(&classifier, request.out, request.json);
+        train::print_trained(&classifier, request.out, request.json);
         Ok(ExitCode::SUCCESS)
     })
 }

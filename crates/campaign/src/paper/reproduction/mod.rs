@@ -394,7 +394,35 @@ pub fn run(base: &Scenario, options: &Options, done: &(dyn Fn() + Sync)) -> Resu
         .iter()
         .map(|seed| run_seed(base, options, *seed, done))
         .collect::<Result<_, String>>()?;
-    Ok(Reproduction {
+    Ok(of_seeds(base, options, seeds))
+}
+
+/// The flights of the networks for one seed, on which nothing is trained yet ([`classifiers::train`](crate::paper::classifiers::train)).
+/// `done` is called after each flight. The error is a message.
+pub fn fly_only(
+    base: &Scenario,
+    options: &Options,
+    seed: u64,
+    done: &(dyn Fn() + Sync),
+) -> Result<Reproduction, String> {
+    let collect = standard_windows(&options.all_methods());
+    let data = DataSet::fly(base, Conduct::STANDARD, seed, &collect, options.threads, done)?;
+    let result = SeedResult {
+        seed,
+        networks: BTreeMap::new(),
+        t_tests: BTreeMap::new(),
+        data_hash: Method::Paper.samples(&data).samples.content_hash(),
+        flights: data.flights.len(),
+        steps: data.steps(),
+        generation: data.wall,
+        wall: data.wall,
+        data: Some(data),
+    };
+    Ok(of_seeds(base, options, vec![result]))
+}
+
+fn of_seeds(base: &Scenario, options: &Options, seeds: Vec<SeedResult>) -> Reproduction {
+    Reproduction {
         options: options.clone(),
         rotor_count: base.fdi_config().geometry.rotor_count(),
         scenario: base.name().to_owned(),
@@ -402,7 +430,7 @@ pub fn run(base: &Scenario, options: &Options, done: &(dyn Fn() + Sync)) -> Resu
         vehicle: base.vehicle().name.clone(),
         model_hash: rotortwin_flight::run_hash::model_hash(base),
         seeds,
-    })
+    }
 }
 
 /// The mismatch of the base scenario, human-readable.
@@ -460,16 +488,7 @@ fn run_seed(base: &Scenario, options: &Options, seed: u64, done: &(dyn Fn() + Sy
         }
     }
     if options.needs_standard_flights() {
-        let collect = Collect {
-            models: vec![
-                NominalThrustModel::Static,
-                NominalThrustModel::Lagged,
-                NominalThrustModel::Linear,
-            ],
-            calibration_s: CALIBRATION_S,
-            attitude_errors: methods.contains(&Method::TrackingErrors),
-        };
-        let mut data = fly(Conduct::STANDARD, &collect)?;
+        let mut data = fly(Conduct::STANDARD, &standard_windows(&methods))?;
         for variant in options.all_t_tests() {
             if variant.own_flights().is_none() {
                 t_tests.insert(variant, t_test_scores(&data, variant));
@@ -486,6 +505,19 @@ fn run_seed(base: &Scenario, options: &Options, seed: u64, done: &(dyn Fn() + Sy
     result.t_tests = t_tests;
     result.wall = start.elapsed();
     Ok(result)
+}
+
+/// What is kept of the flights of the networks.
+fn standard_windows(methods: &[Method]) -> Collect {
+    Collect {
+        models: vec![
+            NominalThrustModel::Static,
+            NominalThrustModel::Lagged,
+            NominalThrustModel::Linear,
+        ],
+        calibration_s: CALIBRATION_S,
+        attitude_errors: methods.contains(&Method::TrackingErrors),
+    }
 }
 
 fn train_networks(
