@@ -108,7 +108,11 @@ fn shell_of_job(file: &str, folder: &std::path::Path) -> String {
     let text = std::fs::read_to_string(path).expect("it is text");
     let (_, args) = text.split_once("args:").expect("a container has arguments");
     let (args, _) = args.split_once("env:").expect("and then its environment");
-    let script = args.trim().trim_start_matches("- |").trim_start_matches("['").trim_end_matches("']");
+    let script = args
+        .trim()
+        .trim_start_matches("- |")
+        .trim_start_matches("['")
+        .trim_end_matches("']");
     script.replace("/campaign/", &format!("{}/", folder.display()))
 }
 
@@ -119,7 +123,7 @@ fn scenario_pods_of_an_indexed_job_and_their_merge_give_the_campaign_of_one_mach
     // Two shards and a third that is not full; the last pod has less to do than the others.
     let campaign = scratch.write(
         "c.toml",
-        "name = 'c'\ndescription = 'in pods'\nscenario = 'hover.toml'\nseed = 5\nflights = 72\n[set]\nduration_s = 4.0\n\
+        "name = 'c'\ndescription = 'in pods'\nscenario = 'hover.toml'\nseed = 5\nflights = 72\n\
          [[axis]]\nname = 'loss'\nkey = 'fault[0].thrust_loss_percent'\nlog_uniform = [2.0, 30.0]\n",
     );
     std::fs::create_dir_all(scratch.path("bin")).expect("a folder");
@@ -149,11 +153,13 @@ fn scenario_pods_of_an_indexed_job_and_their_merge_give_the_campaign_of_one_mach
     shell("flights.yaml", "1");
     shell("merge.yaml", "");
     let whole = scratch.path("one-machine");
-    Call::new(&scratch, ["campaign".into(), campaign.clone().into_os_string()])
-        .arg("--out")
-        .arg(&whole)
-        .run()
-        .expect_code(0);
+    let words = [
+        "campaign".as_ref(),
+        campaign.as_os_str(),
+        "--out".as_ref(),
+        whole.as_os_str(),
+    ];
+    Call::new(&scratch, words).run().expect_code(0);
     let read = |folder: &std::path::Path| std::fs::read(folder.join("campaign.parquet")).expect("it was written");
     assert_eq!(read(&volume.join("whole")), read(&whole));
 }
