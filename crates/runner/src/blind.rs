@@ -5,7 +5,7 @@ use crate::failure::Failure;
 use rotortwin_blind::bench::cases::Case;
 use rotortwin_blind::bench::product::{read_diagnosis, read_either};
 use rotortwin_blind::bench::report;
-use rotortwin_blind::bench::run::{Bench, DiagnosisCommand, Program, Request};
+use rotortwin_blind::bench::run::{Bench, BenchFolder, DiagnosisCommand, Program, Request};
 use rotortwin_blind::bench::score::Row;
 use rotortwin_blind::bench::sheet::{self, Sheet};
 use rotortwin_blind::error::BlindError;
@@ -88,11 +88,13 @@ pub fn prepare(job: &Job, diagnosis: Option<&str>) -> Result<Prepared, Failure> 
     let cores = (std::thread::available_parallelism().map_or(1, usize::from) / jobs).max(1);
     let ours = |words: &[&str]| of_this_program(words, cores).map_err(Failure::failed);
     let bench = Bench {
-        folder: job.out.clone(),
+        folder: BenchFolder {
+            path: job.out.clone(),
+            request: request(job)?,
+        },
         generator: ours(&["blind", "generate"])?,
         jobs,
         keep_logs: job.keep_logs,
-        request: request(job)?,
     };
     let diagnosis = match diagnosis {
         Some(line) => DiagnosisCommand {
@@ -108,11 +110,11 @@ pub fn prepare(job: &Job, diagnosis: Option<&str>) -> Result<Prepared, Failure> 
             read: read_diagnosis,
         },
     };
-    let mut cases = bench.request.cases(&rotor_counts);
+    let mut cases = bench.folder.request.cases(&rotor_counts);
     if let Some(range) = &job.cases {
         cases = part_of(&cases, range)?.to_vec();
     }
-    bench.open()?;
+    bench.folder.open()?;
     Ok(Prepared {
         bench,
         diagnosis,
@@ -129,7 +131,7 @@ impl Prepared {
 
     /// Number of existing ones among them.
     pub fn present(&self) -> usize {
-        self.bench.rows(&self.cases).len()
+        self.bench.folder.rows(&self.cases).len()
     }
 
     /// Executes the missing cases.
@@ -146,7 +148,7 @@ impl Prepared {
             }));
         }
         let sheet = sheet::sum_up(&rows);
-        report::write(&self.bench.folder, &self.bench.request, &rows, &sheet)?;
+        report::write(&self.bench.folder.path, &self.bench.folder.request, &rows, &sheet)?;
         Ok(Benched::Whole(sheet))
     }
 }

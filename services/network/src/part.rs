@@ -40,7 +40,7 @@ const MOST_WORDS: usize = 64 << 20;
 /// Time to end on request before a process is killed.
 const GRACE: Duration = Duration::from_millis(900);
 /// Exit code of a job with bad input.
-const BAD_INPUT: i32 = 2;
+const BAD_INPUT: i32 = rotortwin_process::EXIT_BAD_INPUT as i32;
 /// The job, in its folder.
 const JOB_FILE: &str = "job.json";
 /// Its error messages, next to it.

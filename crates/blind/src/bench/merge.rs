@@ -2,7 +2,7 @@
 
 use super::cases::Case;
 use super::report;
-use super::run::{Bench, PARTS, Program, Request};
+use super::run::{BenchFolder, PARTS, Request};
 use super::sheet::{self, Sheet};
 use crate::error::{BlindError, Result};
 use crate::vehicle::Vehicle;
@@ -36,16 +36,9 @@ pub fn merge(folders: &[PathBuf], out: &Path) -> Result<Merged> {
             ));
         }
     }
-    let bench = Bench {
-        folder: out.to_owned(),
+    let bench = BenchFolder {
+        path: out.to_owned(),
         request,
-        generator: Program {
-            words: Vec::new(),
-            held: false,
-            cores: 1,
-        },
-        jobs: 1,
-        keep_logs: true,
     };
     bench.open()?;
     for other in folders {
@@ -108,16 +101,9 @@ mod tests {
 
     /// A folder with the rows of some cases, as a bench that did only these leaves it.
     fn part(folder: &Path, request: &Request, range: std::ops::Range<usize>) {
-        let bench = Bench {
-            folder: folder.to_owned(),
+        let bench = BenchFolder {
+            path: folder.to_owned(),
             request: request.clone(),
-            generator: Program {
-                words: Vec::new(),
-                held: false,
-                cores: 1,
-            },
-            jobs: 1,
-            keep_logs: false,
         };
         bench.open().unwrap();
         for case in &bench.request.cases(&[6])[range] {

@@ -202,12 +202,18 @@ pub(super) fn run_process(process: &Program, output: &Path, errors: &Path) -> st
     }
 }
 
-/// A bench on disk.
-pub struct Bench {
-    /// Folder of the results.
-    pub folder: PathBuf,
+/// The folder of a bench.
+pub struct BenchFolder {
+    /// Its place.
+    pub path: PathBuf,
     /// What is asked for.
     pub request: Request,
+}
+
+/// A bench that runs.
+pub struct Bench {
+    /// Its results.
+    pub folder: BenchFolder,
     /// The generator: its options are appended.
     pub generator: Program,
     /// Processes at a time.
@@ -226,14 +232,14 @@ pub(super) fn write_json<T: Serialize>(path: &Path, value: &T) -> Result<()> {
         .map_err(|source| BlindError::file("writing", path, source))
 }
 
-impl Bench {
+impl BenchFolder {
     /// Makes the folder, or checks that the one there belongs to the same request.
     pub fn open(&self) -> Result<()> {
         for part in PARTS {
-            let path = self.folder.join(part);
+            let path = self.path.join(part);
             std::fs::create_dir_all(&path).map_err(|source| BlindError::file("creating", path, source))?;
         }
-        let path = self.folder.join("bench.json");
+        let path = self.path.join("bench.json");
         match std::fs::read_to_string(&path) {
             Ok(text) => {
                 if Request::parse(&path, &text)? == self.request {
@@ -248,7 +254,7 @@ impl Bench {
     }
 
     fn row_path(&self, index: usize) -> PathBuf {
-        self.folder.join(format!("rows/{index:05}.json"))
+        self.path.join(format!("rows/{index:05}.json"))
     }
 
     /// The rows on disk.
@@ -262,10 +268,12 @@ impl Bench {
             })
             .collect()
     }
+}
 
+impl Bench {
     /// Runs every case that has no row yet; `progress` is called after each with its row.
     pub fn run(&self, cases: &[Case], diagnosis: &dyn Diagnose, progress: &(dyn Fn(&Row) + Sync)) -> Result<Vec<Row>> {
-        let done: Vec<usize> = self.rows(cases).iter().map(|row| row.case.index).collect();
+        let done: Vec<usize> = self.folder.rows(cases).iter().map(|row| row.case.index).collect();
         let open: Vec<&Case> = cases.iter().filter(|case| !done.contains(&case.index)).collect();
         let next = AtomicUsize::new(0);
         let failure: Mutex<Option<BlindError>> = Mutex::new(None);
@@ -289,19 +297,19 @@ impl Bench {
         });
         match failure.into_inner() {
             Ok(Some(error)) => Err(error),
-            _ => Ok(self.rows(cases)),
+            _ => Ok(self.folder.rows(cases)),
         }
     }
 
     fn run_case(&self, case: &Case, diagnosis: &dyn Diagnose) -> Result<Row> {
-        let log = self.folder.join(format!("logs/{:05}.parquet", case.index));
-        let stem = self.folder.join(format!("answers/{:05}", case.index));
+        let log = self.folder.path.join(format!("logs/{:05}.parquet", case.index));
+        let stem = self.folder.path.join(format!("answers/{:05}", case.index));
         if !self.generate(case, &log)? {
             let row = Row {
                 outcome: Outcome::NotFlown,
                 ..failed(case, format!("{LOST}, {FLIGHTS} times"), 0.0)
             };
-            write_json(&self.row_path(case.index), &row)?;
+            write_json(&self.folder.row_path(case.index), &row)?;
             return Ok(row);
         }
         let start = Instant::now();
@@ -314,7 +322,7 @@ impl Bench {
         if !self.keep_logs {
             std::fs::remove_file(&log).map_err(|source| BlindError::file("removing", &log, source))?;
         }
-        write_json(&self.row_path(case.index), &row)?;
+        write_json(&self.folder.row_path(case.index), &row)?;
         Ok(row)
     }
 
@@ -332,12 +340,12 @@ impl Bench {
     }
 
     fn generate_with(&self, case: &Case, seed: u64, log: &Path) -> std::result::Result<(), String> {
-        let truth = self.folder.join(format!("truth/{:05}.json", case.index));
+        let truth = self.folder.path.join(format!("truth/{:05}.json", case.index));
         let mut program = self.generator.clone();
         let mut add = |name: &str, value: String| program.words.extend([name.to_owned(), value]);
         add("--vehicle", case.vehicle.clone());
         add("--flight", case.flight.clone());
-        add("--duration-s", self.request.duration_s.to_string());
+        add("--duration-s", self.folder.request.duration_s.to_string());
         add("--seed", seed.to_string());
         add("--out", log.display().to_string());
         add("--truth", truth.display().to_string());
@@ -350,7 +358,7 @@ impl Bench {
         if case.clutter {
             program.words.push("--clutter".to_owned());
         }
-        let stem = self.folder.join(format!("logs/{:05}", case.index));
+        let stem = self.folder.path.join(format!("logs/{:05}", case.index));
         let (output, errors) = (stem.with_extension("out"), stem.with_extension("err"));
         run_process(&program, &output, &errors)?;
         for path in [output, errors] {

@@ -1,6 +1,6 @@
 //! Commands that answer a request while its caller waits: bad input can only break this request, never the server.
 
-use super::child::{self, Limits};
+use super::child::{self, BAD_INPUT, Limits};
 use crate::App;
 use crate::problem::Problem;
 use axum::http::header::CONTENT_TYPE;
@@ -10,9 +10,6 @@ use std::path::Path;
 use std::process::{Output, Stdio};
 use std::time::Duration;
 use tokio::process::Command;
-
-/// Exit code of a command whose input is bad.
-const BAD_INPUT: i32 = 2;
 
 /// Limits of a command.
 #[derive(Debug, Clone, Copy)]

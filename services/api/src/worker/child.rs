@@ -15,6 +15,9 @@ use tokio::io::{AsyncBufReadExt as _, BufReader};
 use tokio::process::{Child, Command};
 use tokio::time::Instant;
 
+/// Exit code of a command with bad input: another try would end alike.
+pub(super) const BAD_INPUT: i32 = rotortwin_process::EXIT_BAD_INPUT as i32;
+
 /// Interval of heartbeats, and of checks for cancellation.
 const HEARTBEAT: Duration = Duration::from_millis(250);
 /// Time for a process to exit after a request before it is killed.

@@ -259,12 +259,16 @@ pub(crate) async fn requeue(database: &Database, artifacts: &Artifacts, left: Le
             continue;
         }
         tracing::warn!(job = id, status = status.as_str(), "its worker died");
-        // Nobody can read what its attempts left.
-        if let Err(error) = artifacts.delete(&format!("jobs/{id}")).await {
-            tracing::warn!(job = id, %error, "files of its attempts cannot be deleted");
-        }
+        discard(artifacts, &format!("jobs/{id}")).await;
     }
     Ok(())
+}
+
+/// Deletes files that nobody can read. What cannot be deleted now stays until its job is deleted.
+async fn discard(artifacts: &Artifacts, key: &str) {
+    if let Err(error) = artifacts.delete(key).await {
+        tracing::warn!(key, %error, "files that nobody can read cannot be deleted");
+    }
 }
 
 /// Key of an attempt's folder in the artifact store.
@@ -302,10 +306,7 @@ async fn attempt(context: &WorkerContext, job: &Job, token: &str) -> Ended {
 /// find its folder gone, and its claim lost.)
 async fn forget_attempts_before(context: &WorkerContext, job: &Job) {
     for attempt in 1..job.attempts {
-        let key = attempt_key_of(&job.id, attempt);
-        if let Err(error) = context.artifacts.delete(&key).await {
-            tracing::warn!(key, %error, "files of an attempt that failed cannot be deleted");
-        }
+        discard(&context.artifacts, &attempt_key_of(&job.id, attempt)).await;
     }
 }
 
@@ -348,10 +349,7 @@ async fn write_down(context: &WorkerContext, job: &Job, token: &str, ended: Ende
         }
         Some(false) => {
             tracing::warn!(job = job.id, "another worker has this job: its result counts");
-            let key = attempt_key(job);
-            if let Err(error) = context.artifacts.delete(&key).await {
-                tracing::warn!(key, %error, "files of a discarded attempt cannot be deleted");
-            }
+            discard(&context.artifacts, &attempt_key(job)).await;
         }
         _ => {}
     }
@@ -400,10 +398,7 @@ async fn accounted(context: &WorkerContext, job: &Job, mut outcome: Outcome) -> 
         outcome.bytes = kept_of_failed(context, job).await;
         return outcome;
     }
-    let key = attempt_key(job);
-    if let Err(error) = context.artifacts.delete(&key).await {
-        tracing::warn!(key, %error, "files of a job without a result cannot be deleted");
-    }
+    discard(&context.artifacts, &attempt_key(job)).await;
     outcome
 }
 
@@ -413,10 +408,7 @@ async fn kept_of_failed(context: &WorkerContext, job: &Job) -> i64 {
         Ok(bytes) => i64::try_from(bytes).unwrap_or(i64::MAX),
         Err(error) => {
             tracing::warn!(job = job.id, %error, "files of a job that failed cannot be kept; they are removed");
-            let key = attempt_key(job);
-            if let Err(error) = context.artifacts.delete(&key).await {
-                tracing::warn!(key, %error, "and cannot be removed");
-            }
+            discard(&context.artifacts, &attempt_key(job)).await;
             0
         }
     }

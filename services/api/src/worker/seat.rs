@@ -1,7 +1,7 @@
 //! A seat: `rotortwin controller` or `rotortwin fdi` for a run that is flown on another host.
 
 use super::WorkerContext;
-use super::child::{last_words, signal, without_secrets};
+use super::child::{BAD_INPUT, last_words, signal, without_secrets};
 use crate::jobs::seats::Seat;
 use rustix::process::Signal;
 use serde_json::Value;
@@ -15,8 +15,6 @@ const GRACE: Duration = Duration::from_secs(1);
 const ASK: Duration = Duration::from_secs(2);
 /// Time that a host leaves to others after it could not reach a plant.
 const LEAVE_TO_OTHERS: Duration = Duration::from_secs(3);
-/// Exit code of a process that cannot reach the meeting point.
-const UNREACHABLE: i32 = 2;
 
 /// Starts the process and waits for its end. However it ends, the plant notices and reports which peer is missing.
 pub(super) async fn serve(context: &WorkerContext, seat: &Seat) {
@@ -58,9 +56,15 @@ pub(super) async fn serve(context: &WorkerContext, seat: &Seat) {
     };
     tracing::info!(run = seat.job, role = seat.role, "seat taken");
     let mut ending = context.ending.subscribe();
+    let over = async {
+        tokio::select! {
+            () = ends(&mut ending) => {}
+            () = unwanted(context, seat) => {}
+        }
+    };
     let ended = tokio::select! {
         ended = child.wait() => ended,
-        () = async { tokio::select! { () = ends(&mut ending) => {}, () = unwanted(context, seat) => {} } } => {
+        () = over => {
             signal(&child, Signal::TERM, false);
             match tokio::time::timeout(GRACE, child.wait()).await {
                 Ok(ended) => ended,
@@ -72,7 +76,8 @@ pub(super) async fn serve(context: &WorkerContext, seat: &Seat) {
         Ok(status) if status.success() => tracing::info!(run = seat.job, role = seat.role, "seat left"),
         Ok(status) => {
             tracing::warn!(run = seat.job, role = seat.role, %status, why = last_words(&complaints), "seat left early");
-            if status.code() == Some(UNREACHABLE) {
+            // It could not reach the meeting point that its address names: another host may.
+            if status.code() == Some(BAD_INPUT) {
                 if let Err(error) = context.database.release_seat(seat).await {
                     tracing::error!(run = seat.job, role = seat.role, %error, "a seat cannot be given back");
                 }

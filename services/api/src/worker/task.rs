@@ -1,6 +1,6 @@
 //! Any job but a flight: campaign, diagnosis, training.
 
-use super::child::{self, Everything, Limits, Reason};
+use super::child::{self, BAD_INPUT, Everything, Limits, Reason};
 use super::{Ended, WorkerContext, files_key, job_command};
 use crate::jobs::{Job, Outcome, Status};
 use rotortwin_jobs::{Content, Here, Input, JobFile, StoredJob};
@@ -10,8 +10,6 @@ use std::path::Path;
 
 /// Its log, next to its files.
 const COMPLAINTS: &str = "task.log";
-/// Exit code of a command with bad input: a retry would fail the same way.
-const BAD_INPUT: i32 = 2;
 
 pub(super) async fn perform(
     context: &WorkerContext,
