@@ -292,3 +292,9 @@ def test_val_every_member_of_a_body_can_be_given_or_has_a_reason(used: dict[str,
         assert used[id].body <= offered, f"{path}: the document has no {used[id].body - offered} ({', '.join(used[id].calls)})"
         missing = offered - used[id].body - explained
         assert not missing, f"{path}: no call sends {missing}; expected an argument of {used[id].calls[0]}, or a reason in NO_MEMBER"
+
+
+def test_val_the_readme_names_every_method(tmp_path: Path) -> None:
+    text = (ROOT / "clients/python/README.md").read_text(encoding="utf-8")
+    methods = {name.partition(",")[0].rpartition(".")[2] for name in calls(tmp_path)}
+    assert not (missing := sorted(name for name in methods if f"`{name}`" not in text and f".{name}`" not in text)), ", ".join(missing)

@@ -248,7 +248,10 @@ class RunOperations(JobOperations[Run]):
     def table(self, columns: Sequence[str], filters: Mapping[str, Any]) -> Operation[RunTable]:
         params = {"columns": ",".join(columns), **filters}
         answer = yield from self.settings.call("GET", "/api/v1/table", params=params)
-        return read(RunTable, answer.json())
+        table = read(RunTable, answer.json())
+        # A text, as no number of JavaScript holds all seeds.
+        seed = table.columns.index("seed")
+        return RunTable(table.columns, [[*row[:seed], int(row[seed]), *row[seed + 1 :]] for row in table.rows])
 
     def columns(self, filters: Mapping[str, Any]) -> Operation[list[str]]:
         answer = yield from self.settings.call("GET", "/api/v1/table", params=filters)

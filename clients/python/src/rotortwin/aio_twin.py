@@ -324,7 +324,7 @@ class AsyncNextFlights(AsyncResource[Job]):
         return await self._do(self._operations.manoeuvres(id))
 
     async def scenario(self, id: str) -> str:
-        """The best manoeuvre as a scenario (TOML); the vehicle that it names is among the files, for `download_all`."""
+        """The best manoeuvre as a scenario (TOML). Of a version of a model, the vehicle lies beside it among the files: `download_all`."""
         return (await self.artifact(id, "next-flight.toml")).decode()
 
 

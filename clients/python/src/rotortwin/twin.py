@@ -326,7 +326,7 @@ class NextFlights(Resource[Job]):
         return self._do(self._operations.manoeuvres(id))
 
     def scenario(self, id: str) -> str:
-        """The best manoeuvre as a scenario (TOML); the vehicle that it names is among the files, for `download_all`."""
+        """The best manoeuvre as a scenario (TOML). Of a version of a model, the vehicle lies beside it among the files: `download_all`."""
         return (self.artifact(id, "next-flight.toml")).decode()
 
 
