@@ -12,10 +12,11 @@ import pytest
 
 import rotortwin.models as models
 from conftest import ROOT
-from rotortwin import Conflict, ConnectionLost, UnexpectedAnswer
+from rotortwin import Conflict, ConnectionLost, JobFailed, RotortwinError, UnexpectedAnswer
 from rotortwin._exchange import Backoff, Settings, drive, retry_after_s
 from rotortwin._operations import LibraryOperations, toml_value
 from rotortwin._stream import Follow, FollowAll, FollowFdi, SseParser, local_path
+from rotortwin._twin import NextFlightOperations
 
 SETTINGS = Settings("http://nowhere", None, None, patience_s=60.0, timeout_s=30.0)
 
@@ -199,6 +200,22 @@ def test_val_a_document_that_was_stored_although_the_answer_is_lost(there: str, 
         with pytest.raises(Conflict, match="it exists"):
             drive(client, put)
     assert tried == ["PUT", "PUT", "GET"]
+
+
+@pytest.mark.parametrize(("status", "error"), [("running", RotortwinError), ("failed", JobFailed), ("done", None)])
+def test_val_a_result_is_that_of_a_job_that_is_done(status: str, error: type[Exception] | None) -> None:
+    evidence = {"against_other": 1.0, "against_all": 0.5, "strongest_rival": "nothing"}
+    manoeuvre = {"manoeuvre": "punches", "description": "up and down", "duration_s": 30.0, "first": evidence, "second": evidence}
+    job = {"id": "a", "kind": "next-flight", "name": "f550", "status": status, "submitted_ms": 1, "attempts": 1, "cancel_requested": False}
+    job["result"] = [manoeuvre] if status == "done" else None
+    client = httpx.Client(transport=httpx.MockTransport(lambda _: httpx.Response(200, json=job)))
+    if error is None:
+        (found,) = drive(client, NextFlightOperations(SETTINGS).manoeuvres("a"))
+        assert (found.manoeuvre, found.second.against_all) == ("punches", 0.5)
+        return
+    with pytest.raises(error, match=f"next flight a (is|ended as) {status}") as refused:
+        drive(client, NextFlightOperations(SETTINGS).manoeuvres("a"))
+    assert type(refused.value) is error
 
 
 def test_val_retry_after_is_seconds_or_a_date() -> None:
