@@ -15,6 +15,7 @@ from conftest import ROOT, Server
 from proxy import proxied
 from rotortwin import (
     AsyncClient,
+    BadRequest,
     Client,
     Conflict,
     ConnectionLost,
@@ -94,6 +95,101 @@ def test_scenario_channels_are_asked_for_by_name_and_interval(client: Client, do
         client.runs.samples(done.id, ["nothing"])
 
 
+def test_scenario_runs_stand_side_by_side_and_leave_as_one_file(client: Client, done: Run, tmp_path: Path) -> None:
+    assert done.summary is not None
+    assert "steps" in client.runs.columns(name=done.name)
+    table = client.runs.table(["steps"], name=done.name, limit=1000)
+    row = next(row for row in table.dicts() if row["id"] == done.id)
+    assert row == {"id": done.id, "name": done.name, "vehicle": done.vehicle, "seed": 7, "run_hash": done.run_hash, "steps": done.summary["steps"]}
+    assert len(client.runs.table(["steps"], limit=1).rows) == 1 and client.runs.table(["steps"], parent=done.id).rows == []
+    with pytest.raises(Unprocessable, match="no run has 'nothing'"):
+        client.runs.table(["nothing"])
+    with pytest.raises(ValueError, match="columns"):
+        client.runs.table([])
+
+    ulog = client.runs.export(done.id, "ulog", tmp_path / "run.ulg")
+    assert ulog.read_bytes()[:4] == b"ULog" and [path.name for path in tmp_path.iterdir()] == ["run.ulg"]
+    parquet = client.runs.export(done.id, "parquet", tmp_path / "run.parquet")
+    assert parquet.read_bytes() == client.runs.artifact(done.id, "telemetry.parquet")
+    long = slow(client, 60.0)
+    with pytest.raises(Conflict):
+        client.runs.export(long.id, "csv", tmp_path / "run.csv")
+    client.runs.cancel(long.id)
+
+
+def test_scenario_an_export_that_is_cut_off_begins_again(server: Server, done: Run, tmp_path: Path) -> None:
+    with Client(server.url) as client:
+        whole = client.runs.export(done.id, "ulog", tmp_path / "whole.ulg").read_bytes()
+    with proxied(server.port, ["cut:50000", "refuse"]) as proxy, Client(proxy.url, patience_s=20.0) as client:
+        assert client.runs.export(done.id, "ulog", tmp_path / "cut.ulg").read_bytes() == whole
+        assert proxy.connections >= 3
+
+
+def test_scenario_a_vehicle_is_drawn(client: Client, done: Run) -> None:
+    flown, named = client.runs.geometry(done.id), client.vehicles.geometry("f550")
+    assert [rotor.number for rotor in flown.rotors] == [1, 2, 3, 4, 5, 6] and flown.rotors == named.rotors
+    assert named.effectiveness.rows == ["thrust", "roll", "pitch", "yaw"] and len(named.effectiveness.matrix[0]) == 6
+    assert named.hover is not None and sum(named.hover.rotor_thrust_n) == pytest.approx(named.mass_kg * named.gravity_m_s2)
+    assert client.models.geometry("f550") == named
+    with pytest.raises(NotFound):
+        client.vehicles.geometry("nowhere")
+    with pytest.raises(NotFound):
+        client.models.geometry("f550", "v9")
+
+
+def test_scenario_the_server_says_who_one_is_and_what_there_is(client: Client, done: Run) -> None:
+    identity = client.identity()
+    assert not identity.needs_token and "write" in identity.scopes
+    limits = client.limits()
+    assert 0 < limits.bytes < limits.most_bytes and limits.open_jobs <= limits.most_open_jobs and limits.longest_flight_s > 0
+    assert "detector-ideal" in [campaign.name for campaign in client.campaigns.library()]
+    drag = next(effect for effect in client.effects.catalogue() if effect["id"] == "rotor-drag")
+    assert drag["per_rotor"] in (True, False) and all(parameter["meaning"] for parameter in drag["parameters"])
+    verified = client.runs.verify(done.id)
+    assert client.verifications.get(verified.job).result["same"] and verified.job in [job.id for job in client.verifications.list()]
+
+
+def test_scenario_one_stream_tells_the_events_of_all_jobs(fresh: Server) -> None:
+    """Over broken connections and the death of the server, without gaps or repetition."""
+    with proxied(fresh.port, ["cut:200", "503", "pass", "cut:900", "refuse"]) as proxy, Client(proxy.url, patience_s=30.0) as watcher:
+        with Client(fresh.url, patience_s=30.0) as client:
+            stream = watcher.events()
+            opened = next(stream)
+            assert (opened.kind, opened.job, opened.event.data) == ("open", "", {})
+            runs = [client.runs.submit("short-hover", seed=1, link="in-process"), slow(client, 4.0)]
+            ended: list[str] = []
+            seen = [opened]
+            killed = False
+            while len(ended) < 2:
+                event = next(stream)
+                seen.append(event)
+                if event.job == runs[1].id and event.kind == "progress" and not killed:
+                    killed = True
+                    fresh.kill()
+                    fresh.start()
+                if event.kind == "ended":
+                    ended.append(event.job)
+            assert set(ended) == {run.id for run in runs} and all(one.collection == "runs" and one.job_kind == "run" for one in seen[1:])
+            for run in runs:
+                assert [one.event for one in seen if one.job == run.id] == list(client.runs.events(run.id))
+            assert "requeued" in [one.kind for one in seen]
+            # From any place, what follows; and without the most frequent events.
+            again = list(client.events(after=opened.place, wait=False))
+            assert again == seen[1:]
+            assert list(client.events(after=seen[5].place, wait=False)) == seen[6:]
+            quiet = client.events(after=opened.place, progress=False, wait=False)
+            assert list(quiet) == [one for one in seen[1:] if one.kind != "progress"]
+            assert [one.kind for one in client.events(wait=False)] == ["open"]
+            with pytest.raises(BadRequest, match="yesterday"):
+                list(client.events(after="yesterday"))
+
+            async def there() -> None:
+                async with AsyncClient(fresh.url) as other:
+                    assert [event async for event in other.events(after=opened.place, wait=False)] == again
+
+            asyncio.run(there())
+
+
 def test_scenario_sql_is_answered_by_the_server(client: Client, server: Server, done: Run) -> None:
     assert done.summary is not None
     sql = "SELECT folder, count(*) AS rows, max(time_s) AS last_s FROM telemetry GROUP BY folder"
@@ -140,6 +236,12 @@ def test_scenario_documents_of_ones_own_are_left_used_and_taken_away(client: Cli
     assert client.runs.wait(run.id, check=True).vehicle == "DJI F550"
     own = client.runs.submit("short-hover", link="in-process", model={"vehicle": "mine"}, fdi_model={"vehicle": "f550"})
     assert client.runs.wait(own.id, check=True).status == "done"
+    assert "mine" in client.vehicles.list(own=True) and "f550" not in client.vehicles.list(own=True)
+    first = client.vehicles.put("mine", text)
+    second = client.vehicles.put("mine", text + "\n# again\n", replaces=first)
+    assert second != first
+    with pytest.raises(Conflict):
+        client.vehicles.put("mine", text, replaces=first)
     client.vehicles.delete("mine")
     with pytest.raises(NotFound):
         client.vehicles.get("mine")

@@ -12,10 +12,13 @@ import pytest
 
 import rotortwin.models as models
 from conftest import ROOT
-from rotortwin import UnexpectedAnswer
-from rotortwin._exchange import Backoff, retry_after_s
-from rotortwin._operations import toml_value
-from rotortwin._stream import SseParser, local_path
+from rotortwin import Conflict, ConnectionLost, JobFailed, RotortwinError, UnexpectedAnswer
+from rotortwin._exchange import Backoff, Settings, drive, retry_after_s
+from rotortwin._operations import LibraryOperations, toml_value
+from rotortwin._stream import Follow, FollowAll, FollowFdi, SseParser, local_path
+from rotortwin._twin import NextFlightOperations
+
+SETTINGS = Settings("http://nowhere", None, None, patience_s=60.0, timeout_s=30.0)
 
 #: Dataclasses and their schemas; fields that exist only here.
 MODELS: dict[type, str] = {
@@ -31,6 +34,24 @@ MODELS: dict[type, str] = {
     models.FdiWindow: "WindowView",
     models.FdiAnswer: "ChunkAnswer",
     models.FdiState: "SessionView",
+    models.VehicleGeometry: "VehicleGeometry",
+    models.RotorGeometry: "RotorView",
+    models.Effectiveness: "Effectiveness",
+    models.Hover: "Hover",
+    models.ChannelSeries: "ChannelSeries",
+    models.ModelSeries: "ModelSeries",
+    models.Buckets: "Buckets",
+    models.BucketNoise: "NoiseOfBucket",
+    models.ConditionSeries: "ConditionSeries",
+    models.FlightCondition: "ConditionMeans",
+    models.HiddenTruth: "HiddenTruth",
+    models.HiddenEffect: "HiddenEffect",
+    models.ProposedManoeuvre: "ProposedManoeuvre",
+    models.ManoeuvreEvidence: "ManoeuvreEvidence",
+    models.Limits: "Limits",
+    models.Identity: "SignedIn",
+    models.LibraryCampaign: "LibraryCampaign",
+    models.RunTable: "Table",
 }
 
 
@@ -59,6 +80,10 @@ def test_val_the_words_are_those_of_the_openapi_document() -> None:
     assert words("Place") == set(typing.get_args(models.Place))
     assert words("Pace") == set(typing.get_args(models.Pace))
     assert words("Method") == set(typing.get_args(models.Method))
+    assert words("ExamplePreset") == set(typing.get_args(models.ExamplePreset))
+    export = document()["paths"]["/api/v1/runs/{id}/export"]["get"]["parameters"]
+    formats = next(one["schema"]["enum"] for one in export if one["name"] == "format")
+    assert set(formats) == set(typing.get_args(models.ExportFormat))
     assert words("CalibrationState") == set(typing.get_args(models.CalibrationState))
 
 
@@ -97,12 +122,100 @@ def test_val_server_sent_events_in_pieces_of_any_size(size: int) -> None:
     ]
 
 
+def test_val_the_stream_of_all_jobs_resumes_behind_its_last_event() -> None:
+    stream = FollowAll(SETTINGS, None, progress=False, wait=True)
+    asked = stream.request()
+    assert "last-event-id" not in asked.headers and dict(asked.url.params) == {"progress": "false"}
+    told = b'id: 4.17\nevent: open\ndata: {}\n\nid: 5.18\nevent: ended\n'
+    told += b'data: {"job":"a","collection":"runs","kind":"run","seq":7,"data":{"status":"done"}}\n\nid: 5.19\nevent: cut off'
+    opened, ended = stream.feed(told)
+    assert (opened.kind, opened.place, opened.job, opened.event.id) == ("open", "4.17", "", 0)
+    assert ended == models.PlacedEvent("5.18", models.Event(7, "ended", {"status": "done"}), "a", "runs", "run")
+    assert stream.request().headers["last-event-id"] == "5.18"
+    assert FollowAll(SETTINGS, "3.1", progress=True, wait=False).request().headers["last-event-id"] == "3.1"
+    with pytest.raises(UnexpectedAnswer, match="cannot be read"):
+        list(stream.feed(b'id: 6.1\nevent: ended\ndata: {"job": 1}\n\n'))
+
+
+def test_val_sessions_are_told_anew_after_a_broken_connection() -> None:
+    stream = FollowFdi(SETTINGS, wait=True)
+    assert "last-event-id" not in stream.request().headers
+    (opened,) = stream.feed(b'event: open\ndata: {"items": []}\n\n')
+    (closed,) = stream.feed(b'event: closed\ndata: {"id": "a"}\n\n')
+    assert (opened.kind, opened.sessions, closed.kind, closed.closed) == ("open", [], "closed", "a")
+    (again,) = stream.feed(b'event: open\ndata: {"items": []}\n\n')
+    assert again == opened
+
+
+def test_val_a_stream_may_be_silent_for_longer_than_the_patience(monkeypatch: pytest.MonkeyPatch) -> None:
+    now = 0.0
+    monkeypatch.setattr("time.monotonic", lambda: now)
+    stream = Follow(SETTINGS, "/api/v1/runs/a", 0)
+    stream.request()
+    stream.begin()
+    now = 1000.0
+    assert stream.broke(httpx.ReadError("cut")) < 1.0
+    # Now the server is away, and patience ends.
+    now = 1059.0
+    assert stream.broke(httpx.ConnectError("refused")) < 1.0
+    now = 1061.0
+    with pytest.raises(ConnectionLost):
+        stream.broke(httpx.ConnectError("refused"))
+    # A connection that is accepted and cut off at once, again and again, is no use either.
+    stream, now = Follow(SETTINGS, "/api/v1/runs/a", 0), 2000.0
+    with pytest.raises(ConnectionLost):
+        for _ in range(1000):
+            stream.request()
+            stream.begin()
+            now += stream.broke(httpx.ReadError("cut"))
+
+
 def test_val_pauses_grow_and_end() -> None:
     backoff = Backoff(patience_s=1e9)
     pauses = [backoff.pause() or 0.0 for _ in range(20)]
     assert 0.05 <= pauses[0] <= 0.1 and all(2.5 <= pause <= 5.0 for pause in pauses[10:])
     assert backoff.pause(asked_s=17.0) == 17.0
     assert Backoff(patience_s=0.0).pause() is None
+
+
+@pytest.mark.parametrize(("there", "ok"), [("mine", True), ("theirs", False)])
+def test_val_a_document_that_was_stored_although_the_answer_is_lost(there: str, ok: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("time.sleep", lambda _: None)
+    tried: list[str] = []
+
+    def answer(request: httpx.Request) -> httpx.Response:
+        tried.append(request.method)
+        if len(tried) == 1:
+            raise httpx.ReadError("cut", request=request)
+        if request.method == "GET":
+            return httpx.Response(200, text=there, headers={"etag": '"a1"'})
+        assert request.headers["if-none-match"] == "*"
+        return httpx.Response(412, json={"type": "/problems/precondition", "title": "Conflict", "detail": "it exists"})
+
+    client = httpx.Client(transport=httpx.MockTransport(answer))
+    put = LibraryOperations(SETTINGS).put("vehicles", "a", "mine", True, None)
+    if ok:
+        assert drive(client, put) == "a1"
+    else:
+        with pytest.raises(Conflict, match="it exists"):
+            drive(client, put)
+    assert tried == ["PUT", "PUT", "GET"]
+
+
+@pytest.mark.parametrize(("status", "error"), [("running", RotortwinError), ("failed", JobFailed), ("done", None)])
+def test_val_a_result_is_that_of_a_job_that_is_done(status: str, error: type[Exception] | None) -> None:
+    evidence = {"against_other": 1.0, "against_all": 0.5, "strongest_rival": "nothing"}
+    manoeuvre = {"manoeuvre": "punches", "description": "up and down", "duration_s": 30.0, "first": evidence, "second": evidence}
+    job = {"id": "a", "kind": "next-flight", "name": "f550", "status": status, "submitted_ms": 1, "attempts": 1, "cancel_requested": False}
+    job["result"] = [manoeuvre] if status == "done" else None
+    client = httpx.Client(transport=httpx.MockTransport(lambda _: httpx.Response(200, json=job)))
+    if error is None:
+        (found,) = drive(client, NextFlightOperations(SETTINGS).manoeuvres("a"))
+        assert (found.manoeuvre, found.second.against_all) == ("punches", 0.5)
+        return
+    with pytest.raises(error, match=f"next flight a (is|ended as) {status}") as refused:
+        drive(client, NextFlightOperations(SETTINGS).manoeuvres("a"))
+    assert type(refused.value) is error
 
 
 def test_val_retry_after_is_seconds_or_a_date() -> None:

@@ -13,7 +13,7 @@ import httpx
 from ._exchange import Operation, drive_async
 from ._operations import J, JobOperations, Progress, Watcher
 from ._query import MEMORY, query_async
-from ._stream import Download, Follow, local_path
+from ._stream import Download, E, Follow, Stream, local_path
 from ._transport import AsyncTransport
 from .models import Artifact, Event, Status
 
@@ -21,6 +21,56 @@ if TYPE_CHECKING:
     import pyarrow
 
 T = TypeVar("T")
+
+
+async def followed(transport: AsyncTransport, stream: Stream[E]) -> AsyncIterator[E]:
+    """All events of a stream, over broken connections and restarts of the server."""
+    while not stream.over:
+        try:
+            answer = await transport.http.send(stream.request(), stream=True)
+            try:
+                if answer.status_code == 200:
+                    stream.begin()
+                    async for chunk in answer.aiter_bytes():
+                        for event in stream.feed(chunk):
+                            yield event
+                        if stream.over:
+                            return
+                    pause = 0.1
+                else:
+                    await answer.aread()
+                    pause = stream.refused(answer)
+            finally:
+                await answer.aclose()
+        except httpx.TransportError as error:
+            pause = stream.broke(error)
+        else:
+            if answer.status_code == 200 and await drive_async(transport.http, stream.ended()):
+                return
+        await asyncio.sleep(pause)
+
+
+async def fetched(transport: AsyncTransport, download: Download) -> Path:
+    """A file, whole."""
+    while True:
+        pause = 0.0
+        try:
+            answer = await transport.http.send(download.request(), stream=True)
+            try:
+                if answer.status_code not in (200, 206):
+                    await answer.aread()
+                    pause = download.refused(answer)
+                elif download.begin(answer):
+                    async for chunk in answer.aiter_bytes():
+                        download.write(chunk)
+                    if download.complete():
+                        return download.target
+            finally:
+                download.close()
+                await answer.aclose()
+        except httpx.TransportError as error:
+            pause = download.broke(error)
+        await asyncio.sleep(pause)
 
 
 class AsyncResource(Generic[J]):
@@ -52,30 +102,9 @@ class AsyncResource(Generic[J]):
 
     async def events(self, id: str, *, after: int = 0) -> AsyncIterator[Event]:
         """Every event from the first (or after number `after`) to `ended`, over broken connections and restarts of the server."""
-        follow = Follow(self._transport.settings, self._operations.path(id, "events"), after)
-        while not follow.over:
-            try:
-                answer = await self._transport.http.send(follow.request(), stream=True)
-                try:
-                    if answer.status_code == 200:
-                        async for chunk in answer.aiter_bytes():
-                            for event in follow.feed(chunk):
-                                yield event
-                            if follow.over:
-                                return
-                        pause = 0.1
-                    else:
-                        await answer.aread()
-                        pause = follow.refused(answer)
-                finally:
-                    await answer.aclose()
-            except httpx.TransportError as error:
-                pause = follow.broke(error)
-            # A stream that ends without `ended` and without events: the server is shutting down, or there will be no more.
-            else:
-                if answer.status_code == 200 and not follow.news and (await self.get(id)).ended:
-                    return
-            await asyncio.sleep(pause)
+        stream = Follow(self._transport.settings, self._operations.path(id), after)
+        async for event in followed(self._transport, stream):
+            yield event
 
     async def wait(self, id: str, *, progress: Progress = False, check: bool = False) -> J:
         """The job once it has ended. `check`: raise `JobFailed` unless it was done."""
@@ -106,27 +135,8 @@ class AsyncResource(Generic[J]):
 
     async def download(self, id: str, path: str, target: str | Path) -> Path:
         """A file of it to `target`; goes on where an earlier call was cut off."""
-        target = Path(target)
-        download = Download(self._transport.settings, self._operations.artifact_path(id, path), target)
-        while True:
-            pause = 0.0
-            try:
-                answer = await self._transport.http.send(download.request(), stream=True)
-                try:
-                    if answer.status_code not in (200, 206):
-                        await answer.aread()
-                        pause = download.refused(answer)
-                    elif download.begin(answer):
-                        async for chunk in answer.aiter_bytes():
-                            download.write(chunk)
-                        if download.complete():
-                            return target
-                finally:
-                    download.close()
-                    await answer.aclose()
-            except httpx.TransportError as error:
-                pause = download.broke(error)
-            await asyncio.sleep(pause)
+        path = self._operations.artifact_path(id, path)
+        return await fetched(self._transport, Download(self._transport.settings, path, Path(target)))
 
     async def query(self, sql: str, ids: Sequence[str], *, file: str = "telemetry.parquet", memory: str = MEMORY) -> pyarrow.Table:
         """The answer to SQL about a Parquet file of several of them, as an Arrow table: `rotortwin.query` over copies of the files.

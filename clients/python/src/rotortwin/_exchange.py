@@ -55,7 +55,7 @@ class Backoff:
 
     patience_s: float
     tries: int = 0
-    began: float = field(default_factory=time.monotonic)
+    began: float = field(default_factory=lambda: time.monotonic())
 
     def pause(self, asked_s: float | None = None) -> float | None:
         """Seconds until the next attempt; None: out of patience."""

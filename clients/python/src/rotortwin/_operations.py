@@ -12,8 +12,28 @@ from typing import TYPE_CHECKING, Any, Generic, TypeVar, Union
 
 from ._exchange import Operation, Settings
 from ._stream import in_path
-from .errors import JobFailed, RotortwinError, UnexpectedAnswer
-from .models import Artifact, Autopilot, BlindCase, CampaignFlight, Channel, Event, Job, Json, QueryAnswer, Run, Ticket, Validation, Verification, read
+from .errors import JobFailed, RotortwinError, UnexpectedAnswer, problem_of
+from .models import (
+    Artifact,
+    Autopilot,
+    BlindCase,
+    CampaignFlight,
+    Channel,
+    Event,
+    Identity,
+    Job,
+    Json,
+    LibraryCampaign,
+    Limits,
+    QueryAnswer,
+    Run,
+    RunTable,
+    Ticket,
+    Validation,
+    VehicleGeometry,
+    Verification,
+    read,
+)
 
 if TYPE_CHECKING:
     import pandas
@@ -73,6 +93,15 @@ class JobOperations(Generic[J]):
         picture: Json = answer.json()
         return picture
 
+    def channels(self, id: str) -> Operation[list[Channel]]:
+        answer = yield from self.settings.call("GET", self.path(id, "channels"))
+        return [read(Channel, item) for item in answer.json()["items"]]
+
+    def samples(self, id: str, channels: Sequence[str], query: Mapping[str, Any]) -> Operation[bytes]:
+        params = {"channels": ",".join(channels), "format": "parquet", **query}
+        answer = yield from self.settings.call("GET", self.path(id, "telemetry"), params=params)
+        return answer.content
+
     def cancel(self, id: str) -> Operation[J]:
         # Ended between two attempts, as intended.
         answer = yield from self.settings.call("POST", self.path(id, "cancel"), ok_when_repeated=(409,))
@@ -93,6 +122,13 @@ class JobOperations(Generic[J]):
 
     def artifact_path(self, id: str, name: str) -> str:
         return self.path(id, "artifacts", in_path(name))
+
+    def done(self, id: str) -> Operation[J]:
+        """The job with its result; raises unless it is done."""
+        job = yield from self.get(id)
+        if not job.ended:
+            raise RotortwinError(f"{self.noun} {id} is {job.status}, and has no result yet; expected one that is done")
+        return self.checked(job)
 
     def checked(self, job: J) -> J:
         """The job, if it ended as done."""
@@ -122,6 +158,10 @@ class CampaignOperations(JobOperations[Job]):
         answer = yield from self.settings.call("GET", self.path(id, "flights"), params={**filters, "cursor": cursor})
         body = answer.json()
         return [campaign_flight(item) for item in body["items"]], body.get("next")
+
+    def library(self) -> Operation[list[LibraryCampaign]]:
+        answer = yield from self.settings.call("GET", "/api/v1/library/campaigns")
+        return [read(LibraryCampaign, item) for item in answer.json()["items"]]
 
     def fly(self, id: str, flight: int) -> Operation[Run]:
         # The address identifies the run: a repeated request gives the same one.
@@ -200,19 +240,43 @@ class RunOperations(JobOperations[Run]):
         answer = yield from self.settings.call("GET", self.path(id, "ticket"))
         return [read(Ticket, item) for item in answer.json()["peers"]]
 
-    def channels(self, id: str) -> Operation[list[Channel]]:
-        answer = yield from self.settings.call("GET", self.path(id, "channels"))
-        return [read(Channel, item) for item in answer.json()["items"]]
-
-    def samples(self, ids: str | Sequence[str], channels: Sequence[str], query: Mapping[str, Any]) -> Operation[bytes]:
-        params = {"channels": ",".join(channels), "format": "parquet", **query}
-        path = "/api/v1/telemetry"
-        if isinstance(ids, str):
-            path = self.path(ids, "telemetry")
-        else:
-            params["runs"] = ",".join(ids)
-        answer = yield from self.settings.call("GET", path, params=params)
+    def samples_of(self, ids: Sequence[str], channels: Sequence[str], query: Mapping[str, Any]) -> Operation[bytes]:
+        params = {"runs": ",".join(ids), "channels": ",".join(channels), "format": "parquet", **query}
+        answer = yield from self.settings.call("GET", "/api/v1/telemetry", params=params)
         return answer.content
+
+    def table(self, columns: Sequence[str], filters: Mapping[str, Any]) -> Operation[RunTable]:
+        params = {"columns": ",".join(columns), **filters}
+        answer = yield from self.settings.call("GET", "/api/v1/table", params=params)
+        table = read(RunTable, answer.json())
+        # A text, as no number of JavaScript holds all seeds.
+        seed = table.columns.index("seed")
+        return RunTable(table.columns, [[*row[:seed], int(row[seed]), *row[seed + 1 :]] for row in table.rows])
+
+    def columns(self, filters: Mapping[str, Any]) -> Operation[list[str]]:
+        answer = yield from self.settings.call("GET", "/api/v1/table", params=filters)
+        return [str(name) for row in answer.json()["rows"] for name in row]
+
+    def geometry(self, id: str) -> Operation[VehicleGeometry]:
+        return (yield from geometry(self.settings, self.path(id)))
+
+
+def geometry(settings: Settings, path: str, at: str | None = None) -> Operation[VehicleGeometry]:
+    """Of a run, a vehicle or a model."""
+    answer = yield from settings.call("GET", f"{path}/geometry", params={"at": at})
+    return read(VehicleGeometry, answer.json())
+
+
+def limits(settings: Settings) -> Operation[Limits]:
+    """Of the caller's account."""
+    answer = yield from settings.call("GET", "/api/v1/limits")
+    return read(Limits, answer.json())
+
+
+def identity(settings: Settings) -> Operation[Identity]:
+    """Of the caller."""
+    answer = yield from settings.call("GET", "/api/v1/session")
+    return read(Identity, answer.json())
 
 
 def job_operations(settings: Settings, kind: str) -> JobOperations[Job]:
@@ -236,20 +300,39 @@ class LibraryOperations:
         picture: Json = answer.json()
         return picture
 
-    def names(self, kind: str) -> Operation[list[str]]:
+    def catalogue(self) -> Operation[list[Json]]:
+        answer = yield from self.settings.call("GET", "/api/v1/catalogue")
+        return [dict(item) for item in answer.json()["items"]]
+
+    def geometry(self, kind: str, name: str, at: str | None = None) -> Operation[VehicleGeometry]:
+        return (yield from geometry(self.settings, f"/api/v1/{kind}/{in_path(name)}", at))
+
+    def names(self, kind: str, own: bool) -> Operation[list[str]]:
         answer = yield from self.settings.call("GET", f"/api/v1/{kind}")
-        return [str(name) for name in answer.json()["items"]]
+        return [str(name) for name in answer.json()["own" if own else "items"]]
 
     def text(self, kind: str, name: str) -> Operation[str]:
         answer = yield from self.settings.call("GET", f"/api/v1/{kind}/{in_path(name)}")
         return answer.text
 
-    def put(self, kind: str, name: str, text: str, only_new: bool) -> Operation[None]:
-        headers = {"content-type": "application/toml"} | ({"if-none-match": "*"} if only_new else {})
-        yield from self.settings.call("PUT", f"/api/v1/{kind}/{in_path(name)}", content=text.encode(), headers=headers)
+    def put(self, kind: str, name: str, text: str, only_new: bool, replaces: str | None) -> Operation[str]:
+        headers = {"content-type": "application/toml"}
+        if only_new:
+            headers["if-none-match"] = "*"
+        if replaces is not None:
+            headers["if-match"] = f'"{replaces}"'
+        path = f"/api/v1/{kind}/{in_path(name)}"
+        answer = yield from self.settings.call("PUT", path, content=text.encode(), headers=headers, ok_when_repeated=(412,))
+        if answer.status_code == 412:
+            # The first attempt succeeded and its answer was lost, or another client wrote in between.
+            there = yield from self.settings.call("GET", path)
+            if there.text != text:
+                raise problem_of(answer)
+            return str(there.headers.get("etag", "")).strip('"')
+        return str(answer.json()["hash"])
 
     def delete(self, kind: str, name: str) -> Operation[None]:
-        yield from self.settings.call("DELETE", f"/api/v1/{kind}/{in_path(name)}")
+        yield from self.settings.call("DELETE", f"/api/v1/{kind}/{in_path(name)}", ok_when_repeated=(404,))
 
     def check(self, kind: str, text: str) -> Operation[Validation]:
         answer = yield from self.settings.call("POST", f"/api/v1/{kind}/validate", json={"text": text})

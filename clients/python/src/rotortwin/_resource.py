@@ -15,7 +15,7 @@ import httpx
 from ._exchange import Operation, drive
 from ._operations import J, JobOperations, Progress, Watcher
 from ._query import MEMORY, query
-from ._stream import Download, Follow, local_path
+from ._stream import Download, E, Follow, Stream, local_path
 from ._transport import Transport
 from .models import Artifact, Event, Status
 
@@ -23,6 +23,56 @@ if TYPE_CHECKING:
     import pyarrow
 
 T = TypeVar("T")
+
+
+def followed(transport: Transport, stream: Stream[E]) -> Iterator[E]:
+    """All events of a stream, over broken connections and restarts of the server."""
+    while not stream.over:
+        try:
+            answer = transport.http.send(stream.request(), stream=True)
+            try:
+                if answer.status_code == 200:
+                    stream.begin()
+                    for chunk in answer.iter_bytes():
+                        for event in stream.feed(chunk):
+                            yield event
+                        if stream.over:
+                            return
+                    pause = 0.1
+                else:
+                    answer.read()
+                    pause = stream.refused(answer)
+            finally:
+                answer.close()
+        except httpx.TransportError as error:
+            pause = stream.broke(error)
+        else:
+            if answer.status_code == 200 and drive(transport.http, stream.ended()):
+                return
+        time.sleep(pause)
+
+
+def fetched(transport: Transport, download: Download) -> Path:
+    """A file, whole."""
+    while True:
+        pause = 0.0
+        try:
+            answer = transport.http.send(download.request(), stream=True)
+            try:
+                if answer.status_code not in (200, 206):
+                    answer.read()
+                    pause = download.refused(answer)
+                elif download.begin(answer):
+                    for chunk in answer.iter_bytes():
+                        download.write(chunk)
+                    if download.complete():
+                        return download.target
+            finally:
+                download.close()
+                answer.close()
+        except httpx.TransportError as error:
+            pause = download.broke(error)
+        time.sleep(pause)
 
 
 class Resource(Generic[J]):
@@ -54,30 +104,9 @@ class Resource(Generic[J]):
 
     def events(self, id: str, *, after: int = 0) -> Iterator[Event]:
         """Every event from the first (or after number `after`) to `ended`, over broken connections and restarts of the server."""
-        follow = Follow(self._transport.settings, self._operations.path(id, "events"), after)
-        while not follow.over:
-            try:
-                answer = self._transport.http.send(follow.request(), stream=True)
-                try:
-                    if answer.status_code == 200:
-                        for chunk in answer.iter_bytes():
-                            for event in follow.feed(chunk):
-                                yield event
-                            if follow.over:
-                                return
-                        pause = 0.1
-                    else:
-                        answer.read()
-                        pause = follow.refused(answer)
-                finally:
-                    answer.close()
-            except httpx.TransportError as error:
-                pause = follow.broke(error)
-            # A stream that ends without `ended` and without events: the server is shutting down, or there will be no more.
-            else:
-                if answer.status_code == 200 and not follow.news and (self.get(id)).ended:
-                    return
-            time.sleep(pause)
+        stream = Follow(self._transport.settings, self._operations.path(id), after)
+        for event in followed(self._transport, stream):
+            yield event
 
     def wait(self, id: str, *, progress: Progress = False, check: bool = False) -> J:
         """The job once it has ended. `check`: raise `JobFailed` unless it was done."""
@@ -108,27 +137,8 @@ class Resource(Generic[J]):
 
     def download(self, id: str, path: str, target: str | Path) -> Path:
         """A file of it to `target`; goes on where an earlier call was cut off."""
-        target = Path(target)
-        download = Download(self._transport.settings, self._operations.artifact_path(id, path), target)
-        while True:
-            pause = 0.0
-            try:
-                answer = self._transport.http.send(download.request(), stream=True)
-                try:
-                    if answer.status_code not in (200, 206):
-                        answer.read()
-                        pause = download.refused(answer)
-                    elif download.begin(answer):
-                        for chunk in answer.iter_bytes():
-                            download.write(chunk)
-                        if download.complete():
-                            return target
-                finally:
-                    download.close()
-                    answer.close()
-            except httpx.TransportError as error:
-                pause = download.broke(error)
-            time.sleep(pause)
+        path = self._operations.artifact_path(id, path)
+        return fetched(self._transport, Download(self._transport.settings, path, Path(target)))
 
     def query(self, sql: str, ids: Sequence[str], *, file: str = "telemetry.parquet", memory: str = MEMORY) -> pyarrow.Table:
         """The answer to SQL about a Parquet file of several of them, as an Arrow table: `rotortwin.query` over copies of the files.

@@ -1,25 +1,30 @@
 """Streamed answers: events without gaps, resumable files.
 
-`Follow` and `Download` hold the state over connections and decide; the clients only move bytes.
+`Stream` and `Download` hold the state over connections and decide; the clients only move bytes.
 """
 
 from __future__ import annotations
 
 import json
 import os
-from collections.abc import Iterator
+import time
+from collections.abc import Iterator, Mapping
 from pathlib import Path
-from typing import BinaryIO
+from typing import Any, BinaryIO, Generic, TypeVar
 from urllib.parse import quote
 
 import httpx
 
-from ._exchange import _AGAIN, Backoff, Settings, lost, retry_after_s
+from ._exchange import _AGAIN, Backoff, Operation, Settings, lost, retry_after_s
 from .errors import UnexpectedAnswer, problem_of
-from .models import Event
+from .models import FINAL, Event, FdiEvent, FdiState, Json, PlacedEvent, read
+
+E = TypeVar("E")
 
 #: The server sends something every 15 s: after this long a silent connection is dead.
 _SILENCE_S = 40.0
+#: A connection that has lasted so long was of use, even if nothing happened meanwhile.
+_LIVED_S = 5.0
 
 
 class SseParser:
@@ -54,42 +59,57 @@ class SseParser:
                 self._data.append(value)
 
 
-class Follow:
-    """The events of one job over as many connections as it takes."""
+class Stream(Generic[E]):
+    """Server-sent events over as many connections as it takes; what is done with them is said by its kinds below."""
 
-    def __init__(self, settings: Settings, path: str, after: int) -> None:
+    def __init__(self, settings: Settings, path: str, params: Mapping[str, Any]) -> None:
         self._settings = settings
         self._path = path
-        self.last = after
-        #: The last event has arrived.
+        self._params = params
+        #: Nothing more will come.
         self.over = False
         #: The current connection has delivered something.
         self.news = False
+        self._opened: float | None = None
         self._parser = SseParser()
         self._backoff = Backoff(settings.patience_s)
         self._request = self.request()
 
+    def resumed(self) -> dict[str, str]:
+        """Headers that resume after the last event that was seen."""
+        return {}
+
+    def take(self, id: str, kind: str, data: Json) -> E | None:
+        """An event; None: it was seen already."""
+        raise NotImplementedError
+
+    def ended(self) -> Operation[bool]:
+        """Whether a stream that the server has closed is complete; otherwise the server is shutting down."""
+        raise NotImplementedError
+
     def request(self) -> httpx.Request:
-        """For the next connection: resumes after the last event that was seen."""
+        """For the next connection."""
+        self._renew()
         self._parser, self.news = SseParser(), False
-        headers = {"accept": "text/event-stream", "last-event-id": str(self.last)}
-        self._request = self._settings.request("GET", self._path, headers=headers, timeout_s=_SILENCE_S)
+        headers = {"accept": "text/event-stream", **self.resumed()}
+        self._request = self._settings.request("GET", self._path, params=self._params, headers=headers, timeout_s=_SILENCE_S)
         return self._request
 
-    def feed(self, chunk: bytes) -> Iterator[Event]:
-        """New events. A gap ends the connection, and the next one requests the events again."""
-        for number, kind, text in self._parser.feed(chunk):
+    def begin(self) -> None:
+        """The server has accepted the connection."""
+        self._opened = time.monotonic()
+
+    def feed(self, chunk: bytes) -> Iterator[E]:
+        """New events."""
+        for id, kind, text in self._parser.feed(chunk):
             try:
-                seq, data = int(number), json.loads(text)
-            except ValueError as error:
-                raise UnexpectedAnswer(f"{self._path}: event '{number}' {kind} cannot be read ({error})") from error
-            if seq <= self.last:
-                continue
-            if seq != self.last + 1:
-                raise httpx.RemoteProtocolError(f"event {seq} came after {self.last}")
-            self.last, self.news, self.over = seq, True, kind == "ended"
-            self._backoff = Backoff(self._settings.patience_s)
-            yield Event(seq, kind, data if isinstance(data, dict) else {"value": data})
+                data = json.loads(text)
+                event = self.take(id, kind, data if isinstance(data, dict) else {"value": data})
+            except (ValueError, KeyError, TypeError) as error:
+                raise UnexpectedAnswer(f"{self._path}: event '{id}' {kind} cannot be read ({error})") from error
+            if event is not None:
+                self.news = True
+                yield event
 
     def refused(self, answer: httpx.Response) -> float:
         """The pause after an answer that is not a stream; raises permanent errors. The answer must have been read."""
@@ -100,25 +120,109 @@ class Follow:
 
     def broke(self, error: Exception) -> float:
         """The pause after a connection that failed or broke."""
+        self._renew()
         pause = self._backoff.pause()
         if pause is None:
             raise lost(self._request, error, self._backoff) from error
         return pause
 
+    def _renew(self) -> None:
+        """Patience counts from the end of the last connection that was of use: a stream may be silent for longer than that."""
+        if self._opened is not None and (self.news or time.monotonic() - self._opened >= _LIVED_S):
+            self._backoff = Backoff(self._settings.patience_s)
+        self._opened = None
+
+
+class Follow(Stream[Event]):
+    """The events of one job."""
+
+    def __init__(self, settings: Settings, job: str, after: int) -> None:
+        self.last = after
+        self._job = job
+        super().__init__(settings, f"{job}/events", {})
+
+    def resumed(self) -> dict[str, str]:
+        return {"last-event-id": str(self.last)}
+
+    def take(self, id: str, kind: str, data: Json) -> Event | None:
+        number = int(id)
+        if number <= self.last:
+            return None
+        if number != self.last + 1:
+            # The next connection requests the events again.
+            raise httpx.RemoteProtocolError(f"event {number} came after {self.last}")
+        self.last, self.over = number, kind == "ended"
+        return Event(number, kind, data)
+
+    def ended(self) -> Operation[bool]:
+        if self.news:
+            return False
+        answer = yield from self._settings.call("GET", self._job)
+        return answer.json()["status"] in FINAL
+
+
+class FollowAll(Stream[PlacedEvent]):
+    """The events of all jobs."""
+
+    def __init__(self, settings: Settings, after: str | None, progress: bool, wait: bool) -> None:
+        self.last = after
+        self._wait = wait
+        flags = {name: "false" for name, given in (("progress", progress), ("wait", wait)) if not given}
+        super().__init__(settings, "/api/v1/events", flags)
+
+    def resumed(self) -> dict[str, str]:
+        return {} if self.last is None else {"last-event-id": self.last}
+
+    def take(self, id: str, kind: str, data: Json) -> PlacedEvent | None:
+        if not id:
+            raise ValueError("it has no place")
+        self.last = id
+        if kind == "open":
+            return PlacedEvent(id, Event(0, kind, data))
+        event = Event(int(data["seq"]), kind, dict(data["data"]))
+        return PlacedEvent(id, event, str(data["job"]), str(data["collection"]), str(data["kind"]))
+
+    def ended(self) -> Operation[bool]:
+        yield from ()
+        return not self._wait
+
+
+class FollowFdi(Stream[FdiEvent]):
+    """The caller's FDI sessions: nothing is numbered, and each connection begins with all of them."""
+
+    def __init__(self, settings: Settings, wait: bool) -> None:
+        self._wait = wait
+        super().__init__(settings, "/api/v1/fdi/events", {} if wait else {"wait": "false"})
+
+    def take(self, id: str, kind: str, data: Json) -> FdiEvent | None:
+        if kind == "open":
+            return FdiEvent(kind, [read(FdiState, session) for session in data["items"]])
+        if kind == "closed":
+            return FdiEvent(kind, closed=str(data["id"]))
+        return FdiEvent(kind, [read(FdiState, data)])
+
+    def ended(self) -> Operation[bool]:
+        yield from ()
+        return not self._wait
+
 
 class Download:
     """One file over as many connections as it takes; also continues what an earlier call has left."""
 
-    def __init__(self, settings: Settings, path: str, target: Path) -> None:
+    def __init__(
+        self, settings: Settings, path: str, target: Path, *, params: Mapping[str, Any] | None = None, timeout_s: float | None = None
+    ) -> None:
         self._settings = settings
         self._path = path
-        self._target = target
+        self._params = params
+        self._timeout_s = timeout_s
+        self.target = target
         self._part = target.with_name(target.name + ".part")
         self._tag = target.with_name(target.name + ".part.etag")
         self._file: BinaryIO | None = None
         self._expected: int | None = None
         self._backoff = Backoff(settings.patience_s)
-        self._request = settings.request("GET", path)
+        self._request = settings.request("GET", path, params=params)
         target.parent.mkdir(parents=True, exist_ok=True)
 
     def request(self) -> httpx.Request:
@@ -126,7 +230,7 @@ class Download:
         headers = {}
         if (have := self._have()) > 0:
             headers["range"] = f"bytes={have}-"
-        self._request = self._settings.request("GET", self._path, headers=headers)
+        self._request = self._settings.request("GET", self._path, headers=headers, params=self._params, timeout_s=self._timeout_s)
         return self._request
 
     def _have(self) -> int:
@@ -166,7 +270,7 @@ class Download:
         self.close()
         if self._expected is not None and self._part.stat().st_size != self._expected:
             return False
-        os.replace(self._part, self._target)
+        os.replace(self._part, self.target)
         self._tag.unlink(missing_ok=True)
         return True
 

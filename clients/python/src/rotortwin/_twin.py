@@ -11,7 +11,18 @@ from typing import TYPE_CHECKING, Any
 from ._exchange import Operation, Settings
 from ._operations import JobOperations
 from ._stream import in_path
-from .models import FdiAnswer, FdiState, Job, Json, Sample, read
+from .models import (
+    ChannelSeries,
+    ConditionSeries,
+    FdiAnswer,
+    FdiState,
+    HiddenTruth,
+    Job,
+    Json,
+    ProposedManoeuvre,
+    Sample,
+    read,
+)
 
 if TYPE_CHECKING:
     import pandas
@@ -47,6 +58,13 @@ class LogOperations(JobOperations[Job]):
         answer = yield from self.settings.call("POST", self.root, params=params, content=content, headers=headers)
         return self.parse(answer.json())
 
+    def generate(self, body: Json, key: str | None) -> Operation[Job]:
+        return (yield from self.submit(body, key, f"{self.root}/generate"))
+
+    def truth(self, id: str) -> Operation[HiddenTruth]:
+        answer = yield from self.settings.call("GET", self.path(id, "truth"))
+        return read(HiddenTruth, answer.json())
+
     def draft(self, id: str) -> Operation[Json]:
         # Read by a process of the server.
         answer = yield from self.settings.call("GET", self.path(id, "mapping"), timeout_s=max(130.0, self.settings.timeout_s))
@@ -58,6 +76,48 @@ class LogOperations(JobOperations[Job]):
         return (yield from self.submit(body | without_none(mapping=text), key, self.path(id, "import")))
 
 
+class ComparisonOperations(JobOperations[Job]):
+    """What only comparisons have."""
+
+    def __init__(self, settings: Settings) -> None:
+        super().__init__(settings, "comparisons", lambda data: read(Job, data))
+
+    def series(self, id: str, query: Json) -> Operation[ChannelSeries]:
+        answer = yield from self.settings.call("GET", self.path(id, "series"), params=query)
+        return read(ChannelSeries, answer.json())
+
+    def conditions(self, id: str, query: Json) -> Operation[ConditionSeries]:
+        answer = yield from self.settings.call("GET", self.path(id, "conditions"), params=query)
+        return read(ConditionSeries, answer.json())
+
+
+class IdentificationOperations(JobOperations[Job]):
+    """What only identifications have."""
+
+    def __init__(self, settings: Settings) -> None:
+        super().__init__(settings, "identifications", lambda data: read(Job, data))
+
+    def keep(self, id: str) -> Operation[str]:
+        # Kept twice, it is the same documents.
+        answer = yield from self.settings.call("POST", self.path(id, "keep"))
+        return str(answer.json()["vehicle"])
+
+    def document(self, id: str, name: str) -> Operation[str]:
+        found = (yield from self.done(id)).result
+        return str(found[name])
+
+
+class NextFlightOperations(JobOperations[Job]):
+    """What only proposals of a next flight have."""
+
+    def __init__(self, settings: Settings) -> None:
+        super().__init__(settings, "next-flights", lambda data: read(Job, data))
+
+    def manoeuvres(self, id: str) -> Operation[list[ProposedManoeuvre]]:
+        found = (yield from self.done(id)).result
+        return [read(ProposedManoeuvre, item) for item in found]
+
+
 def model_body(vehicle: str | None, improvement: str | None, version: str | Path | None, model: str | None = None) -> Json:
     """Which model a submission means."""
     if isinstance(version, Path):
@@ -66,13 +126,26 @@ def model_body(vehicle: str | None, improvement: str | None, version: str | Path
     return {key: value for key, value in given.items() if value is not None}
 
 
+def more_model(model: str | Mapping[str, str | Path]) -> Json:
+    """Another model of a comparison: a name of `client.models`, or what says which."""
+    if isinstance(model, str):
+        return {"model": model}
+    return {key: effect_text(value) if key == "version" else value for key, value in model.items()}
+
+
+def bench_table(table: str | Path) -> Json:
+    """A file of a thrust bench here."""
+    path = Path(table)
+    return {"name": path.name, "text": path.read_text(encoding="utf-8")}
+
+
 def flights_body(logs: Sequence[str], runs: Sequence[str]) -> Json:
     """Which flights a submission means."""
     return {"logs": list(logs), "runs": list(runs)}
 
 
 def effect_text(effect: str | Path) -> str:
-    """An effect document: a text, or a `Path` of a file here."""
+    """A document: a text, or a `Path` of a file here."""
     return effect.read_text(encoding="utf-8") if isinstance(effect, Path) else effect
 
 
@@ -92,6 +165,10 @@ class FdiOperations:
         answer = yield from self.settings.call("POST", self.root, json=body)
         return read(FdiState, answer.json()["session"])
 
+    def sessions(self) -> Operation[list[FdiState]]:
+        answer = yield from self.settings.call("GET", self.root)
+        return [read(FdiState, item) for item in answer.json()["items"]]
+
     def state(self, id: str) -> Operation[FdiState]:
         answer = yield from self.settings.call("GET", f"{self.root}/{in_path(id)}")
         return read(FdiState, answer.json())
@@ -109,25 +186,40 @@ class FdiOperations:
     def close(self, id: str) -> Operation[None]:
         yield from self.settings.call("DELETE", f"{self.root}/{in_path(id)}", ok_when_repeated=(404,))
 
-    def score(self, log: str | Path | bytes | None, params: Json) -> Operation[Json]:
+    def judge(self, log: str | Path | bytes | None, params: Json, what: str) -> Operation[Json]:
+        """what: `reports` or `scores`."""
         content = b"" if log is None else log if isinstance(log, bytes) else Path(log).read_bytes()
         headers = {"content-type": "application/octet-stream"}
-        answer = yield from self.settings.call("POST", "/api/v1/fdi/scores", params=params, content=content, headers=headers)
+        # Judged by a process of the server, which has two minutes. It keeps nothing: what is asked again is judged again.
+        timeout_s = max(150.0, self.settings.timeout_s)
+        answer = yield from self.settings.call(
+            "POST", f"/api/v1/fdi/{what}", params=params, content=content, headers=headers, timeout_s=timeout_s
+        )
         found: Json = answer.json()
         return found
 
 
-def score_params(
+def judge_params(
+    log: str | Path | bytes | None,
     id: str | None,
     vehicle: str,
-    truth: str | Sequence[tuple[float, int, float | None]],
+    part: str | None,
     classifier: str | None,
+    calibration_start_s: float | None,
     calibration_end_s: float | None,
+    flight: bool,
 ) -> Json:
-    """Which detectors, and what is true: the name of a column, or rows."""
+    """Which log, and which detectors."""
+    if (log is None) == (id is None):
+        raise ValueError("expected a log or the id of one, got " + ("neither" if log is None else "both"))
+    calibration = {"calibration_start_s": calibration_start_s, "calibration_end_s": calibration_end_s}
+    return without_none(log=id, vehicle=vehicle, part=part, classifier=classifier, flight="true" if flight else None, **calibration)
+
+
+def truth_params(truth: str | Sequence[tuple[float, int, float | None]]) -> Json:
+    """What is true: the name of a column, or rows."""
     rows = truth if isinstance(truth, str) else ";".join(f"{at},{rotor},{'' if loss is None else loss}" for at, rotor, loss in truth)
-    given = without_none(log=id, vehicle=vehicle, classifier=classifier, calibration_end_s=calibration_end_s)
-    return {**given, "truth_column" if isinstance(truth, str) else "truth": rows}
+    return {"truth_column" if isinstance(truth, str) else "truth": rows}
 
 
 def session_body(

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 import httpx
 
-from ._aio_resource import AsyncResource
+from ._aio_resource import AsyncResource, fetched, followed
 from ._exchange import Operation, Settings, drive_async
 from ._models import MAIN, ModelOperations
 from ._operations import (
@@ -22,21 +22,59 @@ from ._operations import (
     as_text,
     bench_body,
     campaign_body,
+    identity,
     job_operations,
+    limits,
     query_files,
     scenario_body,
     verdict_codes,
 )
+from ._stream import Download, FollowAll
 from ._transport import AsyncTransport
 from .aio_fdi import AsyncFdi
-from .aio_twin import AsyncClassifiers, AsyncComparisons, AsyncDiagnoses, AsyncImprovements, AsyncLogs
-from .models import Autopilot, BlindCase, CampaignFlight, Channel, Controller, Job, Json, Link, Pace, Place, QueryAnswer, Run, Ticket, Validation, Verification
+from .aio_twin import (
+    AsyncClassifiers,
+    AsyncComparisons,
+    AsyncDiagnoses,
+    AsyncIdentifications,
+    AsyncImprovements,
+    AsyncLogs,
+    AsyncNextFlights,
+)
+from .models import (
+    Autopilot,
+    BlindCase,
+    CampaignFlight,
+    Channel,
+    Controller,
+    ExportFormat,
+    Identity,
+    Job,
+    Json,
+    LibraryCampaign,
+    Limits,
+    Link,
+    Pace,
+    Place,
+    PlacedEvent,
+    QueryAnswer,
+    Run,
+    RunTable,
+    Status,
+    Ticket,
+    Validation,
+    VehicleGeometry,
+    Verification,
+)
 
 if TYPE_CHECKING:
     import pandas
     import pyarrow
 
 T = TypeVar("T")
+
+#: The server writes an export before it sends it, s.
+_EXPORT_S = 600.0
 
 
 class AsyncJobs(AsyncResource[Job]):
@@ -96,6 +134,10 @@ class AsyncCampaigns(AsyncResource[Job]):
                 yield item
             if cursor is None:
                 return
+
+    async def library(self) -> Sequence[LibraryCampaign]:
+        """The campaigns that `submit` can name."""
+        return await self._do(self._operations.library())
 
     async def fly(self, id: str, flight: int) -> Run:
         """One of its flights as a run, with the seed and scenario of that flight: the same run hash. Asked for again, the same run."""
@@ -230,6 +272,29 @@ class AsyncRuns(AsyncResource[Run]):
         """Flies it again in one process and compares the run hash."""
         return await self._do(self._operations.verify(id))
 
+    async def table(
+        self,
+        columns: Sequence[str],
+        *,
+        name: str | None = None,
+        parent: str | None = None,
+        status: Status = "done",
+        limit: int | None = None,
+    ) -> RunTable:
+        """Runs side by side, latest first: a row for each with `id`, `name`, `vehicle`, `seed`, `run_hash` and these numbers of its summary.
+
+        columns: such as `steps`, `detectors.sequential.delay_s`; `columns` says which there are, and `Unprocessable` is raised for one that
+        no summary can have. name: of the scenario. parent: only runs forked from this one, or flights of this campaign. limit: most rows;
+        20,000 without it, and never more.
+        """
+        if not columns:
+            raise ValueError("no columns; expected names of numbers of a summary, which `columns` lists")
+        return await self._do(self._operations.table(columns, {"name": name, "parent": parent, "status": status, "limit": limit}))
+
+    async def columns(self, *, name: str | None = None, parent: str | None = None, status: Status = "done") -> Sequence[str]:
+        """Columns that `table` can have for such runs, by the summaries of the latest of them."""
+        return await self._do(self._operations.columns({"name": name, "parent": parent, "status": status}))
+
     async def compare_controllers(self, ids: Sequence[str], *, within_m: float | None = None) -> Json:
         """Runs of one scenario that different controllers have flown: `rows` with tracking, energy, what the fault did and what was seen of it.
 
@@ -254,6 +319,21 @@ class AsyncRuns(AsyncResource[Run]):
         """The flight as a page draws it: `track`, `height_m`, `parts` and events, `outputs` of the motors, `vibration`."""
         return await self._do(self._operations.flight(id))
 
+    async def geometry(self, id: str) -> VehicleGeometry:
+        """What its vehicle looks like: rotors with places and spins, effectiveness, hover at the initial charge of the run."""
+        return await self._do(self._operations.geometry(id))
+
+    async def export(self, id: str, format: ExportFormat, target: str | Path) -> Path:
+        """The whole run as one file to `target`: `ulog` (PX4 tools), `mcap` (Foxglove), `parquet`, `csv`.
+
+        The same run gives the same bytes each time. One that has not ended raises `Conflict`. A download of `ulog` or `csv` that is cut off
+        begins again: the server writes such a file anew each time.
+        """
+        path = self._operations.path(id, "export")
+        timeout_s = max(_EXPORT_S, self._transport.settings.timeout_s)
+        download = Download(self._transport.settings, path, Path(target), params={"format": format}, timeout_s=timeout_s)
+        return await fetched(self._transport, download)
+
     async def ticket(self, id: str) -> Sequence[Ticket]:
         """How parts from elsewhere join; there once the plant waits for them (event `join`)."""
         return await self._do(self._operations.ticket(id))
@@ -277,7 +357,9 @@ class AsyncRuns(AsyncResource[Run]):
         anything (`duty_*`). points: most rows of a run, 2000 without it.
         """
         query = {"from_s": from_s, "to_s": to_s, "points": points}
-        return as_table(await self._do(self._operations.samples(id, channels, query)), None)
+        if isinstance(id, str):
+            return as_table(await self._do(self._operations.samples(id, channels, query)), None)
+        return as_table(await self._do(self._operations.samples_of(id, channels, query)), None)
 
 
 class AsyncLibrary:
@@ -288,21 +370,23 @@ class AsyncLibrary:
         self._kind = kind
         self._operations = LibraryOperations(transport.settings)
 
-    async def list(self) -> Sequence[str]:
-        """Their names."""
-        return await drive_async(self._transport.http, self._operations.names(self._kind))
+    async def list(self, *, own: bool = False) -> Sequence[str]:
+        """Their names. own: only of those that one has left there."""
+        return await drive_async(self._transport.http, self._operations.names(self._kind, own))
 
     async def get(self, name: str) -> str:
         """One of them (TOML)."""
         return await drive_async(self._transport.http, self._operations.text(self._kind, name))
 
-    async def put(self, name: str, document: str | Path, *, only_new: bool = False) -> None:
-        """Leaves one there, on one's own account; it hides the server's of the same name.
+    async def put(self, name: str, document: str | Path, *, only_new: bool = False, replaces: str | None = None) -> str:
+        """Leaves one there, on one's own account; it hides the server's of the same name. Its content hash.
 
         document: a text (TOML), or the `Path` of a file here. only_new: refused with `Conflict` if one has left such a one already.
+        replaces: content hash of the one that is there; `Conflict` if it has changed meanwhile.
         A document that is refused raises `Unprocessable`, whose `complaints` are all that is wrong with it.
         """
-        await drive_async(self._transport.http, self._operations.put(self._kind, name, as_text(document), only_new))
+        operation = self._operations.put(self._kind, name, as_text(document), only_new, replaces)
+        return await drive_async(self._transport.http, operation)
 
     async def delete(self, name: str) -> None:
         """Takes away what one has left there."""
@@ -313,8 +397,20 @@ class AsyncLibrary:
         return await drive_async(self._transport.http, self._operations.check(self._kind, as_text(document)))
 
 
+class AsyncVehicles(AsyncLibrary):
+    """Vehicles that the server has."""
+
+    async def geometry(self, name: str) -> VehicleGeometry:
+        """What one looks like: rotors with places and spins, effectiveness, hover with a full battery."""
+        return await drive_async(self._transport.http, self._operations.geometry(self._kind, name))
+
+
 class AsyncEffects(AsyncLibrary):
     """Effects of one's own; and what each effect of the catalogue does."""
+
+    async def catalogue(self) -> Sequence[Json]:
+        """The effects that a model can have, built-in and of the library: `id`, `equation`, `parameters` with units, `excited_by`, `source`, …"""
+        return await drive_async(self._transport.http, self._operations.catalogue())
 
     async def picture(
         self,
@@ -367,6 +463,10 @@ class AsyncModels(AsyncLibrary):
     async def export(self, name: str, at: str = MAIN) -> str:
         """The file that says everything of a version (TOML)."""
         return await self._do(self._models.export(name, at))
+
+    async def geometry(self, name: str, at: str = MAIN) -> VehicleGeometry:
+        """What the vehicle of a version looks like, without the effects; at: `v1`, or a branch."""
+        return await self._do(self._operations.geometry(self._kind, name, at))
 
     async def diff(self, name: str, before: str, after: str = MAIN) -> Json:
         """What differs between two versions."""
@@ -431,10 +531,13 @@ class AsyncClient:
         self.comparisons = AsyncComparisons(transport)
         self.diagnoses = AsyncDiagnoses(transport)
         self.improvements = AsyncImprovements(transport)
+        self.next_flights = AsyncNextFlights(transport)
+        self.identifications = AsyncIdentifications(transport)
         self.classifiers = AsyncClassifiers(transport)
+        self.verifications = AsyncResource[Job](transport, job_operations(settings, "verifications"))
         self.fdi = AsyncFdi(transport)
         self.scenarios = AsyncScenarios(transport, "scenarios")
-        self.vehicles = AsyncLibrary(transport, "vehicles")
+        self.vehicles = AsyncVehicles(transport, "vehicles")
         self.blades = AsyncLibrary(transport, "blades")
         self.effects = AsyncEffects(transport, "effects")
         self.models = AsyncModels(transport)
@@ -460,6 +563,24 @@ class AsyncClient:
         """
         operation = query_files(self._transport.settings, sql, runs, campaigns, blind_benches, rows)
         return await drive_async(self._transport.http, operation)
+
+    async def events(self, *, after: str | None = None, progress: bool = True, wait: bool = True) -> AsyncIterator[PlacedEvent]:
+        """The events of all jobs of the caller as they happen, over broken connections and restarts of the server, without gaps.
+
+        The first is `open`, at the place of now: what is listed after it misses nothing. after: the `place` of the last event that was seen;
+        the stream goes on behind it, without `open`. progress: with the events `progress`, the most frequent ones. wait: False ends with what
+        there is now. Parts of campaigns and benches are left out. An unknown place raises `BadRequest`.
+        """
+        async for event in followed(self._transport, FollowAll(self._transport.settings, after, progress, wait)):
+            yield event
+
+    async def limits(self) -> Limits:
+        """What the caller's account may have, and has: bytes of all files, jobs that wait or run, size of a log."""
+        return await drive_async(self._transport.http, limits(self._transport.settings))
+
+    async def identity(self) -> Identity:
+        """Who the caller is for the server, and whether it asks for a token; also answered without one."""
+        return await drive_async(self._transport.http, identity(self._transport.settings))
 
     async def ready(self) -> bool:
         """The server takes work; raises otherwise."""

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 import httpx
 
-from ._resource import Resource
+from ._resource import Resource, fetched, followed
 from ._exchange import Operation, Settings, drive
 from ._models import MAIN, ModelOperations
 from ._operations import (
@@ -24,21 +24,59 @@ from ._operations import (
     as_text,
     bench_body,
     campaign_body,
+    identity,
     job_operations,
+    limits,
     query_files,
     scenario_body,
     verdict_codes,
 )
+from ._stream import Download, FollowAll
 from ._transport import Transport
 from .fdi import Fdi
-from .twin import Classifiers, Comparisons, Diagnoses, Improvements, Logs
-from .models import Autopilot, BlindCase, CampaignFlight, Channel, Controller, Job, Json, Link, Pace, Place, QueryAnswer, Run, Ticket, Validation, Verification
+from .twin import (
+    Classifiers,
+    Comparisons,
+    Diagnoses,
+    Identifications,
+    Improvements,
+    Logs,
+    NextFlights,
+)
+from .models import (
+    Autopilot,
+    BlindCase,
+    CampaignFlight,
+    Channel,
+    Controller,
+    ExportFormat,
+    Identity,
+    Job,
+    Json,
+    LibraryCampaign,
+    Limits,
+    Link,
+    Pace,
+    Place,
+    PlacedEvent,
+    QueryAnswer,
+    Run,
+    RunTable,
+    Status,
+    Ticket,
+    Validation,
+    VehicleGeometry,
+    Verification,
+)
 
 if TYPE_CHECKING:
     import pandas
     import pyarrow
 
 T = TypeVar("T")
+
+#: The server writes an export before it sends it, s.
+_EXPORT_S = 600.0
 
 
 class Jobs(Resource[Job]):
@@ -98,6 +136,10 @@ class Campaigns(Resource[Job]):
                 yield item
             if cursor is None:
                 return
+
+    def library(self) -> Sequence[LibraryCampaign]:
+        """The campaigns that `submit` can name."""
+        return self._do(self._operations.library())
 
     def fly(self, id: str, flight: int) -> Run:
         """One of its flights as a run, with the seed and scenario of that flight: the same run hash. Asked for again, the same run."""
@@ -232,6 +274,29 @@ class Runs(Resource[Run]):
         """Flies it again in one process and compares the run hash."""
         return self._do(self._operations.verify(id))
 
+    def table(
+        self,
+        columns: Sequence[str],
+        *,
+        name: str | None = None,
+        parent: str | None = None,
+        status: Status = "done",
+        limit: int | None = None,
+    ) -> RunTable:
+        """Runs side by side, latest first: a row for each with `id`, `name`, `vehicle`, `seed`, `run_hash` and these numbers of its summary.
+
+        columns: such as `steps`, `detectors.sequential.delay_s`; `columns` says which there are, and `Unprocessable` is raised for one that
+        no summary can have. name: of the scenario. parent: only runs forked from this one, or flights of this campaign. limit: most rows;
+        20,000 without it, and never more.
+        """
+        if not columns:
+            raise ValueError("no columns; expected names of numbers of a summary, which `columns` lists")
+        return self._do(self._operations.table(columns, {"name": name, "parent": parent, "status": status, "limit": limit}))
+
+    def columns(self, *, name: str | None = None, parent: str | None = None, status: Status = "done") -> Sequence[str]:
+        """Columns that `table` can have for such runs, by the summaries of the latest of them."""
+        return self._do(self._operations.columns({"name": name, "parent": parent, "status": status}))
+
     def compare_controllers(self, ids: Sequence[str], *, within_m: float | None = None) -> Json:
         """Runs of one scenario that different controllers have flown: `rows` with tracking, energy, what the fault did and what was seen of it.
 
@@ -256,6 +321,21 @@ class Runs(Resource[Run]):
         """The flight as a page draws it: `track`, `height_m`, `parts` and events, `outputs` of the motors, `vibration`."""
         return self._do(self._operations.flight(id))
 
+    def geometry(self, id: str) -> VehicleGeometry:
+        """What its vehicle looks like: rotors with places and spins, effectiveness, hover at the initial charge of the run."""
+        return self._do(self._operations.geometry(id))
+
+    def export(self, id: str, format: ExportFormat, target: str | Path) -> Path:
+        """The whole run as one file to `target`: `ulog` (PX4 tools), `mcap` (Foxglove), `parquet`, `csv`.
+
+        The same run gives the same bytes each time. One that has not ended raises `Conflict`. A download of `ulog` or `csv` that is cut off
+        begins again: the server writes such a file anew each time.
+        """
+        path = self._operations.path(id, "export")
+        timeout_s = max(_EXPORT_S, self._transport.settings.timeout_s)
+        download = Download(self._transport.settings, path, Path(target), params={"format": format}, timeout_s=timeout_s)
+        return fetched(self._transport, download)
+
     def ticket(self, id: str) -> Sequence[Ticket]:
         """How parts from elsewhere join; there once the plant waits for them (event `join`)."""
         return self._do(self._operations.ticket(id))
@@ -279,7 +359,9 @@ class Runs(Resource[Run]):
         anything (`duty_*`). points: most rows of a run, 2000 without it.
         """
         query = {"from_s": from_s, "to_s": to_s, "points": points}
-        return as_table(self._do(self._operations.samples(id, channels, query)), None)
+        if isinstance(id, str):
+            return as_table(self._do(self._operations.samples(id, channels, query)), None)
+        return as_table(self._do(self._operations.samples_of(id, channels, query)), None)
 
 
 class Library:
@@ -290,21 +372,23 @@ class Library:
         self._kind = kind
         self._operations = LibraryOperations(transport.settings)
 
-    def list(self) -> Sequence[str]:
-        """Their names."""
-        return drive(self._transport.http, self._operations.names(self._kind))
+    def list(self, *, own: bool = False) -> Sequence[str]:
+        """Their names. own: only of those that one has left there."""
+        return drive(self._transport.http, self._operations.names(self._kind, own))
 
     def get(self, name: str) -> str:
         """One of them (TOML)."""
         return drive(self._transport.http, self._operations.text(self._kind, name))
 
-    def put(self, name: str, document: str | Path, *, only_new: bool = False) -> None:
-        """Leaves one there, on one's own account; it hides the server's of the same name.
+    def put(self, name: str, document: str | Path, *, only_new: bool = False, replaces: str | None = None) -> str:
+        """Leaves one there, on one's own account; it hides the server's of the same name. Its content hash.
 
         document: a text (TOML), or the `Path` of a file here. only_new: refused with `Conflict` if one has left such a one already.
+        replaces: content hash of the one that is there; `Conflict` if it has changed meanwhile.
         A document that is refused raises `Unprocessable`, whose `complaints` are all that is wrong with it.
         """
-        drive(self._transport.http, self._operations.put(self._kind, name, as_text(document), only_new))
+        operation = self._operations.put(self._kind, name, as_text(document), only_new, replaces)
+        return drive(self._transport.http, operation)
 
     def delete(self, name: str) -> None:
         """Takes away what one has left there."""
@@ -315,8 +399,20 @@ class Library:
         return drive(self._transport.http, self._operations.check(self._kind, as_text(document)))
 
 
+class Vehicles(Library):
+    """Vehicles that the server has."""
+
+    def geometry(self, name: str) -> VehicleGeometry:
+        """What one looks like: rotors with places and spins, effectiveness, hover with a full battery."""
+        return drive(self._transport.http, self._operations.geometry(self._kind, name))
+
+
 class Effects(Library):
     """Effects of one's own; and what each effect of the catalogue does."""
+
+    def catalogue(self) -> Sequence[Json]:
+        """The effects that a model can have, built-in and of the library: `id`, `equation`, `parameters` with units, `excited_by`, `source`, …"""
+        return drive(self._transport.http, self._operations.catalogue())
 
     def picture(
         self,
@@ -369,6 +465,10 @@ class Models(Library):
     def export(self, name: str, at: str = MAIN) -> str:
         """The file that says everything of a version (TOML)."""
         return self._do(self._models.export(name, at))
+
+    def geometry(self, name: str, at: str = MAIN) -> VehicleGeometry:
+        """What the vehicle of a version looks like, without the effects; at: `v1`, or a branch."""
+        return self._do(self._operations.geometry(self._kind, name, at))
 
     def diff(self, name: str, before: str, after: str = MAIN) -> Json:
         """What differs between two versions."""
@@ -433,10 +533,13 @@ class Client:
         self.comparisons = Comparisons(transport)
         self.diagnoses = Diagnoses(transport)
         self.improvements = Improvements(transport)
+        self.next_flights = NextFlights(transport)
+        self.identifications = Identifications(transport)
         self.classifiers = Classifiers(transport)
+        self.verifications = Resource[Job](transport, job_operations(settings, "verifications"))
         self.fdi = Fdi(transport)
         self.scenarios = Scenarios(transport, "scenarios")
-        self.vehicles = Library(transport, "vehicles")
+        self.vehicles = Vehicles(transport, "vehicles")
         self.blades = Library(transport, "blades")
         self.effects = Effects(transport, "effects")
         self.models = Models(transport)
@@ -462,6 +565,24 @@ class Client:
         """
         operation = query_files(self._transport.settings, sql, runs, campaigns, blind_benches, rows)
         return drive(self._transport.http, operation)
+
+    def events(self, *, after: str | None = None, progress: bool = True, wait: bool = True) -> Iterator[PlacedEvent]:
+        """The events of all jobs of the caller as they happen, over broken connections and restarts of the server, without gaps.
+
+        The first is `open`, at the place of now: what is listed after it misses nothing. after: the `place` of the last event that was seen;
+        the stream goes on behind it, without `open`. progress: with the events `progress`, the most frequent ones. wait: False ends with what
+        there is now. Parts of campaigns and benches are left out. An unknown place raises `BadRequest`.
+        """
+        for event in followed(self._transport, FollowAll(self._transport.settings, after, progress, wait)):
+            yield event
+
+    def limits(self) -> Limits:
+        """What the caller's account may have, and has: bytes of all files, jobs that wait or run, size of a log."""
+        return drive(self._transport.http, limits(self._transport.settings))
+
+    def identity(self) -> Identity:
+        """Who the caller is for the server, and whether it asks for a token; also answered without one."""
+        return drive(self._transport.http, identity(self._transport.settings))
 
     def ready(self) -> bool:
         """The server takes work; raises otherwise."""

@@ -18,7 +18,7 @@ class UnexpectedAnswer(RotortwinError):
 
 
 class JobFailed(RotortwinError):
-    """A job that was waited for ended as failed or canceled."""
+    """A job that was waited for, or whose result was asked for, ended as failed or canceled."""
 
     def __init__(self, sentence: str, status: str) -> None:
         super().__init__(sentence)

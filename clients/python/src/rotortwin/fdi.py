@@ -4,15 +4,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from types import TracebackType
 from typing import TYPE_CHECKING, Any
 
+from ._resource import followed
 from ._exchange import drive
+from ._stream import FollowFdi
 from ._transport import Transport
-from ._twin import CHUNK, FdiOperations, chunks_of, score_params, session_body
-from .models import FdiAnswer, FdiState, FdiWindow, Json, Sample
+from ._twin import CHUNK, FdiOperations, chunks_of, judge_params, session_body, truth_params
+from .models import FdiAnswer, FdiEvent, FdiState, FdiWindow, Json, Sample
 
 if TYPE_CHECKING:
     import pandas
@@ -90,6 +92,46 @@ class Fdi:
         state = drive(self._transport.http, self._operations.open(body))
         return FdiSession(self._transport, self._operations, state)
 
+    def attach(self, id: str) -> FdiSession:
+        """A session that is open already, such as one of another program: to be fed from its next step."""
+        state = drive(self._transport.http, self._operations.state(id))
+        return FdiSession(self._transport, self._operations, state)
+
+    def sessions(self) -> Sequence[FdiState]:
+        """One's open sessions. Listing them keeps none alive."""
+        return drive(self._transport.http, self._operations.sessions())
+
+    def events(self, *, wait: bool = True) -> Iterator[FdiEvent]:
+        """One's sessions as they change, whoever feeds them; watching keeps none alive, and a token that may only read is enough.
+
+        It begins with `open`, all that are open. Then `session`, one that was opened or fed since, at most ten times a second, and `closed`.
+        After a broken connection it begins again, with another `open`: what was told meanwhile is in the states that it lists. wait: False
+        ends after `open`.
+        """
+        for event in followed(self._transport, FollowFdi(self._transport.settings, wait)):
+            yield event
+
+    def judge(
+        self,
+        log: str | Path | bytes | None = None,
+        *,
+        vehicle: str,
+        id: str | None = None,
+        part: str | None = None,
+        classifier: str | None = None,
+        calibration_start_s: float | None = None,
+        calibration_end_s: float | None = None,
+        flight: bool = False,
+    ) -> Json:
+        """Runs the detectors on a flight log: `timeline` of the verdicts, `final_window`, `not_judged` with reasons, `lacks`, …; nothing is stored.
+
+        log: a file, or its bytes; or id, of a log or run that the server has. part: seconds `35:65`, or `order:2-5-6-3-1-4` where the columns
+        are those of other rotors. classifier: one of the library's; without one the network says nothing. calibration_start_s,
+        calibration_end_s: until then the vehicle is taken for healthy. flight: with `flight` in the answer, as `logs.flight` gives it.
+        """
+        params = judge_params(log, id, vehicle, part, classifier, calibration_start_s, calibration_end_s, flight)
+        return drive(self._transport.http, self._operations.judge(log, params, "reports"))
+
     def score(
         self,
         log: str | Path | bytes | None = None,
@@ -97,15 +139,16 @@ class Fdi:
         vehicle: str,
         truth: str | Sequence[tuple[float, int, float | None]],
         id: str | None = None,
+        part: str | None = None,
         classifier: str | None = None,
+        calibration_start_s: float | None = None,
         calibration_end_s: float | None = None,
+        flight: bool = False,
     ) -> Json:
         """Judges a flight log whose truth is known, and scores the verdicts of all detectors: a dictionary with `report` and `score`.
 
-        log: a file, or its bytes; or id, of a log or run that the server has. truth: the column of the log that holds it, or rows (time in s, rotor
-        from 1, lost share of its thrust): from this time on it has lost that share; 0: recovered, None: unknown size. A healthy log has `[(0, 0, None)]`.
+        truth: the column of the log that holds it, or rows (time in s, rotor from 1, lost share of its thrust): from this time on it has lost
+        that share; 0: recovered, None: unknown size. A healthy log has `[(0, 0, None)]`. The rest: as for `judge`.
         """
-        if (log is None) == (id is None):
-            raise ValueError("expected a log or the id of one, got " + ("neither" if log is None else "both"))
-        params = score_params(id, vehicle, truth, classifier, calibration_end_s)
-        return drive(self._transport.http, self._operations.score(log, params))
+        params = judge_params(log, id, vehicle, part, classifier, calibration_start_s, calibration_end_s, flight)
+        return drive(self._transport.http, self._operations.judge(log, params | truth_params(truth), "scores"))

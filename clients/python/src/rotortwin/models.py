@@ -19,6 +19,10 @@ Place = Literal["beside", "worker", "external"]
 #: Who flies: a place, or `{"autopilot": NAME}`, one that the operator of the server has listed.
 Controller = Union[Place, Mapping[str, str]]
 Method = Literal["paper", "improved"]
+#: What a generated log shows.
+ExamplePreset = Literal["hidden-effect", "damaged-blade", "healthy"]
+#: What a whole run can be written as.
+ExportFormat = Literal["ulog", "mcap", "parquet", "csv"]
 CalibrationState = Literal["noise", "disturbances", "done"]
 
 _T = TypeVar("_T")
@@ -39,15 +43,10 @@ def read(cls: type[_T], data: object) -> _T:
 
 
 def _field(cls: type, name: str, value: Any) -> Any:
-    if cls is FdiAnswer and name == "windows":
-        return [read(FdiWindow, window) for window in value]
-    if cls is Validation and name == "complaints":
-        return [read(Complaint, complaint) for complaint in value]
-    if cls is QueryAnswer and name == "columns":
-        return [read(QueryColumn, column) for column in value]
-    if cls is FdiState and name == "last" and value is not None:
-        return read(FdiWindow, value)
-    return value
+    inner = _NESTED.get((cls, name))
+    if inner is None or value is None:
+        return value
+    return [read(inner, item) for item in value] if isinstance(value, list) else read(inner, value)
 
 
 @dataclass(frozen=True)
@@ -476,3 +475,322 @@ class FdiState:
     cannot_judge: Json | None = None
     #: The last window.
     last: FdiWindow | None = None
+
+
+@dataclass(frozen=True)
+class PlacedEvent:
+    """An event of the one stream of all jobs."""
+
+    #: Where it stands in the stream: what `after` takes.
+    place: str
+    #: As in the stream of its job; `open` is the stream's own, with number 0.
+    event: Event
+    #: Id of the job; empty for `open`.
+    job: str = ""
+    #: Under which address such jobs are: what `client.jobs` takes, such as `campaigns`.
+    collection: str = ""
+    #: What the job is, such as `campaign`.
+    job_kind: str = ""
+
+    @property
+    def kind(self) -> str:
+        """That of the event, such as `progress`."""
+        return self.event.kind
+
+
+@dataclass(frozen=True)
+class FdiEvent:
+    """A change of one's FDI sessions."""
+
+    #: `open`: all that are open now. `session`: one was opened or fed. `closed`: one has ended.
+    kind: str
+    #: Those that are open, or the one that changed.
+    sessions: Sequence[FdiState] = ()
+    #: Id of the one that has ended.
+    closed: str | None = None
+
+
+@dataclass(frozen=True)
+class RotorGeometry:
+    """One rotor."""
+
+    #: From 1.
+    number: int
+    #: m, from the centre of mass, FRD.
+    position_body_m: Sequence[float]
+    #: `cw` or `ccw`, seen from above.
+    spin: str
+    #: Drag torque per thrust, m.
+    moment_ratio_m: float
+
+
+@dataclass(frozen=True)
+class Effectiveness:
+    """`matrix` times the rotors' thrusts (N): total thrust (N), then torques about x, y, z (N m)."""
+
+    #: `thrust`, `roll`, `pitch`, `yaw`.
+    rows: Sequence[str]
+    #: A row for each, a column a rotor.
+    matrix: Sequence[Sequence[float]]
+
+
+@dataclass(frozen=True)
+class Hover:
+    """Hover in still air."""
+
+    #: Weight, N.
+    thrust_n: float
+    #: Least-norm thrusts that carry it without a torque, N.
+    rotor_thrust_n: Sequence[float]
+    #: Duties for them at that voltage, fraction.
+    duty: Sequence[float]
+    #: State of charge, fraction.
+    state_of_charge: float
+    #: Of the battery under this load, V.
+    voltage_v: float
+
+
+@dataclass(frozen=True)
+class VehicleGeometry:
+    """A vehicle as its document says; x forward, y right, z down (FRD), from the centre of mass."""
+
+    #: Of the vehicle.
+    name: str
+    mass_kg: float
+    #: To the furthest rotor, m.
+    arm_m: float
+    gravity_m_s2: float
+    #: Principal moments of inertia.
+    inertia_body_kg_m2: Sequence[float]
+    #: In the order of their numbers.
+    rotors: list[RotorGeometry]
+    #: What thrusts do.
+    effectiveness: Effectiveness
+    #: None: the battery cannot lift it.
+    hover: Hover | None = None
+
+
+@dataclass(frozen=True)
+class Buckets:
+    """A value for each bucket; None: nothing of it counts."""
+
+    #: Of the samples that count.
+    mean: Sequence[float | None]
+    #: The lowest sample.
+    low: Sequence[float | None]
+    #: The highest sample.
+    high: Sequence[float | None]
+
+
+@dataclass(frozen=True)
+class ModelSeries:
+    """What one model makes of a channel."""
+
+    #: As in the result of the comparison.
+    label: str
+    #: Measured less residual.
+    predicted: Buckets
+    #: Measured less predicted.
+    residual: Buckets
+
+
+@dataclass(frozen=True)
+class BucketNoise:
+    """Deviations of pure noise, 1 sigma, in the unit of the channel."""
+
+    #: Of a sample.
+    sample: float
+    #: Of the mean of a whole bucket.
+    mean: float
+
+
+@dataclass(frozen=True)
+class ChannelSeries:
+    """One channel of a compared log: what was measured, and what each model makes of it."""
+
+    #: Place of the log in the result, from 0.
+    log: int
+    #: Name of the log.
+    name: str
+    channel: str
+    #: Of all values.
+    unit: str
+    #: First and last sample of the log, s.
+    start_s: float
+    end_s: float
+    #: Length of a bucket, s.
+    bucket_s: float
+    #: Samples in the interval.
+    source_rows: int
+    #: Middle of each bucket, s.
+    time_s: Sequence[float]
+    measured: Buckets
+    #: In the order of the result.
+    models: list[ModelSeries]
+    #: What pure noise does.
+    noise: BucketNoise
+
+
+@dataclass(frozen=True)
+class FlightCondition:
+    """One flight condition over time."""
+
+    #: Key, as in the result of the comparison.
+    name: str
+    #: For people.
+    title: str
+    unit: str
+    #: Mean of each bucket; None: unknown.
+    mean: Sequence[float | None]
+
+
+@dataclass(frozen=True)
+class ConditionSeries:
+    """The flight conditions of a compared log."""
+
+    #: Place of the log in the result, from 0.
+    log: int
+    #: Name of the log.
+    name: str
+    #: Length of a bucket, s.
+    bucket_s: float
+    #: Samples in the interval.
+    source_rows: int
+    #: Middle of each bucket, s: those of a channel's series with the same interval and number of buckets.
+    time_s: Sequence[float]
+    items: list[FlightCondition]
+
+
+@dataclass(frozen=True)
+class HiddenEffect:
+    """An effect that was hidden in a log."""
+
+    #: Of the kind, such as `rotor-drag`.
+    id: str
+    #: Values of its parameters; absent ones have their typical value.
+    parameters: Mapping[str, float]
+    #: From 1, for kinds that act on one rotor.
+    rotor: int | None = None
+    #: Start, s; None: from the beginning.
+    onset_s: float | None = None
+    #: How its size changes after the onset; None: it does not.
+    profile: Json | None = None
+
+
+@dataclass(frozen=True)
+class HiddenTruth:
+    """What was hidden in a generated log."""
+
+    #: Empty: nothing.
+    effects: list[HiddenEffect]
+    #: Name of the vehicle.
+    vehicle: str
+    #: Of every random stream.
+    seed: int
+    duration_s: float
+    #: At the start, fraction.
+    state_of_charge: float
+    #: Of each rotor, N: what a comparison takes as nuisance.
+    lift_biases_n: Sequence[float]
+
+
+@dataclass(frozen=True)
+class ManoeuvreEvidence:
+    """What data with an effect in them are expected to say; natural logarithms of Bayes factors (above 10: decisive)."""
+
+    #: Against the other effect of the pair.
+    against_other: float
+    #: Against the strongest of all other candidates, "nothing" included.
+    against_all: float
+    #: That candidate.
+    strongest_rival: str
+
+
+@dataclass(frozen=True)
+class ProposedManoeuvre:
+    """A manoeuvre with what it is expected to show."""
+
+    #: Its name.
+    manoeuvre: str
+    #: In words.
+    description: str
+    duration_s: float
+    #: With the first effect in the data.
+    first: ManoeuvreEvidence
+    #: With the second effect in the data.
+    second: ManoeuvreEvidence
+
+
+@dataclass(frozen=True)
+class Limits:
+    """What the caller's account may have, and has."""
+
+    #: Size of an uploaded flight log, bytes.
+    largest_log: int
+    #: Size of a flight log that is judged directly and not stored (`fdi.judge`, `fdi.score`), bytes.
+    largest_judged_log: int
+    #: Size of all files: limit and now, bytes.
+    most_bytes: int
+    bytes: int
+    #: Queued and running jobs: limit and now.
+    most_open_jobs: int
+    open_jobs: int
+    #: Of simulated time, s.
+    longest_flight_s: float
+
+
+@dataclass(frozen=True)
+class Identity:
+    """Who the caller is for the server."""
+
+    #: The caller is known.
+    signed_in: bool
+    #: Every request needs a token.
+    needs_token: bool
+    #: `read`, `write`, `admin`.
+    scopes: Sequence[str]
+    #: On whose account.
+    tenant: str | None = None
+
+
+@dataclass(frozen=True)
+class LibraryCampaign:
+    """A campaign of the library."""
+
+    #: What `campaigns.submit` takes.
+    name: str
+    #: What it tries; empty where its document does not say it.
+    description: str
+
+
+@dataclass(frozen=True)
+class RunTable:
+    """Runs side by side: `rows[i][j]` belongs to `columns[j]`; None where a run has no value."""
+
+    columns: list[str]
+    rows: list[list[Any]]
+
+    def dicts(self) -> list[Json]:
+        """A dict for each run; `pandas.DataFrame` takes them."""
+        return [dict(zip(self.columns, row, strict=True)) for row in self.rows]
+
+
+#: Fields that hold an object of another dataclass, or a list of them.
+_NESTED: Mapping[tuple[type, str], type] = {
+    (QueryAnswer, "columns"): QueryColumn,
+    (Validation, "complaints"): Complaint,
+    (FdiAnswer, "windows"): FdiWindow,
+    (FdiState, "last"): FdiWindow,
+    (VehicleGeometry, "rotors"): RotorGeometry,
+    (VehicleGeometry, "effectiveness"): Effectiveness,
+    (VehicleGeometry, "hover"): Hover,
+    (ModelSeries, "predicted"): Buckets,
+    (ModelSeries, "residual"): Buckets,
+    (ChannelSeries, "measured"): Buckets,
+    (ChannelSeries, "models"): ModelSeries,
+    (ChannelSeries, "noise"): BucketNoise,
+    (ConditionSeries, "items"): FlightCondition,
+    (HiddenTruth, "effects"): HiddenEffect,
+    (ProposedManoeuvre, "first"): ManoeuvreEvidence,
+    (ProposedManoeuvre, "second"): ManoeuvreEvidence,
+}
