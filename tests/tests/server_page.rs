@@ -586,9 +586,35 @@ fn scenario_two_effects_that_look_alike_get_a_manoeuvre_that_tells() {
         "",
     );
     assert_eq!(scenario.status, 200);
+    let text = String::from_utf8_lossy(&scenario.body).into_owned();
+    assert!(text.contains("duration_s"), "a scenario: {text}");
+    // It flies what lies beside it, and names no folder of the server.
+    assert!(text.contains("vehicle = \"next-flight-vehicle.toml\""), "{text}");
+    let folder = scratch.path("taken");
+    std::fs::create_dir_all(&folder).expect("a folder");
+    for name in [
+        "next-flight.toml",
+        "next-flight-vehicle.toml",
+        "next-flight-blades.toml",
+    ] {
+        let file = server.ask("GET", &format!("/api/v1/next-flights/{id}/artifacts/{name}"), &[], "");
+        assert_eq!(file.status, 200, "{name}");
+        std::fs::write(folder.join(name), &file.body).expect("written");
+    }
+    Call::new(&scratch, ["check", "taken/next-flight.toml"])
+        .run()
+        .expect_code(0);
+    // A vehicle that no model was made of may be asked for as a model, too; nothing else may.
+    let body = json!({ "model": { "model": "f550" }, "between": ["mass", "air-density"] });
+    let (_, job) = done(&server, "next-flights", &body);
+    assert_eq!(job["result"][0], *best);
+    let body = json!({ "model": { "model": "none" }, "between": ["mass", "air-density"] }).to_string();
+    let refused = server.ask("POST", "/api/v1/next-flights", &[], &body);
+    let why = String::from_utf8_lossy(&refused.body).into_owned();
+    assert_eq!(refused.status, 404);
     assert!(
-        String::from_utf8_lossy(&scenario.body).contains("duration_s"),
-        "a scenario"
+        why.contains("there is no model 'none': the library has no models yet"),
+        "{why}"
     );
     let same = json!({ "model": { "vehicle": "f550" }, "between": ["mass", "mass"] });
     let id = server.submit_to("next-flights", &same);

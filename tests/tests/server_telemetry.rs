@@ -5,7 +5,7 @@ use parquet::record::Field;
 use rotortwin_tests::program::Call;
 use rotortwin_tests::python::environment;
 use rotortwin_tests::scratch::Scratch;
-use rotortwin_tests::server::Server;
+use rotortwin_tests::server::{Answer, Server};
 use rotortwin_tests::websocket::WebSocket;
 use serde_json::{Value, json};
 use std::collections::BTreeMap;
@@ -338,6 +338,20 @@ fn val_a_whole_run_as_ulog_is_what_px4s_own_reader_reads() {
     Call::new(&scratch, words(&out, "ulog")).run().expect_code(2);
     let part = export("ulog", &[("range", "bytes=1000-1999")]);
     assert!(part.status == 206 && part.body == ulog.body[1000..2000]);
+    // A download that broke off goes on: the run's export is the same file each time it is made.
+    let tag = |answer: &Answer| {
+        let line = answer
+            .headers
+            .lines()
+            .find(|line| line.to_ascii_lowercase().starts_with("etag:"));
+        line.and_then(|line| line.split_once(": "))
+            .map(|(_, tag)| tag.trim().to_owned())
+    };
+    let first = tag(&ulog).expect("an entity tag");
+    std::thread::sleep(std::time::Duration::from_millis(1100));
+    let rest = export("ulog", &[("range", "bytes=2000-"), ("if-range", &first)]);
+    assert!(rest.status == 206 && rest.body == ulog.body[2000..], "{}", rest.headers);
+    assert_eq!(tag(&rest), Some(first));
     assert_eq!(export("mcap", &[("range", "bytes=1-4")]).body, b"MCAP");
     assert!(export("parquet", &[]).body == std::fs::read(folder.join("telemetry.parquet")).expect("it is there"));
     assert_eq!(

@@ -55,7 +55,7 @@ fn between(job: &Job, found: &Found) -> Result<Proposed, String> {
             a.label()
         ));
     }
-    let scenario = job.out.as_deref().map(|path| ScenarioFiles::beside(path, found, job));
+    let scenario = job.out.as_deref().map(ScenarioFiles::beside);
     if let Some(files) = &scenario {
         files.can_be_written()?;
     }
@@ -200,44 +200,33 @@ fn table(proposals: &[Proposal], a: &Rival, b: &Rival) -> Grid {
     table
 }
 
-/// Files of a proposal: a scenario, and the vehicle and blades that it flies where those are no files yet.
+/// Files of a proposal: a scenario, and beside it the vehicle and blades that it flies, so that the three can be taken anywhere.
 struct ScenarioFiles<'a> {
     scenario: &'a Path,
-    /// As the scenario names it.
     vehicle: String,
-    /// Vehicle and blades to write; none: the vehicle is the file that was given as the model.
-    own: Option<[PathBuf; 2]>,
+    blades: String,
 }
 
 impl<'a> ScenarioFiles<'a> {
-    fn beside(scenario: &'a Path, found: &Found, job: &Job) -> Self {
-        let given = Path::new(&job.model);
-        if found.version.effect.is_empty()
-            && let Some(file) = given.is_file().then(|| given.canonicalize().ok()).flatten()
-        {
-            let vehicle = file.display().to_string();
-            return Self {
-                scenario,
-                vehicle,
-                own: None,
-            };
-        }
+    fn beside(scenario: &'a Path) -> Self {
         let stem = scenario
             .file_stem()
             .map_or_else(|| "scenario".into(), |stem| stem.to_string_lossy());
-        let vehicle = format!("{stem}-vehicle.toml");
-        let blades = scenario.with_file_name(format!("{stem}-blades.toml"));
         Self {
             scenario,
-            own: Some([scenario.with_file_name(&vehicle), blades]),
-            vehicle,
+            vehicle: format!("{stem}-vehicle.toml"),
+            blades: format!("{stem}-blades.toml"),
         }
     }
 
     /// Looked at before the work: none of them exists, and all can be written.
     fn can_be_written(&self) -> Result<(), String> {
-        let own = self.own.iter().flatten().map(PathBuf::as_path);
-        own.chain([self.scenario]).try_for_each(destination::new_file)
+        [&self.vehicle, &self.blades]
+            .map(|name| self.scenario.with_file_name(name))
+            .iter()
+            .map(PathBuf::as_path)
+            .chain([self.scenario])
+            .try_for_each(destination::new_file)
     }
 
     fn write(&self, best: &Proposal, found: &Found, seed: u64) -> Result<(), String> {
@@ -251,13 +240,11 @@ impl<'a> ScenarioFiles<'a> {
                 .map_err(|error| format!("{}: cannot be written: {error}", path.display()))
         };
         let text = |value: Result<String, toml::ser::Error>| value.map_err(|error| error.to_string());
-        if let Some([vehicle_path, blades_path]) = &self.own {
-            let mut vehicle = found.version.vehicle.clone();
-            let blades = blades_path.file_name().unwrap_or_default();
-            vehicle.rotors.blades = blades.to_string_lossy().into_owned();
-            create(vehicle_path, &text(toml::to_string(&vehicle))?)?;
-            create(blades_path, &text(toml::to_string(&found.version.blades))?)?;
-        }
+        let beside = |name: &str| self.scenario.with_file_name(name);
+        let mut vehicle = found.version.vehicle.clone();
+        vehicle.rotors.blades.clone_from(&self.blades);
+        create(&beside(&self.vehicle), &text(toml::to_string(&vehicle))?)?;
+        create(&beside(&self.blades), &text(toml::to_string(&found.version.blades))?)?;
         create(self.scenario, &scenario_text(manoeuvre, &self.vehicle, seed))
     }
 }

@@ -111,18 +111,23 @@ impl Library {
         names
     }
 
+    /// Whether it has a document.
+    pub(crate) fn has(&self, kind: &str, name: &str) -> bool {
+        self.names(kind).iter().any(|known| known == name)
+    }
+
     /// The text of a document.
     ///
     /// # Errors
     /// 404.
     pub(crate) fn text(&self, kind: &str, name: &str) -> Result<String, Problem> {
-        let known = self.names(kind);
-        if !known.iter().any(|other| other == name) {
+        if !self.has(kind, name) {
+            let known = self.names(kind);
             let singular = kind.trim_end_matches('s');
-            return Err(Problem::not_found(format!(
-                "there is no {singular} '{name}'; expected one of {}",
-                known.join(", ")
-            )));
+            return Err(Problem::not_found(match known.as_slice() {
+                [] => format!("there is no {singular} '{name}': the library has no {kind} yet"),
+                known => format!("there is no {singular} '{name}'; expected one of {}", known.join(", ")),
+            }));
         }
         std::fs::read_to_string(self.file(kind, name, "toml")).map_err(|error| Problem::internal(&error))
     }

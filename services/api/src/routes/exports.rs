@@ -1,7 +1,8 @@
 //! Whole runs in one file of a format that other programs read.
 //!
 //! MCAP and Parquet are files of the run. ULog and CSV are written into a file of the data folder's `exports`, which loses its name as soon as it
-//! is open for sending: it goes with the answer. What a server that was killed left there is removed by a later export.
+//! is open for sending: it goes with the answer. What a server that was killed left there is removed by a later export. Its time is that at
+//! which the run ended: the same run has the same entity tag each time, so that a download that broke off goes on.
 
 use crate::App;
 use crate::access::Caller;
@@ -19,7 +20,7 @@ use std::fs::File;
 use std::path::PathBuf;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
-use std::time::Duration;
+use std::time::{Duration, SystemTime};
 use tower_http::services::ServeFile;
 use utoipa::{IntoParams, ToSchema};
 
@@ -97,7 +98,11 @@ pub(crate) async fn export(
     // Removed when this function is left; the answer has the file open by then.
     let made = match format.file() {
         Some(_) => None,
-        None => Some(write(&app, source.clone(), format).await?),
+        None => {
+            let ended =
+                SystemTime::UNIX_EPOCH + Duration::from_millis(run.finished_ms.unwrap_or_default().unsigned_abs());
+            Some(write(&app, source.clone(), format, ended).await?)
+        }
     };
     let path = made.as_ref().map_or(&source, |Unnamed(path)| path);
     let response = ServeFile::new(path)
@@ -107,8 +112,6 @@ pub(crate) async fn export(
     let mut response = response.map(Body::new);
     if response.status().is_success() {
         let headers = response.headers_mut();
-        // Of a file that was written just now; it says nothing about the run.
-        headers.remove(header::LAST_MODIFIED);
         headers.insert(header::CONTENT_TYPE, HeaderValue::from_static(format.content_type()));
         let disposition = format!("attachment; filename=\"{}.{}\"", run.id, format.extension());
         if let Ok(value) = HeaderValue::from_str(&disposition) {
@@ -118,21 +121,34 @@ pub(crate) async fn export(
     Ok(response)
 }
 
-async fn write(app: &App, source: PathBuf, format: ExportFormat) -> Result<Unnamed, Problem> {
+/// * `ended`: the time of the file
+async fn write(app: &App, source: PathBuf, format: ExportFormat, ended: SystemTime) -> Result<Unnamed, Problem> {
     static NUMBER: AtomicU64 = AtomicU64::new(0);
     let folder = app.artifacts.place("exports");
-    let name = format!("{}-{}", std::process::id(), NUMBER.fetch_add(1, Ordering::Relaxed));
+    let now = SystemTime::now()
+        .duration_since(SystemTime::UNIX_EPOCH)
+        .unwrap_or_default();
+    // The time stands first, for `remove_old`.
+    let name = format!(
+        "{}-{}-{}",
+        now.as_secs(),
+        std::process::id(),
+        NUMBER.fetch_add(1, Ordering::Relaxed)
+    );
     let written = super::telemetry::blocking(move || {
         let io = |path: PathBuf| move |source| QueryError::Io { path, source };
         std::fs::create_dir_all(&folder).map_err(io(folder.clone()))?;
-        remove_old(&folder);
+        remove_old(&folder, now);
         let path = folder.join(name);
         let file = File::create_new(&path).map_err(io(path.clone()))?;
         let made = Unnamed(path);
         match export::export(&source, format, &file) {
             Err(QueryError::Output { source }) if source.kind() == std::io::ErrorKind::StorageFull => Ok(None),
             Err(error) => Err(error),
-            Ok(()) => Ok(Some(made)),
+            Ok(()) => {
+                file.set_modified(ended).map_err(io(made.0.clone()))?;
+                Ok(Some(made))
+            }
         }
     });
     written
@@ -140,14 +156,13 @@ async fn write(app: &App, source: PathBuf, format: ExportFormat) -> Result<Unnam
         .ok_or_else(|| Problem::disk_full("the export cannot be written: the disk of the data folder is full"))
 }
 
-fn remove_old(folder: &std::path::Path) {
+/// * `now`: since 1970
+fn remove_old(folder: &std::path::Path, now: Duration) {
     let Ok(entries) = std::fs::read_dir(folder) else { return };
     for entry in entries.filter_map(Result::ok) {
-        let age = entry.metadata().and_then(|metadata| metadata.modified()).ok();
-        if age
-            .and_then(|at| at.elapsed().ok())
-            .is_some_and(|age| age > LEFT_BEHIND)
-        {
+        let name = entry.file_name();
+        let began = name.to_str().and_then(|name| name.split('-').next()?.parse().ok());
+        if began.is_none_or(|began| now.as_secs().saturating_sub(began) > LEFT_BEHIND.as_secs()) {
             drop(Unnamed(entry.path()));
         }
     }

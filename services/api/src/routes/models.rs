@@ -447,10 +447,9 @@ impl Base {
             return Ok(Self { model, begun: true });
         }
         let library = app.library(caller).await?;
-        let there = |folder: &str| library.names(folder).iter().any(|known| known == name);
-        let first = if there("models") {
+        let first = if library.has("models", name) {
             library.model(name)?
-        } else if there("vehicles") {
+        } else if library.has("vehicles", name) {
             library.first_version(name)?
         } else {
             return Err(Problem::not_found(format!(

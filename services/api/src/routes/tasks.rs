@@ -311,9 +311,10 @@ impl ModelChoice {
     }
 }
 
-/// `NAME`, `NAME@v1` or `NAME@BRANCH`.
+/// `NAME`, `NAME@v1` or `NAME@BRANCH`. A vehicle that no model was made of is its own first version, as under `/api/v1/models/NAME`.
 async fn named_model(app: &App, caller: &Caller, library: &Library, text: &str) -> Result<ModelVersion, Problem> {
     match text.split_once('@') {
+        None if !library.has("models", text) && library.has("vehicles", text) => library.first_version(text),
         None => library.model(text),
         Some((name, at)) => app.model_version(caller, name, at).await,
     }
