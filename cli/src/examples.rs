@@ -175,8 +175,8 @@ Examples:
 pub(crate) const TRAIN: &str = "\
 Examples:
   rotortwin train --out my-classifier.json --seeds 1
-  rotortwin train --networks 0..11 --out part-0        # on one machine
-  rotortwin train --networks 11..21 --out part-1       # on another
+  rotortwin train --networks 0..11 --out part-0
+  rotortwin train --networks 11..21 --out part-1
   rotortwin train merge part-0 part-1 --out my-classifier.json";
 
 pub(crate) const JOB: &str = "\

@@ -18,7 +18,7 @@ pub struct Args {
     #[command(subcommand)]
     command: Option<Sub>,
     #[command(flatten)]
-    train: Option<TrainArgs>,
+    train: TrainArgs,
 }
 
 #[derive(Debug, Subcommand)]
@@ -45,8 +45,8 @@ struct MergeArgs {
 #[derive(Debug, ClapArgs)]
 pub struct TrainArgs {
     /// Classifier file to write; with --networks a folder
-    #[arg(long, value_name = "FILE")]
-    out: PathBuf,
+    #[arg(long, value_name = "FILE", required = true)]
+    out: Option<PathBuf>,
     /// Train only these of the 1 + 4 SEEDS networks, FIRST..END, into the folder --out; 'rotortwin train merge' makes the classifier file
     #[arg(long, value_name = "FIRST..END", value_parser = output::range)]
     networks: Option<Range<u64>>,
@@ -111,7 +111,7 @@ pub struct TrainRequest<'a> {
 impl Args {
     /// The training; `None` for a merge.
     pub fn training(&self) -> Option<&TrainArgs> {
-        self.command.is_none().then_some(self.train.as_ref()).flatten()
+        self.command.is_none().then_some(&self.train)
     }
 }
 
@@ -122,10 +122,15 @@ impl TrainArgs {
             scenario: self.common.scenario.clone(),
             seeds: u32::from(self.common.seeds),
             first_seed: self.common.first_seed,
-            out: self.out.clone(),
+            out: self.out().to_owned(),
             threads: self.common.threads,
             hyperparameters: self.hyperparameters(),
         }
+    }
+
+    /// Empty with a subcommand, which does not use it.
+    fn out(&self) -> &Path {
+        self.out.as_deref().unwrap_or(Path::new(""))
     }
 
     fn hyperparameters(&self) -> Hyperparameters {
@@ -160,7 +165,7 @@ impl TrainArgs {
             }
         }
         Ok(TrainRequest {
-            out: &self.out,
+            out: self.out(),
             method: match self.method {
                 MethodArg::Paper => "paper",
                 MethodArg::Improved => "improved",
@@ -195,15 +200,10 @@ impl MethodArg {
 /// Trains a classifier or some of its networks, or merges these; 0: done, 1: failed, 2: bad input.
 pub fn run(args: &Args) -> ExitCode {
     rotortwin_process::start_logging();
-    let done = match (&args.command, &args.train) {
+    let done = match (&args.command, &args.train.networks) {
         (Some(Sub::Merge(args)), _) => merge(args),
-        (None, Some(args)) => match &args.networks {
-            Some(networks) => train_networks(args, networks),
-            None => train(args),
-        },
-        (None, None) => Err(Failure::input(
-            "train: expected --out FILE, or 'merge'; see 'rotortwin train --help'",
-        )),
+        (None, Some(networks)) => train_networks(&args.train, networks),
+        (None, None) => train(&args.train),
     };
     match done {
         Ok(()) => ExitCode::SUCCESS,
@@ -217,7 +217,7 @@ fn train(args: &TrainArgs) -> Result<(), Failure> {
     let bar = args.common.progress(prepared.parts());
     let trained = prepared.train(&|| bar.inc(1));
     bar.finish_and_clear();
-    print_trained(&trained?, &args.out, args.common.json);
+    print_trained(&trained?, args.out(), args.common.json);
     Ok(())
 }
 
@@ -230,9 +230,9 @@ fn train_networks(args: &TrainArgs, networks: &Range<u64>) -> Result<(), Failure
     trained?;
     let count = networks.end - networks.start;
     if args.common.json {
-        output::line(&serde_json::json!({ "networks": count, "folder": args.out }).to_string());
+        output::line(&serde_json::json!({ "networks": count, "folder": args.out() }).to_string());
     } else {
-        output::line(&format!("{count} networks in {}", args.out.display()));
+        output::line(&format!("{count} networks in {}", args.out().display()));
     }
     Ok(())
 }

@@ -243,7 +243,7 @@ fn steps() -> String {
 const SHOWN: [&str; 6] = ["effects show", "blind effects", "fly", "show", "log show", "fdi-log"];
 
 /// Commands that are not tried at a width, and why.
-const NOT_TRIED: [(&str, &str); 26] = [
+const NOT_TRIED: [(&str, &str); 27] = [
     ("judge", "tests/own_detector.rs"),
     ("features", "tests/own_detector.rs"),
     ("check", "prints a document"),
@@ -252,6 +252,7 @@ const NOT_TRIED: [(&str, &str); 26] = [
     ("job", "prints JSON"),
     ("blind generate", "prints nothing"),
     ("blind merge", "prints the score of `blind`"),
+    ("train merge", "prints what `train` prints"),
     ("query", "needs DuckDB; tests/query.rs"),
     ("spin-test", "needs an autopilot"),
     ("board measure", "needs a board or QEMU"),

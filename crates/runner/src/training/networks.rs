@@ -19,6 +19,7 @@ use rotortwin_campaign::parallel::map_in_order;
 use rotortwin_jobs::Training as Job;
 use rotortwin_jobs::training::{Hyperparameters, Method};
 use rotortwin_scenario::Classifier;
+use rotortwin_scenario::classifier::CrossValidationRecord;
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
@@ -157,7 +158,14 @@ impl PreparedNetworks<'_> {
             None => {
                 let data_set = data_set(job.seeds, job.first_seed, &job.scenario);
                 let command = command_line(job.method, &data_set, &job.hyperparameters);
-                let untested = classifiers::cross_validation_of(Vec::new(), &[]);
+                // Replaced when all networks are there.
+                let untested = CrossValidationRecord {
+                    seeds: Vec::new(),
+                    test_mean: 0.0,
+                    test_deviation_over_folds: 0.0,
+                    test_interval_over_seeds: 0.0,
+                    folds: Vec::new(),
+                };
                 let file = classifiers::classifier_file(base, flown, method, seed, &fold, &command, untested)?;
                 Some(file)
             }
