@@ -1,5 +1,5 @@
-//! What sessions say of faults in the independent generator's world. Shares are asserted with room for chance, at fixed seeds; figures with
-//! intervals come from `rotortwin blind --preset faults`.
+//! Verdicts of sessions on faults in the world of the independent generator. Shares are asserted with a margin for chance, at
+//! fixed seeds; figures with intervals come from `rotortwin blind --preset faults`.
 
 mod foreign;
 
@@ -12,14 +12,14 @@ use rotortwin_blind::hidden::{Hidden, Profile};
 use rotortwin_fdi_session::{Explained, ExplanationKind, FdiSession, Interval, Learner, Learnt, Window};
 use serde_json::json;
 
-/// Of an interval that is promised to hold 95 %, next to the chance of so few flights.
+/// Coverage promised for a 95 % interval, minus what chance allows with so few flights.
 const LEAST_INSIDE: f64 = 0.88;
 
 fn cases(class: Class, n: usize, seed: u64) -> Vec<FaultCase> {
     cases_of(class, n, seed, 60.0)
 }
 
-/// What a session says of a flight.
+/// Verdict of a session on a flight.
 fn windows(case: &FaultCase) -> Vec<Window> {
     windows_of(&fly_case(case).expect("flown"))
 }
@@ -344,7 +344,7 @@ fn prop_a_vehicle_that_is_its_model_teaches_nothing() {
     );
 }
 
-/// What healthy flights say of a vehicle.
+/// What healthy flights reveal about a vehicle.
 fn learnt_from(flights: &[Vec<Row>]) -> Learnt {
     let config = *detectors().config();
     let mut learner = Learner::new(&config);

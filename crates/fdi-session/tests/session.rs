@@ -1,4 +1,4 @@
-//! A session says what the engine of a run says, and takes nothing that a run would not.
+//! A session gives the verdicts of a run's engine, and accepts nothing that a run would not.
 
 use rotortwin_fdi_session::message::refusal_message;
 use rotortwin_fdi_session::session::{LONGEST_BRIDGE, REMEMBERED};
