@@ -1,4 +1,4 @@
-//! Logs without velocity and attitude, as a blackbox is, of the independent generator's flights: judged by the accelerometer.
+//! Logs without velocity and attitude, like a blackbox, from flights of the independent generator: judged by the accelerometer.
 
 use rotortwin_blind::bench::faults::{Class, End, FaultCase, FaultRow, draw_cases, fly_case, score};
 use rotortwin_blind::bench::faults_sheet;
