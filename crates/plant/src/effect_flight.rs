@@ -319,7 +319,7 @@ impl EffectFlight {
         self.context.specific_force
     }
 
-    /// Before the first step: the duty was `duty` for ever.
+    /// Before the first step: the duty has always been `duty`.
     pub(crate) fn begin(&mut self, state: &PlantState, plant: &Plant<'_>, duty: f64) {
         self.duties = Ring::new([duty; MAX_ROTORS]);
         if let Some(motors) = &mut self.motors {

@@ -1,4 +1,4 @@
-//! What can go wrong: a bad value before the flight ([`Refusal`]), an impossible number during it ([`SimulationError`]).
+//! Errors: a bad value before the flight ([`Refusal`]), an impossible number during it ([`SimulationError`]).
 //!
 //! Both say everything in one sentence; neither is ever recovered from inside this crate.
 

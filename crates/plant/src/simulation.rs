@@ -4,13 +4,13 @@
 //!  loop:  sense() ─▶ SensedSample of step k ─▶ (controller) ─▶ advance(command) ─▶ step k + 1
 //! ```
 //!
-//! A command is held over the step and acts at once. Faults set in at the start of the step named by their time. Rigid body, rotor
+//! A command is held over the step and acts immediately. Faults start at the step nearest to their time. Rigid body, rotor
 //! thrusts and charge are integrated together by the classical Runge–Kutta method with one substep of 2.5 ms by default, the
 //! battery voltage being solved at every stage; wind and disturbances are held over the step.
 //!
 //! Limits: no gyroscopic torque of the rotors, no link or computation delay; effects lift some of them, in a step of their own
-//! (`effect_flight.rs`). A ground that carries the vehicle (`simulation/ground.rs`) has a step of its own as well. Both leave the bits
-//! and the speed of this one alone.
+//! (`effect_flight.rs`). A ground that carries the vehicle (`simulation/ground.rs`) has a step of its own as well. Neither
+//! changes the bits or the speed of this one.
 
 mod ground;
 #[cfg(test)]
@@ -45,7 +45,7 @@ use crate::vector::Vector3;
 use crate::vehicle::mismatch::{MismatchDraw, Size};
 use crate::{STEP_NS, STEP_S};
 
-/// What controller and detector get at the start of a step.
+/// Input of controller and detector at the start of a step.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct SensedSample {
     /// Step number, from 0.
@@ -314,7 +314,7 @@ impl Simulation {
         self.state.body.ned_from_body.body_from_ned(rate)
     }
 
-    /// What the sensors say at the start of the current step. Calling it again within the step gives the same sample.
+    /// Sensor readings at the start of the current step. Calling it again within the step gives the same sample.
     pub fn sense(&mut self) -> SensedSample {
         let step = self.truth.step;
         if self.sensed_step != Some(step) {

@@ -1,4 +1,4 @@
-//! Trajectories: what the vehicle is asked to follow, as a function of time.
+//! Trajectories: the reference to follow, as a function of time.
 //!
 //! The position reference is given in closed form; the velocity reference is its backward difference at 400 Hz, its first sample
 //! repeating the second, as in the reference vectors. No acceleration is fed forward.

@@ -1,4 +1,4 @@
-//! The same code compiled for several instruction sets, the best of which is chosen when it runs.
+//! The same code compiled for several instruction sets, the best of which is chosen at run time.
 //!
 //! Flights side by side ([`crate::batch`]) are plain loops over lanes that a compiler turns into vector instructions; the wider the
 //! registers, the faster. Bits do not depend on the choice: no operation is contracted or reordered, on any of them.

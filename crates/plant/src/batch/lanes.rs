@@ -226,7 +226,7 @@ impl<const N: usize> VectorWork for Integrate<N> {
     }
 }
 
-/// What the truth says beside the integrated state.
+/// The part of the truth that is not integrated state.
 #[derive(Debug, Clone)]
 pub(super) struct TruthRows {
     pub(super) attitude: [Row; 3],
@@ -250,7 +250,7 @@ impl TruthRows {
     };
 }
 
-/// Works out the truth of all flights.
+/// Computes the truth of all flights.
 pub(super) struct RecordTruth<const N: usize>;
 
 impl<const N: usize> VectorWork for RecordTruth<N> {
