@@ -1,20 +1,21 @@
-//! Trim: a flight compared with healthy flights of the same vehicle by the mean thrust that each rotor is asked for.
+//! Trim: a flight compared with healthy flights of the same vehicle by the mean commanded thrust of each rotor.
 //!
 //! ```text
 //! logs ─▶ thrust of the model from duties and voltage ─▶ mean of each rotor in flight ─▶ ln of it over the healthy mean
 //!      ─▶ likelihood under the spread of the healthy flights ─▶ posterior of: nothing, one rotor, two, mass, a load at a place
 //! ```
-//! A vehicle that does not tumble has no mean torque: whatever a rotor lost, its command makes good for. On a quadrotor a rotor with
-//! the gain 1 + s is asked for 1/(1 + s) of its thrust and the others for what they had; a load asks all of them. So neither rates nor
-//! accelerometer are needed, and errors of the model that every flight has (mass, thrust map, rotors that differ by 14 %) cancel.
+//! A vehicle that does not tumble has no mean torque: the command of a rotor compensates for its loss. On a quadrotor, a rotor
+//! with the gain 1 + s is commanded 1/(1 + s) of its thrust and the others what they had; a load affects all of them. So neither
+//! rates nor accelerometer are needed, and errors of the model that every flight has (mass, thrust map, rotors that differ by 14
+//! %) cancel.
 //!
-//! The healthy flights differ, too: by a common factor (battery, air) and rotor by rotor. Both spreads are estimated from them, so the
-//! likelihood is Student's t. Several logs that are diagnosed together count as one flight: the spread between sessions is larger than
-//! within, and one session has one of it. Healthy flights of one day are one session, too: what another day is like they do not say, so
-//! against a flight of another day they get [`ANOTHER_DAY`] more.
+//! The healthy flights differ, too: by a common factor (battery, air) and rotor by rotor. Both spreads are estimated from them,
+//! so the likelihood is Student's t. Several logs that are diagnosed together count as one flight: the spread between sessions is
+//! larger than within one. Healthy flights of one day are also one session: they do not show how days differ, so against a flight
+//! of another day the spread is increased by [`ANOTHER_DAY`].
 //!
-//! Limits: an effect that moves no mean stays unseen; of more than four rotors it is assumed that commands are allocated by the
-//! pseudo-inverse; a common change of all rotors is called mass, be it air, voltage or propellers.
+//! Limits: an effect that changes no mean goes unnoticed; with more than four rotors, commands are assumed to be allocated by the
+//! pseudo-inverse; a common change of all rotors is called mass, whether it is air, voltage or propellers.
 
 mod posterior;
 

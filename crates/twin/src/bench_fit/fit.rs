@@ -1,4 +1,4 @@
-//! Nonlinear least squares with intervals, and what a fit reports.
+//! Nonlinear least squares with intervals, and the report of a fit.
 //!
 //! Least squares of [`crate::estimation`] with a finite-difference Jacobian on scaled parameters; covariance s² (JᵀJ)⁻¹; 95 % by the
 //! normal quantile.

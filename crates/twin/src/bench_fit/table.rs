@@ -2,8 +2,8 @@
 //!
 //! Roles: time, command, thrust, voltage, current. A mapping names a column by its header or by its number (from 1) and may give a
 //! unit: `thrust=Thrust (gf)`, `thrust=2:kg`; a unit with a minus (`-kg`) turns the sign of a load cell. A column without a unit is taken as SI,
-//! and a note says so; a unit in brackets that is none of its role is refused. Text logs of ArduPilot are read one message at a time
-//! (`message`), with the columns of the message's FMT line. Everything becomes SI: s, duty 0…1, N, V, A, N·m, W.
+//! and a note says so; a unit in brackets that does not fit its role is rejected. Text logs of ArduPilot are read one message at
+//! a time (`message`), with the columns of the message's FMT line. Everything becomes SI: s, duty 0…1, N, V, A, N·m, W.
 
 use super::{FitError, refuse};
 use std::path::Path;

@@ -1,4 +1,4 @@
-//! What a comparison leaves behind: `comparison.json`, `residuals-LOG.parquet`, `report.html`.
+//! Files of a comparison: `comparison.json`, `residuals-LOG.parquet`, `report.html`.
 
 use std::path::{Path, PathBuf};
 

@@ -1,11 +1,11 @@
-//! What was found and is no missing physics: a constant that was guessed, and that the flights want to have another value.
+//! Findings that are not missing physics: a constant that was guessed, and for which the flights indicate another value.
 //!
-//! A vehicle of which no log told the inertia has that of its class. A flight that then needs another inertia does not lack an
-//! effect; it calls for a calibration, and what else it seems to lack is told once that is made ([`set_apart`]).
+//! A vehicle whose inertia no log determined has that of its class. A flight that then needs another inertia does not lack an
+//! effect; it calls for a calibration, and anything else that seems to be missing is reported only after that ([`set_apart`]).
 //!
-//! A guess that is off by less is taken up by the small errors that every parameter is allowed, so that nothing is found; but the flights
-//! may know the constant far better than its class does, and then say so ([`learned`]): with all guesses open at once, each with the
-//! interval of its class as its prior, about a point that the first such fit has moved to.
+//! A guess with a smaller error is absorbed by the small errors that every parameter is allowed, so nothing is found; but the
+//! flights may determine the constant far better than its class does, and then report it ([`learned`]): with all guesses open at
+//! the same time, each with the interval of its class as its prior, about a point to which the first such fit has moved.
 
 use rotortwin_plant::effects::{ChannelGroup, CorrectionScale, EffectClass};
 

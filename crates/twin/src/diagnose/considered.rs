@@ -1,6 +1,7 @@
-//! What could not be considered: the effects that the logs or the model leave no room for, each with the column or setting that would.
+//! Effects that could not be considered, because of the logs or the model, each with the column or setting that would change
+//! that.
 //!
-//! An effect that was considered and does not show is another thing: a larger size, or another manoeuvre, would show it
+//! This differs from an effect that was considered and does not show, for which a larger size, or another manoeuvre, would help
 //! ([`super::ranking::detectable`]).
 
 use rotortwin_plant::effects::{ChannelGroup, EffectClass, EffectDeclaration, Requirement, Strategy};

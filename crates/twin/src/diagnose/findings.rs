@@ -1,4 +1,4 @@
-//! What a search found as its result has it: findings with final values, how their rivals fared, and the verdict.
+//! The findings of a search in the form of its result: final values, the fate of their rivals, and the verdict.
 
 use rotortwin_plant::effects::{ChannelGroup, EffectClass, ParameterKind};
 

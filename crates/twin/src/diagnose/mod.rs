@@ -9,15 +9,17 @@
 //! ```
 //! * Candidates are all effects of the catalogue on all rotors; each parameter of the library that is not the candidate's stays in
 //!   the model as clutter of 2 % of its plausible size.
-//! * An effect is named if its ln Bayes factor passes the threshold, its size the smallest that would have been seen, and its
-//!   values are plausible. A flight that hardly moves needs a ln Bayes factor of 20.
-//! * The evidence compares candidates; it does not say that any of them is true. That is what [`Goodness`] is for.
+//! * An effect is named if its ln Bayes factor exceeds the threshold, its size is at least the smallest detectable one, and its
+//!   values are plausible. A flight with hardly any motion needs a ln Bayes factor of 20.
 //!
-//! * What a ranking about zero cannot reach has starts of its own: wind with a drag, shapes that are not known (a wall, a rope), delays
+//! * Effects that a ranking about zero cannot reach have starts of their own: wind with a drag, unknown shapes (a wall, a rope),
+//!   delays
 //!   of several samples, a battery at another charge, effects that set in late, swapped or reversed rotors.
-//! * An effect that a later one has made superfluous leaves; three that are easily confused with one another are not believed.
+//! * An effect that a later one has made superfluous is removed; three that are easily confused with one another are not
+//!   accepted.
 //!
-//! Gusts are noise, not a column: where forces stay unexplained beside a drag, their covariance is tried (`strategies/covariance.rs`).
+//! Gusts are noise, not a column: where forces stay unexplained despite a drag, their covariance is tried
+//! (`strategies/covariance.rs`).
 
 mod calibration;
 mod considered;

@@ -1,9 +1,10 @@
-//! The picture that convinces: the residual of the channel in which an effect shows most against what the effect does to that channel,
+//! The decisive plot: the residual of the channel in which an effect shows most, over the effect's contribution to that channel,
 //! without the effect and with it.
 //!
-//! With r₀ the residual of the model with all that was found but this effect, and r₁ that with it, the effect does x = r₀ − r₁ to the channel.
-//! Binned means over 0.25 s of r₀ against x lie on the line through the origin with slope 1 if the effect is there as fitted, those of r₁ on
-//! zero (a component-plus-residual plot, Wood 1973). The band is where 95 % of such means of pure noise lie.
+//! With r₀ the residual of the model with everything that was found except this effect, and r₁ that with it, the effect
+//! contributes x = r₀ − r₁ to the channel. Binned means over 0.25 s of r₀ over x lie on the line through the origin with slope 1
+//! if the effect is there as fitted, those of r₁ on zero (a component-plus-residual plot, Wood 1973). The band contains 95 % of
+//! such means of pure noise.
 
 use rotortwin_plant::effects::{EffectClass, EffectInstance};
 

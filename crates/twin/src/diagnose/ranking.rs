@@ -1,4 +1,4 @@
-//! The table of all candidates with held-out scores, and what the flight cannot show.
+//! The table of all candidates with held-out scores, and effects that the flight cannot show.
 
 use super::result::{NotTestable, Ranked};
 use crate::estimation::candidates::is_size;

@@ -1,4 +1,4 @@
-//! What a diagnosis says: the structure that JSON, terminal and report share.
+//! The result of a diagnosis: the structure behind JSON, terminal output and report.
 
 use rotortwin_plant::effects::{ChannelGroup, EffectClass, EffectInstance};
 use serde::Serialize;

@@ -1,4 +1,4 @@
-//! What the passes of a search work on: the point of the fit, what was named, and the diagnosis under way.
+//! The state of a search, on which its passes work: the point of the fit, the named effects, and the diagnosis in progress.
 
 use super::Options;
 use super::named::Named;

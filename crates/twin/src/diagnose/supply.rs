@@ -1,4 +1,5 @@
-//! A supply that a log does not hold: where neither voltage nor rotor speed was logged, a battery that empties shows as thrust that falls.
+//! A supply that is not in the log: if neither voltage nor rotor speed was logged, a discharging battery shows as decreasing
+//! thrust.
 
 use super::result::Goodness;
 use crate::estimation::columns::{LogState, instances};

@@ -9,8 +9,8 @@
 //! its bounds is held there, and the others follow. A step that does not lower the cost is tried again with more damping λ
 //! (Marquardt 1963). A system with a pivot that is nothing but rounding is never solved without damping.
 //!
-//! Limits: a local minimum near the start. Evidence with spikes and slabs is [`super::normal`]; the fit of effects beside the clutter of
-//! a whole library is [`super::gauss_newton`].
+//! Limits: a local minimum near the start. For evidence with spikes and slabs see [`super::normal`]; for the fit of effects
+//! together with the clutter of a whole library, [`super::gauss_newton`].
 
 use super::dense::Matrix;
 use super::normal::Normal;

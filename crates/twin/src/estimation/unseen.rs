@@ -1,4 +1,4 @@
-//! Errors on blocks that a fit did not see: what they are of, and whether they fall or rise by more than chance.
+//! Errors on held-out blocks: of which quantities, and whether they fall or rise by more than chance.
 
 use serde::Serialize;
 use utoipa::ToSchema;

@@ -1,4 +1,4 @@
-//! Is what is left white? Sums of a whitened residual by channel, and the trust that follows from them.
+//! Is the rest white? Sums of a whitened residual by channel, and the trust that follows from them.
 //!
 //! Means over 0.25 s of white noise have the variance of the noise over their length. Slow model errors stand out in them a
 //! hundredfold. The noise level is taken from the median of the whitened residual, so that a wrong noise model does not count as

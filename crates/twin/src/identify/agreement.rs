@@ -1,7 +1,8 @@
-//! Whether the two halves of a flight, and the class, leave a value its interval.
+//! Whether the two halves of a flight, and the class, are consistent with the interval of a value.
 //!
-//! The interval of a fit is made of its own errors and of the scatter of short parts about one linearisation. What neither says is told by fits
-//! of the halves alone: of a real quadrotor the gain of roll was 4.6 times larger in the second half, and ± 29 % were written for the whole.
+//! The interval of a fit is based on its own errors and on the scatter of short parts about one linearisation. Neither covers
+//! what fits of the halves alone can show: for a real quadrotor the roll gain was 4.6 times larger in the second half, although
+//! the interval of the whole was ± 29 %.
 
 use super::held_out::Score;
 use crate::Z95;

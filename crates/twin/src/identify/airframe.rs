@@ -1,4 +1,4 @@
-//! Which outputs are rotors and where they are; and the list of values.
+//! Which outputs are rotors and where they are; and the list of identified values.
 
 use rotortwin_plant::effects::hover_rotor_speed_rad_s;
 use rotortwin_plant::vehicle::model::SpinDirection;

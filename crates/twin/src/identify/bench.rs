@@ -1,14 +1,16 @@
-//! What a thrust bench, or a datasheet table at one voltage, says of the rotor in the air.
+//! What a thrust bench, or a datasheet table at one voltage, contributes to the identification of a rotor in flight.
 //!
 //! ```text
 //! bench_fit::Table ─▶ thrust over duty about the flight's mean duty: α, β of the curve ─▶ prior of the fit instead of the class's
 //!                  ─▶ torque over thrust · power over thrust^1.5 · exponent of the voltage (where the bench has several)
 //! ```
-//! The curve is T = T_h (z + α (z² − z) + β (√z − z)), z = u/u_h ([`super::curve`]): linear in T_h, T_h α, T_h β, so weighted least squares; the
-//! voltage's sag along the throttle is taken out by (V/V̄)^s. The level is not taken: the flight knows it, with the entered mass.
+//! The curve is T = T_h (z + α (z² − z) + β (√z − z)), z = u/u_h ([`super::curve`]): linear in T_h, T_h α, T_h β, so weighted
+//! least squares; the voltage sag along the throttle is corrected by (V/V̄)^s. The level is not used: the flight determines it,
+//! with the entered mass.
 //!
-//! As a prior with its own covariance the bench meets the flight by inverse variance. Where they lie more than three deviations apart nothing is
-//! averaged: the flight stays, and the note says both. Where the flight hardly moves, the bench alone says the shape.
+//! As a prior with its own covariance the bench is combined with the flight by inverse variance. Where they differ by more than
+//! three standard deviations nothing is averaged: the flight's values stay, and the note gives both. In a flight with hardly any
+//! motion, only the bench determines the shape.
 
 use std::path::PathBuf;
 

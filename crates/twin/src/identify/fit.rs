@@ -1,8 +1,9 @@
-//! Thrust curve, lag, delay and the gains of roll and pitch, together: they form ridges (a longer lag asks for a smaller inertia).
+//! Thrust curve, lag, delay and the gains of roll and pitch, jointly: they form ridges (a longer lag goes with a smaller
+//! inertia).
 //!
 //! Gauss–Newton on the prediction errors of lift, roll and pitch ([`super::observer`]), the observer's gains re-estimated on the way.
-//! Intervals: the errors' own information where the parts of the flight agree within it; else the spread of the parts. Then the
-//! class default enters as a prior, so that what the flight does not tell stays where it was, with its wide interval.
+//! Intervals: the errors' own information where the parts of the flight agree within it; otherwise the spread of the parts. Then
+//! the class default enters as a prior, so that what the flight does not determine keeps its class value, with its wide interval.
 
 use nalgebra::{SMatrix, SVector};
 use std::ops::Range;

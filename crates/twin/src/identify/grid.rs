@@ -1,4 +1,4 @@
-//! The log on a uniform grid, its rotors picked out, and the parts of it that are in the air.
+//! The log on a uniform grid, with its rotors selected, and its airborne parts.
 
 use std::ops::Range;
 

@@ -1,4 +1,4 @@
-//! R² on data that no fit has seen: each half of the flight predicted by what the other half gave, beside the class default.
+//! R² on held-out data: each half of the flight predicted with the result of the other half, compared with the class default.
 
 use serde::Serialize;
 

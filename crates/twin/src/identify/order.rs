@@ -1,8 +1,8 @@
-//! A log read in the rotor order of a vehicle file: wherever a log is to be held against a vehicle, it goes through [`read_for`].
+//! A log read in the rotor order of a vehicle file: every comparison of a log with a vehicle goes through [`read_for`].
 //!
-//! Autopilots number their motors by their own tables, a vehicle file by its own. Where the log's parameters tell where its motors are
-//! (`CA_ROTORn_PX`, `FRAME_CLASS` …), each is found on the vehicle by its direction and the way it turns. Where they do not, the columns
-//! are taken as they are, and the gate ([`FlightLog::refusal_against`]) refuses what the motion contradicts.
+//! Autopilots number their motors by their own tables, a vehicle file by its own. Where the log's parameters give the positions
+//! of its motors (`CA_ROTORn_PX`, `FRAME_CLASS` …), each is matched to the vehicle by its direction and its spin. Where they do
+//! not, the columns are used unchanged, and the gate ([`FlightLog::refusal_against`]) rejects what the motion contradicts.
 
 use rotortwin_plant::vehicle::model::VehicleModel;
 use std::path::Path;

@@ -1,4 +1,4 @@
-//! What shows slowly: drag, the law of the voltage, the battery.
+//! Slow quantities: drag, the voltage law, the battery.
 
 use super::class;
 use super::curve::Curve;

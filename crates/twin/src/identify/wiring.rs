@@ -1,8 +1,9 @@
 //! Which rotor each output drives, and how it turns, from the motion alone.
 //!
-//! For every order of the rotors on an even polygon (X, plus) and both senses: correlation ρ of the predicted torque with the measured
-//! angular acceleration, roll, pitch and yaw; score = −Σ ln(1 − ρ²), a negative ρ subtracts. With more than four rotors the mixer
-//! drives four directions only, so orders whose levers lie outside of the directions that the duties moved in are left out first.
+//! For every order of the rotors on an even polygon (X, plus) and both spin senses: correlation ρ of the predicted torque with
+//! the measured angular acceleration, roll, pitch and yaw; score = −Σ ln(1 − ρ²), a negative ρ subtracts. With more than four
+//! rotors the mixer drives four directions only, so orders whose levers lie outside the directions of the duties are excluded
+//! first.
 
 use nalgebra::SMatrix;
 use serde::Serialize;

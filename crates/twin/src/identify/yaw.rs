@@ -1,8 +1,8 @@
 //! Yaw: drag torque of the rotors, and the torque of their acceleration.
 //!
-//! Jz ṙ = c (X + λ Ẋ), X the signed sum of the thrusts. The flight tells c/Jz and λ; c and Jz never separate. λ is taken only where it
-//! shows in what was not fitted, and is far from 0 by the scatter of the flight's parts: in a quiet flight the controller's answer to gyro
-//! noise looks like it. The rest is a bound.
+//! Jz ṙ = c (X + λ Ẋ), X the signed sum of the thrusts. The flight determines c/Jz and λ; c and Jz never separate. λ is accepted
+//! only if it improves the prediction of held-out parts, and is far from 0 compared with the scatter of the flight's parts: in a
+//! quiet flight the controller's response to gyro noise looks like it. Otherwise only a bound is reported.
 
 use nalgebra::{Matrix2, Vector2};
 

@@ -1,7 +1,7 @@
 //! Effects that a diagnosis found, as terms of a model version with their provenance.
 //!
-//! Reads the JSON of a diagnosis (`rotortwin diagnose --json`), so that a file from yesterday serves as well as the answer just
-//! given. Faults of sensors and clocks (`sensor_or_timing`) are left alone: they are mended in the log, not in the model.
+//! Reads the JSON of a diagnosis (`rotortwin diagnose --json`), so that an older file works as well as the latest answer. Faults
+//! of sensors and clocks (`sensor_or_timing`) are ignored: they are corrected in the log, not in the model.
 
 use rotortwin_plant::effects::EffectDocument;
 use serde_json::Value;

@@ -1,18 +1,18 @@
-//! Improvement: the whole loop from a model that fails to one that agrees, version by version, on the logs that it is fitted to and
-//! on logs that it never sees.
+//! Improvement: the whole loop from a model that fails to one that agrees, version by version, on the logs that it is fitted to
+//! and on held-out logs.
 //!
 //! ```text
 //! version 0 ─▶ compare ─▶ diagnose ─▶ the best effect as a proposal ─ accepted ─▶ version 1 ─▶ compare ─▶ …
 //!                            └─ agrees · log at fault · cannot tell · nothing that unseen blocks prove · declined ─▶ end, with the reason
 //! ```
-//! * A diagnosis that names several effects adds them one after the other, so that each has a row of its own.
+//! * If a diagnosis names several effects, they are added one at a time, so that each has a row of its own.
 //! * The values of a row are those of the joint fit ([`refit`]): all effects and the nuisances of every fitted log together,
 //!   without clutter. The deviations are those of the diagnosis, which has the clutter in them.
-//! * The oracle is a model with the truth; its row is what no fit can beat but by chance.
+//! * The oracle is a model with the truth; no fit can beat its row except by chance.
 //!
-//! Limits: what a diagnosis calls a fault of the log is never put into a model. Where a part of the error stays unexplained, an effect
-//! is added only if blocks that no fit has seen prove its part. So is what a regression proposes ([`crate::propose`]): a correlation with a
-//! dimension, told as such.
+//! Limits: what a diagnosis calls a fault of the log is never put into a model. Where a part of the error stays unexplained, an
+//! effect is added only if held-out blocks confirm its part. The same holds for the proposal of a regression
+//! ([`crate::propose`]): a correlation with a dimension, reported as such.
 
 pub mod from_diagnosis;
 pub mod refit;

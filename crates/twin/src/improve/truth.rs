@@ -1,4 +1,4 @@
-//! The truth behind a log, where somebody knows it: the oracle that no fit can beat but by chance.
+//! The truth behind a log, if it is known: the oracle that no fit can beat except by chance.
 
 use std::path::Path;
 

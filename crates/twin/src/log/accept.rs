@@ -1,4 +1,4 @@
-//! From a table to a log: every refusal of the canonical format, Euler angles, the account of the import.
+//! From a table to a log: every refusal of the canonical format, Euler angles, the import report.
 
 use super::checks;
 use super::report::{Gap, ImportReport, MissingCells, UnusedColumn};

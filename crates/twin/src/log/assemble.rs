@@ -3,9 +3,9 @@
 //! ```text
 //! SourceLog ─▶ rows of the mapping that the log can serve ─▶ units, frames ─▶ time base ─▶ Table
 //! ```
-//! The time base is the stream that the mapping prefers, or else the fastest one in use. The others are brought onto it by straight
-//! lines (angles the short way round, quaternions normalised), commands by holding. No filter is applied: a stream that is faster
-//! than the base folds, one that is slower is correlated from row to row; the report says which is which.
+//! The time base is the stream that the mapping prefers, otherwise the fastest one in use. The others are interpolated linearly
+//! onto it (angles the short way round, quaternions normalised), commands are held. No filter is applied: a stream that is faster
+//! than the base aliases, one that is slower is correlated from row to row; the report says which is which.
 
 use super::mapping::{Frame, Level, MappingFile, Row, Target};
 use super::report::{Flown, ImportReport, Stream, UnusedColumn};

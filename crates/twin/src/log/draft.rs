@@ -1,18 +1,18 @@
-//! `rotortwin log map`: drafts the mapping of a CSV that somebody else's program wrote.
+//! `rotortwin log map`: drafts the mapping of a third-party CSV.
 //!
 //! ```text
 //! head of the file ─▶ separator, decimal sign, header ─▶ clock ─▶ columns by their names, units by name or by the numbers ─▶ TOML
 //! ```
-//! What the names and numbers say is written down; what they do not is asked in a sentence, above the row that it is about. The draft is
-//! a mapping that the import takes as it is: whoever knows better changes a word.
+//! What names and numbers reveal is filled in; the rest becomes a question above the row concerned. The draft is a mapping that
+//! the import accepts unchanged, or edited by the user.
 //!
-//! Cells that are lists are columns of their numbers (`v[0]`, `v[1]`, `v[2]`). A Parquet file of another program is drafted as well: of its columns,
-//! which are numbers already.
+//! Cells that are lists become columns of their numbers (`v[0]`, `v[1]`, `v[2]`). A Parquet file of another program can be
+//! drafted as well, from its columns, which are already numbers.
 //!
-//! Beside the file the draft is there in parts (layout, columns, rows, questions), so that a page can show it as a form.
+//! The draft is also available in parts (layout, columns, rows, questions), so that a page can show it as a form.
 //!
-//! Limits: a guess by names; columns in words that are not English, or numbered, stay out. The import's own checks (axes, units, clock)
-//! tell most wrong guesses.
+//! Limits: it guesses by names; columns with non-English names, or numbered ones, are left out. The import's own checks (axes,
+//! units, clock) detect most wrong guesses.
 
 use super::sources::csv_table::{Clock, Lists, cells, list_parts, number, plain};
 use super::{LogError, MAX_COLUMNS, mapping, names, parquet};

@@ -1,4 +1,4 @@
-//! What happened in a flight: of itself, by its autopilot, by its pilot.
+//! Events of a flight: of the vehicle, its autopilot, its pilot.
 
 use serde::{Deserialize, Serialize};
 

@@ -1,4 +1,4 @@
-//! What looks wrong in a log although it could be read: named, so that it is not mistaken for missing physics.
+//! Suspicious features of a log that could be read: named, so that they are not mistaken for missing physics.
 
 use serde::Serialize;
 use std::fmt;

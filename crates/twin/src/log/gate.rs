@@ -1,7 +1,7 @@
-//! What must be mended in a log before a model may be compared with it.
+//! Faults of a log that must be fixed before a model may be compared with it.
 //!
-//! An error of axes, units, order or clock looks like missing physics, and a diagnosis would name some. The findings that block are
-//! those of the import and those against the vehicle; all of them in one sentence.
+//! An error of axes, units, order or clock looks like missing physics, and a diagnosis would name an effect for it. The blocking
+//! findings are those of the import and those against the vehicle; all of them are reported in one sentence.
 
 use rotortwin_plant::vehicle::model::VehicleModel;
 

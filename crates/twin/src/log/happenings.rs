@@ -1,4 +1,4 @@
-//! What the autopilot and the pilot did in a log: changes of the flight mode, arming, changes of parameters, sticks.
+//! Actions of the autopilot and the pilot in a log: changes of the flight mode, arming, changes of parameters, sticks.
 //!
 //! | source | modes | parameters | sticks |
 //! |---|---|---|---|
@@ -7,7 +7,7 @@
 //! | MAVLink telemetry | `HEARTBEAT` | `PARAM_VALUE` | `RC_CHANNELS`, `RC_CHANNELS_RAW` |
 //! | Betaflight, INAV | – | – | `rcCommand` |
 //!
-//! They explain what a model cannot: a gain that changed, a pilot who pulled. Nothing is computed from them.
+//! They explain what a model cannot: a changed gain, a pilot input. Nothing is computed from them.
 
 use super::event::{EventKind, FlightEvent};
 use super::outputs::motor_of;

@@ -9,9 +9,9 @@
 //! unit = "rad/s"                                # or several: the first one that the data allow
 //! frame = "frd"                                 # frd flu (body), ned enu nwu (world), both for a quaternion: "enu-flu"
 //! ```
-//! Of several rows with the same `to` the first one whose fields are in the log wins: that is how a mapping survives renamed topics.
-//! A user's mapping is put before the built-in one, so it can override one row and leave the rest. Canonical files have no built-in mapping;
-//! [`super::remap`] puts their columns where a user's says.
+//! Of several rows with the same `to` the first one whose fields are in the log wins: this is how a mapping survives renamed
+//! topics. A user's mapping takes precedence over the built-in one, so it can override one row and leave the rest. Canonical
+//! files have no built-in mapping; [`super::remap`] applies a user's mapping to their columns.
 
 use super::sources::csv_table::Layout;
 use super::units::{self, Dimension};

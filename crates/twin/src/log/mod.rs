@@ -7,10 +7,10 @@
 //! A log has one time base and columns of numbers: the canonical ones ([`names`]) in SI, NED and FRD, and whatever else the file
 //! holds under its own name. A cell without a value is NaN in memory and nowhere else.
 //!
-//! What cannot be right is refused with one sentence ([`LogError`]) before anything is kept; what looks wrong but could be read is
-//! a [`Finding`] in the [`ImportReport`].
+//! What cannot be correct is rejected with one sentence ([`LogError`]) before anything is stored; what looks wrong but could be
+//! read is a [`Finding`] in the [`ImportReport`].
 //!
-//! [`flight_parts`] finds what of it is on the ground, in the air, a crash.
+//! [`flight_parts`] finds which parts of it are on the ground, in the air, a crash.
 //!
 //! Limits: a log is held in memory as f64, 8 bytes a cell (90 s at 1 kHz and 40 columns: 29 MB); [`MAX_CELLS`] bounds it.
 

@@ -1,13 +1,13 @@
 //! Which outputs of an autopilot drive rotors.
 //!
-//! An autopilot logs all of its outputs: motors, a camera's tilt, a buzzer, and those that nothing is connected to. Where `SERVOn_FUNCTION`
-//! says what each does, that decides, and the rotors come in the order of their motor numbers. PX4's `actuator_motors` holds motors only, as
-//! many as `CA_ROTOR_COUNT` says. A blackbox's `motor[n]` are motors, each of them; its servos have a name of their own. Else rotors are the
-//! outputs that move and that follow the collective: low on the ground, up in the air, or up by as much as the others wherever those go up.
-//! An output that is switched now and then and stands still in between is none; and of more than `MAV_TYPE` says (2 four, 13 six, 14 eight) the
-//! first so many are.
+//! An autopilot logs all of its outputs: motors, a camera's tilt, a buzzer, and unconnected ones. Where `SERVOn_FUNCTION` gives
+//! the function of each, that decides, and the rotors are in the order of their motor numbers. PX4's `actuator_motors` holds
+//! motors only, as many as `CA_ROTOR_COUNT` says. A blackbox's `motor[n]` are all motors; its servos have a name of their own.
+//! Otherwise rotors are the outputs that move and follow the collective: low on the ground, up in the air, or up by as much as
+//! the others whenever those go up. An output that is switched now and then and otherwise constant is not a rotor; and if there
+//! are more than `MAV_TYPE` says (2 four, 13 six, 14 eight), the first ones are taken.
 //!
-//! Outputs of an aeroplane, a rover or a boat are no rotors of a multirotor, whatever they do ([`other_vehicle`]).
+//! Outputs of an aeroplane, a rover or a boat are never rotors of a multirotor ([`other_vehicle`]).
 
 use std::collections::BTreeMap;
 

@@ -1,4 +1,4 @@
-//! What an import did: nothing of an accepted log is dropped silently.
+//! The import report: nothing of an accepted log is dropped silently.
 
 use super::event::FlightEvent;
 use super::findings::Finding;

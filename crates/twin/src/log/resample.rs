@@ -1,8 +1,8 @@
 //! Parts of a log and other sample rates.
 //!
-//! A duty is held until the next row, so it is resampled by holding; everything else is interpolated linearly, angles the short way
-//! round. A sample between two rows that are a gap apart, or beside an empty cell, has no value. There is no anti-alias filter:
-//! a lower rate folds what is above half of it.
+//! A duty is held until the next row, so it is resampled by holding; everything else is interpolated linearly, angles the short
+//! way round. A sample between two rows separated by a gap, or next to an empty cell, has no value. There is no anti-alias
+//! filter: a lower rate aliases what is above half of it.
 
 use super::{FlightLog, GAP_FACTOR, MAX_CELLS, names};
 use std::f64::consts::{PI, TAU};

@@ -1,4 +1,4 @@
-//! Quiet seconds on the ground, and what the accelerometer reads in them.
+//! Quiet seconds on the ground, and the accelerometer readings in them.
 
 use std::ops::Range;
 

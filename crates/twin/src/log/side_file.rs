@@ -1,4 +1,4 @@
-//! The side file `NAME.toml` beside `NAME.csv`: vehicle, origin, licence, segments.
+//! The side file `NAME.toml` next to `NAME.csv`: vehicle, origin, licence, segments.
 
 use super::{LogError, Origin, Segment, error};
 use serde::Deserialize;

@@ -1,4 +1,4 @@
-//! Whether a simulator wrote a log: it compares a model with another model, and nobody should take it for a flight.
+//! Whether a simulator wrote a log: then a comparison is between two models, and nobody should mistake it for a real flight.
 //!
 //! ArduPilot's simulator logs what it simulates (`SIM`) and has parameters `SIM_…`; PX4's publishes the truth (`…_groundtruth`); runs of
 //! this program have columns `true_…`. PX4's simulator build, on any plant, logs as rotor speeds its own commands times 6000 rpm. A simulator that leaves no trace of itself is not recognised.

@@ -1,8 +1,8 @@
-//! Rates of the columns as they were measured: a column that is held or interpolated from a slower stream has the rate of its source,
-//! and the noise of its source.
+//! Rates of the columns as they were measured: a column that is held or interpolated from a slower stream has the rate and the
+//! noise of its source.
 //!
-//! Between two samples of its source such a column knows nothing: a straight line is off by what the signal bends, a held value by what it
-//! moves. Both count as noise here, beside what neighbouring samples of the source scatter.
+//! Between two samples of its source such a column has no information: linear interpolation misses the curvature of the signal, a
+//! held value its change. Both count as noise here, in addition to the scatter of neighbouring samples of the source.
 
 use serde::Serialize;
 

@@ -1,4 +1,4 @@
-//! A log as steps of constant rate, block by block, without holding the resampled log.
+//! A log as steps at a constant rate, block by block, without holding the resampled log in memory.
 
 use super::resample::{Between, at_times, median_rate_hz};
 use super::{FlightLog, GAP_FACTOR};

@@ -1,4 +1,4 @@
-//! An imported log on disk: `NAME.parquet`, its side file `NAME.toml`, and the account of the import `NAME.import.json`.
+//! An imported log on disk: `NAME.parquet`, its side file `NAME.toml`, and the import report `NAME.import.json`.
 
 use super::flight_parts::{FlightEvent, FlightParts};
 use super::report::{Flown, ImportReport, Stream};

@@ -1,4 +1,4 @@
-//! When a flight was: the calendar's time that a log holds.
+//! Date of a flight: the calendar time contained in a log.
 //!
 //! | source | what says it |
 //! |---|---|

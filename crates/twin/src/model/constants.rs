@@ -1,10 +1,10 @@
-//! How well the constants of a vehicle are known: intervals that an identification wrote beside the vehicle document.
+//! How well the constants of a vehicle are known: intervals that an identification wrote next to the vehicle document.
 //!
-//! `rotortwin vehicle from-log` writes `NAME.toml` and `NAME.intervals.toml`; who loads the first gets the second with it, and every
+//! `rotortwin vehicle from-log` writes `NAME.toml` and `NAME.intervals.toml`; loading the first also loads the second, and every
 //! version that is made from it keeps them as `[[constant]]`. A constant that was edited since is taken as exact: whoever typed a
-//! number knows it.
+//! number is assumed to know it.
 //!
-//! In: the file beside a vehicle. Out: [`ConstantInterval`]s, which comparison and diagnosis take as priors.
+//! In: the file next to a vehicle. Out: [`ConstantInterval`]s, which comparison and diagnosis use as priors.
 
 use std::path::Path;
 

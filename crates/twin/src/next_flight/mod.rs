@@ -1,4 +1,4 @@
-//! Next flight: which manoeuvre would tell two effects apart that the flights so far cannot.
+//! Next flight: which manoeuvre would distinguish two effects that the flights so far cannot.
 //!
 //! ```text
 //! manoeuvres (≤ 30 s) ─▶ flown with the model as it stands ─▶ Sensitivity of the whole library ─▶ expected evidence of the pair

@@ -1,9 +1,10 @@
 //! Noise of the readings, estimated from the log itself, and the covariance of each channel that follows.
 //!
-//! The m-th difference of a smooth signal with white noise of deviation σ has the deviation σ √(2m over m); the median of its absolute
-//! values is robust against steps, and the smallest of several orders against motion. A column that is held or interpolated from a slower
-//! stream has the noise of its source ([`super::series::SlowNoise`]): its rows look smooth and know no more. Below stand floors: quantisation, and a white
-//! disturbance of 0.33 % of the weight and 0.12 % of weight times arm on every step, which no real flight is without.
+//! The m-th difference of a smooth signal with white noise of standard deviation σ has the standard deviation σ √(2m over m); the
+//! median of its absolute values is robust against steps, and the smallest of several orders against motion. A column that is
+//! held or interpolated from a slower stream has the noise of its source ([`super::series::SlowNoise`]): its rows look smooth but
+//! contain no more information. There are lower bounds: quantisation, and a white disturbance of 0.33 % of the weight and 0.12 %
+//! of weight times arm in every step, which every real flight has.
 
 use rotortwin_plant::Vector3;
 use rotortwin_plant::effects::Constants;

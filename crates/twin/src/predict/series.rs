@@ -1,8 +1,8 @@
-//! A flight log on a uniform grid: measured kinematics as they are and smoothed, what is missing, where the vehicle flies.
+//! A flight log on a uniform grid: measured kinematics raw and smoothed, missing samples, airborne parts.
 //!
 //! Residuals use the raw values, sensitivities the smoothed ones: raw noise in a regressor biases its coefficient towards 0 and
 //! invents scale errors (errors in variables). The smoother is a Hann window of 0.15 s in all, symmetric, so that it has no phase.
-//! Torques are told with the rates of an observer in both (`pass/body.rs`).
+//! Torques use the rates of an observer in both (`pass/body.rs`).
 
 use std::sync::Arc;
 

@@ -2,7 +2,7 @@
 //!
 //! A difference quotient (x_{k+1} − x_k)/h of samples with white noise has the tridiagonal covariance c₀ on the diagonal, c₁ beside
 //! it. With its Cholesky factor L (two diagonals) the whitened residual is w = L⁻¹ r: the innovation form of the Kalman filter,
-//! w_k = (r_k − l_{k,k−1} w_{k−1})/l_{kk}. A masked sample is left out and the recursion starts anew behind it.
+//! w_k = (r_k − l_{k,k−1} w_{k−1})/l_{kk}. A masked sample is left out and the recursion restarts after it.
 
 /// Covariance of one channel's noise: white (`lag_one` 0) or a first-order moving average.
 #[derive(Debug, Clone, Copy, PartialEq)]

@@ -1,10 +1,10 @@
-//! Proof of proposed terms by prediction: each is kept only if the model that holds it predicts blocks better that its fit did not see,
-//! with the errors that a comparison shows.
+//! Confirmation of proposed terms by prediction: each is kept only if the model with it predicts held-out blocks better, by the
+//! errors that a comparison shows.
 //!
-//! The regression gives every channel an offset of its own. A model has none, so that a term whose mean the offset took up makes a
-//! prediction worse: such a term is found here, and not proposed. Factors come from the even blocks for the odd ones, and the other way
-//! round. Kept is a term with which the error of a quantity or channel falls by more than its blocks scatter, and with which that of no
-//! quantity or channel rises. With a factor that is the same on all blocks, half of that scatter is enough.
+//! The regression gives every channel an offset of its own. A model has none, so a term whose mean the offset absorbed makes a
+//! prediction worse: such a term is detected here, and not proposed. Factors come from the even blocks for the odd ones, and vice
+//! versa. A term is kept if the error of a quantity or channel falls by more than its blocks scatter, and that of no quantity or
+//! channel rises. With a factor that is the same on all blocks, half of that scatter is sufficient.
 
 use rotortwin_plant::effects::{Catalogue, EffectDocument, EffectInstance};
 

@@ -1,4 +1,4 @@
-//! What is left of a channel, in words: how large, how fast, and what it goes with.
+//! Description of the rest of a channel: how large, how fast, and with what it correlates.
 
 use crate::estimation::parameters::number;
 use crate::predict::{NAMES, Predictor};

@@ -1,4 +1,4 @@
-//! Lines of a flight against those of healthy flights: which rotor shakes more than it did.
+//! Lines of a flight against those of healthy flights: which rotor vibrates more than before.
 //!
 //! ```text
 //! x_r = ln(amplitude/Ω²) of rotor r,  less its mean over the healthy flights,  less the median over the rotors (the whole vehicle)

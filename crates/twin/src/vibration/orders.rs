@@ -5,10 +5,10 @@
 //! ```text
 //! y(t) = c₀ + c₁ t + c₂ t² + Σ_r (Ω_r(t)/Ω_ref)² (a_r cos φ_r(t) + b_r sin φ_r(t)) + e(t),   φ_r(t) = ∫ Ω_r dt
 //! ```
-//! fitted to all rotors at once with Hann's weights, because rotors that turn almost alike share a line and only the fit of all says how
-//! well they are told apart. An unbalanced rotor pulls with m r Ω², hence the square. Phases are not carried from block to block: the
-//! speed of a rotor is not known well enough for that. So the power a² + b² of the blocks is averaged, less what noise alone would give,
-//! which is measured beside the lines, where no rotor turns.
+//! fitted to all rotors at once with Hann's weights, because rotors at nearly the same speed share a line and only the joint fit
+//! shows how well they can be separated. An unbalanced rotor pulls with m r Ω², hence the square. Phases are not carried from
+//! block to block: the speed of a rotor is not known well enough for that. So the power a² + b² of the blocks is averaged, minus
+//! the contribution of noise, which is measured next to the lines, where no rotor turns.
 //!
 //! Source of the idea: Ghalamchi and Mueller, *Vibration-Based Propeller Fault Diagnosis for Multicopters*, ICUAS 2018 (rotors turn at
 //! different speeds in manoeuvres, so the spectrum isolates them); the joint fit is that of Vold and Kalman's order tracking without its

@@ -1,4 +1,4 @@
-//! Speeds of the rotors for order tracking: as the ESCs tell them, or from duty and voltage with the scale that the vibration shows.
+//! Speeds of the rotors for order tracking: from ESC telemetry, or from duty and voltage with the scale that the vibration shows.
 
 use super::orders::{Comb, Shaken};
 use crate::log::{FlightLog, names};

@@ -1,4 +1,4 @@
-//! Gust covariance: whether gusts explain what is left, and which effects only stood in for them.
+//! Gust covariance: whether gusts explain the rest, and which effects only stood in for them.
 
 use super::Pass;
 use super::goodness::judge;

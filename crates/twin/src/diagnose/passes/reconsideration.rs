@@ -1,4 +1,4 @@
-//! Reconsideration: each effect but the last is searched for again beside the others, and one effect may stand in place of two.
+//! Reconsideration: each effect but the last is searched for again together with the others, and one effect may replace two.
 
 use super::Pass;
 use super::refinement::best_of;

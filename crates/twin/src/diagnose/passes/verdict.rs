@@ -1,4 +1,4 @@
-//! Verdict: what was named is believed if nothing speaks against it and nothing else is left.
+//! Verdict: the named effects are accepted if there is no evidence against them and nothing else is left.
 
 use super::Pass;
 use super::held_out::HeldOutCheck;

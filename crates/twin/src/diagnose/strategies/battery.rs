@@ -1,8 +1,8 @@
 //! Starts of fits of the battery voltage: charge at the start and all effects that show in the voltage together.
 //!
-//! The open-circuit voltage is a chart with kinks, so a fit that starts at the wrong charge stays there and others than the true
-//! effect patch what is left. The voltage is slow: on means of 0.1 s, every charge is tried with the effects fitted to it. What changes
-//! the thrust acts by the slope of the rotors' power, taken once.
+//! The open-circuit voltage is a chart with kinks, so a fit that starts at the wrong charge stays there, and effects other than
+//! the true one absorb the rest. The voltage is slow: on means of 0.1 s, every charge is tried with the effects fitted to it.
+//! Changes of the thrust act through the slope of the rotors' power, computed once.
 
 use rayon::prelude::*;
 use rotortwin_plant::effects::{AtBattery, ChannelGroup, EffectDeclaration, ParameterKind, Strategy};

@@ -1,12 +1,14 @@
-//! Gusts: wind that changes at random and acts through a drag that is known already. No column can show it, its covariance can.
+//! Gusts: wind that changes at random and acts through a drag that is already known. No column can represent it, but its
+//! covariance can.
 //!
 //! A Kalman filter ([`super::gust_filter`]) gives the likelihood of σ and T; they are named if that beats no gusts, and if
-//! * the innovations are white: a pendulum or a tank that sloshes is not;
-//! * no function of velocity and place takes them over: a tether or another law of drag is a force of its own, not weather.
+//! * the innovations are white: those of a pendulum or a sloshing tank are not;
+//! * no function of velocity and position explains them instead: a tether or another drag law is a force of its own, not weather.
 //!
-//! With gusts at work the drag itself is fitted anew: their colour would otherwise pass for knowledge of it.
+//! With gusts in the model the drag itself is refitted: their correlation would otherwise make it seem too well known.
 //!
-//! Limits: the sensitivities are those of a steady wind, so gusts faster than about 0.2 s show too weak; σ and T are those of all logs.
+//! Limits: the sensitivities are those of a steady wind, so gusts faster than about 0.2 s are underestimated; σ and T are common
+//! to all logs.
 
 use rayon::prelude::*;
 use rotortwin_plant::effects::{Catalogue, EffectDeclaration, Place, Strategy};

@@ -1,7 +1,7 @@
 //! Gross errors of the build: two motors swapped, a rotor that turns the other way.
 //!
-//! They are no small deviations: a linear ranking patches them with tilts and scales. There are few of them, so that each is simply
-//! tried; one is taken where it removes nearly all of a large error of forces and torques.
+//! They are not small deviations: a linear ranking patches them with tilts and scales. There are so few that each is simply
+//! tried; one is accepted where it removes nearly all of a large error of forces and torques.
 
 use rayon::prelude::*;
 use rotortwin_plant::effects::{EffectDeclaration, Strategy, Wiring};

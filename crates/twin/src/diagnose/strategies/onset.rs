@@ -1,7 +1,8 @@
-//! When an effect sets in: its columns count only from a time on. Block boundaries first, then a quarter of a second.
+//! Onset time of an effect: its columns count only from a time on. Block boundaries first, then a quarter of a second.
 //!
-//! An effect from t₀ on has the column of the effect with the rows before t₀ at 0, up to the memory of the chain (one lag, 0.05 s). Of an
-//! effect that grows with the time since it set in, (t − t₀)/t of it: the column less t₀ times the column over t.
+//! An effect from t₀ on has the column of the effect with the rows before t₀ at 0, up to the memory of the chain (one lag, 0.05
+//! s). For an effect that grows with the time since its onset, it is (t − t₀)/t of it: the column minus t₀ times the column over
+//! t.
 
 use std::sync::Arc;
 

@@ -1,4 +1,5 @@
-//! Columns of effects where the linear ranking about zero does not reach: secants about a point, alone or beside a companion.
+//! Columns of effects where the linear ranking about zero does not reach: secants about a point, alone or together with a
+//! companion.
 //!
 //! The evidence of such columns A on top of the library X with posterior (m, C) under spikes is that of h = AᵀA − AᵀX C XᵀA and
 //! g = Aᵀ(r − X m) with slabs of 1.

@@ -1,4 +1,4 @@
-//! Thin logs, stuck and saturated columns, what is missing, how noisy the rest is.
+//! Sparse logs, stuck and saturated columns, missing channels, noise of the rest.
 
 use super::kinematics::white_noise;
 use super::push;

@@ -1,4 +1,4 @@
-//! How late columns are to each other.
+//! Delays of columns relative to each other.
 //!
 //! Both sides of a kinematic identity are filtered alike (a box of ±[`HALF_WINDOW_S`], so that no delay comes from the filter) and
 //! correlated over lags. The peak, refined by a parabola, is the delay; its standard error follows from the correlation ρ, the
@@ -7,7 +7,7 @@
 //! ```text
 //! σ² = (1 − ρ²) / (ρ² N β²)
 //! ```
-//! Body rates and specific force come from one IMU and are taken as on time.
+//! Body rates and specific force come from one IMU and are taken as the reference.
 //!
 //! Limits: needs motion that is not periodic within ± [`LONGEST_S`]; the noise is taken as white.
 

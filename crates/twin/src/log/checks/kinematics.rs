@@ -1,4 +1,4 @@
-//! Do the columns agree with each other as motion must?
+//! Are the columns kinematically consistent?
 //!
 //! Three identities hold for any rigid body, whatever flies it. Over windows of T they need no derivative of noise:
 //!
@@ -10,8 +10,8 @@
 //! Left and right side of each are compared over all windows: on which axes, with which sign, with which gain. Anything but
 //! identity and gain 1 means wrong axes, wrong units or a wrong clock, and which of them follows from the pattern.
 //!
-//! Limits: needs motion (a hover on the spot shows nothing and is reported as "not enough motion"); windows with empty cells or gaps
-//! are left out.
+//! Limits: needs motion (a stationary hover shows nothing and is reported as "not enough motion"); windows with empty cells or
+//! gaps are left out.
 
 use crate::log::resample::{median_rate_hz, wrapped};
 use crate::log::{FlightLog, names};

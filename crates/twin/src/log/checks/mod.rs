@@ -1,4 +1,4 @@
-//! Checks of an accepted log: what looks wrong, what is missing, how late its columns are to each other.
+//! Checks of an accepted log: suspicious values, missing channels, delays of its columns relative to each other.
 
 mod coverage;
 mod delays;

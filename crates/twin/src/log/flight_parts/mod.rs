@@ -4,15 +4,15 @@
 //! FlightLog ─▶ bins of 0.04 s (signals) ─▶ runs of flight, their ends, upsets and crashes (stages) ─▶ FlightParts
 //!                                      └─▶ motors at their limit, lost rotor, estimator resets, gaps (events) ─┘
 //! ```
-//! Found from any log: from motor outputs alone, better with attitude, accelerometer, rates, height. A model is judged in the air
-//! only ([`FlightParts::in_the_air`]): on the ground the ground carries the vehicle, near it there is ground effect, and past
+//! Works with any log: with motor outputs alone, better with attitude, accelerometer, rates, height. A model is judged in the air
+//! only ([`FlightParts::in_the_air`]): on the ground the ground carries the vehicle, near it there is ground effect, and beyond
 //! 70° of tilt a multirotor's loads are no longer those of the model.
 //!
-//! What the log as a whole says against a flight (its finding of no flight: motors that idle, a battery that gives nothing) goes first: no part
-//! of it is one then.
+//! A finding that the whole log has no flight (motors that idle, a battery without current) takes precedence: no part of it is a
+//! flight then.
 //!
-//! Limits: a flight that begins and ends outside of the log has neither take-off nor landing; a vehicle that is carried by hand with
-//! turning motors looks as if it flew, unless its battery's current tells; without attitude a tumble shows by its blow only.
+//! Limits: a flight that begins and ends outside the log has neither take-off nor landing; a vehicle carried by hand with running
+//! motors appears to fly, unless the battery current shows otherwise; without attitude a tumble shows only by its impact.
 
 mod events;
 mod lost_rotor;

@@ -1,4 +1,4 @@
-//! The log in bins of 0.04 s: what tells flight from ground.
+//! The log in bins of 0.04 s: the signals that distinguish flight from ground.
 
 use rotortwin_flight_core::MAX_ROTORS;
 

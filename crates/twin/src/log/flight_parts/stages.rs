@@ -1,12 +1,14 @@
 //! Ground, take-off, air, upset, landing, crash.
 //!
-//! A bin is on the ground where the motors' mean is low (a third of the way from its 2 % to its 90 % level) and the vehicle is at rest, or
-//! has been so low for 3 s: a vehicle in the air would have fallen some 30 m. What lies between is a run of flight, unless it stands still while
-//! its motors change, or does not even shake as the calmest flight does: propellers off, or tied down. A vehicle that has come down and stands still lies on the ground also while its motors still
-//! carry most of it: an autopilot that has not noticed the landing lets them run.
+//! A bin is on the ground if the motors' mean is low (a third of the way from its 2 % to its 90 % level) and the vehicle is at
+//! rest, or if it has been that low for 3 s: a vehicle in the air would have fallen some 30 m. What lies between is a run of
+//! flight, unless the vehicle does not move while its motors change, or shakes less than the calmest flight: propellers off, or
+//! tied down. A vehicle that has come down and does not move is on the ground even while its motors still carry most of it: an
+//! autopilot that has not noticed the landing lets them run.
 //!
-//! A racing quadrotor does fall for seconds with its motors idle, and its accelerometer says so: what lies on the ground feels its weight, what
-//! falls does not. It also pulls more than a blow: a force along the thrust while the motors are asked for much is no blow.
+//! A racing quadrotor does fall for seconds with its motors idle, and its accelerometer shows it: on the ground it measures the
+//! weight, in free fall it does not. It also accelerates more than in an impact: a force along the thrust at high motor demand is
+//! not an impact.
 
 use std::ops::Range;
 

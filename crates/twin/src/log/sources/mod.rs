@@ -3,8 +3,9 @@
 //! ```text
 //! bytes ─▶ detect ─▶ ulog · dataflash · dataflash_text · usdlog · blackbox · tlog · ros · csv_table ─▶ SourceLog{streams, parameters, notes} ─▶ mapping
 //! ```
-//! Each parser takes any bytes: it never panics, and what it allocates is bounded by [`Room`], which refuses a file that wants more before
-//! the memory is taken. A damaged or cut file yields what can be read before and after the damage, with a note that says how much was lost.
+//! Each parser accepts any bytes: it never panics, and its allocations are bounded by [`Room`], which rejects a file that needs
+//! more before the memory is taken. A damaged or truncated file yields what can be read before and after the damage, with a note
+//! that says how much was lost.
 
 mod blackbox;
 pub(crate) mod csv_table;

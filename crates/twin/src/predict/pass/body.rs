@@ -1,4 +1,4 @@
-//! The body of a pass: what the rotors and the air do to it in every step, and what the IMU reads of that.
+//! The body of a pass: the wrench of rotors and air in every step, and the resulting IMU readings.
 
 use std::sync::{Arc, OnceLock};
 

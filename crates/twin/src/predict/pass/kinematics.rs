@@ -1,4 +1,4 @@
-//! The kinematics of a pass: what the sensors must say of each other, KV, KA and KP.
+//! The kinematics of a pass: consistency of the sensors with each other, KV, KA and KP.
 
 use std::sync::Arc;
 

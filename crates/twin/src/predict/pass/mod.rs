@@ -1,4 +1,4 @@
-//! One pass over a log: what the model with some effects predicts for every channel, in measurement space.
+//! One pass over a log: the prediction of the model with some effects for every channel, in measurement space.
 //!
 //! ```text
 //!  duty, V ─▶ actuators: delay, dead zone, Eq. 19, lag ─▶ thrust at every sample
@@ -6,14 +6,14 @@
 //!  measured kinematics ─▶ sensors inverted ─▶ motion ──────┼─▶ body: wrench, J⁻¹ ─▶ sensors applied ─▶ F, M
 //!                                              └─▶ kinematics ─▶ KV, KA, KP        └─▶ battery ─▶ V
 //! ```
-//! Times: row k is the state at t_k, the duty of row k acts from t_k to t_{k+1}. Channels of differences (KV, M, KA, KP) stand at k
-//! for the step from t_k to t_{k+1}. The duty that predicts step k never answers to what was measured after t_k, so that the feedback
-//! of measurement noise through the controller cannot pass for physics. Velocity, attitude and voltage of a step are means of its two
-//! ends; its rates are predicted from what was read before it ([`Plant::steps`]).
+//! Times: row k is the state at t_k, the duty of row k acts from t_k to t_{k+1}. Channels of differences (KV, M, KA, KP) at k
+//! belong to the step from t_k to t_{k+1}. The duty that predicts step k never depends on measurements after t_k, so that
+//! feedback of measurement noise through the controller cannot be mistaken for physics. Velocity, attitude and voltage of a step
+//! are means of its two ends; its rates are predicted from earlier readings ([`Plant::steps`]).
 //!
-//! Sensor errors are applied to the prediction, never taken off the measurement: dividing the measurement by 1 + s shrinks its noise
-//! and wins for every s > 0. Only where a sensor is an *input* of another channel is its error inverted; the accelerometer's as
-//! what the model's force makes of it, so that the noise of the reading is not scaled.
+//! Sensor errors are applied to the prediction, never removed from the measurement: dividing the measurement by 1 + s shrinks its
+//! noise and wins for every s > 0. Only where a sensor is an *input* of another channel is its error inverted; for the
+//! accelerometer, by the amount that follows from the model's force, so that the noise of the reading is not scaled.
 
 mod actuators;
 mod battery;

@@ -1,4 +1,4 @@
-//! The motion of a pass: what the vehicle did, from readings whose latencies and errors are undone.
+//! The motion of a pass: the vehicle's motion from readings with latencies and errors removed.
 
 use std::sync::Arc;
 

@@ -1,4 +1,4 @@
-//! What a pass shares with its base is what it would have made itself.
+//! What a pass shares with its base equals what it would have computed itself.
 
 use std::path::Path;
 

@@ -1,4 +1,4 @@
-//! Blackbox fields in units: which number is what depends on header lines and firmware.
+//! Blackbox fields in units: the meaning of the numbers depends on header lines and firmware.
 //!
 //! Body axes of the family are forward, left, up. Added to the stream: `gyro[i]` (deg/s), `acc[i]` (g), `rpm[i]` (min⁻¹), `voltage_v`, `current_a`,
 //! and of INAV `position[i]` (m, NED), `velocity[i]` (m/s, NED), `euler[i]` (deg, FRD in NED). Parameters `motor_low` and `motor_high` are the

@@ -1,4 +1,4 @@
-//! What the axes and signs of a type make of its columns.
+//! Corrections of columns for the axes and signs of a type.
 //!
 //! | type | derived |
 //! |---|---|
@@ -8,7 +8,8 @@
 //! | `sensor_msgs/BatteryState` | `discharge`: the current is negative where it discharges |
 //! | all | a quaternion of zeros is none |
 //!
-//! Not everybody keeps to the child frame: the twist is taken as the world's where the position's own changes say so much more.
+//! Not all publishers keep to the child frame: the twist is taken as the world's if the changes of the position clearly agree
+//! better with that.
 
 use super::super::RawStream;
 use super::cdr::Plan;

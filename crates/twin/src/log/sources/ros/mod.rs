@@ -4,11 +4,11 @@
 //! .mcap (mcap) · .db3 (db3, sqlite) ─▶ topics with their types and definitions ─▶ Recording: numbers of what the mapping names (definition, cdr)
 //!     ─▶ one clock (clock) ─▶ one vehicle, the best topic of each type (choose) ─▶ body axes turned to the world (derive) ─▶ SourceLog
 //! ```
-//! Numbers come from messages by the definition that the recording carries, so that every version of `px4_msgs` and every message of one's own
-//! is read alike; what a type means is said by the mapping (`config/log-mappings/ros2.toml`), which names types (`nav_msgs/Odometry`) or
-//! topics (`/drone1/odom`).
+//! Messages are decoded by the definitions contained in the recording, so every version of `px4_msgs` and every user-defined
+//! message can be read; the meaning of a type is given by the mapping (`config/log-mappings/ros2.toml`), which names types
+//! (`nav_msgs/Odometry`) or topics (`/drone1/odom`).
 //!
-//! Limits: messages of ROS 1, and others than CDR, are refused; whole files that are compressed are, too.
+//! Limits: ROS 1 messages, encodings other than CDR, and files compressed as a whole are rejected.
 
 mod cdr;
 mod choose;

@@ -4,10 +4,10 @@
 //! header of 100 bytes │ pages;   page 1: table of the tables
 //! interior page ─▶ pages ─▶ leaf page: rows (rowid, record);   record: serial types, values;   what does not fit ─▶ overflow pages
 //! ```
-//! Takes any bytes. Each page is read once: one that two places point to is damage, so that no file makes more of itself than its length.
+//! Accepts any bytes. Each page is read once: a page with two references is damage, so a file cannot expand beyond its length.
 //! Damaged pages cost the rows on them; the rows of the others are read.
 //!
-//! Limits: indexes, views and tables WITHOUT ROWID are not read; what a write-ahead log beside the file holds is not, either.
+//! Limits: indexes, views and tables WITHOUT ROWID are not read, nor is a separate write-ahead log.
 
 /// What every such file begins with.
 pub(in super::super) const MAGIC: &[u8] = b"SQLite format 3\0";
