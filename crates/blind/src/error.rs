@@ -1,4 +1,4 @@
-//! What the generator refuses, in one sentence each: what, where, what was expected.
+//! Errors of the generator, in one sentence each: what, where, what was expected.
 
 use std::path::PathBuf;
 

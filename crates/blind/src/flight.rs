@@ -1,4 +1,4 @@
-//! One flight: reference, pilot, world and sensors in a closed loop, and the log that it leaves.
+//! One flight: reference, pilot, world and sensors in a closed loop, and its log.
 //!
 //! Conventions of the log, the canonical ones: 400 Hz; row k has the state at t_k and the duty in force from t_k on; the
 //! accelerometer of row k is the specific force at t_k; the first row is t_1 = 2.5 ms. The pilot sees

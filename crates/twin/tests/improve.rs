@@ -1,5 +1,5 @@
-//! The loop from a failing model to one that agrees, on logs of a foreign simulator; and logs that are at fault, which must be named
-//! and never diagnosed.
+//! The loop from a failing model to one that agrees, on logs of the independent simulator; and logs that are at fault, which must
+//! be named and never diagnosed.
 
 #![expect(clippy::unwrap_used, reason = "a refusal where none is due fails the test")]
 

@@ -1,6 +1,6 @@
-//! Logs that look wrong: each mistake is named, and a log without mistakes is not accused.
+//! Suspicious logs: each error is named, and a log without errors has no finding.
 //!
-//! The motion is made up analytically, so that all columns fit each other exactly; then one mistake at a time is put in.
+//! The motion is analytic, so that all columns are exactly consistent; then one error at a time is introduced.
 
 use rotortwin_plant::vehicle::model::{Layout, VehicleModel};
 use rotortwin_twin::log::{FindingKind, FlightLog, names};

@@ -1,4 +1,5 @@
-//! Recordings of ROS 2: choices, other clocks, damage, and what is refused. The reference recording is made by `data/make_ros2.py`.
+//! Recordings of ROS 2: choices, other clocks, damage, and what is rejected. The reference recording is made by
+//! `data/make_ros2.py`.
 
 use rotortwin_twin::log::{FlightLog, ReadOptions, SourceKind};
 use std::path::{Path, PathBuf};

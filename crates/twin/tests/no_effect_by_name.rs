@@ -1,6 +1,6 @@
 //! The engine knows strategies and requirements, but no effect: an effect declares in its own file how it is searched for.
 //!
-//! Looked at are the string literals of the sources, without comments and unit tests.
+//! Checks the string literals of the sources, without comments and unit tests.
 
 use std::path::{Path, PathBuf};
 

@@ -1,5 +1,5 @@
-//! Effects that the foreign simulator hides: named alone, with values whose intervals hold the truth; their neighbours keep their own
-//! names; and where a flight does not tell two apart, the answer has both.
+//! Effects hidden by the independent simulator: named alone, with values whose intervals contain the truth; their neighbours keep
+//! their own names; and where a flight does not distinguish two, the answer has both.
 //!
 //! `NAMED_CASES=24 NAMED_FIRST_SEED=900 cargo test --release -p rotortwin-twin --test val_named_alone -- --nocapture` flies more.
 

@@ -1,4 +1,4 @@
-//! Real logs with known damage and loads. Skipped where they are not beside the repository.
+//! Real logs with known damage and loads. Skipped if they are not present outside the repository.
 
 mod development_data;
 

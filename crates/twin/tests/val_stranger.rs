@@ -1,7 +1,7 @@
-//! A stranger's vehicle: identified from one flight, diagnosed on another. What was measured is a prior and no missing physics; what
-//! was guessed is told as a guess; what is missing beside both is still named.
+//! An unknown vehicle: identified from one flight, diagnosed on another. What was measured is a prior and not missing physics;
+//! what was guessed is reported as a guess; anything else that is missing is still named.
 //!
-//! The vehicles are drawn at random, off the class defaults, and flown by the foreign simulator.
+//! The vehicles are drawn at random, away from the class defaults, and flown by the independent simulator.
 
 #![expect(clippy::unwrap_used, reason = "a refusal where none is due fails the test")]
 

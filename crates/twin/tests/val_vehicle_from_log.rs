@@ -1,5 +1,5 @@
-//! A vehicle from its logs, where the truth is known: vehicles drawn at random, flown by the foreign simulator. The identification sees
-//! the log, the mass and the arm, and no parameter.
+//! A vehicle from its logs, where the truth is known: vehicles drawn at random, flown by the independent simulator. The
+//! identification sees the log, the mass and the arm, and no parameter.
 //!
 //! `VEHICLE_DRAWS=200 cargo test --release -p rotortwin-twin --test val_vehicle_from_log -- --nocapture` draws more;
 //! `VEHICLE_FIRST_SEED=5000` draws other vehicles for the intervals: their floors were sized on seeds 0 to about 24.

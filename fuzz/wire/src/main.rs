@@ -1,6 +1,6 @@
-//! Messages from strangers: bytes of any kind through the decoder, the conversions and the hand-shake.
+//! Untrusted messages: bytes of any kind through the decoder, the conversions and the hand-shake.
 //!
-//! The first byte says which message the rest is.
+//! The first byte selects the message type of the rest.
 
 #![no_main]
 

@@ -1,4 +1,4 @@
-//! What a diagnosis says of one log, in the few words that a score needs.
+//! A diagnosis's answer for one log, reduced to what a score needs.
 
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;

@@ -1,4 +1,4 @@
-//! Presets: which cases answer which claim.
+//! Presets: which cases test which claim.
 
 use crate::catalogue::{KINDS, Kind, Place, WITH_A_FAULT};
 use crate::draw::{draw_effect, same_group};

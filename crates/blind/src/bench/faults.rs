@@ -1,4 +1,4 @@
-//! Preset `faults`: damaged rotors of all kinds in the foreign world, judged window by window by the detectors.
+//! Preset `faults`: damaged rotors of all kinds in the independent world, judged window by window by the detectors.
 //!
 //! ```text
 //!  n, seed ─▶ FaultCase ─▶ flight (here) ─▶ log ─▶ `fdi-log LOG --model VEHICLE --windows --json` ─▶ windows ─▶ FaultRow ─▶ faults_sheet
@@ -6,14 +6,16 @@
 //! The detectors see the log and the vehicle document. Every case has the rotors' lift bias, the noise and the disturbances of the other
 //! presets; the classes `five …` have five unknown effects of the catalogue, wind and gusts on top.
 //!
-//! Definitions. *Right*: the verdict names the rotors that have lost at least [`SEEN`] of their thrust at that time, all and no others.
-//! *First*: end of the first right window, counted from when a loss passes [`SEEN`]. *Settled*: end of the last window before the end of the
-//! flight, or before the loss ends, that is not right. *Announced*: see [`is_announced`]. *Inside*: the truth at that time lies in the 95 % interval of each named rotor, at the
-//! end of the flight; *windows inside*, the same over all windows that name the rotors rightly, apart for those in which the loss moves.
-//! *Isolated* ([`ISOLATED_S`]): of a ramp, the first right window comes at most so long after the loss has passed what would be seen: `smallest_loss` of the last
-//! window that announced one. *Load named*: a window has a `load` that changed at that time; *false load*: at any other.
-//! *Healthy named*: a rotor without a loss is named, alone or in a pair, with a probability of 0.95 or more. *False alarm*: a verdict other
-//! than healthy begins while nothing has happened to any rotor or to the load, nor a quarter of a second before. *End*: the last verdict ([`End`]).
+//! Definitions. *Right*: the verdict names exactly the rotors that have lost at least [`SEEN`] of their thrust at that time.
+//! *First*: end of the first right window, counted from when a loss passes [`SEEN`]. *Settled*: end of the last window that is
+//! not right before the end of the flight, or before the loss ends. *Announced*: see [`is_announced`]. *Inside*: the truth at
+//! that time lies in the 95 % interval of each named rotor, at the end of the flight; *windows inside*, the same over all windows
+//! that name the rotors correctly, separately for those in which the loss changes. *Isolated* ([`ISOLATED_S`]): of a ramp, the
+//! first right window comes at most this long after the loss has passed the detectable size: `smallest_loss` of the last window
+//! that announced one. *Load named*: a window has a `load` that changed at that time; *false load*: at any other. *Healthy
+//! named*: a rotor without a loss is named, alone or in a pair, with a probability of 0.95 or more. *False alarm*: a verdict
+//! other than healthy begins while nothing has happened to any rotor or to the load, nor a quarter of a second before. *End*: the
+//! last verdict ([`End`]).
 
 use super::cases::Preset;
 use super::run::{Program, run_process};

@@ -1,4 +1,4 @@
-//! Parts of one bench, done in folders of their own by whatever schedules them, put together: the result is that of one machine.
+//! Merges parts of one bench that any scheduler has run in folders of their own: the result is that of one machine.
 
 use super::cases::Case;
 use super::report;

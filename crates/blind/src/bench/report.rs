@@ -1,4 +1,4 @@
-//! The score sheet as files: `score.json`, `rows.parquet`, `report.html` (stands alone).
+//! The score sheet as files: `score.json`, `rows.parquet`, `report.html` (self-contained).
 
 use super::run::Request;
 use super::score::Row;

@@ -1,4 +1,4 @@
-//! Where the development data are, if they are there.
+//! Location of the development data, if present.
 
 #[expect(unreachable_pub, reason = "public in the crate that the file is of")]
 #[path = "../../../../tests/src/skip.rs"]

@@ -1,4 +1,4 @@
-//! Blind benches: submit. The cases are done in parts by all workers, and then put together.
+//! Blind benches: submit. The cases are executed in parts by all workers, and then merged.
 
 use super::documents::checked_name;
 use super::facts::{BlindBenchFacts, BlindBenchPartFacts, JobFacts};

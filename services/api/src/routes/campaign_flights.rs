@@ -1,4 +1,4 @@
-//! The flights of a campaign: which of them have windows in a cell of the confusion matrix, and each as a run.
+//! The flights of a campaign: those with windows in a cell of the confusion matrix, and each as a run.
 //!
 //! ```text
 //!  confusion matrix ─ truth, verdict ─▶ GET  …/flights              rows of the shards with windows there

@@ -1,4 +1,4 @@
-//! Campaigns: submit. A large one is flown in parts by all workers, and then put together.
+//! Campaigns: submit. A large one is flown in parts by all workers, which are then merged.
 
 use super::facts::{CampaignFacts, CampaignPartFacts, JobFacts};
 use super::jobs::{self, JobView, Shared, Terms};

@@ -1,4 +1,4 @@
-//! The caller's FDI sessions as they change, for those who watch and do not feed.
+//! Changes of the caller's FDI sessions, for clients that watch but do not feed them.
 
 use super::fdi::OpenSessions;
 use crate::App;

@@ -1,4 +1,4 @@
-//! FDI over a whole flight log that is uploaded: judged by a process of its own, as every file of a stranger is read.
+//! FDI over an uploaded flight log: evaluated in a separate process, like every untrusted file.
 
 use super::uploads::Upload;
 use crate::App;

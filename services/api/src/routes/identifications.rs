@@ -1,4 +1,4 @@
-//! A vehicle from flight logs, mass and arm: submitted as a job, and kept in the library once it was looked at.
+//! A vehicle from flight logs, mass and arm: submitted as a job, and saved in the library after review.
 
 use super::asked::Flights;
 use super::documents::{self, checked_name};

@@ -1,4 +1,4 @@
-//! What all kinds of jobs share: accept, find, list, cancel, delete.
+//! Operations common to all kinds of jobs: accept, find, list, cancel, delete.
 
 use super::facts::{JobFacts, UploadFacts};
 use crate::App;

@@ -1,11 +1,11 @@
-//! Live telemetry: a WebSocket on which samples come while a run flies.
+//! Live telemetry: a WebSocket that sends samples while a run flies.
 //!
 //! ```text
 //!  rotortwin job ─ lines ─▶ worker ─▶ hub ─ broadcast ─▶ one task a watcher ─▶ WebSocket
 //! ```
-//! The flight waits for nobody: a watcher that is too slow loses samples and is told how many. With `from_s` it gets first what is kept of the
-//! flight ([`crate::jobs::live`]), and again what it was too slow for: there is no hole. Nothing of it is on disk; what was recorded is in the
-//! telemetry once the run has ended.
+//! The flight does not wait: a watcher that is too slow loses samples and is told how many. With `from_s` it first gets the
+//! stored part of the flight ([`crate::jobs::live`]), and again what it was too slow for: there is no gap. Nothing is stored on
+//! disk; the recording is in the telemetry once the run has ended.
 
 use crate::App;
 use crate::access::Caller;

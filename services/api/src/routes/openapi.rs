@@ -1,5 +1,5 @@
-//! What the OpenAPI document says of every route alike, and the derive macros cannot: refusals of access, forms of headers, results of jobs
-//! that are not done.
+//! Parts of the OpenAPI document that apply to every route and that the derive macros cannot express: access errors, header
+//! formats, results of jobs that are not done.
 
 use super::stated::whole;
 use utoipa::Number;

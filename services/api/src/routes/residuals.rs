@@ -1,7 +1,7 @@
-//! What a comparison found, sample by sample: measured, predicted and residual of a channel, and the flight conditions, as means and
-//! extremes of buckets.
+//! Results of a comparison, sample by sample: measured, predicted and residual of a channel, and the flight conditions, as means
+//! and extremes of buckets.
 //!
-//! The child that compared has written the residuals of each log into a file; it is read here, never compared again.
+//! The comparison's process has written the residuals of each log to a file; it is read here, never recomputed.
 
 use super::jobs::Shared;
 use super::tasks::done;

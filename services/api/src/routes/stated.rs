@@ -1,7 +1,7 @@
-//! Holds requests to what the OpenAPI document states of parameters in the query and in headers: length, form, range.
+//! Validates requests against what the OpenAPI document states about query parameters and headers: length, format, range.
 //!
-//! Types are the handlers' matter, which read them. What only stands in an attribute of the document (`max_length`, `pattern`, …) would
-//! bind nobody without this. Built from the document, so that the two cannot differ.
+//! Types are checked by the handlers, which parse them. Constraints that are only attributes of the document (`max_length`,
+//! `pattern`, …) would not be enforced without this. Built from the document, so that the two cannot differ.
 
 use crate::problem::Problem;
 use axum::extract::{MatchedPath, Query, Request, State};

@@ -1,4 +1,4 @@
-//! Runs are submitted: from scratch, or as a fork of one that is there.
+//! Submission of runs: from scratch, or as a fork of an existing one.
 
 use super::asked::ModelChoice;
 use super::jobs::{self, Shared, Terms};

@@ -1,4 +1,4 @@
-//! Many runs side by side: one row a run, one column a number of its summary.
+//! Many runs side by side: one row per run, one column per number of its summary.
 
 use super::jobs::Shared;
 use crate::access::Caller;

@@ -1,4 +1,4 @@
-//! What submissions share that are no runs: jobs over the library, logs, runs and models.
+//! Common parts of submissions other than runs: jobs over the library, logs, runs and models.
 
 use super::asked::{Flights, ModelChoice};
 use super::facts::JobFacts;

@@ -1,6 +1,6 @@
-//! Telemetry of runs that have ended: channels, intervals, as many rows as a picture needs.
+//! Telemetry of runs that have ended: channels, intervals, as many rows as a plot needs.
 //!
-//! The files are read and decoded on threads of their own, at most [`AT_ONCE`] queries at a time.
+//! The files are read and decoded on separate threads, at most [`AT_ONCE`] queries at a time.
 
 use crate::App;
 use crate::access::Caller;

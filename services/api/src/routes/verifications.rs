@@ -1,4 +1,5 @@
-//! Runs flown again: a job as any other, so that it is shared fairly and begun again if its worker is gone. The request waits for its end.
+//! Verification of runs by a replay: a job like any other, so that it is scheduled fairly and restarted if its worker is gone.
+//! The request waits for its end.
 
 use super::facts::{JobFacts, VerificationFacts};
 use super::jobs::{self, JobView, Shared, Terms};

@@ -1,7 +1,7 @@
-//! A run live in Foxglove and Lichtblick: their WebSocket protocol, as `rotortwin fly --foxglove` speaks it.
+//! A live run in Foxglove and Lichtblick: their WebSocket protocol, as in `rotortwin fly --foxglove`.
 //!
-//! The flight waits for nobody: a viewer who is too slow loses rows and is told how many. What the log said before he came is sent when he
-//! asks for it.
+//! The flight does not wait: a viewer that is too slow loses rows and is told how many. Earlier log messages are sent when a
+//! viewer subscribes to them.
 
 use crate::App;
 use crate::access::Caller;
