@@ -17,59 +17,60 @@ use super::{EventKind, FlightEvent, FlightPart, PartKind};
 
 /// Tilt beyond which the model's loads no longer hold, rad: 70°.
 const TILT_END_RAD: f64 = 1.22;
-/// Tilt of a flight that goes on, rad: 60°.
+/// Tilt below which a flight continues, rad: 60°.
 const TILT_GOOD_RAD: f64 = 1.05;
-/// Tilt of what has come back from a tumble, rad: 30°.
+/// Tilt of a vehicle that has recovered from a tumble, rad: 30°.
 const TILT_UPRIGHT_RAD: f64 = 0.52;
-/// Specific force of a blow, m/s².
+/// Specific force of an impact, m/s².
 const BLOW: f64 = 35.0;
-/// Specific forces that are logged at less than this, Hz, hold samples of a vibration as they come …
+/// Specific forces logged at less than this, Hz, contain aliased samples of a vibration …
 const ALIASED_HZ: f64 = 30.0;
-/// … of which one is no blow unless the body answers it by turning, rad/s, or leaning, rad, in this time about it, s.
+/// … of which one counts as an impact only if the body responds by turning, rad/s, or leaning, rad, within this time of it, s.
 const ANSWER_RATE_RAD_S: f64 = 1.5;
 const ANSWER_LEAN_RAD: f64 = 0.17;
 const ANSWER_S: f64 = 0.3;
-/// Motors this low for so long: no flight, s.
+/// Motors this low for this long: no flight, s.
 const FALLEN_S: f64 = 3.0;
-/// Motors low and the vehicle at rest for so long: the ground, s.
+/// Motors low and the vehicle at rest for this long: on the ground, s.
 const REST_S: f64 = 0.6;
-/// Mean specific force of what falls with idle motors, m/s²: well below a weight, above the drag of a fall of 15 m/s.
+/// Mean specific force of a vehicle that falls with idle motors, m/s²: well below its weight, above the drag of a fall at 15 m/s.
 const FALLS: f64 = 7.0;
-/// Median rate of what neither lies nor is carried by hand, rad/s.
+/// Median rate above which a vehicle is neither lying nor carried by hand, rad/s.
 const TURNS_RAD_S: f64 = 0.8;
-/// A fall takes its time to begin; what counts is after this, s.
+/// A fall takes time to develop; what counts is after this, s.
 const FALL_BEGINS_S: f64 = 0.7;
-/// Thrust that racing quadrotors have, over their weight; beyond it a force along the thrust is a blow, too.
+/// Thrust of racing quadrotors, over their weight; a larger force along the thrust is an impact, too.
 const MOST_THRUST: f64 = 12.0 * 9.81;
-/// Motors that run and carry nothing: mean output from its 10 % to its 90 % level over the median …
+/// Motors that run without carrying the vehicle: mean output from its 10 % to its 90 % level over the median …
 const CHANGES: f64 = 0.25;
-/// … and nothing moves, but for a tenth of the time at either end: deviation of force and rates.
+/// … and nothing moves, except for a tenth of the time at either end: deviation of force and rates.
 const UNMOVED_FORCE: f64 = 0.4;
 const UNMOVED_RATE_RAD_S: f64 = 0.05;
-/// … of roll and pitch, which follow every step of a flight however gentle, rad; and of the height, m.
+/// … of roll and pitch, which follow every step of even a gentle flight, rad; and of the height, m.
 const UNMOVED_LEAN_RAD: f64 = 0.005;
 const UNMOVED_HEIGHT_M: f64 = 0.4;
-/// What lies on a bench with its motors running turns and shakes less than the calmest flight for as long as they run: deviations of rates and
-/// force, this one more than that of a simulation that has no noise (rates may be cut to 0); and it stays at the height of the ground, m.
+/// A vehicle on a bench with its motors running turns and shakes less than the calmest flight for as long as they run: deviations
+/// of rates and force, the latter above that of a simulation without noise (rates may be quantised to 0); and it stays at ground
+/// height, m.
 const LIES_RATE_RAD_S: f64 = 0.015;
 const LIES_FORCE: Range<f64> = 1e-3..0.2;
 const LIES_HEIGHT_M: f64 = 0.5;
-/// … or, where no height and ground next to it tell, asks its motors for no more than this.
+/// … or, if neither height nor neighbouring ground decides, commands its motors no higher than this.
 const LIES_DUTY: f64 = 0.12;
-/// … with its motors running for so long, s.
+/// … with its motors running for this long, s.
 const LIES_RUNNING_S: f64 = 3.0;
 /// Shorter runs are a motor test or a jerk of the throttle, s.
 const SHORTEST_FLIGHT_S: f64 = 1.5;
-/// Take-off and landing where no height tells, s.
+/// Take-off and landing if no height is available, s.
 const NEAR_GROUND_S: f64 = 3.0;
-/// They last so long at least, and at most, s.
+/// Their minimum and maximum duration, s.
 const NEAR_GROUND_RANGE_S: Range<f64> = 1.0..15.0;
-/// A vehicle has lifted off where its motors are asked for this share of what they fly with, and for a second from there on.
+/// A vehicle has lifted off when its motors have been commanded this share of their flight level, for a second from then on.
 const LIFTS: f64 = 0.9;
 const LIFTED_S: f64 = 1.0;
-/// Height that is clear of the ground, m; half of what is reached where that is less.
+/// Height that is clear of the ground, m; half of the height reached if that is less.
 const CLEAR_M: f64 = 1.0;
-/// Flight for so long after an upset: it was none of a crash, s.
+/// Flight for this long after an upset: it was not a crash, s.
 const RECOVERED_S: f64 = 3.0;
 /// Left out before and after an upset, s.
 const UPSET_BEFORE_S: f64 = 0.3;
@@ -79,28 +80,28 @@ const REST_FORCE: f64 = 0.6;
 const REST_RATE_RAD_S: f64 = 0.1;
 const REST_LEAN_RAD: f64 = 0.01;
 
-/// Time after a blow in which a vehicle comes to rest, s; and how little its height then differs, m.
+/// Time after an impact in which a vehicle comes to rest, s; and the largest difference of its height afterwards, m.
 const SETTLES_S: f64 = 1.0;
 const RESTING_HEIGHT_M: f64 = 0.05;
 
-/// A vehicle that lies with its motors still running: at rest for so long, s …
+/// A vehicle that lies with its motors still running: at rest for this long, s …
 const LIES_S: f64 = 2.0;
-/// … after it came down by this much, m, in so long, s …
+/// … after it descended by this much, m, within this time, s …
 const CAME_DOWN_M: f64 = 0.2;
 const COMES_DOWN_S: f64 = 2.0;
-/// … and touched: a force that its motors do not make, m/s² …
+/// … and touched: a force that its motors do not produce, m/s² …
 const TOUCH: f64 = 3.0;
-/// … and is asked for less than this share of what carried it before.
+/// … and commanded less than this share of what carried it before.
 const LIGHT: f64 = 0.985;
 /// Gravity, and how far from it the force of calm flight is, m/s².
 const WEIGHT: f64 = 9.81;
 const CALM: f64 = 0.5;
-/// Calm flight that tells what carries a vehicle, s.
+/// Minimum duration of calm flight to determine what carries a vehicle, s.
 const LEAST_CALM_S: f64 = 1.0;
 
 const UNMOVED_WHY: &str = "the motors run and the vehicle does not move (no propellers, or tied down)";
 
-/// The whole log as one kind, without a hole but where the log has one.
+/// The whole log as one kind, interrupted only where the log has a gap.
 pub(super) fn all_of(signals: &Signals, kind: PartKind, why: &str) -> Vec<FlightPart> {
     let mut found = Vec::new();
     let mut from = 0;
@@ -113,7 +114,7 @@ pub(super) fn all_of(signals: &Signals, kind: PartKind, why: &str) -> Vec<Flight
     found
 }
 
-/// All parts, without a hole but where the log has one.
+/// All parts, interrupted only where the log has a gap.
 pub(super) fn parts(signals: &Signals) -> Vec<FlightPart> {
     let bins = signals.bins();
     if bins == 0 {
@@ -146,7 +147,7 @@ pub(super) fn parts(signals: &Signals) -> Vec<FlightPart> {
     join(found)
 }
 
-/// Blows of 35 m/s² and more in a landing.
+/// Impacts of 35 m/s² and more in a landing.
 pub(super) fn hard_landings(signals: &Signals, parts: &[FlightPart]) -> Vec<FlightEvent> {
     let Some(shock) = &signals.shock else {
         return Vec::new();
@@ -177,13 +178,14 @@ fn part(signals: &Signals, bins: Range<usize>, kind: PartKind, why: &str) -> Fli
     }
 }
 
-/// Mean output below which a vehicle stands: between idling and flying; idle itself where the log has no time on the ground.
+/// Mean output below which a vehicle is on the ground: between idling and flying; idle itself if the log has no time on the
+/// ground.
 fn ground_level(effort: &[f64]) -> f64 {
-    /// Nothing flies at so little.
+    /// No vehicle flies at so little.
     const IDLE: f64 = 0.03;
-    /// An idling motor is asked for less than this share of what it flies with.
+    /// An idling motor is commanded less than this share of its flight level.
     const IDLE_SHARE: f64 = 0.6;
-    /// At this share of the way the thrust (u^1.3 to u²) is a quarter of the weight or less.
+    /// At this share of the range the thrust (u^1.3 to u²) is at most a quarter of the weight.
     const LEVEL: f64 = 0.35;
     let mut sorted: Vec<f64> = effort.iter().copied().filter(|value| value.is_finite()).collect();
     if sorted.is_empty() {
@@ -202,7 +204,7 @@ fn ground_level(effort: &[f64]) -> f64 {
     }
 }
 
-/// Bins on the ground; and those of them in which motors run that carry nothing.
+/// Bins on the ground; and those of them in which motors run without carrying the vehicle.
 fn ground(signals: &Signals, effort: &[f64], level: f64) -> (Vec<bool>, Vec<bool>) {
     if level.is_infinite() {
         // No motor ever leaves idle: whoever moves the vehicle, it does not fly.
