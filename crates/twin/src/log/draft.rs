@@ -22,19 +22,19 @@ use std::collections::BTreeSet;
 use std::path::Path;
 use utoipa::ToSchema;
 
-/// Rows that are looked at.
+/// Rows that are examined.
 const ROWS: usize = 5000;
 /// Lines before a header, at most.
 const MOST_PREAMBLE: usize = 50;
-/// Rates beyond this are no rad/s of an ordinary flight.
+/// Rates above this are not rad/s of an ordinary flight.
 const FAST_RAD_S: f64 = 12.0;
-/// Rows per second that are assumed where no column is a time.
+/// Rows per second that are assumed if no column is a time.
 const GUESSED_HZ: f64 = 100.0;
-/// Numbers of a Parquet file that is drafted: 256 MiB.
+/// Size of the numbers of a Parquet file that can be drafted: 256 MiB.
 const MOST_CELLS: usize = 1 << 25;
 /// Fewest rotors of a multirotor.
 const FEWEST: usize = 3;
-/// Other groups of numbered columns that a question names.
+/// Other groups of numbered columns that a question mentions.
 const MOST_GROUPS: usize = 6;
 /// Cells of a column that are shown, and characters of each.
 const EXAMPLES: usize = 3;
@@ -130,12 +130,12 @@ pub struct DraftQuestion {
     pub sentence: String,
 }
 
-/// A column: name as a mapping's row names it, words, unit that the name states, numbers.
+/// A column: name as used in a mapping's row, words, unit that the name states, numbers.
 struct Column {
     name: String,
     words: Vec<String>,
     unit: Option<&'static str>,
-    /// Which number of a list it is: `v[2]`.
+    /// Index in a list: `v[2]`.
     part: Option<usize>,
     values: Vec<f64>,
     examples: Vec<String>,
@@ -173,13 +173,13 @@ impl Column {
         }
     }
 
-    /// `[0.1, 0.2, 0.3]` in one cell, as where lists differ in length.
+    /// `[0.1, 0.2, 0.3]` in one cell, as in tables whose lists differ in length.
     fn holds_lists(&self) -> bool {
         let list = |cell: &String| cell.trim_start().starts_with(['[', '(']) && cell.contains([',', ' ']);
         !self.examples.is_empty() && self.examples.iter().all(list)
     }
 
-    /// What is not measured but wanted: by a word of its name, or by `d` or `r` at its end (`v_d[0]`, desired; a reference).
+    /// A set point, not a measurement: by a word of its name, or by `d` or `r` at its end (`v_d[0]`, desired; a reference).
     fn is_wanted(&self) -> bool {
         let ends = self
             .words
@@ -532,7 +532,7 @@ pub fn draft(path: &Path, bytes: &[u8]) -> Result<Draft, LogError> {
 fn text_of(bytes: &[u8]) -> Result<Cow<'_, str>, String> {
     match std::str::from_utf8(bytes) {
         Ok(text) => Ok(Cow::Borrowed(text)),
-        // No table holds a zero byte, and most binary formats do.
+        // No text table contains a zero byte, but most binary formats do.
         Err(bad) if bytes.contains(&0) => Err(format!("not UTF-8 text ({bad}); a table in CSV was expected")),
         Err(_) => Ok(String::from_utf8_lossy(bytes)),
     }

@@ -676,8 +676,8 @@ pub fn hann(x: &[Vector3], half: usize) -> Vec<Vector3> {
         .collect()
 }
 
-/// 2x − Hx of a smoothed x = Hy: the window's loss at low frequencies squared, 1 − (1 − H)². A pendulum of 2 s that is driven by a
-/// signal 0.4 % too small shows a rope 0.04 % too short, many times its interval.
+/// 2x − Hx of a smoothed x = Hy: squares the window's loss at low frequencies, 1 − (1 − H)². For a pendulum of 2 s, a driving
+/// signal that is 0.4 % too small makes the rope 0.04 % too short, many times its interval.
 fn twiced(x: &[Vector3], half: usize) -> Vec<Vector3> {
     let again = hann(x, half);
     let twice = |(once, again): (&Vector3, &Vector3)| [0, 1, 2].map(|i| 2.0 * once[i] - again[i]);

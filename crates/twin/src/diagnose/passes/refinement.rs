@@ -16,10 +16,10 @@ use crate::estimation::rate_noise;
 use crate::estimation::scores::{Scored, opened_mean, priors};
 use crate::predict::PredictError;
 
-/// Evidence over the threshold that must not be left unnamed.
+/// Evidence above the threshold that must not remain unexplained.
 pub(crate) const LEFT_FACTOR: f64 = 3.0;
 
-/// Most candidates that are refined in one round.
+/// Largest number of candidates that are refined in one round.
 const REFINED: usize = 4;
 
 /// Share of the best ln Bayes factor from which a candidate is refined.
@@ -71,7 +71,7 @@ pub(crate) fn best_of(
         }
         possible.push(i);
     }
-    // A constant that is far off must lead by more than what is left unnamed: an effect may look like it, too.
+    // A constant that is far off must lead by more than the evidence that remains unexplained: an effect may look like it, too.
     let first = possible.first().copied();
     let near = possible.iter().copied().find(|&i| !far_off[i]);
     let winner = match (first, near) {
@@ -82,7 +82,7 @@ pub(crate) fn best_of(
         return Ok(None);
     };
     let Tried { opened, fitted, gain } = &tried[winner];
-    // What noise of its own would give the model without it is no evidence for the effect.
+    // The gain that re-estimated noise would give the model without the effect is not evidence for the effect.
     if *gain - noise_shift(problem, posterior, opened) <= threshold {
         return Ok(None);
     }
@@ -90,14 +90,14 @@ pub(crate) fn best_of(
         .iter()
         .map(|&c| large_enough(problem, c, fitted, threshold))
         .collect();
-    // A size that its own shape leaves uncertain may still be beyond doubt as a whole.
+    // A size that is uncertain because of the shape may still be beyond doubt as a whole.
     let beyond_doubt = *gain > LEFT_FACTOR * threshold;
     if *gain <= threshold || !(beyond_doubt || sizes.iter().all(|(seen, _)| *seen)) {
         return Ok(None);
     }
     let mut rivals: Vec<RivalFit> = Vec::new();
     for (one, implausible) in tried.iter().zip(implausible) {
-        // The same with a companion, or from another start, is no rival.
+        // The same candidate with a companion, or from another start, is not a rival.
         if one.opened.iter().any(|c| opened.contains(c)) {
             continue;
         }
@@ -110,7 +110,7 @@ pub(crate) fn best_of(
             });
         }
     }
-    // Equal prior odds over all candidates; those that were not refined by their linear evidence.
+    // Equal prior odds for all candidates; those that were not refined enter with their linear evidence.
     let largest = *gain;
     let mut odds = 0.0;
     for one in scored {
@@ -152,7 +152,7 @@ fn noise_shift(problem: &Problem, posterior: &Posterior, opened: &[usize]) -> f6
         slabs.extend(own.2);
     }
     let offset = vec![0.0; places.len()];
-    // A gross error has no columns: it is weighed by its own test.
+    // A gross error has no columns: it has its own test.
     match open(posterior, &places, &spikes, &spikes, &slabs, &offset) {
         Some(wide) if !places.is_empty() => {
             rate_noise::shift(problem, &posterior.mean, &opened_mean(posterior, &places, &wide))
