@@ -88,7 +88,7 @@ pub struct OverCondition {
 /// What `effect` does to the channels of a flight without it: most moved first.
 ///
 /// # Errors
-/// The effect makes no vehicle, or the flight cannot be compared with the model.
+/// The effect yields an invalid vehicle, or the flight cannot be compared with the model.
 pub fn moved(
     log: &FlightLog,
     model: &ModelVersion,

@@ -20,7 +20,7 @@ pub mod write;
 pub use fit::{Fit, FittedModel, FittedParameter};
 pub use table::{Mapping, Table};
 
-/// A refusal in one sentence: what, where, what was expected.
+/// A rejection in one sentence: what, where, what was expected.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct FitError(pub String);
 

@@ -17,7 +17,7 @@ const BUCKET_S: f64 = 0.1;
 /// Most buckets of a plot.
 const MOST_BUCKETS: usize = 1800;
 
-/// A comparison with what a page draws of it.
+/// A comparison with the data that a page plots.
 #[derive(Serialize)]
 pub struct Drawn {
     comparison: Comparison,
@@ -25,7 +25,7 @@ pub struct Drawn {
 }
 
 impl Drawn {
-    /// Thins the series of a comparison to what a screen shows.
+    /// Decimates the series of a comparison to screen resolution.
     pub fn new(comparison: Comparison, series: &[LogSeries]) -> Self {
         let pictures = pictures_of(&comparison, series);
         Self { comparison, pictures }
@@ -52,7 +52,7 @@ struct LogPictures {
     conditions: Vec<ConditionMeans>,
 }
 
-/// A flight condition, bucket by bucket: the page shows only where it is within bounds, if it is asked to.
+/// A flight condition, bucket by bucket: on request the page shows only the buckets within bounds.
 #[derive(Serialize)]
 struct ConditionMeans {
     name: &'static str,

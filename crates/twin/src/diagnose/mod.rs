@@ -56,15 +56,15 @@ pub const THRESHOLD_AT_REST: f64 = 20.0;
 pub struct Options<'a> {
     /// Effects of users that may be named besides those of the catalogue and of the model.
     pub effects: Vec<EffectDocument>,
-    /// Healthy flights of the same vehicle: what the logs have changed against them is told as well. None: no such answer.
+    /// Healthy flights of the same vehicle: changes of the logs relative to them are reported as well. None: no such answer.
     pub baseline: Vec<FlightLog>,
     /// Most effects that are looked for one after the other.
     pub most_effects: usize,
-    /// Told what is being done and what share of it, 0 to 1.
+    /// Receives what is being done and what share of it, 0 to 1.
     pub progress: &'a (dyn Fn(&str, f64) + Sync),
     /// Seconds since some moment; the library reads no clock.
     pub clock: &'a dyn Fn() -> f64,
-    /// Seconds on that clock after which the search begins nothing further, and answers with what it has proved until then.
+    /// Seconds on that clock after which the search begins nothing further, and answers with what it has confirmed by then.
     pub time_limit_s: f64,
 }
 
@@ -96,7 +96,7 @@ impl std::fmt::Debug for Options<'_> {
     }
 }
 
-/// Holds the model against the logs and says what is missing. Several logs share the vehicle; each has its own nuisances.
+/// Compares the model with the logs and reports what is missing. Several logs share the vehicle; each has its own nuisances.
 ///
 /// # Errors
 /// One sentence: a log cannot be compared with the model, or the model's effects are not valid.

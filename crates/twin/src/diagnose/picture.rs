@@ -15,10 +15,10 @@ use crate::compare::statistics::block_means;
 use crate::estimation::problem::Problem;
 use crate::predict::{NAMES, PredictError, UNITS};
 
-/// Draws each finding of physics, a sensor or a clock.
+/// Plots each finding of physics, a sensor or a clock.
 ///
 /// # Errors
-/// The effects without one of them make no vehicle.
+/// The effects without one of them yield an invalid vehicle.
 pub(super) fn draw(problem: &Problem, findings: &mut [&mut Finding]) -> Result<(), PredictError> {
     // Gusts are a covariance: they contribute no value.
     let all: Vec<EffectInstance> = findings
@@ -53,7 +53,8 @@ fn of_finding(problem: &Problem, all: &[EffectInstance], finding: &Finding) -> R
         if !predictor.has(channel) {
             continue;
         }
-        // Without this effect the others may make no vehicle, as two swapped rotors of which one is left: then there is no picture.
+        // Without this effect the others may yield an invalid vehicle, as two swapped rotors of which one is left: then there is
+        // no picture.
         let Ok(before) = predictor.residuals(&state.nuisances, &others) else {
             continue;
         };

@@ -110,7 +110,7 @@ impl LogState {
         }
     }
 
-    /// Moves a nuisance by a step in prior deviations, as far as its bounds.
+    /// Moves a nuisance by a step in prior deviations, within its bounds.
     pub(crate) fn move_nuisance(&mut self, which: usize, step: f64) {
         let value = self.nuisance(which) + self.nuisance_step(which, step) * self.nuisance_size(which);
         self.set_nuisance(which, value);
@@ -261,7 +261,7 @@ impl LogState {
         }
         let mut made = self.stepped(library, &mut moved, place, parameter, (now, step));
         if made.is_err() {
-            // At the border of what makes a vehicle only the other side is left.
+            // At the limit of valid vehicles only the other side remains.
             step = -step;
             made = self.stepped(library, &mut moved, place, parameter, (now, step));
         }
@@ -290,7 +290,7 @@ impl LogState {
         Ok(Some((set, hooks)))
     }
 
-    /// Column of a steady wind along an axis of NED, per 1 m/s: what a gust of that moment does.
+    /// Column of a steady wind along an axis of NED, per 1 m/s: the influence of a gust at that moment.
     pub(crate) fn wind_column(
         &self,
         library: &Library,

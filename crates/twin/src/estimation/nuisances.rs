@@ -49,10 +49,10 @@ pub(crate) fn unknowns(log: &LogState, reach: Reach) -> Vec<Unknown> {
         .collect()
 }
 
-/// The most probable nuisances of a log under its model and `effects`, from where they are.
+/// The most probable nuisances of a log under its model and `effects`, starting from their present values.
 ///
 /// # Errors
-/// The effects together make no vehicle.
+/// The effects together yield an invalid vehicle.
 pub(crate) fn fit(log: &LogState, effects: &[EffectInstance], reach: Reach) -> Result<Nuisances, PredictError> {
     let start = log.position();
     let mut flight = Flight {

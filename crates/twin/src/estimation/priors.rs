@@ -26,7 +26,7 @@ const SLAB: f64 = 3.0;
 /// How far beyond its interval a guess may turn out to be, in widths of the interval.
 const BEYOND: f64 = 0.5;
 
-/// The interval of the error that a parameter stands for, in the parameter's unit.
+/// The interval of the error that a parameter represents, in the parameter's unit.
 fn error(constant: &ConstantInterval, scale: CorrectionScale) -> Option<(f64, f64)> {
     let (low, high) = match scale {
         CorrectionScale::Share if constant.value != 0.0 => {
@@ -69,7 +69,7 @@ impl Library {
     pub(crate) fn take_priors(&mut self, constants: &[ConstantInterval]) {
         for candidate in &mut self.candidates {
             for (i, p) in candidate.parameters.iter_mut().enumerate() {
-                // What a user has weighed for an identification is believed.
+                // A value that a user measured for an identification is trusted.
                 let of = |key: &str| constants.iter().find(|c| c.key == key && c.source != Source::Entered);
                 if let Some(correction) = p.corrects.filter(|c| c.by_factors)
                     && let Some(constant) = of(correction.key)

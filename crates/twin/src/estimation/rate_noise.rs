@@ -43,7 +43,7 @@ fn rates(problem: &Problem, log: usize, mean: &[f64]) -> [Vec<f64>; 3] {
     })
 }
 
-/// The most likely noise of every log about every axis, and what it gains in ln likelihood over the present one.
+/// The most likely noise of every log about every axis, and its gain in ln likelihood over the present one.
 fn most_likely(problem: &Problem, mean: &[f64]) -> Vec<([RateNoise; 3], f64)> {
     (0..problem.logs.len())
         .into_par_iter()
@@ -69,7 +69,7 @@ fn most_likely(problem: &Problem, mean: &[f64]) -> Vec<([RateNoise; 3], f64)> {
 
 /// Estimates the noise of the rates, and whitens the angular accelerations anew.
 pub(crate) fn tune(problem: &mut Problem) {
-    // First what is most likely without any effect: a vehicle of which nothing is missing is at its noise at once.
+    // First the most likely noise without any effect: a vehicle that lacks nothing reaches its noise immediately.
     let Ok((spikes, _)) = posterior_of(problem) else {
         return;
     };

@@ -74,7 +74,7 @@ pub(crate) fn weakest(problem: &Problem, posterior: &Posterior, prior: &[f64], k
         }
         let now: Vec<f64> = places.iter().map(|&i| prior[i]).collect();
         let at: Vec<f64> = places.iter().map(|&i| position[i]).collect();
-        // The posterior is about the point with the prior about 0: what the data alone say is asked for again.
+        // The posterior is about the point with the prior about 0: the evidence of the data alone is computed again.
         let Some(opened) = open(posterior, &places, &spikes, &now, &slabs, &at) else {
             continue;
         };

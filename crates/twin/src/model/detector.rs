@@ -26,7 +26,7 @@ impl ModelVersion {
     /// The version as the detectors can believe it.
     ///
     /// # Errors
-    /// The effects together make no vehicle.
+    /// The effects together yield an invalid vehicle.
     pub fn for_detectors(&self) -> Result<DetectorVehicle, Refusal> {
         let nominal = self.documents();
         let (mut carried, mut not_carried) = (Vec::new(), Vec::new());

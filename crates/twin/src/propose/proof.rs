@@ -49,7 +49,7 @@ impl Proof<'_> {
     /// Levels first, then the terms that the regression takes, one after the other: of all these those which hold.
     ///
     /// # Errors
-    /// The terms together make no vehicle.
+    /// The terms together yield an invalid vehicle.
     pub(super) fn run(&self) -> Result<Proved, PredictError> {
         let nothing = self.blocks(&[])?.unwrap_or_default();
         let mut proved = Proved {

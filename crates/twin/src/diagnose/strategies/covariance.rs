@@ -54,7 +54,7 @@ const GRID: usize = 10;
 /// Evidence over the price of two parameters that gusts must have.
 const LEAST_GAIN: f64 = 20.0;
 
-/// Evidence of functions of velocity and place beside the gusts from which those are no gusts.
+/// Evidence of functions of velocity and place, in addition to the gusts, above which those are not gusts.
 const LAW_GAIN: f64 = 15.0;
 
 /// Part of the slow excess of forces and torques that gusts must take away.
@@ -71,7 +71,7 @@ pub(crate) struct Gusts {
     pub(crate) deviations: [f64; 2],
     /// Gain of ln likelihood, less the price of two parameters.
     pub(crate) gain: f64,
-    /// Evidence of functions of velocity and place beside them.
+    /// Evidence of functions of velocity and place in addition to them.
     law: f64,
     /// Fits of the channels with the gusts in the noise.
     pub(crate) fits: Vec<[Option<ChannelFit>; CHANNELS]>,
@@ -83,7 +83,7 @@ fn channel_of(seen: usize) -> usize {
     if seen < 3 { F + seen } else { M + seen - 3 }
 }
 
-/// What a steady wind along each axis does beside some effects.
+/// The influence of a steady wind along each axis, in addition to some effects.
 fn wind_columns(problem: &Problem, log: &LogState, active: &[Active]) -> Result<Vec<Column>, PredictError> {
     let base = log.base(&instances(&problem.library, active))?;
     (0..3)
@@ -91,8 +91,8 @@ fn wind_columns(problem: &Problem, log: &LogState, active: &[Active]) -> Result<
         .collect()
 }
 
-/// The active effects, and the clutter at a mean: a gust acts through small errors, too (an inflow that nobody would name). An error whose
-/// sign no effect of the catalogue can have stands in the second list, mirrored; `None` if there are none.
+/// The active effects, and the clutter at its mean: a gust acts through small errors, too (an inflow that would never be named).
+/// An error with a sign that no effect of the catalogue can have is in the second list, mirrored; `None` if there are none.
 fn with_clutter(problem: &Problem, mean: &[f64]) -> (Vec<Active>, Option<Vec<Active>>) {
     let offset = problem.nuisances();
     let (mut plain, mut mirrored) = (problem.active.clone(), problem.active.clone());
@@ -129,8 +129,8 @@ fn with_clutter(problem: &Problem, mean: &[f64]) -> (Vec<Active>, Option<Vec<Act
     (plain, any.then_some(mirrored))
 }
 
-/// What a steady wind does beside the active effects and the clutter at a mean: columns along each axis, to be summed with their
-/// factors; `alone` are those beside the active effects only.
+/// The influence of a steady wind in addition to the active effects and the clutter at its mean: columns along each axis, to be
+/// summed with their factors; `alone` are those with the active effects only.
 fn winds(problem: &Problem, log: &LogState, mean: &[f64], alone: Vec<Column>) -> Vec<(f64, Vec<Column>)> {
     let (plain, mirrored) = with_clutter(problem, mean);
     let Ok(first) = wind_columns(problem, log, &plain) else {
@@ -138,7 +138,7 @@ fn winds(problem: &Problem, log: &LogState, mean: &[f64], alone: Vec<Column>) ->
     };
     let mut all = vec![(1.0, first)];
     if let Some(Ok(columns)) = mirrored.map(|active| wind_columns(problem, log, &active)) {
-        // Small errors add up: what the mirrored ones change is taken off.
+        // Small errors add up: the change due to the mirrored ones is subtracted.
         all.extend([(-1.0, columns), (1.0, alone)]);
     }
     all
@@ -208,7 +208,7 @@ fn means(problem: &Problem, mean: &[f64]) -> Result<Option<Vec<Log>>, PredictErr
     Ok(Some(logs))
 }
 
-/// Forces (body axes) that follow from velocity and place: what a law unknown to the catalogue could be made of.
+/// Forces (body axes) that depend on velocity and place: building blocks of a law that is not in the catalogue.
 fn laws(series: &Series) -> Vec<Vec<[f64; 3]>> {
     let (v, p, attitude) = (
         &series.smooth.velocity,
@@ -275,7 +275,7 @@ fn normal_of(filtered: &[Filtered], which: std::ops::Range<usize>, channels: std
     normal
 }
 
-/// Gain of ln evidence by the laws beside the gusts; each law is scaled to the size of what the gusts explain.
+/// Gain of ln evidence by the laws in addition to the gusts; each law is scaled to the size of what the gusts explain.
 fn law_gain(filtered: &[Filtered], laws: std::ops::Range<usize>) -> f64 {
     let mut normal = normal_of(filtered, laws, 0..3);
     let scale: Vec<f64> = (0..normal.gradient.len())
@@ -312,7 +312,7 @@ fn fits_of(problem: &Problem, mean: &[f64], filtered: &[Filtered]) -> Vec<[Optio
     fits
 }
 
-/// Gusts in what is left, if it is them: see the top of this file.
+/// Gusts in the remaining residual, if that is what it is: see the top of this file.
 pub(crate) fn find(problem: &Problem, posterior: &Posterior) -> Result<Option<Gusts>, PredictError> {
     // Without the velocity the vehicle's own motion through the air passes for wind.
     let held = declared_of(problem).is_some_and(|gusts| {

@@ -31,7 +31,7 @@ pub(crate) struct Filtered {
     pub(crate) innovations: Vec<Vec<[f64; SEEN]>>,
 }
 
-/// Kalman filter of the gusts over one log; all signals go through the same gains, that of the residual tells the likelihood.
+/// Kalman filter of the gusts over one log; all signals pass through the same gains, and the residual's gives the likelihood.
 pub(crate) fn filter(log: &Log, rms: f64, correlation_s: f64, keep: bool) -> Filtered {
     let signals = if keep {
         log.means.first().map_or(0, |m| m.signals.len())

@@ -207,7 +207,7 @@ fn ground_level(effort: &[f64]) -> f64 {
 /// Bins on the ground; and those of them in which motors run without carrying the vehicle.
 fn ground(signals: &Signals, effort: &[f64], level: f64) -> (Vec<bool>, Vec<bool>) {
     if level.is_infinite() {
-        // No motor ever leaves idle: whoever moves the vehicle, it does not fly.
+        // No motor ever leaves idle: whatever moves the vehicle, it does not fly.
         return (vec![true; effort.len()], vec![false; effort.len()]);
     }
     let smooth = signals.smooth(effort, 0.5);
@@ -239,7 +239,7 @@ fn ground(signals: &Signals, effort: &[f64], level: f64) -> (Vec<bool>, Vec<bool
     for (on_ground, unmoved) in on_ground.iter_mut().zip(&unmoved) {
         *on_ground |= unmoved;
     }
-    // A jerk of the throttle is no flight.
+    // A jerk of the throttle is not a flight.
     let mut from = 0;
     for bin in 1..=on_ground.len() {
         if bin < on_ground.len() && on_ground[bin] == on_ground[from] {
@@ -254,8 +254,9 @@ fn ground(signals: &Signals, effort: &[f64], level: f64) -> (Vec<bool>, Vec<bool
     (on_ground, unmoved)
 }
 
-/// The first bin from which a vehicle lies until the end of the log while its motors run on as in a hover: after a blow it rests, lower than it
-/// was anywhere before. How much the ground carries of it nobody knows. The number of bins, if there is none.
+/// The first bin from which a vehicle lies on the ground until the end of the log while its motors run on as in a hover: after an
+/// impact it rests, lower than anywhere before. How much of it the ground carries is unknown. The number of bins, if there is
+/// none.
 fn lies_from(signals: &Signals, still: &[bool]) -> usize {
     let none = still.len();
     let (Some(shock), Some(height)) = (&signals.shock, &signals.height) else {
@@ -275,9 +276,9 @@ fn lies_from(signals: &Signals, still: &[bool]) -> usize {
     if unmoved && down { blow + 1 } else { none }
 }
 
-/// Bins in which a vehicle lies on the ground while its motors carry most of it, each run from the touch on: it came down, something pushed it
-/// that was not its motors, and then it stands still, as low as it was anywhere before and with less thrust than carried it in the calm
-/// moments of its flight. Such a landing may be soft: its blow need not be one of [`BLOW`].
+/// Bins in which a vehicle rests on the ground while its motors carry most of it, each run from the touch on: it descended, a
+/// force other than its motors pushed it, and then it stands still, as low as anywhere before and with less thrust than carried
+/// it in the calm moments of its flight. Such a landing may be soft: its impact need not reach [`BLOW`].
 fn lies_lightly(signals: &Signals, effort: &[f64], still: &[bool], on_ground: &[bool]) -> Vec<Range<usize>> {
     let (Some(shock), Some(height)) = (&signals.shock, &signals.height) else {
         return Vec::new();
@@ -294,7 +295,7 @@ fn lies_lightly(signals: &Signals, effort: &[f64], still: &[bool], on_ground: &[
         if !rests(run.start) || signals.end_s[run.end - 1] - signals.start_s[run.start] < LIES_S {
             continue;
         }
-        // The scatter over a second still holds the touch when the vehicle stands.
+        // The scatter over a second still includes the touch when the vehicle already stands.
         let start_s = signals.start_s[run.start];
         let before = signals.between(start_s - COMES_DOWN_S, start_s);
         let calm = (0..before.start).filter(|bin| !on_ground[*bin] && (shock[*bin] - WEIGHT).abs() < CALM);
@@ -305,7 +306,7 @@ fn lies_lightly(signals: &Signals, effort: &[f64], still: &[bool], on_ground: &[
         let (Some(carries), Some(asked)) = (carries, asked) else {
             continue;
         };
-        // A force that the motors make by the square of what they are asked for is none of a touch.
+        // A force that the motors produce, by the square of their command, is not a touch.
         let pushed = |bin: &usize| shock[*bin] - WEIGHT * (effort[*bin] / carries).powi(2).max(1.0) > TOUCH;
         let Some(touch) = before.clone().find(pushed) else {
             continue;
@@ -325,9 +326,9 @@ fn lies_lightly(signals: &Signals, effort: &[f64], still: &[bool], on_ground: &[
     found
 }
 
-/// Whether the accelerometer says of bins with idle motors that nothing carries the vehicle.
+/// Whether the accelerometer shows, in bins with idle motors, that nothing carries the vehicle.
 fn falls(signals: &Signals, bins: Range<usize>) -> bool {
-    // Of a vehicle that lies tilted one axis alone reads less than its weight.
+    // If a vehicle lies tilted, one axis alone reads less than its weight.
     let Some(shock) = signals.shock.as_ref().filter(|_| signals.has_all_forces) else {
         return false;
     };
@@ -337,7 +338,7 @@ fn falls(signals: &Signals, bins: Range<usize>) -> bool {
     super::super::resample::median(&mut forces).is_some_and(|force| force < FALLS)
 }
 
-/// Whether the body turns for most of some bins, as nothing does that lies or is carried.
+/// Whether the body turns in most of some bins, which it does not do while lying or being carried.
 fn turns(signals: &Signals, bins: Range<usize>) -> bool {
     let Some([roll, pitch, yaw]) = &signals.rates else {
         return false;
@@ -347,8 +348,8 @@ fn turns(signals: &Signals, bins: Range<usize>) -> bool {
     super::super::resample::median(&mut rates).is_some_and(|rate| rate > TURNS_RAD_S)
 }
 
-/// Runs of motors that change by much while force, rates, attitude and height do not move at all are on the ground; and so are those of motors
-/// that change little over a body that lies at the height of the ground and shakes less than anything that flies.
+/// Runs in which motors change by much while force, rates, attitude and height do not move at all are on the ground; and so are
+/// those in which motors change little and the body stays at ground height and shakes less than any vehicle in flight.
 fn stand_still(signals: &Signals, effort: &[f64], on_ground: &[bool]) -> Vec<bool> {
     let mut found = vec![false; on_ground.len()];
     let (Some(shock), Some(rates)) = (&signals.shock, &signals.rates) else {
@@ -401,7 +402,7 @@ fn lies(signals: &Signals, run: Range<usize>, on_ground: &[bool]) -> bool {
     if length_s < LIES_RUNNING_S || beyond(turns, LIES_RATE_RAD_S) || !LIES_FORCE.contains(&of(shock)) {
         return false;
     }
-    // The ground next to the run, as the height drifts.
+    // The ground next to the run, because the height drifts.
     let ground = signals.height.as_ref().and_then(|height| {
         let before = (0..run.start).rev().take_while(|bin| on_ground[*bin]);
         let after = (run.end..on_ground.len()).take_while(|bin| on_ground[*bin]);
@@ -410,7 +411,7 @@ fn lies(signals: &Signals, run: Range<usize>, on_ground: &[bool]) -> bool {
     });
     match ground {
         Some(above) => above.abs() < LIES_HEIGHT_M,
-        // A simulated hover in still air, whose log begins and ends in it, is as calm; it asks for more.
+        // A simulated hover in still air, in which the log begins and ends, is equally calm, but at a higher command.
         None => signals
             .duty
             .first()
@@ -420,9 +421,9 @@ fn lies(signals: &Signals, run: Range<usize>, on_ground: &[bool]) -> bool {
     }
 }
 
-/// Of the values that are there, from their 10 % to their 90 % level: a jerk at an end does not count. 0 of none.
+/// Range of the available values from their 10 % to their 90 % level: a jerk at an end does not count. 0 if there are none.
 fn deviation(values: impl Iterator<Item = f64>) -> f64 {
-    /// Deviations of a normal distribution between these levels.
+    /// Distance of these levels in a normal distribution, in standard deviations.
     const APART: f64 = 2.56;
     let mut sorted: Vec<f64> = values.filter(|value| value.is_finite()).collect();
     sorted.sort_by(f64::total_cmp);
@@ -435,12 +436,12 @@ fn deviation(values: impl Iterator<Item = f64>) -> f64 {
     (at(0.9) - at(0.1)) / APART
 }
 
-/// Above a limit; what has no value is not.
+/// Above a limit; a missing value is not.
 fn beyond(value: f64, most: f64) -> bool {
     value > most
 }
 
-/// Where force, rates, roll and pitch stand still for a second; true where the log has none of them.
+/// Where force, rates, roll and pitch are constant for a second; true if the log has none of them.
 fn at_rest(signals: &Signals) -> Vec<bool> {
     let mut still = vec![true; signals.bins()];
     let mut check = |values: &[f64], most: f64| {
@@ -460,7 +461,7 @@ fn at_rest(signals: &Signals) -> Vec<bool> {
     still
 }
 
-/// A run of flight in its parts.
+/// Splits a run of flight into its parts.
 fn flight(signals: &Signals, run: Range<usize>, on_ground: &[bool], found: &mut Vec<FlightPart>) {
     let from_ground = run.start > 0 && on_ground[run.start - 1] && !signals.breaks_after(run.start - 1);
     let to_ground = run.end < on_ground.len() && on_ground[run.end] && !signals.breaks_after(run.end - 1);
@@ -489,7 +490,7 @@ fn flight(signals: &Signals, run: Range<usize>, on_ground: &[bool], found: &mut 
     } else {
         upright.end
     };
-    // A hop is a take-off and a landing.
+    // A hop is one take-off and one landing.
     let (off, down) = if off <= down {
         (off, down)
     } else {
@@ -518,7 +519,8 @@ fn flight(signals: &Signals, run: Range<usize>, on_ground: &[bool], found: &mut 
     }
 }
 
-/// Whether a log ends in flight with the vehicle upright again after a tumble, and without a blow since: whatever came then, no crash is in it.
+/// Whether a log ends in flight with the vehicle upright again after a tumble, and without an impact since: the log then contains
+/// no crash.
 fn back_upright(signals: &Signals, upset: &Upset) -> bool {
     let Some(tilt) = &signals.tilt else {
         return false;
@@ -569,7 +571,7 @@ fn clear(signals: &Signals, run: Range<usize>, ground: usize, backwards: bool) -
         return by_time(NEAR_GROUND_S);
     }
     let clear_m = CLEAR_M.min(0.5 * top);
-    // Its motors may run long before it lifts off, and it may fly low for as long as it likes.
+    // Its motors may run long before it lifts off, and it may fly low for any length of time.
     let most = if backwards {
         most
     } else {
@@ -588,13 +590,13 @@ fn clear(signals: &Signals, run: Range<usize>, ground: usize, backwards: bool) -
     }
 }
 
-/// Median of a signal over some bins, of those with a value.
+/// Median of a signal over some bins, ignoring missing values.
 fn usual(values: &[f64], bins: impl Iterator<Item = usize>) -> Option<f64> {
     let mut values: Vec<f64> = bins.map(|bin| values[bin]).filter(|value| value.is_finite()).collect();
     super::super::resample::median(&mut values)
 }
 
-/// The first bin of a run in which the motors are asked for nearly what they fly with, and go on with it.
+/// The first bin of a run from which the motors are commanded nearly their flight level without interruption.
 fn lifted(signals: &Signals, run: Range<usize>) -> Option<usize> {
     let effort = signals.effort.as_ref()?;
     let flies = LIFTS * usual(effort, run.clone())?;
@@ -612,7 +614,7 @@ struct Upset {
     end_s: f64,
     tilt_rad: f64,
     shock: f64,
-    /// Beyond 70°, not only a blow.
+    /// Beyond 70°, not only an impact.
     tumbles: bool,
 }
 
@@ -627,7 +629,7 @@ impl Upset {
 fn upsets(signals: &Signals, run: Range<usize>) -> Vec<Upset> {
     let tilt = |bin: usize| signals.tilt.as_ref().map_or(0.0, |tilt| tilt[bin]);
     let pull = pulls(signals, run.clone());
-    // A force along the thrust is that of the motors, where they are asked for much.
+    // A force along the thrust comes from the motors if their command is high.
     let shock = |bin: usize| {
         let (Some(shock), Some(force)) = (&signals.shock, &signals.force) else {
             return 0.0;
@@ -666,11 +668,11 @@ fn upsets(signals: &Signals, run: Range<usize>) -> Vec<Upset> {
     found
 }
 
-/// Whether an upset is the force of one sample alone, from an accelerometer that is logged too slowly to tell a blow from the vibration that is
-/// always there, while neither rates nor attitude show one. Without these nobody knows, and it stays.
+/// Whether an upset is the force of a single sample, from an accelerometer that is logged too slowly to distinguish an impact
+/// from the usual vibration, while neither rates nor attitude show one. Without these it cannot be decided, and the upset stays.
 fn is_one_sample_of_a_vibration(signals: &Signals, upset: &Upset) -> bool {
     let slow = (f64::MIN_POSITIVE..ALIASED_HZ).contains(&signals.shock_hz);
-    // Joined by straight lines to its neighbours, a sample reaches over less than two intervals.
+    // Linearly interpolated to its neighbours, a sample extends over less than two intervals.
     let alone = slow && upset.end_s - upset.start_s < 2.0 / signals.shock_hz;
     if !alone || beyond(upset.tilt_rad, TILT_END_RAD) || (signals.rates.is_none() && signals.lean.is_none()) {
         return false;
@@ -688,8 +690,8 @@ fn is_one_sample_of_a_vibration(signals: &Signals, upset: &Upset) -> bool {
     !turns && !leans
 }
 
-/// The force along the thrust that the motors can make in a bin, m/s²: half as much again as a hover's by the square of what they are or were
-/// asked for in the last tenths of a second; 0 where they are asked for no more than usual.
+/// The force along the thrust that the motors can produce in a bin, m/s²: one and a half times a hover's, by the square of their
+/// command now or in the last tenths of a second; 0 if the command is not above the usual.
 fn pulls(signals: &Signals, run: Range<usize>) -> impl Fn(usize) -> f64 {
     const OVER_USUAL: f64 = 1.2;
     const HOVER: f64 = 1.5 * 9.81;
@@ -716,7 +718,7 @@ fn pulls(signals: &Signals, run: Range<usize>) -> impl Fn(usize) -> f64 {
     }
 }
 
-/// Whether between two upsets the vehicle flies again: a second below 60°.
+/// Whether the vehicle flies again between two upsets: a second below 60°.
 fn recovers(signals: &Signals, from_s: f64, to_s: f64) -> bool {
     let upright = |bin: usize| {
         !signals
@@ -727,7 +729,7 @@ fn recovers(signals: &Signals, from_s: f64, to_s: f64) -> bool {
     to_s - from_s > 1.0 && signals.between(from_s, to_s).all(upright)
 }
 
-/// Neighbours of one kind and reason as one part.
+/// Merges neighbours of one kind and reason.
 fn join(parts: Vec<FlightPart>) -> Vec<FlightPart> {
     let mut joined: Vec<FlightPart> = Vec::new();
     for part in parts {
