@@ -40,10 +40,10 @@ pub mod sandbox;
 mod schema;
 pub mod vibration;
 
-/// Half of a 95 % interval of a normal distribution, in standard deviations: what stands behind every `±`.
+/// Half of a 95 % interval of a normal distribution, in standard deviations: used for every `±`.
 pub const Z95: f64 = 1.96;
 
-/// Fewest healthy flights of a vehicle whose spread tells a change.
+/// Fewest healthy flights of a vehicle whose spread suffices to detect a change.
 pub const LEAST_BASELINE: usize = 3;
 
 /// Posterior from which a change against healthy flights is named.

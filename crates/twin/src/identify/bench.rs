@@ -34,7 +34,7 @@ const SHAPE_DEVIATION: f64 = 0.04;
 const RATIO_DEVIATION: f64 = 0.05;
 /// Bench over flight at the mean duty, beyond which it is another rotor, or another range of pulses.
 const SAME_ROTOR: std::ops::Range<f64> = 0.7..1.4;
-/// Bench over flight beside 1 that is worth a word.
+/// Ratio of bench to flight that differs from 1 enough to be reported.
 const WORTH_A_WORD: f64 = 0.1;
 /// Deviations beyond which nothing is averaged.
 const APART: f64 = 3.0;
@@ -169,7 +169,7 @@ impl Bench {
         Ok(bench)
     }
 
-    /// About the mean duty of a flight; the error says why the bench tells nothing there.
+    /// About the mean duty of a flight; the error says why the bench is not informative there.
     pub(crate) fn about(&self, hover_duty: f64) -> Result<About, String> {
         let used: Vec<usize> = (0..self.thrust.len())
             .filter(|k| self.thrust[*k] > 0.0 && self.duty[*k] > 0.02)
@@ -282,7 +282,7 @@ impl About {
     }
 }
 
-/// What the bench says of this flight, if it is of the same rotor and does not contradict it; the notes say what was found.
+/// The bench's values for this flight, if it is of the same rotor and does not contradict it; the notes state the result.
 pub(crate) fn consult(
     bench: &Bench,
     flown: &Fitted,

@@ -10,12 +10,12 @@ use super::grid::{Grid, mean_deviation};
 
 /// Motion over noise from which a channel counts.
 const EXCITED: f64 = 2.0;
-/// Length of the means that tell motion from noise, s.
+/// Length of the means that separate motion from noise, s.
 const MEAN_S: f64 = 0.1;
 /// Median of the absolute value of a normal variable over its deviation.
 const MEDIAN_OF_NORMAL: f64 = 0.6745;
 
-/// What a flight tells: where it is false, a value is known no better than by its class.
+/// What a flight excites: where it is false, a value is known no better than from its class.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct Excitation {
     /// Vertical specific force.
@@ -25,7 +25,7 @@ pub(crate) struct Excitation {
 }
 
 impl Excitation {
-    /// Of all flights together; what is not logged is not excited.
+    /// Of all flights together; what is not logged counts as not excited.
     pub(crate) fn of(grids: &[Grid]) -> Self {
         let excites = |series: &dyn Fn(&Grid) -> Option<&[f64]>| motion_over_noise(grids, series) >= EXCITED;
         Self {

@@ -168,7 +168,7 @@ impl Halves {
         })
     }
 
-    /// As it is shown, of a log with so many seconds in the air.
+    /// As displayed, for a log with this many seconds in the air.
     pub(crate) fn held_out(&self, log: &str, seconds: f64) -> HeldOut {
         let [first, second] = &self.fitted;
         HeldOut {

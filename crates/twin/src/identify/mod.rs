@@ -67,7 +67,7 @@ pub struct Request {
     pub mass_kg: f64,
     /// From the centre to the furthest rotor, m.
     pub arm_m: f64,
-    /// Frame by name ([`frames::FRAMES`]) instead of what the log says.
+    /// Frame by name ([`frames::FRAMES`]) instead of the log's.
     pub frame: Option<String>,
     /// The stated frame is taken even where the motion contradicts it.
     pub trust_frame: bool,
@@ -373,7 +373,7 @@ fn estimate_all(
     })
 }
 
-/// Levers in units of the arm, and their mean square: what a gain and a mass turn into an inertia with.
+/// Levers in units of the arm, and their mean square, which convert a gain and a mass into an inertia.
 pub(crate) fn lever_unit(places: &[Place]) -> f64 {
     places
         .iter()

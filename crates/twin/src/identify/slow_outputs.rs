@@ -38,7 +38,7 @@ impl Slow {
             .min_by(|a, b| a.hz.total_cmp(&b.hz))
     }
 
-    /// Says so before all other notes, and takes back what they blame instead.
+    /// Puts this before all other notes, and removes those that blame something else instead.
     pub(super) fn tell(&self, notes: &mut Vec<String>) {
         for note in notes.iter_mut() {
             if let Some(fact) = note.strip_suffix(ADVICE) {

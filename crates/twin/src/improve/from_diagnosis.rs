@@ -109,11 +109,12 @@ pub fn proposal(diagnosis: &Value, logs: &[LogReference]) -> Result<(EffectDocum
     Ok((document.clone(), effect))
 }
 
-/// Refuses to add what a diagnosis found to another model than that on which it was made. `line` are the versions from the first to
-/// that which is added to. Versions in between may only hold what the same diagnosis found: its effects may be added one by one.
+/// Refuses to add the findings of a diagnosis to a model other than the one on which it was made. `line` are the versions from
+/// the first to the one being extended. Versions in between may only contain findings of the same diagnosis: its effects may be
+/// added one by one.
 ///
 /// # Errors
-/// One sentence with both models, or that the JSON does not say its own.
+/// One sentence with both models, or that the JSON does not state its own.
 pub fn check_base(diagnosis: &Value, line: &[ModelVersion]) -> Result<(), String> {
     let part = |key: &str| {
         diagnosis["model"][key].as_str().ok_or_else(|| {

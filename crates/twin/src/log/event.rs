@@ -17,7 +17,7 @@ pub enum EventKind {
     EstimatorReset,
     /// No rows.
     Gap,
-    /// A blow at the end of a landing.
+    /// An impact at the end of a landing.
     HardLanding,
     /// Another flight mode; armed, disarmed.
     Mode,

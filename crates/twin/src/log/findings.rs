@@ -49,7 +49,7 @@ pub enum FindingKind {
     Stuck,
     /// Columns that sit on a limit.
     Saturated,
-    /// Nothing beside the time, or one column only.
+    /// Nothing but the time, or one column only.
     OneColumn,
     /// A column without any value.
     AllMissing,

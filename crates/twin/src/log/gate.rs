@@ -34,8 +34,8 @@ impl FlightLog {
         self.refusal(&found)
     }
 
-    /// The same before detectors: of what blocks, rotors in another order make them see faults that are none, and without a flight a verdict
-    /// would be none; the rest is told beside.
+    /// The same for detectors: of the blocking findings, rotors in another order cause false faults, and without a flight a
+    /// verdict would be meaningless; the others are reported in addition.
     pub fn refusal_before_detection(&self, vehicle: &VehicleModel) -> Option<String> {
         let mut found = self.blocking_findings(vehicle);
         found.retain(|finding| matches!(finding.kind, FindingKind::SwappedMotors | FindingKind::NoFlight));

@@ -81,7 +81,7 @@ const RECORDING_METADATA: &str = "metadata.yaml";
 pub struct ReadOptions {
     /// Mapping file whose rows go before the built-in ones.
     pub mapping: Option<PathBuf>,
-    /// Of a simulated run, the truth (`true_…` columns) in the place of what was sensed.
+    /// For a simulated run, use the truth (`true_…` columns) instead of the sensed values.
     pub truth: bool,
     /// Import the readable part of a file whose checksum is wrong.
     pub accept_damaged: bool,
@@ -123,7 +123,7 @@ pub enum SourceKind {
 }
 
 impl SourceKind {
-    /// True for files that a vehicle, or what listens to it, wrote, in a format of its own.
+    /// True for files in a native format of a vehicle or its ground station.
     pub(crate) fn is_of_a_vehicle(self) -> bool {
         !matches!(
             self,
@@ -131,7 +131,7 @@ impl SourceKind {
         )
     }
 
-    /// True where position and velocity are what an autopilot's estimator makes of its sensors, at whatever rate they are logged.
+    /// True if position and velocity come from an autopilot's estimator, at whatever rate they are logged.
     pub fn is_of_an_estimator(self) -> bool {
         matches!(
             self,
@@ -285,7 +285,7 @@ fn accepted(
     Ok(log)
 }
 
-/// The file of a recording of ROS 2, which is a folder with `metadata.yaml` beside one file or several; `None` for anything else.
+/// The file of a recording of ROS 2, which is a folder with `metadata.yaml` and one or more files; `None` for anything else.
 fn recording_in(path: &Path) -> Result<Option<PathBuf>, LogError> {
     if !path.join(RECORDING_METADATA).is_file() {
         return Ok(None);
@@ -363,7 +363,7 @@ impl FlightLog {
         }
         let bytes = std::fs::read(&file).map_err(error::io(&file, "cannot read the log"))?;
         let content_hash = format!("{:032x}", xxhash_rust::xxh3::xxh3_128(&bytes));
-        // A mapping beside a table of whatever columns is no side file.
+        // A mapping next to a table of arbitrary columns is not a side file.
         let side = if options.mapping.as_deref() == Some(&file.with_extension("toml")) {
             None
         } else {
@@ -462,7 +462,7 @@ impl FlightLog {
             .collect()
     }
 
-    /// Number of rotors that the columns speak of (duties, else measured speeds); 0 if they speak of none.
+    /// Number of rotors according to the columns (duties, otherwise measured speeds); 0 if there are none.
     pub fn rotor_count(&self) -> usize {
         let most = |number: fn(&str) -> Option<usize>| self.columns.keys().filter_map(|name| number(name)).max();
         most(names::duty_rotor)

@@ -18,7 +18,7 @@ use super::table::{RawColumn, Table};
 /// The only topic of a canonical file.
 const TOPIC: &str = "file";
 
-/// Puts columns where the mapping says; what was done, one line for each row. The error is the reason without the file's name.
+/// Puts columns where the mapping says; notes what was done, one line per row. The error is the reason without the file's name.
 pub(crate) fn remap(table: &mut Table, mapping: &MappingFile) -> Result<Vec<String>, String> {
     let file = table.columns.clone();
     let mut done = Vec::new();

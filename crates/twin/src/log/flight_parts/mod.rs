@@ -37,15 +37,15 @@ pub enum PartKind {
     Ground,
     /// From the first lift to clear of the ground.
     TakeOff,
-    /// In the air, upright: what a model is calibrated and judged on.
+    /// In the air, upright: the part on which a model is calibrated and judged.
     Air,
-    /// Beyond 70° of tilt or 35 m/s², flight goes on afterwards.
+    /// Beyond 70° of tilt or 35 m/s², followed by further flight.
     Upset,
     /// From near the ground to motors off.
     Landing,
     /// From the loss of attitude to the end of the flight.
     Crash,
-    /// Nothing in the log tells.
+    /// The log contains no evidence.
     Unknown,
 }
 
@@ -100,15 +100,16 @@ pub struct RotorPlace {
 }
 
 impl FlightLog {
-    /// Parts of the flight and what happened in it.
+    /// Parts of the flight and its events.
     ///
-    /// * `rotors`: where the rotor of each output is, if it is known: a lost rotor is then told by the arm that sinks, else by the motor
+    /// * `rotors`: where the rotor of each output is, if known: a lost rotor is then identified by the arm that sinks, otherwise
+    ///   by the motor
     ///   that reaches its limit first
     pub fn flight_parts(&self, rotors: Option<&[RotorPlace]>) -> FlightParts {
         let signals = Signals::of(self);
         let parts = match (self.says_no_flight(), &self.report.other_vehicle) {
             (Some(why), _) => stages::all_of(&signals, PartKind::Ground, why),
-            // An aeroplane glides with its motor off: what tells the ground of a multirotor does not tell its.
+            // An aeroplane glides with its motor off: the criteria for a multirotor on the ground do not apply to it.
             (None, Some(other)) => stages::all_of(&signals, PartKind::Unknown, other),
             (None, None) => stages::parts(&signals),
         };
@@ -121,7 +122,7 @@ impl FlightLog {
         events.extend(self.happenings());
         events.sort_by(|a, b| a.start_s.total_cmp(&b.start_s));
         let more_events = events.len().saturating_sub(MOST_EVENTS);
-        // What decides about a flight is kept, whatever else there is.
+        // Events that decide about a flight are kept in any case.
         if more_events > 0 {
             let mut kept = 0;
             events.retain(|event| {
@@ -140,7 +141,7 @@ impl FlightLog {
 }
 
 impl FlightLog {
-    /// What autopilot and pilot did within the rows; the mode that they begin in is told at their beginning.
+    /// Actions of autopilot and pilot within the rows; the initial mode is reported at the beginning.
     fn happenings(&self) -> Vec<FlightEvent> {
         let (Some(&from), Some(&to)) = (self.time_s.first(), self.time_s.last()) else {
             return Vec::new();
@@ -162,7 +163,7 @@ impl FlightLog {
 }
 
 impl FlightLog {
-    /// Upper limit of the motor outputs: the largest value where it is held again and again, else 1.
+    /// Upper limit of the motor outputs: the largest value if it is held repeatedly, otherwise 1.
     pub fn output_limit(&self) -> f64 {
         events::upper_limit(&Signals::of(self))
     }
