@@ -19,7 +19,7 @@ use crate::log::FlightLog;
 use crate::model::ModelVersion;
 use crate::predict::{CHANNELS, ChannelResiduals, NAMES, Nuisances, PerChannel, PredictError, Predictor, UNITS};
 
-/// Channels of an answer, at most: those that the effect moves most.
+/// Maximum number of channels of an answer: those that the effect moves most.
 const MOST_CHANNELS: usize = 3;
 /// Conditions of a channel, at most: those that explain most.
 const MOST_CONDITIONS: usize = 3;
@@ -85,7 +85,7 @@ pub struct OverCondition {
     pub does: Vec<f64>,
 }
 
-/// What `effect` does to the channels of a flight without it: most moved first.
+/// The influence of `effect` on the channels of a flight without it: most moved first.
 ///
 /// # Errors
 /// The effect yields an invalid vehicle, or the flight cannot be compared with the model.

@@ -12,7 +12,8 @@ const PARAMETER: &str = "SIM_";
 /// Fewest of them.
 const FEWEST_PARAMETERS: usize = 5;
 
-/// Rotor speeds that are a constant times the duty to this rms share are no measurement: a rotor lags, and its speed is no straight line of the duty.
+/// Rotor speeds that equal a constant times the duty to this rms share are not measured: a rotor lags, and its speed is not
+/// proportional to the duty.
 const SAME_SHARE: f64 = 5e-3;
 /// Standard deviation of the duty over its mean: at one duty every speed is a constant times it.
 const LEAST_SPREAD: f64 = 0.15;
@@ -103,7 +104,7 @@ mod tests {
         }
     }
 
-    /// Duties from standstill to hover, and what a rotor with a lag of `lag` rows makes of them, `full` rad/s at full duty.
+    /// Duties from standstill to hover, and the response of a rotor with a lag of `lag` rows, `full` rad/s at full duty.
     fn with_speeds(lag: f64, full: f64) -> Table {
         let mut table = Table::default();
         table.push("time_s", (0..2000).map(|row| f64::from(row) * 0.004).collect());

@@ -23,7 +23,7 @@ pub struct DetectorVehicle {
 }
 
 impl ModelVersion {
-    /// The version as the detectors can believe it.
+    /// The version in the form that the detectors can assume.
     ///
     /// # Errors
     /// The effects together yield an invalid vehicle.

@@ -98,7 +98,7 @@ impl ModelVersion {
         Err(ConfigError::new(document.name(), None, None, reason))
     }
 
-    /// As [`ModelVersion::load`] from a text; `name` is what errors call it, paths in it are relative to `directory`.
+    /// As [`ModelVersion::load`] from a text; `name` is used in errors, paths in it are relative to `directory`.
     pub fn parse(name: &str, text: &str, directory: &Path) -> Result<Self, ConfigError> {
         Self::from_document(&Document::from_text(name, text)?, directory)
     }

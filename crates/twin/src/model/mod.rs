@@ -68,7 +68,7 @@ pub struct ModelVersion {
     pub blades: BladeSet,
 }
 
-/// `[[effect]]` of a version: what a scenario's `[[effect]]` says, with deviations and provenance.
+/// `[[effect]]` of a version: the keys of a scenario's `[[effect]]`, with deviations and provenance.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct ModelEffect {
@@ -190,7 +190,7 @@ impl ModelEffect {
 }
 
 impl ModelVersion {
-    /// Version 0: a vehicle and nothing else.
+    /// Version 0: only a vehicle.
     pub fn first(name: impl Into<String>, documents: VehicleDocuments) -> Self {
         Self {
             name: name.into(),

@@ -25,10 +25,10 @@ use super::document::is_plain_name;
 /// Branch where none is named.
 pub const MAIN: &str = "main";
 
-/// Why a store does not do what it is asked.
+/// Why an operation of a store failed.
 #[derive(Debug, thiserror::Error)]
 pub enum StoreError {
-    /// A version's file is not what it should be.
+    /// A version's file is invalid.
     #[error("{0}")]
     Document(#[from] ConfigError),
     /// The request or the folder is wrong.
@@ -283,7 +283,7 @@ impl ModelStore {
         })
     }
 
-    /// Refuses a version that no store takes, and writes nothing.
+    /// Rejects a version that no store accepts, and writes nothing.
     ///
     /// # Errors
     /// A key and what is wrong with it.

@@ -43,10 +43,11 @@ pub struct NoiseModel {
     /// V.
     #[schema(value_type = Option<f64>)]
     pub voltage_v: f64,
-    /// Corrections of an estimator's position beside its velocity, a random walk, m/√s; 0 where every row is measured.
+    /// Corrections of an estimator's position relative to its velocity, a random walk, m/√s; 0 if every row is measured.
     #[serde(skip)]
     pub corrections_m_s05: f64,
-    /// Corrections of an estimator's attitude beside its rates, a random walk axis by axis, rad/√s; 0 where every row is measured.
+    /// Corrections of an estimator's attitude relative to its rates, a random walk axis by axis, rad/√s; 0 if every row is
+    /// measured.
     #[serde(skip)]
     pub corrections_rad_s05: Vector3,
     /// White disturbance of the angular acceleration in a step, rad/s², body.

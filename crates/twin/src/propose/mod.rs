@@ -35,7 +35,7 @@ use regression::{Gram, Regression};
 
 /// Id of a proposed effect; the next ones of a model are numbered.
 const ID: &str = "proposed-effect";
-/// A factor may become so many times larger before its value counts as implausible.
+/// Factor by which a value may grow before it counts as implausible.
 const RANGE: f64 = 3.0;
 
 /// One proposed term: what acts, where, and on what evidence.
@@ -86,7 +86,7 @@ pub struct Proposal {
     /// Errors of the quantities on blocks that the fit did not see, without and with the terms.
     #[serde(skip)]
     pub held_out: Vec<HeldOutError>,
-    /// What is left of each channel that fails, in words.
+    /// What remains of each channel that fails, in words.
     #[serde(skip)]
     pub left: Vec<String>,
 }
@@ -164,7 +164,7 @@ impl Proposal {
     }
 }
 
-/// What a term most likely is, in words, where there are such.
+/// The most likely meaning of a term, in words, if there is one.
 fn gloss(term: &ProposedTerm) -> Option<String> {
     let [only] = term.acts.as_slice() else {
         let damps = term
@@ -208,7 +208,7 @@ fn gloss(term: &ProposedTerm) -> Option<String> {
         _ => {}
     }
     let linear = only.starts_with("force_z: thrust * (time - ") && only.ends_with("[s])");
-    // Down is positive: the thrust, upwards, loses what acts downwards.
+    // Down is positive: a force that acts downwards reduces the upward thrust.
     linear.then(|| {
         let share = 100.0 * term.factor.abs();
         if term.factor > 0.0 {

@@ -16,7 +16,7 @@ use crate::predict::{CHANNELS, NAMES, PredictError};
 /// Terms that may be refused before the search ends.
 const MOST_REFUSED: usize = 10;
 
-/// Deviations over the blocks by which a factor is no chance.
+/// Deviations over the blocks from which a factor is not chance.
 const CERTAIN: f64 = 5.0;
 /// Deviations of the blocks' scatter by which an error must fall even then.
 const LEAST_DEVIATIONS: f64 = 1.5;
@@ -46,7 +46,7 @@ pub(super) struct Proof<'a> {
 }
 
 impl Proof<'_> {
-    /// Levels first, then the terms that the regression takes, one after the other: of all these those which hold.
+    /// Levels first, then the terms that the regression selects, one after the other: those that hold.
     ///
     /// # Errors
     /// The terms together yield an invalid vehicle.
@@ -64,7 +64,7 @@ impl Proof<'_> {
         let levels = proved.kept.len();
         let mut refused = self.levels.to_vec();
         while refused.len() < self.levels.len() + MOST_REFUSED {
-            // The offsets of the regression stand for the levels.
+            // The offsets of the regression represent the levels.
             let Some(term) = self.gram.next(&proved.kept[levels..], &refused) else {
                 break;
             };
@@ -75,7 +75,7 @@ impl Proof<'_> {
         self.without_trifles(&nothing, proved)
     }
 
-    /// Drops the terms that a later one has left without a size: what may be 0 is no finding.
+    /// Drops the terms that a later one has left without a size: a term that may be 0 is not a finding.
     fn without_trifles(&self, nothing: &Blocks, proved: Proved) -> Result<Proved, PredictError> {
         let mut kept = proved.kept.clone();
         loop {
@@ -112,7 +112,7 @@ impl Proof<'_> {
         Ok(rest)
     }
 
-    /// Takes a term if the model that holds it, beside what is kept, predicts unseen blocks better.
+    /// Accepts a term if the model that contains it, in addition to what is kept, predicts unseen blocks better.
     fn keep_if_it_holds(
         &self,
         term: usize,
@@ -127,8 +127,8 @@ impl Proof<'_> {
         let channels = self.of_channels(before, &after);
         let quantities = self.of_quantities(before, &after);
         let all = || channels.iter().chain(&quantities);
-        // The trend of a supply shows at the ends of a flight, so that its blocks scatter as much as they gain. It is believed if its factor
-        // is the same on all of them.
+        // The trend of a supply shows at the ends of a flight, so its blocks scatter as much as they gain. It is accepted if its
+        // factor is the same on all of them.
         let certain = self.is_certain(&trial);
         let falls = |error: &HeldOutError| {
             error.falls()
@@ -154,7 +154,7 @@ impl Proof<'_> {
             .is_some_and(|last| last.factor.abs() > CERTAIN * last.deviation && last.deviation > 0.0)
     }
 
-    /// With a level among the terms, no offset stands in its place.
+    /// With a level among the terms, no offset replaces it.
     pub(super) fn offsets(&self, terms: &[usize]) -> Offsets {
         if terms.iter().any(|term| self.levels.contains(term)) {
             Offsets::None
@@ -202,7 +202,7 @@ impl Proof<'_> {
         Ok(Some(all))
     }
 
-    /// Mean square of what noise leaves of a channel, over the logs that have it.
+    /// Mean square of what noise alone leaves of a channel, over the logs that have it.
     fn noise_square(&self, channel: usize) -> Option<f64> {
         let of = |r: &Regression| r.noise_of(channel);
         let all: Vec<f64> = self.regressions.iter().filter_map(of).map(|n| n * n).collect();

@@ -15,7 +15,7 @@ const RATES: [&str; 3] = ["roll_rate", "pitch_rate", "yaw_rate"];
 const THRESHOLDS_M_S: [f64; 5] = [1.5, 2.0, 2.5, 3.0, 4.0];
 /// Lengths from which a tether may pull, m.
 const SLACKS_M: [f64; 5] = [1.0, 2.0, 3.0, 4.0, 6.0];
-/// Frequencies that are searched, Hz: up to what means of 0.1 s resolve.
+/// Frequencies that are searched, Hz: up to the resolution of means of 0.1 s.
 const FREQUENCY_STEP_HZ: f64 = 0.02;
 const LOWEST_HZ: f64 = 0.1;
 const HIGHEST_HZ: f64 = 4.5;

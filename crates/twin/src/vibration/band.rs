@@ -15,10 +15,10 @@ use super::speeds::{FASTEST, SLOWEST_HZ};
 use crate::predict::noise::median;
 use std::f64::consts::TAU;
 
-/// The band reaches at least so many times its lower end.
+/// The upper end of the band is at least this many times its lower end.
 const LEAST_WIDTH: f64 = 2.0;
 
-/// Vibration of all rotors and whatever else shakes.
+/// Vibration of all rotors and everything else.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Whole {
     /// a² + b² of one line that would shake as much, over all axes.

@@ -31,13 +31,13 @@ use utoipa::ToSchema;
 
 /// Slowest rotor that counts as turning, rad/s.
 const TURNING_RAD_S: f64 = 60.0;
-/// A line is there if its power is so many standard errors above nothing.
+/// A line exists if its power is this many standard errors above zero.
 const LEAST_LINE: f64 = 3.0;
 /// Passes over the rotors that look for the scale of each one's speed.
 const SCALE_PASSES: usize = 2;
 /// Share of the strongest line's power that another rotor may explain at most, if the rotor is to be named.
 const MOST_RIVAL: f64 = 0.9;
-/// Half seconds that are looked at for the vibration of a vehicle as a whole.
+/// Half seconds that are evaluated for the vibration of a vehicle as a whole.
 const MOST_WHOLE_BLOCKS: usize = 400;
 /// Bands whose upper ends differ by no more, Hz, are the same.
 const SAME_BAND_HZ: f64 = 2.0;

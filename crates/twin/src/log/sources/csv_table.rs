@@ -24,7 +24,7 @@ use serde::Deserialize;
 
 /// Seconds of a day.
 const DAY_S: f64 = 86_400.0;
-/// Rows below the header that tell which columns hold lists, and of how many numbers.
+/// Rows below the header that decide which columns contain lists, and of what length.
 const LIST_ROWS: usize = 100;
 
 /// How a table is laid out.
@@ -309,7 +309,8 @@ impl Lists {
         parted.map(|(name, _)| name.as_str()).collect()
     }
 
-    /// Cells of a row, with those of lists in their parts. A list of another length than the others is no number in any of its parts.
+    /// Cells of a row, with lists split into their parts. A list of another length than the others gives no number in any of its
+    /// parts.
     pub(crate) fn cells<'a>(&self, cells: Vec<&'a str>, decimal: char) -> Vec<&'a str> {
         if self.0.iter().all(Option::is_none) {
             return cells;
@@ -571,7 +572,7 @@ mod tests {
         let of = |name: &str| &stream.fields.iter().find(|(field, _)| field == name).unwrap().1;
         assert_eq!((of("v[1]")[0], of("v[2]")[0], of("R[3]")[0]), (-2.5, 0.3, 1.0));
         assert_eq!((of("throttle")[0], of("throttle")[1], of("R[1]")[1]), (0.4, 0.5, 0.5));
-        // A list of two among lists of three is none of its numbers; the cut line is no row.
+        // A list of two among lists of three gives none of its numbers; the truncated line is not a row.
         assert!(of("v[0]")[1].is_nan());
         assert!(
             log.notes.iter().any(|note| note.starts_with("v[0]: 1 cells")),

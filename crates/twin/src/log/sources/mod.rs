@@ -38,7 +38,7 @@ pub(crate) struct ParameterChange {
     pub(crate) after: f64,
 }
 
-/// What a file may still make of itself. Each is counted where it would grow; the error is the reason of the refusal.
+/// Remaining budget for what a file may expand to. Each is charged where it would grow; the error is the reason of the rejection.
 #[derive(Clone, Copy, Debug)]
 struct Room {
     cells: usize,
@@ -64,7 +64,7 @@ impl Room {
         Ok(())
     }
 
-    /// A sample of so many numbers.
+    /// A sample of this many numbers.
     fn sample(&mut self, numbers: usize) -> Result<(), String> {
         self.cells = self
             .cells
@@ -78,7 +78,7 @@ impl Room {
         Self::take(&mut self.formats, 1, "message formats", MOST_STREAMS)
     }
 
-    /// A stream whose samples have so many numbers.
+    /// A stream whose samples have this many numbers.
     fn stream(&mut self, fields: usize) -> Result<(), String> {
         if fields > MAX_COLUMNS {
             return Err(format!(
@@ -121,12 +121,12 @@ pub(crate) enum Format {
     Db3,
     /// `run.mcap` of this program.
     RunMcap,
-    /// Not read; each is refused with what makes a log of it.
+    /// Not read; each is rejected with advice on converting it to a log.
     Ros1Bag,
     Zstd,
 }
 
-/// What a mapping asks of a file, and how it is to be read.
+/// What a mapping requires of a file, and how it is to be read.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Asked<'a> {
     pub(crate) accept_damaged: bool,
@@ -155,7 +155,7 @@ pub(crate) struct SourceLog {
     pub(crate) unread: Vec<Unread>,
     /// What the file's clock says at 0 s of the streams.
     pub(crate) clock_s: f64,
-    /// Seconds since 1970 UTC at 0 s of the streams, and what says so, where a place of the format is made for it.
+    /// Seconds since 1970 UTC at 0 s of the streams, and the evidence for it, if the format has a field for it.
     pub(crate) utc: Option<(f64, &'static str)>,
 }
 
@@ -244,7 +244,7 @@ impl SourceLog {
     }
 }
 
-/// Kind of an autopilot's log by its first bytes; `None` for anything else.
+/// Kind of an autopilot's log, from its first bytes; `None` for anything else.
 pub(crate) fn detect(bytes: &[u8]) -> Option<Format> {
     if bytes.starts_with(ulog::MAGIC) {
         Some(Format::Ulog)
@@ -341,7 +341,7 @@ impl<'a> Cursor<'a> {
     }
 }
 
-/// A number as it stands in a file, little endian.
+/// A number as stored in a file, little endian.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Number {
     I8,

@@ -15,7 +15,7 @@ use crate::predict::vectors::{euler_rates, times};
 type Part = fn(&Kinematics) -> &Vectors;
 
 impl Plant {
-    /// KV, KA, KP; what is as in `base` stays, if gravity is.
+    /// KV, KA, KP; those with the inputs of `base` are reused if gravity is the same.
     pub(super) fn kinematics(
         &self,
         c: &Constants,

@@ -57,7 +57,7 @@ impl Header {
 
 /// Parses a file; of several flights the one with the most frames.
 pub(super) fn parse(bytes: &[u8], mut room: Room) -> Result<SourceLog, String> {
-    // A frame may take one byte for any number of fields: what a flight never has in the mean.
+    // A frame may take one byte for any number of fields: a flight never does so on average.
     room.cells = room.cells.min(bytes.len().saturating_mul(MOST_CELLS_PER_BYTE));
     let starts = starts(bytes);
     let mut best: Option<(usize, Flight)> = None;
@@ -104,7 +104,7 @@ fn starts(bytes: &[u8]) -> Vec<usize> {
     found
 }
 
-/// Why there is no flight: this one, or the file.
+/// Why there is no flight: this one, or the whole file.
 enum Refused {
     Flight(String),
     File(String),

@@ -12,7 +12,7 @@
 use super::super::{Cursor, Number};
 use super::definition::{Count, Definition, Kind};
 
-/// Arrays and sequences longer than this are no state of a vehicle.
+/// Longest array or sequence in the state of a vehicle.
 const LONGEST: usize = 32;
 /// Messages in an array whose length is fixed.
 const MOST_ELEMENTS: usize = 4096;

@@ -64,7 +64,7 @@ fn stamped(topic: &Topic) -> Option<Stamped> {
     })
 }
 
-/// Times of every topic, s since the first one, and what the clock says at that, s.
+/// Times of every topic, s since the first one, and the clock's reading at that time, s.
 pub(super) fn one_clock(topics: &[Topic], notes: &mut Vec<String>) -> (Vec<Vec<f64>>, f64) {
     let all: Vec<Option<Stamped>> = topics.iter().map(stamped).collect();
     // Delays in order; where they jump another clock begins. The recorder's own has none.

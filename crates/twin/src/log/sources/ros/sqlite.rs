@@ -53,7 +53,7 @@ impl<'a> Value<'a> {
 pub(super) struct Table {
     root: usize,
     columns: Vec<String>,
-    /// Column that stands for the row's number, which is not stored in the record.
+    /// Column that holds the row number, which is not stored in the record.
     rowid: Option<usize>,
 }
 
@@ -123,7 +123,7 @@ fn integer(bytes: &[u8]) -> i64 {
     })
 }
 
-/// Seven bits a byte, the highest first, eight in a ninth; the number and what follows.
+/// Seven bits per byte, the highest first, eight in a ninth; returns the number and the remaining bytes.
 fn varint(bytes: &[u8]) -> Option<(u64, &[u8])> {
     let mut value = 0_u64;
     for (place, byte) in bytes.iter().take(9).enumerate() {
@@ -165,7 +165,7 @@ pub(super) struct Database<'a> {
     read: Vec<bool>,
     /// Pages that hold no rows though something points to them.
     pub(super) damaged: usize,
-    /// Changes may stand in a file `…-wal` beside this one.
+    /// Changes may be in a file `…-wal` next to this one.
     pub(super) has_write_ahead_log: bool,
 }
 
