@@ -113,7 +113,7 @@ struct Signals {
     end: f64,
     lagged: Option<[f64; AXES]>,
     voltage: f64,
-    /// Low-passed in the body frame: speeds, and what changes them apart from forces.
+    /// Low-passed in the body frame: speeds, and their derivatives apart from forces.
     speed: [f64; 2],
     turn: [f64; 2],
 }
@@ -537,7 +537,7 @@ impl Learnt {
         self.inertia
     }
 
-    /// Lower limit of gusts and white force in a calibration, N²: half of what the flights had.
+    /// Lower limit of gusts and white force in a calibration, N²: half of that in the flights.
     pub(crate) fn least_noise(&self) -> [[f64; 2]; AXES] {
         self.noise.map(|levels| levels.map(|level| LEAST_NOISE * level))
     }

@@ -614,7 +614,7 @@ mod tests {
                 assert_eq!(found.is_none(), explained, "{times} × rotor {rotor}: {found:?}");
             }
         }
-        // A gain of as much is no loss.
+        // A gain of the same size is not a loss.
         let mut check = calibrated(&config);
         let lift = [-1.5 * 2.5, 0.0, 0.0, 0.0];
         let found = check.window(&lift, &[2.5; MAX_ROTORS], &output(0.0, 0.0), false);

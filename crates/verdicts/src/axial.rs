@@ -44,7 +44,7 @@ impl Axial {
         let force = log.column(names::ACCEL[2])?;
         let down = speed_down(&log.time_s, force, f64::from(config.gravity));
         let still: Vec<f64> = down.iter().map(|w| if w.is_nan() { f64::NAN } else { 0.0 }).collect();
-        // Nothing else of the log is looked at.
+        // Nothing else of the log is used.
         let is_kept = |name: &str| {
             names::RATES.contains(&name) || name == names::BATTERY_VOLTAGE || names::duty_rotor(name).is_some()
         };

@@ -455,7 +455,7 @@ pub fn judge(log: &FlightLog, detectors: &Detectors, every_window: bool) -> Resu
     judge_after(log, detectors, None, every_window)
 }
 
-/// [`judge`] with what healthy flights have revealed about the vehicle ([`learn`]).
+/// [`judge`] with what was learnt about the vehicle from healthy flights ([`learn`]).
 ///
 /// # Errors
 /// As [`judge`].
@@ -510,7 +510,7 @@ pub fn learn(logs: &[FlightLog], detectors: &Detectors) -> Result<(Learnt, Vec<S
     Ok((learnt, notes))
 }
 
-/// A log before a session; what it lacks.
+/// A log prepared for a session; and what it lacks.
 fn run(
     log: &FlightLog,
     detectors: &Detectors,
@@ -538,7 +538,7 @@ fn run(
     let rate_hz = judged_rate_hz(log);
     let is_slow = rate_hz < STEP_RATE_HZ;
     let slow_velocity = is_slow.then(|| slow_hz(log, names::VELOCITY[2])).flatten();
-    // An accelerometer of the log's own rate says more than a velocity that is joined by lines.
+    // An accelerometer at the log's own rate is more informative than an interpolated velocity.
     let by_force = has(log, names::ACCEL[2]) && slow_hz(log, names::ACCEL[2]).is_none();
     let axial = (!without_motion(log).is_empty() || slow_velocity.is_some() && by_force)
         .then(|| Axial::of(log, detectors.config()))
@@ -612,7 +612,7 @@ fn report(log: &FlightLog, detectors: &Detectors, judge: Judge, lacks: Vec<Lack>
         .network
         .is_some_and(|network| network.self_calibrated());
     let mut notes = judge.notes;
-    // The detectors end where a vehicle tumbles; what its motors were asked for before that says more than "not judged".
+    // The detectors end where a vehicle tumbles; the motor commands before that are more informative than "not judged".
     let log_start_s = log.time_s.first().copied().unwrap_or(0.0);
     let lost = judge.parts.events.iter().filter(|event| event.kind.decides());
     notes.splice(

@@ -63,7 +63,7 @@ impl Preset {
     }
 }
 
-/// One case: what the generator is asked for, and what the score expects.
+/// One case: the request to the generator, and the answer that the score expects.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Case {
     /// From 0.

@@ -23,14 +23,14 @@ use std::path::Path;
 /// Flights of a row group.
 const GROUP: u64 = 32;
 
-/// What is asked for.
+/// The request.
 #[derive(Clone, Copy, Debug)]
 pub struct Wanted {
     /// Rotor model of the residual generators.
     pub model: NominalThrustModel,
     /// Subtract the mean over the calibration, as networks that calibrate themselves have it.
     pub self_calibrated: bool,
-    /// Only so many flights.
+    /// Maximum number of flights.
     pub limit: Option<u64>,
     /// Threads.
     pub threads: NonZeroUsize,

@@ -33,7 +33,7 @@ pub(super) const LATER: usize = 8;
 const BEFORE: usize = 16;
 /// Share of the force that has to be new.
 const SUDDEN: f64 = 0.7;
-/// Share of the force by which it may differ from what it was within a second.
+/// Largest change of the force within a second, as a share of it.
 const SOON: f64 = 0.3;
 /// Share of the force, in addition to two standard deviations, by which it may differ from half a second before.
 const STEADY: f64 = 0.08;
@@ -213,7 +213,7 @@ mod tests {
         assert_eq!(found(true, 300, |window| 0.006 * window as f64), None);
         // More than there is to be dropped: 8 N of 10.
         assert_eq!(found(true, 300, |window| if window < 100 { 0.0 } else { -8.0 }), None);
-        // There from the beginning: the calibration has missed it, and nothing says when it came.
+        // Present from the beginning: the calibration missed it, and its time is unknown.
         assert_eq!(found(true, 300, |_| 1.0), None);
     }
 }

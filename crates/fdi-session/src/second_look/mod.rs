@@ -441,7 +441,7 @@ impl SecondLook {
             if let Some(followed) = named.filter(|_| is_loss && e.rotors == self.named.0) {
                 shares = followed.to_vec();
             }
-            // Torque beside that of the lost thrust, over what is left of it: (1 − δ)(1 + d) = 1 − δ + η.
+            // Torque in addition to that of the lost thrust, over the remaining thrust: (1 − δ)(1 + d) = 1 − δ + η.
             let drag = (kind == ExplanationKind::LossWithDrag).then(|| {
                 let [demand, uneven] = self.uneven[rotors[0]];
                 let left = self.hover_thrust[rotors[0]] * demand.max(0.1) * (1.0 - shares[0][0]).max(0.1);

@@ -23,7 +23,7 @@ const LOSS: f64 = 0.12;
 const GAIN: f64 = 0.08;
 /// A changed load, in the same unit times the number of rotors.
 const LOAD: f64 = 0.1;
-/// Position of a load beside the centre of mass: standard deviation of its lever over that of the rotors.
+/// Position of a load off the centre of mass: standard deviation of its lever over that of the rotors.
 const BESIDE: f64 = 0.1;
 /// Change of a blade's drag, share of the rotor's torque.
 const DRAG: f64 = 0.2;
@@ -133,7 +133,7 @@ pub(super) fn weigh(
             probability: (log - most).exp() / sum,
         })
         .collect();
-    // At the centre or beside it: one load.
+    // At the centre or off it: one load.
     if let Some(second) = found.iter().rposition(|e| e.kind == Kind::Load)
         && let beside = found.remove(second)
         && let Some(load) = found.iter_mut().find(|e| e.kind == Kind::Load)
@@ -191,7 +191,7 @@ pub(super) fn sizes(
     let mut parts: Vec<Part> = match explanation.kind {
         Kind::Gain => rotors().map(|rotor| gain(&column[rotor], hover)).collect(),
         Kind::Losses | Kind::LossWithDrag => rotors().map(|rotor| loss(&column[rotor], hover)).collect(),
-        // As many rotors as may be: nothing else is known of its size.
+        // The maximum number of rotors: nothing else is known of its size.
         Kind::Load => {
             let beside = |axis: usize| unit(axis, BESIDE * value[0].abs() / hover, hover);
             vec![unit(0, LOAD * MAX_ROTORS as f64, hover), beside(1), beside(2)]
@@ -232,7 +232,7 @@ pub(super) fn sizes(
         _ => return sizes,
     };
     if explanation.kind == Kind::Load {
-        // Its moments are no size that is told.
+        // Its moments are not a size that is reported.
         sizes.truncate(1);
     }
     if let Some([mean, variance]) = sizes.last_mut() {
@@ -481,7 +481,7 @@ mod tests {
         let pair = sized(Kind::Losses, 1 << 1 | 1 << 2, &[(1, 0.1), (2, 0.06)], [0.0; AXES]);
         is(pair[0], 0.1);
         is(pair[1], 0.06);
-        // A blade that drags: torque of 20 % of the thrust's beside a loss of 8 %.
+        // A blade with extra drag: torque of 20 % of the thrust's in addition to a loss of 8 %.
         let yaw = hexarotor()[2][3] * 0.2;
         let dragging = sized(Kind::LossWithDrag, 1 << 2, &[(2, 0.08)], [0.0, 0.0, 0.0, yaw]);
         is(dragging[0], 0.08);

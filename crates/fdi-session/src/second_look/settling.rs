@@ -201,7 +201,7 @@ mod tests {
         assert_eq!(told(&mut settling, true, true, &name), from(1, 40));
         assert!(settling.over());
         assert_eq!(told(&mut settling, true, true, &name[..1]), [true]);
-        // That one was too short to tell.
+        // That one was too short to decide.
         assert!(!settling.over());
         assert_eq!(told(&mut settling, true, true, &name), from(LONG, 40));
         assert!(settling.over());

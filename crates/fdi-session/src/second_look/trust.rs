@@ -10,7 +10,7 @@ use std::collections::VecDeque;
 
 /// Blocks per mean: a quarter of a second.
 const BLOCKS: usize = 4;
-/// Most recent blocks, which may belong to what is about to be found: a second.
+/// Most recent blocks, which may belong to the fault about to be found: a second.
 const LATEST: usize = 16;
 /// Blocks that are remembered: a minute, and the latest.
 const REMEMBERED: usize = 960 + LATEST;

@@ -408,7 +408,7 @@ impl WrenchFilter {
                 filter.p[LOST][LOST] += (LOAD_ERROR * change).powi(2);
                 force = [change, filter.p[LOST][LOST]];
             }
-            // b ← b + u, but for what is mass from now on.
+            // b ← b + u, except for what becomes mass from now on.
             let (x, p) = (&mut filter.x, &mut filter.p);
             x[BIAS] += if axis == 0 { 0.0 } else { change };
             x[LOST] = 0.0;

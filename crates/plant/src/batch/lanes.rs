@@ -293,7 +293,7 @@ impl<const N: usize> VectorWork for RecordTruth<N> {
             for i in 0..N {
                 sum += now.thrust[i];
             }
-            // With a charge that is not a number the sum is none, either.
+            // If a charge is NaN, so is the sum.
             let finite = sum.abs() < f64::INFINITY;
             truth.lost[lane] = u64::from(!finite | (now.state_of_charge <= 0.0));
         }

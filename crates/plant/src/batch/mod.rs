@@ -177,7 +177,7 @@ impl<const N: usize> BatchSimulation<N> {
         self.seats[lane].take().map(|seat| seat.simulation)
     }
 
-    /// The flight in a lane, for what does not change with every step: its step number, faults, duration.
+    /// The flight in a lane, for values that do not change with every step: its step number, faults, duration.
     pub fn simulation(&self, lane: usize) -> Option<&Simulation> {
         self.seats[lane].as_ref().map(|seat| &seat.simulation)
     }

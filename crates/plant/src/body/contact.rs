@@ -196,7 +196,7 @@ impl Contact {
         (force, torque)
     }
 
-    /// Takes a step from `before` to `after`: anchors follow, and what happened is noted.
+    /// Takes a step from `before` to `after`: anchors follow, and contact events are recorded.
     pub(crate) fn settle(&mut self, before: &RigidBodyState, after: &RigidBodyState) {
         let n = self.plane.normal;
         let near = self.plane.depth(after.position_ned) >= -self.reach;
@@ -292,7 +292,7 @@ impl Around for OnGround<'_> {
     }
 }
 
-/// Wind and disturbances, and what the ground adds at a state of the body.
+/// Wind and disturbances, and the ground's contribution at a state of the body.
 #[inline]
 pub(crate) fn around(surroundings: &Surroundings, contact: Option<&Contact>, body: &RigidBodyState) -> Surroundings {
     match contact {

@@ -14,7 +14,7 @@ use super::search::Search;
 pub enum EffectClass {
     /// Dynamics that the nominal model lacks.
     Physics,
-    /// A sensor that reads something else than the truth.
+    /// A sensor whose readings differ from the truth.
     SensorFault,
     /// A channel of the log that is late.
     TimingFault,
@@ -59,9 +59,9 @@ pub enum Place {
     Wind,
     /// Battery.
     Battery,
-    /// What a sensor says.
+    /// The value of a sensor.
     Reading,
-    /// When a sensor says it.
+    /// The timing of a sensor.
     Timing,
 }
 

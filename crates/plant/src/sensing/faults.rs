@@ -193,7 +193,7 @@ impl SensorFaultEntry {
     }
 }
 
-/// A planned fault and what it remembers.
+/// A planned fault and its state.
 #[derive(Debug, Clone)]
 struct RunningFault {
     plan: PlannedFault,

@@ -312,7 +312,7 @@ impl Instruments {
         self.model.magnetic_field_ned_gauss
     }
 
-    /// What they say of `scene`, which must not be before the last one.
+    /// Readings of `scene`, which must not be before the last one.
     pub fn measure(&mut self, scene: &Scene) -> InstrumentSample {
         let interval = self.last_ns.map_or(FIRST_INTERVAL_S, |last| {
             (scene.time_ns.saturating_sub(last) as f64 * 1e-9).max(1e-6)

@@ -138,7 +138,7 @@ pub enum SpinDirection {
     Cw,
 }
 
-/// One rotor in f64: what the plant uses where `flight-core` has its f32 `Rotor`.
+/// One rotor in f64: used by the plant where `flight-core` has its f32 `Rotor`.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct RotorPlacement {
     /// m, body.
@@ -279,7 +279,7 @@ impl VehicleModel {
         }
     }
 
-    /// Refuses what cannot fly with these blades; keys are those of the vehicle document.
+    /// Rejects what cannot fly with these blades; keys are those of the vehicle document.
     pub fn check(&self, blades: &BladeSet) -> Result<(), Refusal> {
         self.check_body().map_err(|r| r.under("body"))?;
         self.check_rotors(blades).map_err(|r| r.under("rotors"))?;
