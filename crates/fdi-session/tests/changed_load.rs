@@ -58,7 +58,7 @@ impl Kind {
         }
     }
 
-    /// `n` flights of 60 s over waypoints and in hover: 5 to 12 % of the mass at 20 to 30 s, up to 4 cm beside the centre of mass.
+    /// `n` flights of 60 s over waypoints and in hover: 5 to 12 % of the mass at 20 to 30 s, up to 4 cm off the centre of mass.
     fn cases(self, n: usize, seed: u64) -> Vec<FaultCase> {
         let bare = if self.is_unknown {
             Class::FiveHealthy

@@ -20,7 +20,7 @@ use rotortwin_twin::vibration::{change, vibration};
 const SECONDS: f64 = 40.0;
 /// Rows of the foreign simulator, s.
 const STEP_S: f64 = 0.0025;
-/// Thrust of a rotor over the square of its speed, N s²: what the log does not hold.
+/// Thrust of a rotor over the square of its speed, N s²: not in the log.
 const THRUST_COEFFICIENT: f64 = 8.2e-6;
 /// Each rotor's own share of speed for the same thrust: propellers are not alike.
 const OWN_SPEED: [f64; 6] = [0.012, -0.018, 0.004, 0.021, -0.009, -0.002];

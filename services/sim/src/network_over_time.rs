@@ -119,7 +119,7 @@ impl Detector for NetworkOverTime {
                     };
                 }
             }
-            // A sample that is no number: a gap, as in a log.
+            // A NaN sample: a gap, as in a log.
             Err(_refused) => self.said = NOT_READY,
         }
         self.said

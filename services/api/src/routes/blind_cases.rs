@@ -320,7 +320,7 @@ fn flown_again(bench: &Job, row: Row, truth: &Truth) -> Result<Draft, Problem> {
     })
 }
 
-/// The key that the log of a case is submitted under: asked for twice, it is the same log.
+/// The key under which the log of a case is submitted: requested twice, it is the same log.
 fn key(bench: &str, case: usize) -> String {
     format!("blind-benches/{bench}/cases/{case}/log")
 }

@@ -24,7 +24,7 @@ use std::time::Duration;
 use tower_http::services::ServeFile;
 use utoipa::{IntoParams, ToSchema};
 
-/// No export takes so long: what is older was left by a server that died.
+/// No export takes this long: older files were left by a server that died.
 const LEFT_BEHIND: Duration = Duration::from_secs(3600);
 
 /// What to write.

@@ -56,7 +56,7 @@ async fn serve(app: Arc<App>, entry: Arc<Entry>, mut socket: WebSocket) {
                     Ok(None) => continue,
                     Ok(Some(reply)) => match socket.send(reply).await {
                         Ok(()) => continue,
-                        // Nobody is there to be told.
+                        // There is no client to reply to.
                         Err(_) => return,
                     },
                     Err(closing) => closing,
@@ -85,7 +85,7 @@ async fn ended(ending: &mut watch::Receiver<bool>) {
     drop(ending.wait_for(|ends| *ends).await);
 }
 
-/// The answer to a message, nothing if it wants none; or why the stream ends.
+/// The reply to a message, none if it requires none; or why the stream ends.
 fn answer(app: &App, entry: &Entry, message: Message) -> Result<Option<Message>, (u16, &'static str)> {
     let reply = match message {
         Message::Text(_) | Message::Binary(_) if !app.fdi.has(&entry.id) => {

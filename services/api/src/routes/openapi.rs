@@ -12,7 +12,7 @@ use utoipa::openapi::{Content, OpenApi, PathItem, Ref, RefOr, Response, Response
 
 /// What a header has to look like; everything else is 400.
 const FORMS_OF_HEADERS: [(&str, &str); 3] = [
-    // Spaces at either end are no part of a header.
+    // Leading and trailing spaces are not part of a header.
     ("Idempotency-Key", "^[!-~]([ -~]{0,198}[!-~])?$"),
     ("If-Match", "^\"[0-9A-Za-z]{1,64}\"$"),
     ("If-None-Match", "^\\*$"),

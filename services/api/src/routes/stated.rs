@@ -184,7 +184,7 @@ impl Form {
             }
             Self::Whole { least, most } => {
                 let number: i128 = value.parse().ok()?;
-                // The largest number of a type is no bound that helps.
+                // The largest number of a type is not a useful bound.
                 let unbounded = *most >= i128::from(i64::MAX) && number < *least;
                 (!(*least..=*most).contains(&number)).then(|| match unbounded {
                     true => format!("at least {least}"),

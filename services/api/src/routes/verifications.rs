@@ -35,9 +35,9 @@ super::collection!(
     "/api/v1/verifications/{id}/artifacts/{*path}"
 );
 
-/// A request waits so long; the job goes on. Proxies and clients give up after 30 to 60 s.
+/// A request waits this long; the job continues. Proxies and clients give up after 30 to 60 s.
 const PATIENCE: Duration = Duration::from_secs(20);
-/// The second execution takes at most so long.
+/// Time limit of the second execution.
 const LONGEST: Duration = Duration::from_secs(600);
 /// Another process may have written the end.
 const LOOK: Duration = Duration::from_secs(1);
@@ -139,7 +139,7 @@ pub(crate) async fn verify(
     compared(&app, Some(&run), &job.id).await
 }
 
-/// The answer once the job has ended, or the job as it is after [`PATIENCE`]. `run`: what it flies again, if that is there.
+/// The answer once the job has ended, or the job as it is after [`PATIENCE`]. `run`: the run that it repeats, if it exists.
 async fn compared(app: &App, run: Option<&Job>, id: &str) -> Result<Response, Problem> {
     let job = ended(app, id).await?;
     if !job.status.is_final() {
