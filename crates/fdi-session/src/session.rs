@@ -15,6 +15,7 @@
 //! * *Validity* ([`super::validity`]). On the ground, for two seconds after it, and in an upset the engine is not fed (in a sharp
 //!   turn that may become one it is, without verdicts); after that it restarts in the air. There, and where no possible loss
 //!   explains the motion, windows are not ready and give the reason ([`Window::obstacle`]).
+//!
 //! Same samples, same bits: between gaps and in the air a session is the engine of a run, fed the same numbers.
 //!
 //! Glossary: *window*, 25 samples (a setting) with one verdict; *chunk*, the samples of one message.
