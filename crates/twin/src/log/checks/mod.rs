@@ -320,6 +320,7 @@ fn body_axes(log: &FlightLog, rates: Option<&Fit>, velocity: Option<&Fit>, findi
 }
 
 /// Velocity and position in ENU or with exchanged axes.
+///
 /// With `z_up`, a mirror image between force and velocity only repeats the sign of the accelerometer.
 fn world_axes(velocity: Option<&Fit>, position: Option<&Fit>, z_up: bool, findings: &mut Vec<Finding>) {
     let cases = [
