@@ -169,7 +169,8 @@ fn judge_all(args: &LogArgs) -> Result<Vec<JudgedLog>, String> {
     args.logs.iter().map(judged).collect()
 }
 
-/// The commanded thrust of the rotors of a flight compared with healthy flights, in a sentence, if there are enough of those.
+/// The commanded thrust of the rotors of a flight compared with healthy flights, in a sentence, if there are enough of
+/// those.
 fn against_healthy(log: &FlightLog, healthy: &[FlightLog], model: &ModelVersion) -> Option<String> {
     if healthy.len() < LEAST_BASELINE {
         return None;

@@ -354,8 +354,8 @@ fn refuse(error: &clap::Error, words: impl Iterator<Item = OsString>) -> ExitCod
     output::bad_input(format!("{sentence}{tip}; see '{command} --help'"))
 }
 
-/// The command of a command line, such as `rotortwin model add`: as far as its words name commands. A clap error states it only
-/// if an argument is missing or unknown, not if its value is invalid.
+/// The command of a command line, such as `rotortwin model add`: as far as its words name commands. A clap error states
+/// it only if an argument is missing or unknown, not if its value is invalid.
 ///
 /// * `words`: without the name of the program
 fn command_of(root: &clap::Command, words: impl Iterator<Item = OsString>) -> String {

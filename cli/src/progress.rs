@@ -14,7 +14,8 @@ const PAUSE: Duration = Duration::from_millis(250);
 /// Minimum interval between events that count flights.
 const PAUSE_OF_FLIGHTS: Duration = Duration::from_millis(500);
 
-/// Interval between lines if standard error is not a terminal: frequent enough to show activity, rare enough for a log file.
+/// Interval between lines if standard error is not a terminal: frequent enough to show activity, rare enough for a log
+/// file.
 const PAUSE_OF_A_PIPE: Duration = Duration::from_secs(15);
 
 /// Progress output.

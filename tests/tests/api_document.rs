@@ -52,8 +52,8 @@ fn named(variable: &str, usual: &str) -> String {
     std::env::var(variable).unwrap_or_else(|_| usual.to_owned())
 }
 
-/// What the document states about a parameter binds the server, and what the server accepts is in the document. Each case was
-/// found by a search.
+/// What the document states about a parameter binds the server, and what the server accepts is in the document. Each
+/// case was found by a search.
 #[test]
 fn regress_parameters_and_whole_numbers_are_what_the_document_says() {
     let scratch = Scratch::new();

@@ -1,5 +1,5 @@
-//! Runs of this program as flight logs: the diagnosis of a run folder names the hidden effect of its scenario; for a scenario
-//! without an effect or faults, the model agrees.
+//! Runs of this program as flight logs: the diagnosis of a run folder names the hidden effect of its scenario; for a
+//! scenario without an effect or faults, the model agrees.
 
 use std::path::{Path, PathBuf};
 

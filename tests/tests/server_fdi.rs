@@ -327,7 +327,8 @@ fn told(server: &Server, token: &str, path: &str) -> impl Iterator<Item = (Strin
         })
 }
 
-/// A watcher needs only `read`, receives what a look at the session shows, and keeps none alive; others' sessions are invisible.
+/// A watcher needs only `read`, receives what a look at the session shows, and keeps none alive; others' sessions are
+/// invisible.
 #[test]
 fn scenario_a_watcher_who_may_only_read_is_told_what_happens_to_ones_sessions() {
     let scratch = Scratch::new();

@@ -106,7 +106,8 @@ fn scenario_what_a_job_reads_is_not_deleted_with_postgres() {
     needed_stays(&scratch.path("data"), &["--database-url", &postgres.url()]);
 }
 
-/// Postgres cannot store text with a zero character, SQLite can: to a client it is the same rejection as any other invalid name.
+/// Postgres cannot store text with a zero character, SQLite can: to a client it is the same rejection as any other
+/// invalid name.
 #[test]
 fn regress_a_zero_character_is_no_failure_of_postgres() {
     let scratch = Scratch::new();

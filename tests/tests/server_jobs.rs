@@ -307,8 +307,8 @@ fn scenario_parts_of_a_run_on_other_workers_give_the_same_run() {
     assert_eq!((count("verdict=-2"), count("verdict=3")), (Some(1), Some(0)), "{run}");
 }
 
-/// The FDI engine's host is there immediately, the controller's 12 s later: the plant waits, and so does the part that came
-/// first.
+/// The FDI engine's host is there immediately, the controller's 12 s later: the plant waits, and so does the part that
+/// came first.
 #[test]
 fn scenario_parts_of_a_run_come_one_after_the_other() {
     let scratch = Scratch::new();

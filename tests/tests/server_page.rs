@@ -606,8 +606,8 @@ fn scenario_two_effects_that_look_alike_get_a_manoeuvre_that_tells() {
     );
 }
 
-/// A CSV with custom column names: rejected, drafted as data, imported with the draft. A file that is not a table is rejected
-/// under the name that its owner knows, and nothing reveals where the server stores it.
+/// A CSV with custom column names: rejected, drafted as data, imported with the draft. A file that is not a table is
+/// rejected under the name that its owner knows, and nothing reveals where the server stores it.
 #[test]
 fn scenario_a_table_of_another_program_is_drafted_and_imported() {
     let scratch = Scratch::new();

@@ -8,7 +8,8 @@ use crate::random::Stream;
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
-/// Kinds that a one-minute excitation flight shows and distinguishes from all others: the bench finds each of them by its name.
+/// Kinds that a one-minute excitation flight shows and distinguishes from all others: the bench finds each of them by
+/// its name.
 pub const SHOWN: [&str; 6] = [
     "rotor-drag",
     "quadratic-drag",
@@ -19,8 +20,8 @@ pub const SHOWN: [&str; 6] = [
 ];
 /// Loss of thrust of a damaged blade, fraction.
 const LOSS: [f64; 2] = [0.04, 0.12];
-/// Share of the flight after which the fault sets in: detectors learn the healthy state before, and both states are visible long
-/// enough.
+/// Share of the flight after which the fault sets in: detectors learn the healthy state before, and both states are
+/// visible long enough.
 const BREAKS_AFTER: [f64; 2] = [0.35, 0.6];
 
 /// What an example shows.

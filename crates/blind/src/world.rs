@@ -2,7 +2,8 @@
 //!
 //! Integrator: five sub-steps per 2.5 ms; explicit midpoint rule on velocity and body rates, the exponential map on the rotation
 //! matrix (Lie-group midpoint), trapezoidal rule on the rotor lag, semi-implicit Euler on the small oscillators. Frames: NED, FRD.
-//! A white force and torque (`FORCE_FLOOR`, `TORQUE_FLOOR`, body frame, constant over a step) represents everything unmodelled.
+//! A white force and torque (`FORCE_FLOOR`, `TORQUE_FLOOR`, body frame, constant over a step) represents everything
+//! unmodelled.
 
 use crate::hidden::Active;
 use crate::random::Stream;

@@ -3,9 +3,9 @@
 //! ```text
 //!  residual means of a window ─▶ network ─▶ log-odds of each rotor ─▶ less the flight's offset, over its spread ─▶ class probabilities ─▶ evidence ─▶ verdict
 //! ```
-//! The network was trained on losses of 5 % and more, so it gives a rotor even odds at a loss of about half a per cent: on a
-//! healthy flight its output crosses that line in every twentieth window. Its *ranking* of the rotors is good, however. So its
-//! log-odds are taken as a measurement, whose offset and spread are learnt in flight:
+//! The network was trained on losses of 5 % and more, so it gives a rotor even odds at a loss of about half a per cent:
+//! on a healthy flight its output crosses that line in every twentieth window. Its *ranking* of the rotors is good,
+//! however. So its log-odds are taken as a measurement, whose offset and spread are learnt in flight:
 //!
 //! ```text
 //!  ℓ_i = log p_i/p_0                                    log-odds of rotor i against healthy
@@ -14,25 +14,25 @@
 //!  w_i = log(((1 − ε) q_i + ε/(n+1)) / ((1 − ε) q_0 + ε/(n+1)))     one window in 1/ε says nothing
 //!  S_i ← clamp(S_i + ρ w_i, 0, S_max)                   Page's cumulative sum (Biometrika 41, 1954)
 //! ```
-//! Dividing by σ and shifting by δ are temperature and bias of a calibrated softmax (Guo et al., ICML 2017), learnt for each
-//! rotor and flight instead of once for all. ρ is the weight of a window relative to an independent observation: windows pass
-//! through the same observer (gain h, window T), whose correlation limits it to tanh(hT/2), less where the means of half-seconds
-//! scatter more in the calibration.
+//! Dividing by σ and shifting by δ are temperature and bias of a calibrated softmax (Guo et al., ICML 2017), learnt for
+//! each rotor and flight instead of once for all. ρ is the weight of a window relative to an independent observation:
+//! windows pass through the same observer (gain h, window T), whose correlation limits it to tanh(hT/2), less where the
+//! means of half-seconds scatter more in the calibration.
 //!
-//! A rotor is named when its evidence reaches a level, until it has fallen to half of that. Constants were chosen on flights of
-//! other seeds than those of the figures in docs/detector.md.
+//! A rotor is named when its evidence reaches a level, until it has fallen to half of that. Constants were chosen on
+//! flights of other seeds than those of the figures in docs/detector.md.
 //!
-//! Limits: one rotor; two simultaneous faults are reported as one of them, or not at all. Damage present at the end of the
-//! calibration counts as healthy. A loss that grows by less than a few tenths of a per cent per minute is absorbed by the offset.
-//! The size of a loss is not estimated. A load or a gain that resembles a rotor's loss is named as one: the network knows nothing
-//! else.
+//! Limits: one rotor; two simultaneous faults are reported as one of them, or not at all. Damage present at the end of
+//! the calibration counts as healthy. A loss that grows by less than a few tenths of a per cent per minute is absorbed
+//! by the offset. The size of a loss is not estimated. A load or a gain that resembles a rotor's loss is named as one:
+//! the network knows nothing else.
 
 use rotortwin_flight_core::fdi::verdict_code::{HEALTHY, NOT_READY};
 use rotortwin_flight_core::fdi::{FdiConfig, Network, Residuals};
 use rotortwin_flight_core::geometry::Geometry;
 
-/// δ: the shift tested for, standard deviations of the healthy output. A loss of 1 % shifts the output by six to twelve in calm
-/// air.
+/// δ: the shift tested for, standard deviations of the healthy output. A loss of 1 % shifts the output by six to twelve
+/// in calm air.
 const SHIFT: f64 = 8.0;
 /// ε: share of windows that carry no information, whatever their output.
 const LAPSE: f64 = 0.01;
@@ -46,8 +46,8 @@ const MOST: f64 = 16.0;
 const UNSUSPECTED: f64 = 3.0;
 /// Time constant with which offset and spread follow, s.
 const FOLLOWING_S: f64 = 60.0;
-/// a and b of the reported probability, log p_i/p_0 = a S_i − b: maximum likelihood over 471,000 windows of the flights that the
-/// other constants were chosen on, a fifth of them with a loss of 0.2 to 20 %.
+/// a and b of the reported probability, log p_i/p_0 = a S_i − b: maximum likelihood over 471,000 windows of the flights
+/// that the other constants were chosen on, a fifth of them with a loss of 0.2 to 20 %.
 const CALIBRATED: [f64; 2] = [2.0, 5.0];
 /// Windows whose means are compared for correlation beyond the observer's: half a second.
 const BLOCK: usize = 8;

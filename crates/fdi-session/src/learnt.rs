@@ -9,19 +9,19 @@
 //! ```text
 //!  D_a' = w_a + b_a + Σ_k Θ_ak s̃_k       w' = −w/T + noise,  b: of one flight,  s̃: s through the rotors' lag
 //! ```
-//! with a Kalman filter over all blocks of all flights; gusts w and the bias b belong to the day, Θ to the vehicle. The signals s
-//! are those with which missing physics usually correlates ([`NAMES`]): gains of the wrenches and of their squares (mass,
-//! inertia, thrust curve, tilted rotors), speeds (drag and where it acts, inflow, translational lift), rates (damping, products
-//! of inertia), changes of the commands (lag, latencies, rotor inertia), the voltage. Θ has a prior about 0 with the plausible
-//! size of such physics, so what the flights do not show stays 0.
+//! with a Kalman filter over all blocks of all flights; gusts w and the bias b belong to the day, Θ to the vehicle. The
+//! signals s are those with which missing physics usually correlates ([`NAMES`]): gains of the wrenches and of their
+//! squares (mass, inertia, thrust curve, tilted rotors), speeds (drag and where it acts, inflow, translational lift),
+//! rates (damping, products of inertia), changes of the commands (lag, latencies, rotor inertia), the voltage. Θ has a
+//! prior about 0 with the plausible size of such physics, so what the flights do not show stays 0.
 //!
-//! A session that has learnt adds F⁺ Σ_k Θ_ak s_k to the commanded thrusts: the detectors stay unchanged and see a vehicle that
-//! matches their model. Their priors for what was learnt are narrowed by [`NARROW`]; the second look assumes no calibration
-//! calmer than [`LEAST_NOISE`] of what the flights left, since eight seconds seldom contain a gust or a corner of the flight to
-//! come.
+//! A session that has learnt adds F⁺ Σ_k Θ_ak s_k to the commanded thrusts: the detectors stay unchanged and see a
+//! vehicle that matches their model. Their priors for what was learnt are narrowed by [`NARROW`]; the second look
+//! assumes no calibration calmer than [`LEAST_NOISE`] of what the flights left, since eight seconds seldom contain a
+//! gust or a corner of the flight to come.
 //!
-//! Limits: what the flights did not excite is not learnt; wind belongs to the day, so drag is learnt against the ground. A fault
-//! in a flight that is learnt from becomes part of the vehicle.
+//! Limits: what the flights did not excite is not learnt; wind belongs to the day, so drag is learnt against the
+//! ground. A fault in a flight that is learnt from becomes part of the vehicle.
 
 use super::second_look::meter::{AXES, Meter};
 use rotortwin_flight_core::MAX_ROTORS;
@@ -32,8 +32,8 @@ use rotortwin_flight_core::signals::Measurement;
 
 /// Signals.
 const SIGNALS: usize = NAMES.len();
-/// Each in N at the levers, or in N for 1 m/s, 1 rad/s; its meaning, and the standard deviation of Θ: for the axis itself and for
-/// the others.
+/// Each in N at the levers, or in N for 1 m/s, 1 rad/s; its meaning, and the standard deviation of Θ: for the axis
+/// itself and for the others.
 const NAMES: [(&str, f64, f64); 30] = [
     ("vertical force beyond the weight", 0.1, 0.03),
     ("roll moment", 0.1, 0.03),
@@ -91,7 +91,8 @@ const GUST: usize = 1;
 const BIAS: usize = 2;
 /// Minimum number of blocks to learn from: 20 s.
 const FEWEST_BLOCKS: usize = 320;
-/// Spreads of gain, lag, centre of mass and drag of a vehicle that is known from flights, relative to those of an unknown one.
+/// Spreads of gain, lag, centre of mass and drag of a vehicle that is known from flights, relative to those of an
+/// unknown one.
 const NARROW: f32 = 0.4;
 /// Variances of a calm day relative to those of the flights.
 const LEAST_NOISE: f64 = 0.25;
@@ -495,9 +496,9 @@ fn filtered<const N: usize>(
     (log_likelihood, theta)
 }
 
-/// Factor of the inertia about each axis. The gain common to roll and pitch is the slope of the thrust curve, which does not
-/// affect a lost thrust; the rest of an axis' gain is its inertia (or its moment ratio), by which a lost thrust counts more or
-/// less.
+/// Factor of the inertia about each axis. The gain common to roll and pitch is the slope of the thrust curve, which
+/// does not affect a lost thrust; the rest of an axis' gain is its inertia (or its moment ratio), by which a lost
+/// thrust counts more or less.
 fn take_inertia(theta: &mut [[f64; SIGNALS]; AXES]) -> [f64; 3] {
     let [roll, pitch] = [theta[1][1], theta[2][2]];
     let common = if roll * pitch > 0.0 {
@@ -531,8 +532,8 @@ pub struct Learnt {
 }
 
 impl Learnt {
-    /// Inertia about roll, pitch and yaw relative to the model's. The part common to roll and pitch counts as the slope of the
-    /// thrust curve, so an inertia that is wrong by the same factor about both stays 1 here.
+    /// Inertia about roll, pitch and yaw relative to the model's. The part common to roll and pitch counts as the slope
+    /// of the thrust curve, so an inertia that is wrong by the same factor about both stays 1 here.
     pub fn inertia(&self) -> [f64; 3] {
         self.inertia
     }

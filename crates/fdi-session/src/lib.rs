@@ -10,7 +10,8 @@
 //! * [`evidence`]: verdicts of the improved network over time, instead of window by window.
 //! * [`learnt`]: what healthy flights reveal about the vehicle beyond its model.
 //!
-//! This crate knows no vehicle file, plant or link: a session takes the engine's configuration, as the FDI process of a run does.
+//! This crate knows no vehicle file, plant or link: a session takes the engine's configuration, as the FDI process of a
+//! run does.
 
 pub mod evidence;
 pub mod learnt;

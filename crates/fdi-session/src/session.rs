@@ -1,20 +1,21 @@
 //! One session: the FDI engine of a run, and the rules for its input.
 //!
-//! The engine knows neither time nor gaps: it takes one sample every 2.5 ms. The session ensures that. A chunk of samples is
-//! accepted or rejected as a whole, with one error message; a rejected chunk changes nothing.
+//! The engine knows neither time nor gaps: it takes one sample every 2.5 ms. The session ensures that. A chunk of
+//! samples is accepted or rejected as a whole, with one error message; a rejected chunk changes nothing.
 //!
-//! * *Order.* Each chunk gives its first step and continues where the last one ended. The last chunks ([`REMEMBERED`]) may be
-//!   sent again: the answer is the same and nothing is counted twice.
-//! * *Numbers.* What a link of a run rejects is rejected here: NaN and infinity, a duty outside 0 to 1, a wrong number of rotors.
-//!   Finite numbers that no flight can have (1000 m/s) go to the engine, which rejects and counts them, as in a run.
-//! * *Rate.* If samples have a time, each interval must be between half and one and a half periods, and the mean of a hundred
-//!   within 2 % of the period.
-//! * *Gaps* are rejected unless the chunk says that the samples in between are lost. Over up to [`LONGEST_BRIDGE`] steps the
-//!   engine coasts, as over a rejected sample; after a longer gap it restarts with a calibration, and the answer says so: *damage
-//!   present by then counts as healthy*.
-//! * *Validity* ([`super::validity`]). On the ground, for two seconds after it, and in an upset the engine is not fed (in a sharp
-//!   turn that may become one it is, without verdicts); after that it restarts in the air. There, and where no possible loss
-//!   explains the motion, windows are not ready and give the reason ([`Window::obstacle`]).
+//! * *Order.* Each chunk gives its first step and continues where the last one ended. The last chunks ([`REMEMBERED`])
+//!   may be sent again: the answer is the same and nothing is counted twice.
+//! * *Numbers.* What a link of a run rejects is rejected here: NaN and infinity, a duty outside 0 to 1, a wrong number
+//!   of rotors. Finite numbers that no flight can have (1000 m/s) go to the engine, which rejects and counts them, as
+//!   in a run.
+//! * *Rate.* If samples have a time, each interval must be between half and one and a half periods, and the mean of a
+//!   hundred within 2 % of the period.
+//! * *Gaps* are rejected unless the chunk says that the samples in between are lost. Over up to [`LONGEST_BRIDGE`]
+//!   steps the engine coasts, as over a rejected sample; after a longer gap it restarts with a calibration, and the
+//!   answer says so: *damage present by then counts as healthy*.
+//! * *Validity* ([`super::validity`]). On the ground, for two seconds after it, and in an upset the engine is not fed
+//!   (in a sharp turn that may become one it is, without verdicts); after that it restarts in the air. There, and where
+//!   no possible loss explains the motion, windows are not ready and give the reason ([`Window::obstacle`]).
 //!
 //! Same samples, same bits: between gaps and in the air a session is the engine of a run, fed the same numbers.
 //!
@@ -40,8 +41,8 @@ use xxhash_rust::xxh3::Xxh3;
 pub const LONGEST_CHUNK: usize = 4000;
 /// Chunks that may be sent again.
 pub const REMEMBERED: usize = 8;
-/// Steps over which the engine coasts; 20 ms, a few rotor time constants less than the window it would spoil. The same time at
-/// other sampling rates.
+/// Steps over which the engine coasts; 20 ms, a few rotor time constants less than the window it would spoil. The same
+/// time at other sampling rates.
 pub const LONGEST_BRIDGE: u64 = 8;
 const LONGEST_BRIDGE_S: f64 = 0.02;
 /// Largest step number.
@@ -173,7 +174,8 @@ impl Chunk {
 pub enum Calibration {
     /// The sensor noise is being measured; no verdicts.
     Noise,
-    /// Gust levels and mean residuals are being learnt; no verdicts, except those of a classifier that does not calibrate itself.
+    /// Gust levels and mean residuals are being learnt; no verdicts, except those of a classifier that does not
+    /// calibrate itself.
     Disturbances,
     /// There are verdicts.
     Done,
@@ -205,8 +207,8 @@ pub struct Window {
     pub smallest_loss: Vec<f32>,
     /// Details of a verdict other than healthy: explanations, and the rate of the loss; otherwise empty.
     pub details: Details,
-    /// The last load that was dropped or picked up since the calibration; rotors are judged with it from the first window that
-    /// has it.
+    /// The last load that was dropped or picked up since the calibration; rotors are judged with it from the first
+    /// window that has it.
     pub load: Option<LoadChange>,
 }
 
@@ -853,8 +855,8 @@ impl FdiSession {
         }
     }
 
-    /// The network's probabilities for the window that ends, with the same recursions as the engine; `calibrated` as of before
-    /// the last sample.
+    /// The network's probabilities for the window that ends, with the same recursions as the engine; `calibrated` as of
+    /// before the last sample.
     fn class_probability(&self, calibrated: Option<[f32; 4]>) -> Vec<f32> {
         let config = self.engine.config();
         let Some(network) = &config.network else {

@@ -4,22 +4,23 @@
 //!  Measurement ─▶ FlightWatch ──on the ground, just off it, upset──▶ the engine waits, and calibrates anew in the air
 //!                                            └ in the air ─▶ FdiEngine ─▶ ModelCheck ──▶ verdict, or why there is none
 //! ```
-//! Separate from the engine: an engine returns what its model makes of any input, and a board has no room to spare. Everything
-//! here is causal.
+//! Separate from the engine: an engine returns what its model makes of any input, and a board has no room to spare.
+//! Everything here is causal.
 //!
-//! * *Ground.* The support by anything other than the rotors, as a share of the weight: s = (g − T cos φ cos θ / m − v̇_D) / g,
-//!   both accelerations through the same low-pass ([`SUPPORT_TIME`]). In flight s is an error of the model; on the ground it is
-//!   the share carried by the ground. A rotor that loses thrust makes s negative, so a fault never looks like the ground.
-//! * *Upset.* Tilt, and the tilt predicted over [`LOOK_AHEAD`] at the present rates, beyond 70°: thrust curve and lag were
-//!   identified in calm air.
-//! * *Model.* The wrench that lagged healthy rotors do not explain ([`super::second_look::SecondLook::unexplained`]), minus its
-//!   mean in the calibration, minus the best loss of one or two rotors, each from 0 to all of its present thrust. The rest is
-//!   compared with the hover thrust of a rotor and with the rest in the calibration.
+//! * *Ground.* The support by anything other than the rotors, as a share of the weight: s = (g − T cos φ cos θ / m −
+//!   v̇_D) / g, both accelerations through the same low-pass ([`SUPPORT_TIME`]). In flight s is an error of the model;
+//!   on the ground it is the share carried by the ground. A rotor that loses thrust makes s negative, so a fault never
+//!   looks like the ground.
+//! * *Upset.* Tilt, and the tilt predicted over [`LOOK_AHEAD`] at the present rates, beyond 70°: thrust curve and lag
+//!   were identified in calm air.
+//! * *Model.* The wrench that lagged healthy rotors do not explain ([`super::second_look::SecondLook::unexplained`]),
+//!   minus its mean in the calibration, minus the best loss of one or two rotors, each from 0 to all of its present
+//!   thrust. The rest is compared with the hover thrust of a rotor and with the rest in the calibration.
 //! * *Severity.* A loss whose whole interval is above the rotor's thrust is not a loss of a rotor.
 //!
 //! Limits: a vehicle on the ground whose rotors carry more than three quarters of the weight appears to fly after
-//! [`LONGEST_LIGHT`]; one whose thrust is below 60 % of the model's appears to be on the ground. Gusts that rise and fall at the
-//! speed of the calibration's are never too much: what they hide is not reported here.
+//! [`LONGEST_LIGHT`]; one whose thrust is below 60 % of the model's appears to be on the ground. Gusts that rise and
+//! fall at the speed of the calibration's are never too much: what they hide is not reported here.
 
 use rotortwin_flight_core::MAX_ROTORS;
 use rotortwin_flight_core::fdi::nominal_thrust::{FirstOrderLag, static_thrust};
@@ -66,11 +67,12 @@ const MOST_DEVIATIONS: f32 = 8.0;
 /// Below this share of the limit, for [`CALM_WINDOWS`], the model explains the motion again.
 const CALM_SHARE: f32 = 0.6;
 const CALM_WINDOWS: u16 = 8;
-/// Unexplained for more consecutive windows than this, the filters have learnt something wrong: the calibration begins again.
+/// Unexplained for more consecutive windows than this, the filters have learnt something wrong: the calibration begins
+/// again.
 const SPOILT_WINDOWS: u16 = 16;
 
-/// Code of a verdict that would mean nothing, in JSON and in reports on logs; messages have [`NOT_READY`] and a note, as their
-/// readers may be older.
+/// Code of a verdict that would mean nothing, in JSON and in reports on logs; messages have [`NOT_READY`] and a note,
+/// as their readers may be older.
 pub const CANNOT_JUDGE: i32 = -4;
 
 /// Why a verdict would mean nothing.
@@ -98,8 +100,8 @@ pub enum Obstacle {
         /// Picked up, kg; negative: dropped.
         mass_kg: f32,
     },
-    /// The engine has found something, but no loss of one to three rotors explains it, or too many do, or different ones from
-    /// window to window.
+    /// The engine has found something, but no loss of one to three rotors explains it, or too many do, or different
+    /// ones from window to window.
     Unclear,
     /// The loss that would explain it exceeds the rotor's thrust.
     ImpossibleLoss {
@@ -211,7 +213,8 @@ impl FlightWatch {
         &self.thrust
     }
 
-    /// Processes one sample; returns the obstacle to a verdict on it. A sample that the engine would reject changes nothing.
+    /// Processes one sample; returns the obstacle to a verdict on it. A sample that the engine would reject changes
+    /// nothing.
     pub fn step(&mut self, input: &Measurement) -> Option<Obstacle> {
         let config = &self.config;
         let rotor_count = config.geometry.rotor_count();

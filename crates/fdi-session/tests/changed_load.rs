@@ -1,5 +1,5 @@
-//! Loads that are dropped or picked up in flight, in the world of the independent generator: whether sessions report them, and
-//! how they judge rotors afterwards.
+//! Loads that are dropped or picked up in flight, in the world of the independent generator: whether sessions report
+//! them, and how they judge rotors afterwards.
 
 mod foreign;
 
@@ -58,7 +58,8 @@ impl Kind {
         }
     }
 
-    /// `n` flights of 60 s over waypoints and in hover: 5 to 12 % of the mass at 20 to 30 s, up to 4 cm off the centre of mass.
+    /// `n` flights of 60 s over waypoints and in hover: 5 to 12 % of the mass at 20 to 30 s, up to 4 cm off the centre
+    /// of mass.
     fn cases(self, n: usize, seed: u64) -> Vec<FaultCase> {
         let bare = if self.is_unknown {
             Class::FiveHealthy

@@ -1,5 +1,5 @@
-//! Verdicts of sessions on faults in the world of the independent generator. Shares are asserted with a margin for chance, at
-//! fixed seeds; figures with intervals come from `rotortwin blind --preset faults`.
+//! Verdicts of sessions on faults in the world of the independent generator. Shares are asserted with a margin for
+//! chance, at fixed seeds; figures with intervals come from `rotortwin blind --preset faults`.
 
 mod foreign;
 
@@ -129,8 +129,8 @@ fn val_a_flight_in_gusts_has_one_alarm_at_most() {
 
 #[test]
 fn regress_a_model_that_fails_raises_no_alarm() {
-    // Each was an alarm: a name reported immediately, one after 5 s in the air, sets; vortex rings, thrust curves of another
-    // shape, lags, latencies.
+    // Each was an alarm: a name reported immediately, one after 5 s in the air, sets; vortex rings, thrust curves of
+    // another shape, lags, latencies.
     let fresh = cases(Class::FiveHealthy, 80, 27182);
     for round in [25, 47, 49, 53, 63, 65] {
         let row = scored(&fresh[round], &windows(&fresh[round]));
@@ -177,9 +177,10 @@ fn bench_classes() {
     }
 }
 
-/// The benefit of healthy flights of a vehicle for the detectors: five unknown effects, the same on three healthy days with other
-/// weather and on the day of the fault. Printed without and with what was learnt: `ROTORTWIN_FAULTS_N` vehicles of each class,
-/// `ROTORTWIN_FAULTS_SEED`, `ROTORTWIN_FAULTS_LOSS` (share; otherwise 5 to 10 %), `ROTORTWIN_FAULTS_CLASS`.
+/// The benefit of healthy flights of a vehicle for the detectors: five unknown effects, the same on three healthy days
+/// with other weather and on the day of the fault. Printed without and with what was learnt: `ROTORTWIN_FAULTS_N`
+/// vehicles of each class, `ROTORTWIN_FAULTS_SEED`, `ROTORTWIN_FAULTS_LOSS` (share; otherwise 5 to 10 %),
+/// `ROTORTWIN_FAULTS_CLASS`.
 #[test]
 #[ignore = "a measurement: cargo test --release -p rotortwin-fdi-session --test foreign_world -- --ignored --nocapture bench_learnt"]
 fn bench_learnt() {

@@ -349,8 +349,8 @@ impl EffectFlight {
         self.set.of_readings()
     }
 
-    /// Begins the step at `time_s` with these duties, which are held over this many samples of their history: lets effects set
-    /// in, and samples the wind, which is held over the step.
+    /// Begins the step at `time_s` with these duties, which are held over this many samples of their history: lets
+    /// effects set in, and samples the wind, which is held over the step.
     fn begin_step(
         &mut self,
         time_s: f64,

@@ -9,8 +9,9 @@ use crate::powertrain::blades::Blade;
 use crate::powertrain::motor::MotorModel;
 use crate::vehicle::model::VehicleModel;
 
-/// c_L, N·s², of a blade on rotor 1 of a vehicle with this motor: the value with which it lifts what the blade's Eq. 19 gives, at
-/// the hover on the nominal blade, at rest voltage and half charge; `None` if the motor cannot reach that speed.
+/// c_L, N·s², of a blade on rotor 1 of a vehicle with this motor: the value with which it lifts what the blade's Eq. 19
+/// gives, at the hover on the nominal blade, at rest voltage and half charge; `None` if the motor cannot reach that
+/// speed.
 pub fn lift_coefficient(motor: &MotorModel, vehicle: &VehicleModel, nominal: &Blade, blade: &Blade) -> Option<f64> {
     let (duty, voltage) = reference(vehicle, nominal)?;
     let rotor = vehicle.rotors.layout.placements().into_iter().next()?;

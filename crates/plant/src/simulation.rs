@@ -4,13 +4,13 @@
 //!  loop:  sense() ─▶ SensedSample of step k ─▶ (controller) ─▶ advance(command) ─▶ step k + 1
 //! ```
 //!
-//! A command is held over the step and acts immediately. Faults start at the step nearest to their time. Rigid body, rotor
-//! thrusts and charge are integrated together by the classical Runge–Kutta method with one substep of 2.5 ms by default, the
-//! battery voltage being solved at every stage; wind and disturbances are held over the step.
+//! A command is held over the step and acts immediately. Faults start at the step nearest to their time. Rigid body,
+//! rotor thrusts and charge are integrated together by the classical Runge–Kutta method with one substep of 2.5 ms by
+//! default, the battery voltage being solved at every stage; wind and disturbances are held over the step.
 //!
 //! Limits: no gyroscopic torque of the rotors, no link or computation delay; effects lift some of them, in a step of their own
-//! (`effect_flight.rs`). A ground that carries the vehicle (`simulation/ground.rs`) has a step of its own as well. Neither
-//! changes the bits or the speed of this one.
+//! (`effect_flight.rs`). A ground that carries the vehicle (`simulation/ground.rs`) has a step of its own as well.
+//! Neither changes the bits or the speed of this one.
 
 mod ground;
 #[cfg(test)]
@@ -156,7 +156,8 @@ fn effects(
     Ok(Some(Box::new(EffectFlight::new(set, motors, ground))))
 }
 
-/// Rejects effects on quantities that a motor does not have: a lag that differs with its direction, or one of the thrust.
+/// Rejects effects on quantities that a motor does not have: a lag that differs with its direction, or one of the
+/// thrust.
 fn refuse_other_lags(config: &SimulationConfig, constants: &Constants, seed: u64) -> Result<(), Refusal> {
     for (index, effect) in config.effects.iter().enumerate() {
         let alone = EffectInstance {

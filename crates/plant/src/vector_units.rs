@@ -5,8 +5,8 @@
 
 /// Work that is worth compiling for wide registers. `run` must be `#[inline(always)]`, and so must everything it calls.
 ///
-/// Input and output are plain data behind one reference each: two references that arrive as arguments cannot overlap, which
-/// allows a compiler to keep several lanes in flight. A reference within them would hide that.
+/// Input and output are plain data behind one reference each: two references that arrive as arguments cannot overlap,
+/// which allows a compiler to keep several lanes in flight. A reference within them would hide that.
 pub trait VectorWork {
     /// What it reads.
     type Input;

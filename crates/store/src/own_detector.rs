@@ -7,11 +7,12 @@
 //!                                                                                         └─▶ summary.json       scores
 //! ```
 //!
-//! A detector does not act on the vehicle, so its verdicts after the flight are those it would have given during it, as long as
-//! it uses nothing later than the step: [`Detector`] gets one step at a time. Scores are counted like ours: [`crate::analysis`].
+//! A detector does not act on the vehicle, so its verdicts after the flight are those it would have given during it, as
+//! long as it uses nothing later than the step: [`Detector`] gets one step at a time. Scores are counted like ours:
+//! [`crate::analysis`].
 //!
-//! The run hash is that of the flight and does not change. A detector that judges a run again replaces its earlier verdicts.
-//! `summary.json` is written last: an interrupted call can be repeated.
+//! The run hash is that of the flight and does not change. A detector that judges a run again replaces its earlier
+//! verdicts. `summary.json` is written last: an interrupted call can be repeated.
 
 use crate::analysis::{Said, complete, count};
 use crate::error::{Result, StoreError};

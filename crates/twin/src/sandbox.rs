@@ -1,9 +1,9 @@
-//! What an effect does to the channels of a flight, over time and over the flight condition that excites it: a plot for people
-//! who look up an effect, computed with the effect itself.
+//! What an effect does to the channels of a flight, over time and over the flight condition that excites it: a plot for
+//! people who look up an effect, computed with the effect itself.
 //!
-//! With r₀ the residual of the model on a simulated flight and r₁ that of the model with the effect, the effect contributes r₀ −
-//! r₁ to the channel ([`crate::diagnose::Picture`] is the same on a measured flight). A random effect has no such value: the
-//! flight is flown with it, and the residual of the model without it is shown.
+//! With r₀ the residual of the model on a simulated flight and r₁ that of the model with the effect, the effect
+//! contributes r₀ − r₁ to the channel ([`crate::diagnose::Picture`] is the same on a measured flight). A random effect
+//! has no such value: the flight is flown with it, and the residual of the model without it is shown.
 //!
 //! Means over 0.25 s; not linearised: the effect is evaluated at the given parameters.
 

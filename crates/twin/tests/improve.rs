@@ -1,5 +1,5 @@
-//! The loop from a failing model to one that agrees, on logs of the independent simulator; and logs that are at fault, which must
-//! be named and never diagnosed.
+//! The loop from a failing model to one that agrees, on logs of the independent simulator; and logs that are at fault,
+//! which must be named and never diagnosed.
 
 #![expect(clippy::unwrap_used, reason = "a refusal where none is due fails the test")]
 
@@ -381,7 +381,8 @@ fn named(d: &Diagnosis) -> Vec<String> {
     ids
 }
 
-/// Two logs, one of them with a weak rotor from mid-flight on: results of work distributed over cores come back in order.
+/// Two logs, one of them with a weak rotor from mid-flight on: results of work distributed over cores come back in
+/// order.
 #[test]
 fn scenario_an_answer_does_not_depend_on_the_cores() {
     let hidden = [
@@ -524,8 +525,8 @@ fn scenario_a_damping_is_named_on_a_calm_flight() {
     finds_alone("helix", 302, "rotational-damping", "damping_n_m_s", 0.0106);
 }
 
-/// In hover the biases of the rotors explain the effect of a wrong wiring: only with the biases fitted for each wiring does the
-/// right one stand out.
+/// In hover the biases of the rotors explain the effect of a wrong wiring: only with the biases fitted for each wiring
+/// does the right one stand out.
 #[test]
 fn scenario_weak_swapped_and_reversed_rotors_are_told_apart_on_a_calm_flight() {
     let cases: [(&str, &str, u64, &[usize]); 3] = [

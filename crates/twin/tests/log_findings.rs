@@ -324,8 +324,8 @@ fn val_what_no_multirotor_and_no_battery_has_is_left_out_and_the_rest_is_read() 
     }
 }
 
-/// PX4's own log of a correct hexarotor was rejected: "correlation² 2.76". Its allocation leaves six duties in a space of four
-/// dimensions, and another order of them produces no torque about some axis except rounding.
+/// PX4's own log of a correct hexarotor was rejected: "correlation² 2.76". Its allocation leaves six duties in a space
+/// of four dimensions, and another order of them produces no torque about some axis except rounding.
 #[test]
 fn regress_an_exact_allocation_is_no_swapped_motor() {
     let root = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../../config/vehicles/f550.toml");

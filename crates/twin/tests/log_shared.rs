@@ -1,5 +1,5 @@
-//! The development logs outside the repository, of the independent simulator and of real vehicles. Skipped if they are not
-//! present.
+//! The development logs outside the repository, of the independent simulator and of real vehicles. Skipped if they are
+//! not present.
 
 mod development_data;
 

@@ -57,8 +57,8 @@ fn read(table: &Path, rate_hz: Option<f64>) -> FlightLog {
     FlightLog::read_with(table, &options).unwrap()
 }
 
-/// A recording of `SensorCombined`, one JSON object per line, as a table like those of PX4's own tools. Its timestamps are those
-/// of messages that arrive out of order; every row integrates 5 ms.
+/// A recording of `SensorCombined`, one JSON object per line, as a table like those of PX4's own tools. Its timestamps
+/// are those of messages that arrive out of order; every row integrates 5 ms.
 fn x500(dataset: &Path, broken: usize, recorded: &str) -> FlightLog {
     let name = format!("rosbag2_{recorded}");
     let path = dataset.join(format!("{broken}/{name}/{name}-SensorCombined.jsonl"));

@@ -1,5 +1,5 @@
-//! Effects hidden by the independent simulator: named alone, with values whose intervals contain the truth; their neighbours keep
-//! their own names; and where a flight does not distinguish two, the answer has both.
+//! Effects hidden by the independent simulator: named alone, with values whose intervals contain the truth; their
+//! neighbours keep their own names; and where a flight does not distinguish two, the answer has both.
 //!
 //! `NAMED_CASES=24 NAMED_FIRST_SEED=900 cargo test --release -p rotortwin-twin --test val_named_alone -- --nocapture` flies more.
 
@@ -68,8 +68,8 @@ fn tells(found: &Diagnosis, id: &str) -> bool {
     named(found).contains(&id) || rivals().any(|rival| rival.effect == id)
 }
 
-/// Exactly `effects` are named, and the intervals of the sizes of each contain the hidden values. Half an interval more is not a
-/// failure, as one parameter in twenty is outside; the number inside is counted.
+/// Exactly `effects` are named, and the intervals of the sizes of each contain the hidden values. Half an interval more
+/// is not a failure, as one parameter in twenty is outside; the number inside is counted.
 fn check(found: &Diagnosis, effects: &[&str], (held, sizes): (&mut u64, &mut u64)) {
     let hidden: Vec<Hidden> = effects.iter().map(|text| Hidden::parse(text).unwrap()).collect();
     let mut expected: Vec<&str> = hidden.iter().map(|h| h.id.as_str()).collect();

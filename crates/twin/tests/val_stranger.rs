@@ -1,5 +1,5 @@
-//! An unknown vehicle: identified from one flight, diagnosed on another. What was measured is a prior and not missing physics;
-//! what was guessed is reported as a guess; anything else that is missing is still named.
+//! An unknown vehicle: identified from one flight, diagnosed on another. What was measured is a prior and not missing
+//! physics; what was guessed is reported as a guess; anything else that is missing is still named.
 //!
 //! The vehicles are drawn at random, away from the class defaults, and flown by the independent simulator.
 
@@ -192,8 +192,8 @@ fn val_a_vehicle_without_its_intervals_is_told_so_before_anything_is_called_miss
 fn val_what_is_missing_is_named_beside_priors() {
     let vehicle = stranger();
     let model = identified(&vehicle, &flown(&vehicle, "excitation", 60.0, 71, &[]));
-    // With the same constants taken as exact, a healthy vehicle would be called faulty; with them as priors, a damaged rotor is
-    // still found.
+    // With the same constants taken as exact, a healthy vehicle would be called faulty; with them as priors, a damaged
+    // rotor is still found.
     let log = flown(
         &vehicle,
         "excitation",

@@ -1,5 +1,5 @@
-//! Propellers out of balance in flights of the independent simulator, whose logs hold no rotor speed: it follows from duty and
-//! voltage, and its scale from the lines in the accelerometer.
+//! Propellers out of balance in flights of the independent simulator, whose logs hold no rotor speed: it follows from
+//! duty and voltage, and its scale from the lines in the accelerometer.
 
 #![expect(clippy::unwrap_used, reason = "a refusal where none is due fails the test")]
 

@@ -1,22 +1,23 @@
 //! A log without velocity or attitude: the specific force along the rotors' axis takes the place of the momentum.
 //!
-//! Detectors compare the momentum along z_b with gravity and rotors, ṗ_z = F_z + m g_z + m (q v_x − p v_y). An accelerometer in
-//! the vehicle measures a_z = F_z/m regardless of the vehicle's attitude and motion. So the detectors are given a vehicle that
-//! stays level and moves along its own axis only,
+//! Detectors compare the momentum along z_b with gravity and rotors, ṗ_z = F_z + m g_z + m (q v_x − p v_y). An
+//! accelerometer in the vehicle measures a_z = F_z/m regardless of the vehicle's attitude and motion. So the detectors
+//! are given a vehicle that stays level and moves along its own axis only,
 //!
 //! ```text
 //!  ẇ = a_z + g − w/T     ⟺     m ẇ = F_z + m g − (m/T) w
 //! ```
 //!
-//! with w as the downward velocity and m/T as the drag. w decays with T, so that a lasting turn does not make it diverge. It is
-//! integrated at the log's own rate: vibration faster than the steps of the detectors does not alias into w as it would into a_z.
-//! Torques need only the rates.
+//! with w as the downward velocity and m/T as the drag. w decays with T, so that a lasting turn does not make it
+//! diverge. It is integrated at the log's own rate: vibration faster than the steps of the detectors does not alias
+//! into w as it would into a_z. Torques need only the rates.
 //!
-//! What is lost: the drag along that axis, which is not a function of w. It counts as unknown, with the model's own drag as its
-//! spread. Drag across it does not act along it. An offset of the accelerometer is a bias, like that of a rotor.
+//! What is lost: the drag along that axis, which is not a function of w. It counts as unknown, with the model's own
+//! drag as its spread. Drag across it does not act along it. An offset of the accelerometer is a bias, like that of a
+//! rotor.
 //!
-//! Limits: a sensor away from the centre of mass measures angular accelerations too, which count as gusts. There is no tilt:
-//! upsets are known only as far as the parts of the flight show them, and from the body rates.
+//! Limits: a sensor away from the centre of mass measures angular accelerations too, which count as gusts. There is no
+//! tilt: upsets are known only as far as the parts of the flight show them, and from the body rates.
 
 use rotortwin_flight_core::fdi::FdiConfig;
 use rotortwin_twin::Z95;

@@ -3,27 +3,29 @@
 //! ```text
 //!  file ─▶ twin::log ─▶ parts of the flight ─▶ constant rate ─▶ runs of complete steps in the air ─▶ FdiSession ─▶ LogReport
 //! ```
-//! Behind `POST /api/v1/fdi/reports` and `rotortwin fdi-log`. A log at 400 Hz is used unchanged, bit for bit. One of 32 to 400 Hz
-//! is judged at its own rate: interpolated rows have no noise of their own, so the detectors, which measure the noise from row to
-//! row, would take the remaining noise for gusts. A faster one is resampled to 400 Hz, a slower one to 32 Hz. Steps have its mean
-//! rate, each with the nearest row: rows are uneven by a few milliseconds, and linear interpolation would remove half of the
-//! noise.
+//! Behind `POST /api/v1/fdi/reports` and `rotortwin fdi-log`. A log at 400 Hz is used unchanged, bit for bit. One of 32
+//! to 400 Hz is judged at its own rate: interpolated rows have no noise of their own, so the detectors, which measure
+//! the noise from row to row, would take the remaining noise for gusts. A faster one is resampled to 400 Hz, a slower
+//! one to 32 Hz. Steps have its mean rate, each with the nearest row: rows are uneven by a few milliseconds, and linear
+//! interpolation would remove half of the noise.
 //!
-//! Between rows further apart than the flight controller's steps there were duties that the log does not have. A row's duty d
-//! then counts as
+//! Between rows further apart than the flight controller's steps there were duties that the log does not have. A row's
+//! duty d then counts as
 //!
 //! ```text
 //!  d_k + (d_k+1 − d_k) (1 − f/f_c)/2       f: rate of the log, f_c = 400 Hz: the mean until the next row of steps along a straight line
 //! ```
 //! Responses of the duties to sensor noise between rows stay unknown, and act as a white force.
 //!
-//! Steps without a value in a channel that the detectors need are lost steps, handled like a gap in a session. A log without
-//! velocity or attitude, or of less than 400 Hz with a velocity slower than its rows, is judged by its accelerometer
-//! ([`crate::axial`]), one without duties or a voltage by its rotor speeds if it has them ([`crate::speeds`]), otherwise one
-//! without a voltage by its duties, and one with a slow voltage by both ([`crate::voltage`]): `lacks` says what that costs.
+//! Steps without a value in a channel that the detectors need are lost steps, handled like a gap in a session. A log
+//! without velocity or attitude, or of less than 400 Hz with a velocity slower than its rows, is judged by its
+//! accelerometer ([`crate::axial`]), one without duties or a voltage by its rotor speeds if it has them
+//! ([`crate::speeds`]), otherwise one without a voltage by its duties, and one with a slow voltage by both
+//! ([`crate::voltage`]): `lacks` says what that costs.
 //!
-//! Only the airborne part is passed to the session: the log shows when the vehicle left the ground and when it returned, which a
-//! session has to detect without the rest of the flight. A *stretch* is the part evaluated after one calibration.
+//! Only the airborne part is passed to the session: the log shows when the vehicle left the ground and when it
+//! returned, which a session has to detect without the rest of the flight. A *stretch* is the part evaluated after one
+//! calibration.
 
 use crate::axial::Axial;
 use crate::speeds::BySpeed;
@@ -55,8 +57,8 @@ const UPRIGHT_COSINE: f64 = 0.342;
 const LOWEST_RATE_HZ: f64 = 32.0;
 /// Below it a third of the losses of 5 % is found late or never; rates between 50 and 100 Hz were not measured.
 const BLIND_BELOW_HZ: f64 = 75.0;
-/// Correlation time of the gusts if the momentum is integrated from samples of the force that are far apart, since what lies
-/// between them is white. s, and samples.
+/// Correlation time of the gusts if the momentum is integrated from samples of the force that are far apart, since what
+/// lies between them is white. s, and samples.
 const FORCE_NOISE_TIME_S: f32 = 0.15;
 const FORCE_NOISE_SAMPLES: f32 = 15.0;
 /// Minimum number of samples before the calibration: 200 for measuring the noise, and a quarter more that do not count.
@@ -244,8 +246,8 @@ fn judged_rate_hz(log: &FlightLog) -> f64 {
     1e8 / (1e8 / rate_hz.clamp(LOWEST_RATE_HZ, STEP_RATE_HZ)).round()
 }
 
-/// Detectors for a rate other than 400 Hz: windows and calibration of about the same length, which begins when there are enough
-/// samples to estimate the noise.
+/// Detectors for a rate other than 400 Hz: windows and calibration of about the same length, which begins when there
+/// are enough samples to estimate the noise.
 fn at_rate(config: &FdiConfig, rate_hz: f64) -> FdiConfig {
     let mut config = *config;
     if rate_hz >= STEP_RATE_HZ {
@@ -473,11 +475,12 @@ pub fn judge_after(
     Ok(report(log, detectors, judge, lacks))
 }
 
-/// What healthy flights reveal about the vehicle beyond the model of the detectors, and evidence against their being healthy, a
-/// sentence each.
+/// What healthy flights reveal about the vehicle beyond the model of the detectors, and evidence against their being
+/// healthy, a sentence each.
 ///
 /// # Errors
-/// One sentence: a log that [`judge`] would reject, or that lacks what every detector needs, or has too little time in the air.
+/// One sentence: a log that [`judge`] would reject, or that lacks what every detector needs, or has too little time in
+/// the air.
 pub fn learn(logs: &[FlightLog], detectors: &Detectors) -> Result<(Learnt, Vec<String>), LogRefusal> {
     let mut learner = Learner::new(detectors.config());
     let mut notes = Vec::new();

@@ -3,11 +3,11 @@
 //! ```text
 //!  f_i = c Ω_i²      Σ_i ∫ f_i cos φ cos θ dt = m (g T − Δv_down)      c: over the first seconds in the air
 //! ```
-//! The detectors get the duties for which f_i is the static lift of the vehicle's map at one voltage, and rotors without a lag:
-//! neither the battery nor the lag nor the shape of the thrust curve matters any more.
+//! The detectors get the duties for which f_i is the static lift of the vehicle's map at one voltage, and rotors
+//! without a lag: neither the battery nor the lag nor the shape of the thrust curve matters any more.
 //!
-//! What is lost: a motor that turns too slowly for its command is not detected, as its lower speed explains its lower thrust.
-//! What is judged is a propeller's lift at its speed.
+//! What is lost: a motor that turns too slowly for its command is not detected, as its lower speed explains its lower
+//! thrust. What is judged is a propeller's lift at its speed.
 
 use rotortwin_flight_core::fdi::{FdiConfig, NominalThrust};
 use rotortwin_plant::powertrain::battery::Battery;

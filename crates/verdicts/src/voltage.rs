@@ -174,13 +174,14 @@ impl WorkedOutVoltage {
     }
 }
 
-/// For a voltage that is slower than the log's steps, held or interpolated in between: adds the drop over the vehicle's internal
-/// resistance at every step.
+/// For a voltage that is slower than the log's steps, held or interpolated in between: adds the drop over the vehicle's
+/// internal resistance at every step.
 ///
 /// ```text
 ///  V = ⟨V⟩ − R (i − ⟨i⟩)     i = k_P Σ f^1.5/⟨V⟩     ⟨ ⟩: mean over MEAN_S     f: Eq. 19 of duty and ⟨V⟩, lagged by the rotors
 /// ```
-/// Only the mean of the measured voltage remains: the noise of a sample that is held for many steps would look like a gust.
+/// Only the mean of the measured voltage remains: the noise of a sample that is held for many steps would look like a
+/// gust.
 pub(crate) fn with_drops(log: &mut FlightLog, detectors: &Detectors, rate_hz: f64) {
     let Some(voltage) = log.column(names::BATTERY_VOLTAGE) else {
         return;
@@ -214,8 +215,8 @@ pub(crate) fn with_drops(log: &mut FlightLog, detectors: &Detectors, rate_hz: f6
     log.columns.insert(names::BATTERY_VOLTAGE.to_owned(), mean);
 }
 
-/// The first seconds in the air without a gap: when they begin, s since the first row, their steps, and the increase of the
-/// downward velocity, m/s.
+/// The first seconds in the air without a gap: when they begin, s since the first row, their steps, and the increase of
+/// the downward velocity, m/s.
 fn first_seconds(
     log: &FlightLog,
     parts: &FlightParts,

@@ -1,5 +1,5 @@
-//! Logs of 200, 100 and 50 Hz made from flights of the independent generator: every second, fourth, eighth row of 400 Hz, and
-//! nothing in between; and uneven ones, as autopilots write them.
+//! Logs of 200, 100 and 50 Hz made from flights of the independent generator: every second, fourth, eighth row of 400
+//! Hz, and nothing in between; and uneven ones, as autopilots write them.
 
 use rotortwin_blind::bench::faults::{Class, End, FaultCase, FaultRow, draw_cases, fly_case, score};
 use rotortwin_blind::bench::sheet::Share;
@@ -51,8 +51,8 @@ impl<'a> Log<'a> {
         }
     }
 
-    /// Rows at 100 Hz with up to 5 ms of jitter, the other values held: velocities at 10 Hz, attitudes at 50 Hz, the voltage at 2
-    /// Hz, depending on `causes`.
+    /// Rows at 100 Hz with up to 5 ms of jitter, the other values held: velocities at 10 Hz, attitudes at 50 Hz, the
+    /// voltage at 2 Hz, depending on `causes`.
     fn uneven(rows: &'a [Row], causes: [bool; 4]) -> Self {
         let [jitter, velocity, attitude, voltage] = causes;
         let late = if jitter { [0, 2, 1, 0, 1] } else { [0; 5] };

@@ -1,4 +1,5 @@
-//! Logs without velocity and attitude, like a blackbox, from flights of the independent generator: judged by the accelerometer.
+//! Logs without velocity and attitude, like a blackbox, from flights of the independent generator: judged by the
+//! accelerometer.
 
 use rotortwin_blind::bench::faults::{Class, End, FaultCase, FaultRow, draw_cases, fly_case, score};
 use rotortwin_blind::bench::faults_sheet;

@@ -1,5 +1,5 @@
-//! Untrusted tables: a mapping is drafted for any text, and the text read with the draft; after the mark follows a mapping of the
-//! input's own, with which the table is read as well.
+//! Untrusted tables: a mapping is drafted for any text, and the text read with the draft; after the mark follows a
+//! mapping of the input's own, with which the table is read as well.
 
 #![no_main]
 

@@ -1,7 +1,8 @@
 //! Untrusted scenarios: whole documents, texts, and settings, up to the start of the flight; then some steps of it.
 //!
-//! The first byte says what the rest is: a text of documents, instructions that change values of shipped documents, the text of a
-//! scenario, or settings. Paths in a text are replaced: keeping them inside the library is checked by the server.
+//! The first byte says what the rest is: a text of documents, instructions that change values of shipped documents, the
+//! text of a scenario, or settings. Paths in a text are replaced: keeping them inside the library is checked by the
+//! server.
 
 #![no_main]
 

@@ -1,7 +1,7 @@
 //! Copies of a bucket's files on this host: how much space they may take, and which are removed first.
 //!
-//! A file is a copy once the bucket has it: downloaded from there, or uploaded to it. Files that a job is still writing are not
-//! copies.
+//! A file is a copy once the bucket has it: downloaded from there, or uploaded to it. Files that a job is still writing
+//! are not copies.
 
 use std::collections::HashMap;
 use std::io;

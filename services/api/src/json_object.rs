@@ -36,10 +36,10 @@ where
     }
 }
 
-/// JSON with whole numbers as digits alone: `7.0` and `70e-1` become `7`. According to JSON Schema, and so in the OpenAPI
-/// document, all three are the integer 7, and clients in languages whose numbers are floats write them so; serde takes the first
-/// and second for something else. Numbers with a fraction, with more than 20 digits, in strings, and anything that is not JSON
-/// stay unchanged. Minus zero becomes zero.
+/// JSON with whole numbers as digits alone: `7.0` and `70e-1` become `7`. According to JSON Schema, and so in the
+/// OpenAPI document, all three are the integer 7, and clients in languages whose numbers are floats write them so;
+/// serde takes the first and second for something else. Numbers with a fraction, with more than 20 digits, in strings,
+/// and anything that is not JSON stay unchanged. Minus zero becomes zero.
 fn with_plain_whole_numbers(json: &[u8]) -> Cow<'_, [u8]> {
     let mut plain = Vec::new();
     // Up to here all is in `plain`; while that is empty nothing has changed.

@@ -1,15 +1,15 @@
-//! The improved network over time as a detector of a run: it judges the measurements after the flight, and appears under its own
-//! name.
+//! The improved network over time as a detector of a run: it judges the measurements after the flight, and appears
+//! under its own name.
 //!
 //! ```text
 //!  telemetry ─▶ what was measured ─▶ FdiSession with a self-calibrating classifier ─▶ evidence of each rotor ─▶ a verdict per step
 //! ```
-//! The method is [`rotortwin_fdi_session::evidence`]; `rotortwin fdi-log` uses the same session, so both give the same verdicts
-//! on a run. The engine of a run has only one network, that of its scenario; in this way a run with the paper's network shows the
-//! improved one as well.
+//! The method is [`rotortwin_fdi_session::evidence`]; `rotortwin fdi-log` uses the same session, so both give the same
+//! verdicts on a run. The engine of a run has only one network, that of its scenario; in this way a run with the
+//! paper's network shows the improved one as well.
 //!
-//! Limits: a run without a network is not judged automatically (`rotortwin judge RUN --classifier NAME` does it), nor is one for
-//! whose vehicle no self-calibrating classifier was trained.
+//! Limits: a run without a network is not judged automatically (`rotortwin judge RUN --classifier NAME` does it), nor
+//! is one for whose vehicle no self-calibrating classifier was trained.
 
 use rotortwin_fdi_session::{Chunk, FdiSession, Sample};
 use rotortwin_flight::run_hash::model_hash;

@@ -6,16 +6,16 @@
 //! The detectors see the log and the vehicle document. Every case has the rotors' lift bias, the noise and the disturbances of the other
 //! presets; the classes `five …` have five unknown effects of the catalogue, wind and gusts on top.
 //!
-//! Definitions. *Right*: the verdict names exactly the rotors that have lost at least [`SEEN`] of their thrust at that time.
-//! *First*: end of the first right window, counted from when a loss passes [`SEEN`]. *Settled*: end of the last window that is
-//! not right before the end of the flight, or before the loss ends. *Announced*: see [`is_announced`]. *Inside*: the truth at
-//! that time lies in the 95 % interval of each named rotor, at the end of the flight; *windows inside*, the same over all windows
-//! that name the rotors correctly, separately for those in which the loss changes. *Isolated* ([`ISOLATED_S`]): of a ramp, the
-//! first right window comes at most this long after the loss has passed the detectable size: `smallest_loss` of the last window
-//! that announced one. *Load named*: a window has a `load` that changed at that time; *false load*: at any other. *Healthy
-//! named*: a rotor without a loss is named, alone or in a pair, with a probability of 0.95 or more. *False alarm*: a verdict
-//! other than healthy begins while nothing has happened to any rotor or to the load, nor a quarter of a second before. *End*: the
-//! last verdict ([`End`]).
+//! Definitions. *Right*: the verdict names exactly the rotors that have lost at least [`SEEN`] of their thrust at that
+//! time. *First*: end of the first right window, counted from when a loss passes [`SEEN`]. *Settled*: end of the last
+//! window that is not right before the end of the flight, or before the loss ends. *Announced*: see [`is_announced`].
+//! *Inside*: the truth at that time lies in the 95 % interval of each named rotor, at the end of the flight; *windows
+//! inside*, the same over all windows that name the rotors correctly, separately for those in which the loss changes.
+//! *Isolated* ([`ISOLATED_S`]): of a ramp, the first right window comes at most this long after the loss has passed the
+//! detectable size: `smallest_loss` of the last window that announced one. *Load named*: a window has a `load` that
+//! changed at that time; *false load*: at any other. *Healthy named*: a rotor without a loss is named, alone or in a
+//! pair, with a probability of 0.95 or more. *False alarm*: a verdict other than healthy begins while nothing has
+//! happened to any rotor or to the load, nor a quarter of a second before. *End*: the last verdict ([`End`]).
 
 use super::cases::Preset;
 use super::run::{Program, run_process};
@@ -269,8 +269,8 @@ fn five_effects(rotors: usize, random: &mut Stream) -> Vec<Hidden> {
     effects
 }
 
-/// Healthy flights of the vehicle of a case on `n` other days: its effects without those on rotors or load in the case, weather
-/// drawn anew, kinds of flight in turn.
+/// Healthy flights of the vehicle of a case on `n` other days: its effects without those on rotors or load in the case,
+/// weather drawn anew, kinds of flight in turn.
 pub fn other_days(case: &FaultCase, n: usize) -> Vec<FaultCase> {
     let weather = |day: usize| {
         let mut random = Stream::new(case.seed, &format!("weather-{day}"));
@@ -363,8 +363,8 @@ pub struct FaultRow {
     /// Of a single, sudden loss that was not found within [`WITHIN_S`]: that it might be missed was said ([`is_announced`]).
     #[serde(default)]
     pub announced: Option<bool>,
-    /// For a ramp that passes the announced size: from then to the first correct window, s, negative before; infinite if there is
-    /// none.
+    /// For a ramp that passes the announced size: from then to the first correct window, s, negative before; infinite
+    /// if there is none.
     #[serde(default)]
     pub past_announced_s: Option<f64>,
     /// From the change of a load to the window that names it, s, and whether its mass is inside.
@@ -663,8 +663,8 @@ fn empty(case: &FaultCase, failure: Option<String>) -> FaultRow {
     }
 }
 
-/// From when a growing loss of a rotor passes the detectable size to the first window that names the rotor, s; infinite without
-/// one, none if it does not pass it.
+/// From when a growing loss of a rotor passes the detectable size to the first window that names the rotor, s; infinite
+/// without one, none if it does not pass it.
 fn past_announced(case: &FaultCase, all: &[Window], rotor: usize) -> Option<f64> {
     let lost = |time_s: f64| {
         let of_rotor = losses(&case.effects, time_s)

@@ -19,8 +19,8 @@ pub struct Merged {
     pub sheet: Option<Sheet>,
 }
 
-/// Merges the cases of `folders` in `out`, which may already contain some; each is taken once. Once all are there, the score is
-/// written.
+/// Merges the cases of `folders` in `out`, which may already contain some; each is taken once. Once all are there, the
+/// score is written.
 ///
 /// # Errors
 /// A folder is not one of a bench, or of another bench than the first; a file cannot be read or written.

@@ -318,9 +318,9 @@ impl Bench {
         Ok(row)
     }
 
-    /// Runs the generator, which writes the log and, separately, the truth. A lost flight (a reversed rotor in a gust of its own
-    /// sensor noise) leaves no log: the same case is flown again with another seed, which the truth file states. False if all
-    /// were lost.
+    /// Runs the generator, which writes the log and, separately, the truth. A lost flight (a reversed rotor in a gust
+    /// of its own sensor noise) leaves no log: the same case is flown again with another seed, which the truth file
+    /// states. False if all were lost.
     fn generate(&self, case: &Case, log: &Path) -> Result<bool> {
         for attempt in 0..FLIGHTS {
             match self.generate_with(case, case.seed ^ (attempt << 32), log) {

@@ -187,8 +187,8 @@ pub fn failed(case: &Case, reason: String, seconds: f64) -> Row {
     }
 }
 
-/// Whether the answer itself states that none of these effects is detectable: every size of each is below the smallest detectable
-/// one.
+/// Whether the answer itself states that none of these effects is detectable: every size of each is below the smallest
+/// detectable one.
 fn would_not_show(hidden: &[Hidden], answer: &Answer) -> bool {
     hidden.iter().all(|h| {
         let Some(kind) = catalogue::kind(&h.id) else {

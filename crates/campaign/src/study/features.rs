@@ -3,10 +3,10 @@
 //! ```text
 //!  plan ─▶ scenario and seed of flight i ─▶ paper::windows ─▶ one row a window ─▶ Parquet, one row group for every few flights
 //! ```
-//! Columns: `flight` (from 0), `seed`, `time_s` (end of the window), `ready` (0 until the calibration has ended; a network that
-//! calibrates itself has no verdict there), `label` (0 healthy, i rotor i, the median over the window) and the 3 n_a window means
-//! `residual_1_arm_nms`, `residual_1_lever_nms`, `residual_1_yaw_nms`, …, N·m·s. Bit-identical to those that `rotortwin train`
-//! computes from the same scenario and seed.
+//! Columns: `flight` (from 0), `seed`, `time_s` (end of the window), `ready` (0 until the calibration has ended; a
+//! network that calibrates itself has no verdict there), `label` (0 healthy, i rotor i, the median over the window) and
+//! the 3 n_a window means `residual_1_arm_nms`, `residual_1_lever_nms`, `residual_1_yaw_nms`, …, N·m·s. Bit-identical
+//! to those that `rotortwin train` computes from the same scenario and seed.
 //!
 //! Limits: our PID controller flies, whatever controller a run would have. Flights that end before their calibration, crash, or have several faulty rotors at a time are left out.
 

@@ -3,13 +3,13 @@
 //! Sizes of the named rotors are those of the filter that follows them; all others come from the lost wrench of this window alone
 //! ([`super::sets::sizes`]), with the same allowance for a model that has failed.
 //!
-//! The rate is the slope of a straight line through the losses of the last windows, over the shortest of [`SPANS`] with a
-//! significant slope:
+//! The rate is the slope of a straight line through the losses of the last windows, over the shortest of [`SPANS`] with
+//! a significant slope:
 //!
 //! b = Σ (t − t̄)(δ − δ̄) / Σ (t − t̄)²,   var b = 12 σ²/(n T²)
 //!
-//! T: span, s; σ²: mean variance of the losses in it; n: number of [`CORRELATION_S`] in T, as errors of neighbouring windows are
-//! nearly the same.
+//! T: span, s; σ²: mean variance of the losses in it; n: number of [`CORRELATION_S`] in T, as errors of neighbouring
+//! windows are nearly the same.
 
 use std::collections::VecDeque;
 

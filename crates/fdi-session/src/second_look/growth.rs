@@ -1,10 +1,10 @@
-//! Detects a loss that grows too slowly for the engine, whose filters take a ramp of a few tenths of a per cent per second for a
-//! drifting bias.
+//! Detects a loss that grows too slowly for the engine, whose filters take a ramp of a few tenths of a per cent per
+//! second for a drifting bias.
 //!
-//! The lost wrench here has no onset time, so the explanations of a window are independent of how fast it arose. A loss that the
-//! engine has not found counts as found once one rotor alone has explained the wrench for [`HOLD`] consecutive windows
-//! ([`HOLD_CAREFUL`] where the model has failed), with up to [`MISSES`] exceptions in a row, and it is larger than a sudden loss
-//! would have to be. It stays found until nothing is lost any more.
+//! The lost wrench here has no onset time, so the explanations of a window are independent of how fast it arose. A loss
+//! that the engine has not found counts as found once one rotor alone has explained the wrench for [`HOLD`] consecutive
+//! windows ([`HOLD_CAREFUL`] where the model has failed), with up to [`MISSES`] exceptions in a row, and it is larger
+//! than a sudden loss would have to be. It stays found until nothing is lost any more.
 
 /// Explanation of a window.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -4,12 +4,13 @@
 //!  D_a' = w_a + b_a + g_a φ_own + s_a φ_second + t_a φ_lag + j_a φ_gyr − Σ_i F_ai f̂_i δ_i (+ F_ai f̂_i η_i, yaw)
 //! ```
 //! δ_i: lost share of the thrust f̂_i commanded of the rotor, η_i: change of its blade's drag. The same states as in
-//! [`super::wrench`], but the axes share the loss: what roll and pitch determine well constrains the others. Losses perform a
-//! random walk at one of [`SPEEDS`], as there. The filter starts from a snapshot of the wrench filter before the fault and
-//! catches up to the present.
+//! [`super::wrench`], but the axes share the loss: what roll and pitch determine well constrains the others. Losses
+//! perform a random walk at one of [`SPEEDS`], as there. The filter starts from a snapshot of the wrench filter before
+//! the fault and catches up to the present.
 //!
-//! Where the vehicle differs from the model, innovations e are larger than their variance s predicts, and so is the error of a
-//! loss: its variance is multiplied by max(1, mean e²/s) (Birge's ratio; R. T. Birge, Phys. Rev. 40 (1932) 207).
+//! Where the vehicle differs from the model, innovations e are larger than their variance s predicts, and so is the
+//! error of a loss: its variance is multiplied by max(1, mean e²/s) (Birge's ratio; R. T. Birge, Phys. Rev. 40 (1932)
+//! 207).
 
 use super::meter::{AXES, Block};
 use super::wrench::{AxisState, Noise, OWN, SPEEDS, STATES, chance, log_density};

@@ -1,14 +1,15 @@
-//! Detects a load that was dropped or picked up: the vertical force changes suddenly, alone except for the moment of a load
-//! beside the centre of mass, and stays changed.
+//! Detects a load that was dropped or picked up: the vertical force changes suddenly, alone except for the moment of a
+//! load beside the centre of mass, and stays changed.
 //!
-//! The engine knows only losses of rotors, and an upward force is not one, so it finds nothing when a load is dropped. Here the
-//! explanations of the lost wrench are evaluated in every window in which the vertical force has changed. Gusts, sharp turns and
-//! thrust curves that differ from the model imitate a load for up to two seconds, or grow slowly. A load
+//! The engine knows only losses of rotors, and an upward force is not one, so it finds nothing when a load is dropped.
+//! Here the explanations of the lost wrench are evaluated in every window in which the vertical force has changed.
+//! Gusts, sharp turns and thrust curves that differ from the model imitate a load for up to two seconds, or grow
+//! slowly. A load
 //!
-//! * is the explanation of [`HOLD`] consecutive windows ([`HOLD_CAREFUL`] where the model has failed), with up to [`MISSES`]
-//!   exceptions in a row;
-//! * was absent a second before the first of them, and almost complete a second after it: at least [`SUDDEN`] of the force is
-//!   new;
+//! * is the explanation of [`HOLD`] consecutive windows ([`HOLD_CAREFUL`] where the model has failed), with up to
+//!   [`MISSES`] exceptions in a row;
+//! * was absent a second before the first of them, and almost complete a second after it: at least [`SUDDEN`] of the
+//!   force is new;
 //! * is the same in the last half second as in the one before.
 
 use super::details::Interval;
@@ -28,8 +29,8 @@ const MEAN: usize = 8;
 /// The force is free from this many windows before the first one with a load to this many after it.
 pub(super) const EARLIER: usize = 6;
 pub(super) const LATER: usize = 8;
-/// Windows before the first one with a load from which the force before is taken, and the first of them: a load is detectable
-/// only a few windows after the change.
+/// Windows before the first one with a load from which the force before is taken, and the first of them: a load is
+/// detectable only a few windows after the change.
 const BEFORE: usize = 16;
 /// Share of the force that has to be new.
 const SUDDEN: f64 = 0.7;
@@ -39,8 +40,8 @@ const SOON: f64 = 0.3;
 const STEADY: f64 = 0.08;
 /// Smallest load, share of the mass.
 const LEAST: f64 = 0.025;
-/// Largest load that may be dropped, and picked up, shares of the mass: few vehicles carry more than their own weight, and none
-/// can drop it.
+/// Largest load that may be dropped, and picked up, shares of the mass: few vehicles carry more than their own weight,
+/// and none can drop it.
 const MOST_DROPPED: f64 = 0.7;
 const MOST_TAKEN_UP: f64 = 1.0;
 

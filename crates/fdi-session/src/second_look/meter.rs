@@ -1,8 +1,9 @@
 //! Momentum that healthy rotors do not explain, block by block.
 //!
-//! The same quantity as in the engine (`rotortwin_flight_core::fdi::sequential`), but without the losses that the engine already
-//! knows: here a loss stays visible as long as it lasts. Axes F_z, M_x, M_y, M_z, each divided by its longest lever, so that all
-//! are thrusts at a rotor. A block is a window of the engine; means over a block are compared with those of the previous block.
+//! The same quantity as in the engine (`rotortwin_flight_core::fdi::sequential`), but without the losses that the
+//! engine already knows: here a loss stays visible as long as it lasts. Axes F_z, M_x, M_y, M_z, each divided by its
+//! longest lever, so that all are thrusts at a rotor. A block is a window of the engine; means over a block are
+//! compared with those of the previous block.
 
 use rotortwin_flight_core::MAX_ROTORS;
 use rotortwin_flight_core::fdi::FdiConfig;
@@ -13,8 +14,8 @@ use rotortwin_flight_core::signals::Measurement;
 /// F_z, M_x, M_y, M_z.
 pub(crate) const AXES: usize = 4;
 
-/// Integrals in addition to the defect: wrench (4), its sensitivity to ln τ (4), vertical path, time, gyroscopic torque (3),
-/// thrust of every rotor.
+/// Integrals in addition to the defect: wrench (4), its sensitivity to ln τ (4), vertical path, time, gyroscopic torque
+/// (3), thrust of every rotor.
 const INTEGRALS: usize = THRUST + MAX_ROTORS;
 const PATH: usize = 8;
 const TIME: usize = 9;
@@ -37,7 +38,8 @@ pub(crate) struct Block {
     pub lag_slope: [f64; AXES],
     /// ∫ vertical speed, m.
     pub path: f64,
-    /// ∫ downward specific force along the rotors' axis, m/s: the negative defect per kg of mass missing from the model.
+    /// ∫ downward specific force along the rotors' axis, m/s: the negative defect per kg of mass missing from the
+    /// model.
     pub specific: f64,
     /// ∫ √(J_b² + J_c²) ω_b ω_c of roll, pitch and yaw over the levers, N·s.
     pub gyroscopic: [f64; 3],
@@ -189,8 +191,8 @@ impl Meter {
         self.hold();
     }
 
-    /// The vehicle is heavier by this, kg, as of the middle of the last block, at which the next one starts. The effect of a load
-    /// on the gyroscopic torque is ignored: its inertia is unknown.
+    /// The vehicle is heavier by this, kg, as of the middle of the last block, at which the next one starts. The effect
+    /// of a load on the gyroscopic torque is ignored: its inertia is unknown.
     pub(crate) fn take_load(&mut self, mass: f64) {
         let weight = mass * f64::from(self.config.gravity);
         self.body.mass += mass as f32;

@@ -4,19 +4,19 @@
 //!  Measurement ─▶ Meter ─block─▶ WrenchFilter ─lost wrench, variance─┬─▶ sets: probabilities of explanations ─▶ name, sets, or nothing
 //!  FdiOutput ────────────────────────────────────────────────────────┴─▶ severity of what is named
 //! ```
-//! In addition to the engine, like [`super::validity`]: the engine finds a fault within a window or two, with a step of lost
-//! thrust as its only model of one, and its bits must not change; a board has no room for more. Nothing is decided here before
-//! the engine has found something (except loads and slow losses). Then
+//! In addition to the engine, like [`super::validity`]: the engine finds a fault within a window or two, with a step of
+//! lost thrust as its only model of one, and its bits must not change; a board has no room for more. Nothing is decided
+//! here before the engine has found something (except loads and slow losses). Then
 //!
-//! * severity comes from a lost wrench that may change (a ramp, a recovery), with the interval of the present, not of the moment
-//!   of naming;
-//! * a rotor is named only if nothing else makes the same wrench: a gain of the opposite rotor, a blade that drags, two small
-//!   losses, three rotors, a changed load;
+//! * severity comes from a lost wrench that may change (a ramp, a recovery), with the interval of the present, not of
+//!   the moment of naming;
+//! * a rotor is named only if nothing else makes the same wrench: a gain of the opposite rotor, a blade that drags, two
+//!   small losses, three rotors, a changed load;
 //! * a load that was dropped or picked up is reported as such ([`load`]), and becomes part of the model;
-//! * what is named only briefly was a disturbance ([`settling`]), and evidence counts only as far as the model has explained the
-//!   flight so far ([`trust`]);
-//! * the details of a verdict are kept with it: kinds, probabilities and sizes of all explanations, and the rate of a loss
-//!   ([`details`]).
+//! * what is named only briefly was a disturbance ([`settling`]), and evidence counts only as far as the model has
+//!   explained the flight so far ([`trust`]);
+//! * the details of a verdict are kept with it: kinds, probabilities and sizes of all explanations, and the rate of a
+//!   loss ([`details`]).
 
 mod details;
 mod growth;
@@ -56,7 +56,8 @@ const MODEL_FLOOR: f64 = 0.0005;
 /// Blocks between two snapshots, and number of snapshots kept: a severity starts from the oldest.
 const SNAPSHOT_BLOCKS: usize = 160;
 const SNAPSHOTS: usize = 3;
-/// Blocks kept while something is wrong: the snapshots remain, so that other rotors can be followed from before the fault.
+/// Blocks kept while something is wrong: the snapshots remain, so that other rotors can be followed from before the
+/// fault.
 const LONGEST_HISTORY: usize = 960;
 /// Sets of rotors followed at a time.
 const TRACKED: usize = 3;
@@ -68,8 +69,8 @@ const STILL_NAMED: f64 = 0.4;
 const UNCLEAR: f64 = 0.1;
 /// A loss of this many standard deviations is found.
 const SEEN_SIGMAS: f64 = 8.0;
-/// Three rotors that make the wrench of a pair count as its alternative from this probability on; then the pair is named only if
-/// it is certain.
+/// Three rotors that make the wrench of a pair count as its alternative from this probability on; then the pair is
+/// named only if it is certain.
 const TWIN: f64 = 0.02;
 const SURE: f64 = 0.95;
 /// A name is certain only after this many windows: the first ones hardly distinguish a loss from its neighbours.
@@ -78,16 +79,16 @@ const SURE_WINDOWS: u32 = 8;
 const SURE_WINDOWS_CAREFUL: u32 = 160;
 /// Upper limit of its probability until then.
 const NOT_SURE: f64 = 0.94;
-/// Once the model has proved itself, a name is reported immediately, and sets are reported at all, if χ² of the lost wrench over
-/// the surprise of the last quarter of a second exceeds this.
+/// Once the model has proved itself, a name is reported immediately, and sets are reported at all, if χ² of the lost
+/// wrench over the surprise of the last quarter of a second exceeds this.
 const STRONG: f64 = 32.0;
 const STRONG_SETS: f64 = 64.0;
 /// χ² over surprise above which a rotor is watched for a loss that may grow too slowly for the engine.
 const GROWN: f64 = 16.0;
 /// If a name must persist before it is reported, its loss must be this many standard deviations.
 const REAL_SIGMAS: f64 = 3.0;
-/// Standard deviation of the slope of the thrust curve, in units of the error of the hover thrust: somewhere between 0 (the mass
-/// is wrong) and 1 (the thrust is wrong), 1/√3.
+/// Standard deviation of the slope of the thrust curve, in units of the error of the hover thrust: somewhere between 0
+/// (the mass is wrong) and 1 (the thrust is wrong), 1/√3.
 const SLOPE_ERROR: f64 = 0.577;
 /// Standard deviation of the slope of a thrust curve that was learnt.
 const LEARNT_ERROR: f64 = 0.04;
@@ -128,7 +129,8 @@ pub struct SecondLook {
     alarm: Option<bool>,
     settling: Settling,
     trust: Trust,
-    /// At the start of the present episode: factor of the variance of a severity, error of the hover thrust as a share of it.
+    /// At the start of the present episode: factor of the variance of a severity, error of the hover thrust as a share
+    /// of it.
     caution: [f64; 2],
     /// Standard deviation of the slope of a thrust curve that was learnt; 0 if it comes from a model.
     learnt_error: f64,
@@ -142,8 +144,8 @@ pub struct SecondLook {
     load: Option<LoadChange>,
     /// Of all rotors relative to hover, now.
     thrust: f64,
-    /// Demand of each rotor relative to that of all, both relative to hover: mean and variance of the last seconds. The wrench
-    /// filter knows the demand of all.
+    /// Demand of each rotor relative to that of all, both relative to hover: mean and variance of the last seconds. The
+    /// wrench filter knows the demand of all.
     uneven: [[f64; 2]; MAX_ROTORS],
 }
 
@@ -199,8 +201,8 @@ impl SecondLook {
         }
     }
 
-    /// The same for a vehicle for which earlier flights left gusts and white forces of these levels, N²: no calibration is calmer
-    /// than that.
+    /// The same for a vehicle for which earlier flights left gusts and white forces of these levels, N²: no calibration
+    /// is calmer than that.
     #[must_use]
     pub(crate) fn with_noise(mut self, least: [[f64; 2]; AXES]) -> Self {
         self.filter.least = least;
@@ -208,7 +210,8 @@ impl SecondLook {
         self
     }
 
-    /// The same if the downward velocity is integrated from the specific force: its noise is that of a force, not of a velocity.
+    /// The same if the downward velocity is integrated from the specific force: its noise is that of a force, not of a
+    /// velocity.
     #[must_use]
     pub(crate) fn by_force(mut self, by_force: bool) -> Self {
         self.filter.by_force = by_force;
@@ -308,7 +311,8 @@ impl SecondLook {
         sums[0] / sums[1].max(1e-6)
     }
 
-    /// Goes back to before the fault, and follows the losses of these rotors, which become the first of the tracked sets.
+    /// Goes back to before the fault, and follows the losses of these rotors, which become the first of the tracked
+    /// sets.
     fn track(&mut self, rotors: u32) {
         if let Some(place) = self.tracked.iter().position(|tracked| tracked.rotors == rotors) {
             self.tracked[..=place].rotate_right(1);
@@ -358,9 +362,10 @@ impl SecondLook {
         })
     }
 
-    /// Lost share of each tracked rotor now, and its standard deviation, bounded below by the disturbance that the calibration
-    /// saw: a changing loss follows a disturbance of the same speed, whatever the filter's own variance says. The variance is
-    /// scaled by how much worse than allowed the model has been, and an error of the hover thrust is also an error of its slope.
+    /// Lost share of each tracked rotor now, and its standard deviation, bounded below by the disturbance that the
+    /// calibration saw: a changing loss follows a disturbance of the same speed, whatever the filter's own variance
+    /// says. The variance is scaled by how much worse than allowed the model has been, and an error of the hover thrust
+    /// is also an error of its slope.
     fn severity(&self) -> Vec<[f64; 2]> {
         let Some(tracked) = self.tracked.first() else {
             return Vec::new();
@@ -473,8 +478,8 @@ impl SecondLook {
             .sum()
     }
 
-    /// Smallest lost share of each rotor that would be found within ten seconds now; empty without a verdict, or while something
-    /// is wrong.
+    /// Smallest lost share of each rotor that would be found within ten seconds now; empty without a verdict, or while
+    /// something is wrong.
     pub fn smallest_loss(&self) -> Vec<f32> {
         if !self.filter.is_ready() || self.alarm == Some(true) {
             return Vec::new();
@@ -612,8 +617,8 @@ impl SecondLook {
         self.hover * self.rotor_count as f64
     }
 
-    /// Makes a load part of the model: the mass of the momentum, the weight, and the moment as a bias. What the engine found was
-    /// not a rotor.
+    /// Makes a load part of the model: the mass of the momentum, the weight, and the moment as a bias. What the engine
+    /// found was not a rotor.
     fn take_load(&mut self, load: &Found) {
         let Some((filter, [force, variance], after_s)) = self.filter_with_load(load.windows) else {
             return;
@@ -646,8 +651,8 @@ impl SecondLook {
         });
     }
 
-    /// Goes back to this many windows before the load changed, and runs the filter to the present with a load; also returns the
-    /// downward force of the load, N, with its variance, and the time since, s.
+    /// Goes back to this many windows before the load changed, and runs the filter to the present with a load; also
+    /// returns the downward force of the load, N, with its variance, and the time since, s.
     fn filter_with_load(&self, windows: usize) -> Option<(WrenchFilter, [f64; 2], f64)> {
         let mut count = 0;
         let first = self.snapshots.iter().rposition(|(_, since)| {

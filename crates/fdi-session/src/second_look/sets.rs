@@ -1,15 +1,15 @@
-//! Explanations of a lost wrench and their probabilities: nothing, rotors that lost or gained thrust, alone, in pairs and threes,
-//! a changed load, and something else.
+//! Explanations of a lost wrench and their probabilities: nothing, rotors that lost or gained thrust, alone, in pairs
+//! and threes, a changed load, and something else.
 //!
 //! Each explanation predicts a normal distribution of wrenches with the covariance
 //!
 //! C = diag V + s² Σ_i F_i F_iᵀ (rotors)   + s_z² e_z e_zᵀ + s_m² (e_roll e_rollᵀ + e_pitch e_pitchᵀ) (load)   + s_y² e_yaw e_yawᵀ (a blade that drags)   + s² 1 (something else)
 //!
-//! so p(û | explanation) has a closed form, an explanation with more rotors is penalised for its freedom automatically (Occam),
-//! and two that predict the same wrench are as likely as their priors. Of two coaxial rotors each may be the other one with a
-//! blade that drags, so there the drag of a blade is free in every explanation. Losses and gains are one-sided: the density is
-//! weighted with the posterior probability of the signs. V contains the filter's variance and the model error in proportion to
-//! the wrench ([`GAIN_ERROR`]).
+//! so p(û | explanation) has a closed form, an explanation with more rotors is penalised for its freedom automatically
+//! (Occam), and two that predict the same wrench are as likely as their priors. Of two coaxial rotors each may be the
+//! other one with a blade that drags, so there the drag of a blade is free in every explanation. Losses and gains are
+//! one-sided: the density is weighted with the posterior probability of the signs. V contains the filter's variance and
+//! the model error in proportion to the wrench ([`GAIN_ERROR`]).
 
 use super::meter::AXES;
 use rotortwin_flight_core::MAX_ROTORS;
@@ -174,10 +174,10 @@ fn unit(axis: usize, size: f64, hover: f64) -> Part {
 
 /// Sizes of the parts of an explanation if it is true: mean and variance of each.
 ///
-/// With C as in the module, a part x_k along d_k has the mean s_k² d_kᵀ C⁻¹ û and the variance s_k² − s_k⁴ d_kᵀ C⁻¹ d_k; the
-/// caller has to account for losses and gains being one-sided when it forms an interval. One entry per rotor, N of thrust lost
-/// (gained); followed, for [`Kind::LossWithDrag`], by the additional torque of the blade over that of its thrust, N; for
-/// [`Kind::Load`], by the downward force, N.
+/// With C as in the module, a part x_k along d_k has the mean s_k² d_kᵀ C⁻¹ û and the variance s_k² − s_k⁴ d_kᵀ C⁻¹
+/// d_k; the caller has to account for losses and gains being one-sided when it forms an interval. One entry per rotor,
+/// N of thrust lost (gained); followed, for [`Kind::LossWithDrag`], by the additional torque of the blade over that of
+/// its thrust, N; for [`Kind::Load`], by the downward force, N.
 ///
 /// * `column`, `value`, `variance`, `hover`: as in [`weigh`]
 pub(super) fn sizes(
@@ -253,8 +253,8 @@ fn error(value: f64, variance: f64, hover: f64) -> f64 {
     variance + (GAIN_ERROR * value).powi(2) + (FLOOR * hover).powi(2)
 }
 
-/// ln p of a wrench that is the sum of `base` noise and of parts, each with a direction and a standard deviation, the first of
-/// which are one-sided.
+/// ln p of a wrench that is the sum of `base` noise and of parts, each with a direction and a standard deviation, the
+/// first of which are one-sided.
 fn log_density(base: &Matrix, value: &[f64; AXES], parts: &[([f64; AXES], f64)], one_sided: usize) -> f64 {
     let mut c = *base;
     for (direction, size) in parts {
@@ -346,8 +346,8 @@ mod tests {
         })
     }
 
-    /// A blade that drags by twice its loss turns the vehicle like a loss of the rotor above or below it: neither excludes the
-    /// other.
+    /// A blade that drags by twice its loss turns the vehicle like a loss of the rotor above or below it: neither
+    /// excludes the other.
     #[test]
     fn val_of_two_rotors_on_one_axis_neither_is_named_before_its_loss_is_larger_than_drags_are() {
         let column = coaxial();
@@ -448,7 +448,8 @@ mod tests {
         );
     }
 
-    /// Sizes of the explanation of a wrench caused by some losses, plus `more` on the axes, with an error of 0.4 % of a thrust.
+    /// Sizes of the explanation of a wrench caused by some losses, plus `more` on the axes, with an error of 0.4 % of a
+    /// thrust.
     fn sized(kind: Kind, rotors: u32, losses: &[(usize, f64)], more: [f64; AXES]) -> Vec<[f64; 2]> {
         let column = hexarotor();
         let value = std::array::from_fn(|axis| {

@@ -1,18 +1,20 @@
 //! Distinguishes a fault from a disturbance by how the findings develop from window to window.
 //!
-//! A gust that the calibration did not have makes a wrench that some loss explains for a window or two, another one in the next,
-//! and in the end none. An *episode* begins when something is found and ends when it is over. Where the model has explained the
-//! flight so far ([`super::trust`]), a name with which it begins is reported immediately if the evidence is strong; other names,
-//! and sets, once they have persisted for [`LASTING`]. Where it has not, names are reported after [`LONG`] and sets after
+//! A gust that the calibration did not have makes a wrench that some loss explains for a window or two, another one in
+//! the next, and in the end none. An *episode* begins when something is found and ends when it is over. Where the model
+//! has explained the flight so far ([`super::trust`]), a name with which it begins is reported immediately if the
+//! evidence is strong; other names, and sets, once they have persisted for [`LASTING`]. Where it has not, names are
+//! reported after [`LONG`] and sets after
 //! [`LONGEST`]: what the model lacks imitates a loss for as long as a manoeuvre lasts, whereas a loss stays.
 //!
-//! An episode that ends without having had one name for [`LASTING`] was a disturbance; for [`REMEMBERED_S`] after it the model
-//! counts as failing, and the apparent losses of its rotors count as undetectable ([`Settling::size`]).
+//! An episode that ends without having had one name for [`LASTING`] was a disturbance; for [`REMEMBERED_S`] after it
+//! the model counts as failing, and the apparent losses of its rotors count as undetectable ([`Settling::size`]).
 
 use super::meter::AXES;
 use rotortwin_flight_core::MAX_ROTORS;
 
-/// Consecutive windows with one name, or with sets of rotors: a disturbance seldom leaves the same kind of answer for longer.
+/// Consecutive windows with one name, or with sets of rotors: a disturbance seldom leaves the same kind of answer for
+/// longer.
 const LASTING: u32 = 6;
 /// The same where the model fails, 2 s and 6 s: a name, sets.
 const LONG: u32 = 32;
@@ -155,7 +157,8 @@ impl Settling {
         self.episode = None;
     }
 
-    /// Apparent loss of each rotor in the disturbances that are remembered, N: a loss of that size would be mistaken for one.
+    /// Apparent loss of each rotor in the disturbances that are remembered, N: a loss of that size would be mistaken
+    /// for one.
     pub(super) fn size(&self) -> &[f64; MAX_ROTORS] {
         &self.size
     }

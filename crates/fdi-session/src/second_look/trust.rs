@@ -1,10 +1,10 @@
 //! How well the model has explained this flight so far, and thus what evidence against a rotor is worth.
 //!
-//! A vehicle that differs from the model, or weather that the calibration did not have, shows before it imitates a loss:
-//! innovations e of the wrench filter are larger than their variance s predicts. The measure is their surprise q, the mean of
-//! e²/s over four axes and four blocks (1 where the model holds; up to 3.7 within a minute in 179 of 180 flights of a known
-//! vehicle), and its maximum over the last minute. Surprise that a lasting loss explains, and that of the second before it was
-//! found, does not count.
+//! A vehicle that differs from the model, or weather that the calibration did not have, shows before it imitates a
+//! loss: innovations e of the wrench filter are larger than their variance s predicts. The measure is their surprise q,
+//! the mean of e²/s over four axes and four blocks (1 where the model holds; up to 3.7 within a minute in 179 of 180
+//! flights of a known vehicle), and its maximum over the last minute. Surprise that a lasting loss explains, and that
+//! of the second before it was found, does not count.
 
 use std::collections::VecDeque;
 
@@ -14,7 +14,8 @@ const BLOCKS: usize = 4;
 const LATEST: usize = 16;
 /// Blocks that are remembered: a minute, and the latest.
 const REMEMBERED: usize = 960 + LATEST;
-/// The model has proved itself after this many blocks with verdicts, 5 s: a calibration seldom has the manoeuvres of the flight.
+/// The model has proved itself after this many blocks with verdicts, 5 s: a calibration seldom has the manoeuvres of
+/// the flight.
 const PROOF: usize = 80;
 /// Largest surprise of a model that holds.
 const MOST: f64 = 4.0;

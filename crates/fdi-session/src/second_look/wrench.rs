@@ -1,17 +1,17 @@
-//! The wrench that healthy rotors do not explain, at the present time, with its variance: one Kalman filter per axis and speed of
-//! change.
+//! The wrench that healthy rotors do not explain, at the present time, with its variance: one Kalman filter per axis
+//! and speed of change.
 //!
 //! ```text
 //!  D' = w + b + g φ_own + s φ_second + t φ_lag + j φ_gyr + u c    D: momentum defect, measured once per block
 //!  w' = −w/T + noise    u' = noise of one of four speeds          u: lost wrench at hover, c: thrust of all rotors over the weight
 //! ```
-//! b, s, t, j as in the engine's filters. φ_own is the wrench that *acted* (nominal and lost together: lagged rotors plus the
-//! measured defect), as an error of mass, inertia, arm or moment ratio scales both; in a steady hover after a loss it is zero, so
-//! that no such error is mistaken for a part of the loss. The lost wrench has no onset time: it performs a random walk at one of
-//! [`SPEEDS`], and the speed is a Markov chain with the same speed on all axes (interacting multiple models). So a step, a loss
-//! that grows, one that comes and goes and one that heals are the same thing at different speeds. Gust level and white force of
-//! each axis are those that maximise the likelihood of the calibration; afterwards their common scale follows the innovations
-//! slowly.
+//! b, s, t, j as in the engine's filters. φ_own is the wrench that *acted* (nominal and lost together: lagged rotors
+//! plus the measured defect), as an error of mass, inertia, arm or moment ratio scales both; in a steady hover after a
+//! loss it is zero, so that no such error is mistaken for a part of the loss. The lost wrench has no onset time: it
+//! performs a random walk at one of [`SPEEDS`], and the speed is a Markov chain with the same speed on all axes
+//! (interacting multiple models). So a step, a loss that grows, one that comes and goes and one that heals are the same
+//! thing at different speeds. Gust level and white force of each axis are those that maximise the likelihood of the
+//! calibration; afterwards their common scale follows the innovations slowly.
 
 use super::meter::{AXES, Block};
 use rotortwin_flight_core::fdi::FdiConfig;
@@ -27,13 +27,14 @@ const LOST: usize = 7;
 
 /// Standard deviation of the lost wrench's step in a block, share of a rotor's thrust in hover.
 pub(super) const SPEEDS: [f64; 4] = [1.5e-4, 2e-3, 1.2e-2, 7e-2];
-/// Probability per block of leaving the slowest speed, to each of the others; of falling back from one of the others by one; of
-/// rising.
+/// Probability per block of leaving the slowest speed, to each of the others; of falling back from one of the others by
+/// one; of rising.
 const AWAKES: f64 = 2e-4;
 const CALMS: f64 = 0.06;
 const RISES: f64 = 0.01;
-/// Smallest correlation time of gusts if the momentum along z is an integral of the force itself, s. The engine has no white
-/// force and uses a shorter one at low rates; here there is one, and with 1 s instead of 2 s gusts became false alarms.
+/// Smallest correlation time of gusts if the momentum along z is an integral of the force itself, s. The engine has no
+/// white force and uses a shorter one at low rates; here there is one, and with 1 s instead of 2 s gusts became false
+/// alarms.
 pub(super) const LEAST_GUST_TIME: f64 = 2.0;
 /// Gust levels tried, share of a rotor's hover thrust; each √10 times the previous one.
 const LEAST_GUST: f64 = 3e-4;
@@ -41,12 +42,13 @@ const GUST_LEVELS: i32 = 8;
 /// White force, standard deviation of its mean over a block in the same unit.
 const LEAST_WHITE: f64 = 3e-4;
 const WHITE_LEVELS: i32 = 7;
-/// Largest squared normalised innovation that counts towards the scale of the noise; its mean is 0.97 if the model holds.
+/// Largest squared normalised innovation that counts towards the scale of the noise; its mean is 0.97 if the model
+/// holds.
 const LIMIT: f64 = 6.0;
 /// Weight of a block in the scale of the noise: half a minute.
 const SCALE_WEIGHT: f64 = 2e-3;
-/// Standard deviation of the change by a load in a block in which it may occur, share of a rotor's hover thrust: of its force,
-/// and of its moments over the levers.
+/// Standard deviation of the change by a load in a block in which it may occur, share of a rotor's hover thrust: of its
+/// force, and of its moments over the levers.
 const FREE: f64 = 0.3;
 const FREE_MOMENT: f64 = 0.05;
 /// Possible error of the force of a load while the vehicle still climbs or sinks, share of it.
@@ -376,11 +378,11 @@ impl WrenchFilter {
         })
     }
 
-    /// Runs the filter over blocks in the first of which a load has changed, and makes the load part of the vehicle; returns its
-    /// downward force at rest and the variance, N and N².
+    /// Runs the filter over blocks in the first of which a load has changed, and makes the load part of the vehicle;
+    /// returns its downward force at rest and the variance, N and N².
     ///
-    /// The load pulls with its mass times the specific force, and turns the vehicle with a constant moment; no rotor loses
-    /// anything meanwhile.
+    /// The load pulls with its mass times the specific force, and turns the vehicle with a constant moment; no rotor
+    /// loses anything meanwhile.
     /// * `free`: blocks in which it may have changed   * `weight`: of the vehicle before, N   * `gravity`: m/s²
     pub(super) fn take_load(&mut self, blocks: &[Block], free: usize, weight: f64, gravity: f64) -> [f64; 2] {
         let noise = self.noise();

@@ -1,8 +1,8 @@
 //! Plant states of several flights, quantity by quantity, and one step of all of them.
 //!
 //! The loops over lanes hold no branches and no calls, so that each compiles to vector instructions; a lane computes
-//! [`Dynamics::step`], [`Quaternion::to_euler_with`] and so on, the functions of the one-flight path. A lane that leaves the
-//! range of a branch-free function is flagged, and the caller repeats that lane alone.
+//! [`Dynamics::step`], [`Quaternion::to_euler_with`] and so on, the functions of the one-flight path. A lane that
+//! leaves the range of a branch-free function is flagged, and the caller repeats that lane alone.
 
 use super::LANES;
 use crate::body::dynamics::{DynamicState, Dynamics};

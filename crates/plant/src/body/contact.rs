@@ -4,12 +4,13 @@
 //!
 //! F_n = k δ max(0, 1 + a δ̇),   F_t = k (x_a − x)_t − c v_t, at most µ F_n
 //!
-//! δ is the depth, x_a the anchor, the place where the point took hold. a and c give the required damping at rest. An anchor
-//! stays while friction holds, so a standing vehicle does not creep; it is dragged along at the end of each step in which µ F_n
-//! is exceeded. The force is never negative, and the normal force only dissipates energy (Hunt and Crossley 1975).
+//! δ is the depth, x_a the anchor, the place where the point took hold. a and c give the required damping at rest. An
+//! anchor stays while friction holds, so a standing vehicle does not creep; it is dragged along at the end of each step
+//! in which µ F_n is exceeded. The force is never negative, and the normal force only dissipates energy (Hunt and
+//! Crossley 1975).
 //!
-//! Points are the feet and the rotors' hubs, so a vehicle that tips over comes to rest on its side. Limits: the ground is a
-//! plane, points do not break, a rotor that strikes keeps turning.
+//! Points are the feet and the rotors' hubs, so a vehicle that tips over comes to rest on its side. Limits: the ground
+//! is a plane, points do not break, a rotor that strikes keeps turning.
 
 use crate::body::dynamics::Around;
 use crate::body::ground::{GroundContact, GroundEvent, Plane};

@@ -173,9 +173,9 @@ pub struct Correction {
     pub key: &'static str,
     /// How the parameter counts.
     pub scale: CorrectionScale,
-    /// Vehicle files are often wrong about the constant by a factor, not by per cents: an inertia taken from another frame, a lag
-    /// that was never measured, the thrust curve of another propeller. Such an error is not missing physics but a constant to
-    /// calibrate.
+    /// Vehicle files are often wrong about the constant by a factor, not by per cents: an inertia taken from another
+    /// frame, a lag that was never measured, the thrust curve of another propeller. Such an error is not missing
+    /// physics but a constant to calibrate.
     #[serde(skip)]
     pub by_factors: bool,
 }

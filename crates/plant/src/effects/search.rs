@@ -9,8 +9,8 @@ pub enum Strategy {
     Linear,
     /// The same, once an effect that it needs is at work, in the model or named before: a share of another effect is nothing without it.
     OfAnother,
-    /// Secants over these multiples of the plausible size: an effect on whole samples, such as a delay of a noisy command,
-    /// differs from its derivative.
+    /// Secants over these multiples of the plausible size: an effect on whole samples, such as a delay of a noisy
+    /// command, differs from its derivative.
     Secants(&'static [f64]),
     /// A grid over shapes that have no column while the effect has no size.
     Shapes(Shapes),
@@ -127,7 +127,8 @@ pub struct Search {
     pub trim: Option<TrimChange>,
     /// Its influence grows in proportion to the time since its onset, as with a constant leak rate.
     pub grows: bool,
-    /// Share of its size that no log determines, however long: an approximation error of the twin. Half of a 95 % interval.
+    /// Share of its size that no log determines, however long: an approximation error of the twin. Half of a 95 %
+    /// interval.
     pub blur: f64,
 }
 

@@ -1,8 +1,8 @@
 //! Sensor faults: bias, stuck, dropout and delay of one sensor over an interval of the flight.
 //!
-//! Applied to the noisy reading in the order delay, bias, dropout, stuck. A dropout is not NaN: like an estimator, the sensor
-//! keeps giving its last good value, and `SensedSample::stale_sensors` marks it; a stuck sensor also gives its last value,
-//! without a mark.
+//! Applied to the noisy reading in the order delay, bias, dropout, stuck. A dropout is not NaN: like an estimator, the
+//! sensor keeps giving its last good value, and `SensedSample::stale_sensors` marks it; a stuck sensor also gives its
+//! last value, without a mark.
 
 use std::collections::VecDeque;
 

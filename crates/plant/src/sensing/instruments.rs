@@ -1,10 +1,10 @@
-//! Instruments of a flight controller, in addition to the estimator's output that controller and detectors get: accelerometer,
-//! gyroscope, magnetometer, barometer, satellite receiver, range finder.
+//! Instruments of a flight controller, in addition to the estimator's output that controller and detectors get:
+//! accelerometer, gyroscope, magnetometer, barometer, satellite receiver, range finder.
 //!
-//! They exist only if requested ([`Instruments::new`]), with random streams of their own, and do not affect the flight. Readings
-//! may be taken at any increasing times. Noise of accelerometer and gyroscope is white with a density,
-//! so its deviation is density/√Δt over the time Δt since the last reading; their biases walk. The others have white noise per reading.
-//! All sit at the centre of mass. Not modelled: misalignment, temperature, multipath, wind on the barometer.
+//! They exist only if requested ([`Instruments::new`]), with random streams of their own, and do not affect the flight.
+//! Readings may be taken at any increasing times. Noise of accelerometer and gyroscope is white with a density, so its
+//! deviation is density/√Δt over the time Δt since the last reading; their biases walk. The others have white noise per
+//! reading. All sit at the centre of mass. Not modelled: misalignment, temperature, multipath, wind on the barometer.
 
 use std::collections::VecDeque;
 

@@ -67,12 +67,12 @@ pub struct Rotors {
     /// inertia of 2 c λ f_h/Ω_h. 0 where it is not known.
     #[serde(default, skip_serializing_if = "is_zero")]
     pub reaction_s: f64,
-    /// k_d, kg/s: drag of all rotors together across their axis, F_xy = −k_d (Σ Ω_i/(n Ω_h)) v_a,xy, in addition to the drag of
-    /// the body, which acts along all axes. 0 where the two are not distinguished.
+    /// k_d, kg/s: drag of all rotors together across their axis, F_xy = −k_d (Σ Ω_i/(n Ω_h)) v_a,xy, in addition to the
+    /// drag of the body, which acts along all axes. 0 where the two are not distinguished.
     #[serde(default, skip_serializing_if = "is_zero")]
     pub drag_kg_s: f64,
-    /// ESC and motor, which turn the plant's rotors in place of Eq. 19 and its lag. Controllers, detectors and the twin still
-    /// assume Eq. 19, as the paper's do.
+    /// ESC and motor, which turn the plant's rotors in place of Eq. 19 and its lag. Controllers, detectors and the twin
+    /// still assume Eq. 19, as the paper's do.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub motor: Option<MotorModel>,
     /// Where the rotors are.

@@ -4,18 +4,19 @@
 //! logs ─▶ thrust of the model from duties and voltage ─▶ mean of each rotor in flight ─▶ ln of it over the healthy mean
 //!      ─▶ likelihood under the spread of the healthy flights ─▶ posterior of: nothing, one rotor, two, mass, a load at a place
 //! ```
-//! A vehicle that does not tumble has no mean torque: the command of a rotor compensates for its loss. On a quadrotor, a rotor
-//! with the gain 1 + s is commanded 1/(1 + s) of its thrust and the others what they had; a load affects all of them. So neither
-//! rates nor accelerometer are needed, and errors of the model that every flight has (mass, thrust map, rotors that differ by 14
-//! %) cancel.
+//! A vehicle that does not tumble has no mean torque: the command of a rotor compensates for its loss. On a quadrotor,
+//! a rotor with the gain 1 + s is commanded 1/(1 + s) of its thrust and the others what they had; a load affects all of
+//! them. So neither rates nor accelerometer are needed, and errors of the model that every flight has (mass, thrust
+//! map, rotors that differ by 14 %) cancel.
 //!
-//! The healthy flights differ, too: by a common factor (battery, air) and rotor by rotor. Both spreads are estimated from them,
-//! so the likelihood is Student's t. Several logs that are diagnosed together count as one flight: the spread between sessions is
-//! larger than within one. Healthy flights of one day are also one session: they do not show how days differ, so against a flight
-//! of another day the spread is increased by [`ANOTHER_DAY`].
+//! The healthy flights differ, too: by a common factor (battery, air) and rotor by rotor. Both spreads are estimated
+//! from them, so the likelihood is Student's t. Several logs that are diagnosed together count as one flight: the
+//! spread between sessions is larger than within one. Healthy flights of one day are also one session: they do not show
+//! how days differ, so against a flight of another day the spread is increased by [`ANOTHER_DAY`].
 //!
-//! Limits: an effect that changes no mean goes unnoticed; with more than four rotors, commands are assumed to be allocated by the
-//! pseudo-inverse; a common change of all rotors is called mass, whether it is air, voltage or propellers.
+//! Limits: an effect that changes no mean goes unnoticed; with more than four rotors, commands are assumed to be
+//! allocated by the pseudo-inverse; a common change of all rotors is called mass, whether it is air, voltage or
+//! propellers.
 
 mod posterior;
 
@@ -34,8 +35,8 @@ use posterior::{Spread, Weighed};
 
 /// Prior odds of two damaged rotors against one: two together are rarer.
 const PAIR_PRIOR: f64 = 0.02;
-/// Relative spread of a rotor between days, about which healthy flights of a single day carry no information (batteries,
-/// propellers reattached, wind).
+/// Relative spread of a rotor between days, about which healthy flights of a single day carry no information
+/// (batteries, propellers reattached, wind).
 const ANOTHER_DAY: f64 = 0.03;
 /// Seconds of a day.
 const DAY_S: f64 = 86_400.0;
@@ -449,8 +450,8 @@ fn weigh(
     trim
 }
 
-/// Posterior that nothing has changed, and each candidate's with its fit. "Nothing" has one half of the prior, the candidates
-/// share the rest.
+/// Posterior that nothing has changed, and each candidate's with its fit. "Nothing" has one half of the prior, the
+/// candidates share the rest.
 fn weigh_all(data: &[f64], spread: &Spread, balance: &Balance<'_>, all: &[Candidate]) -> (f64, Vec<(f64, Weighed)>) {
     let nothing = spread.log_likelihood(data);
     let weighed: Vec<Weighed> = all

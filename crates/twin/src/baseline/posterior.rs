@@ -1,8 +1,8 @@
 //! Likelihood of a trim under the spread of healthy flights, and the evidence of a candidate.
 //!
-//! The deviation z of ln thrust of n rotors from the healthy mean is split into a common part c (mean of z) and a rest d. With
-//! spreads s_c and s_d estimated from K flights (K − 1 and (K − 1)(n − 1) degrees of freedom), and the mean itself uncertain by
-//! 1/K, both are Student's t:
+//! The deviation z of ln thrust of n rotors from the healthy mean is split into a common part c (mean of z) and a rest
+//! d. With spreads s_c and s_d estimated from K flights (K − 1 and (K − 1)(n − 1) degrees of freedom), and the mean
+//! itself uncertain by 1/K, both are Student's t:
 //!
 //! ```text
 //! ln p = −(ν_c + 1)/2 ln(1 + n c²/(ν_c S_c²)) − (ν_d + n − 1)/2 ln(1 + |d|²/(ν_d S_d²)),   S² = s² (1 + 1/K)

@@ -2,8 +2,9 @@
 //!
 //! Roles: time, command, thrust, voltage, current. A mapping names a column by its header or by its number (from 1) and may give a
 //! unit: `thrust=Thrust (gf)`, `thrust=2:kg`; a unit with a minus (`-kg`) turns the sign of a load cell. A column without a unit is taken as SI,
-//! and a note says so; a unit in brackets that does not fit its role is rejected. Text logs of ArduPilot are read one message at
-//! a time (`message`), with the columns of the message's FMT line. Everything becomes SI: s, duty 0…1, N, V, A, N·m, W.
+//! and a note says so; a unit in brackets that does not fit its role is rejected. Text logs of ArduPilot are read one
+//! message at a time (`message`), with the columns of the message's FMT line. Everything becomes SI: s, duty 0…1, N, V,
+//! A, N·m, W.
 
 use super::{FitError, refuse};
 use std::path::Path;
@@ -391,8 +392,8 @@ impl Table {
         Ok(column)
     }
 
-    /// The table without the points of a stalled motor: less than a tenth of the current and a third of the thrust at a lower
-    /// command. Without a current in the table a stall cannot be detected, and all points are kept.
+    /// The table without the points of a stalled motor: less than a tenth of the current and a third of the thrust at a
+    /// lower command. Without a current in the table a stall cannot be detected, and all points are kept.
     #[must_use]
     pub fn without_stalls(&self) -> Self {
         const CURRENT_SHARE: f64 = 0.1;
@@ -599,8 +600,8 @@ fn find(
         .transpose()
 }
 
-/// The unit that a header states, if it states one. Brackets contain units only: one that is not valid for the role is rejected,
-/// as the numbers would otherwise be taken for newtons.
+/// The unit that a header states, if it states one. Brackets contain units only: one that is not valid for the role is
+/// rejected, as the numbers would otherwise be taken for newtons.
 fn unit_of(name: &str, role: Role, header: &str) -> Result<Option<String>, FitError> {
     if role == Role::Command {
         return Ok(None);

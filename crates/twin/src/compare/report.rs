@@ -1,8 +1,8 @@
 //! `report.html` of a comparison: where, when, how much, what was assumed; the components of the web page, and this result.
 //!
-//! The plots over time are made from buckets of 0.1 s (longer for long logs): means, and for the residual also the lowest and
-//! highest sample, so that no spike disappears. The prediction of a model is the measurement minus its residual, so it is not
-//! stored.
+//! The plots over time are made from buckets of 0.1 s (longer for long logs): means, and for the residual also the
+//! lowest and highest sample, so that no spike disappears. The prediction of a model is the measurement minus its
+//! residual, so it is not stored.
 
 use rotortwin_page::{Report, rounded};
 use serde::Serialize;

@@ -1,11 +1,14 @@
-//! Findings that are not missing physics: a constant that was guessed, and for which the flights indicate another value.
+//! Findings that are not missing physics: a constant that was guessed, and for which the flights indicate another
+//! value.
 //!
-//! A vehicle whose inertia no log determined has that of its class. A flight that then needs another inertia does not lack an
-//! effect; it calls for a calibration, and anything else that seems to be missing is reported only after that ([`set_apart`]).
+//! A vehicle whose inertia no log determined has that of its class. A flight that then needs another inertia does not
+//! lack an effect; it calls for a calibration, and anything else that seems to be missing is reported only after that
+//! ([`set_apart`]).
 //!
-//! A guess with a smaller error is absorbed by the small errors that every parameter is allowed, so nothing is found; but the
-//! flights may determine the constant far better than its class does, and then report it ([`learned`]): with all guesses open at
-//! the same time, each with the interval of its class as its prior, about a point to which the first such fit has moved.
+//! A guess with a smaller error is absorbed by the small errors that every parameter is allowed, so nothing is found;
+//! but the flights may determine the constant far better than its class does, and then report it ([`learned`]): with
+//! all guesses open at the same time, each with the interval of its class as its prior, about a point to which the
+//! first such fit has moved.
 
 use rotortwin_plant::effects::{ChannelGroup, CorrectionScale, EffectClass};
 
@@ -24,10 +27,12 @@ use crate::predict::{CHANNELS, Nuisances, PredictError};
 const NARROWED: f64 = 0.5;
 /// Share of the prior's deviation by which a guess must be off for a calibration to be worthwhile.
 const WORTH_TELLING: f64 = 0.25;
-/// Distance of the guess from the flights' value, in deviations, from which it is reported as off: three in a thousand by chance.
+/// Distance of the guess from the flights' value, in deviations, from which it is reported as off: three in a thousand
+/// by chance.
 const CLEARLY_OFF: f64 = 3.0;
 
-/// Share of the measured signal that must be explained, in the channel where a far-off constant shows most, once all is found.
+/// Share of the measured signal that must be explained, in the channel where a far-off constant shows most, once all is
+/// found.
 const PROOF: f64 = 0.5;
 /// The same during the search: other constants may be wrong as well.
 pub(crate) const PROOF_SO_FAR: f64 = 0.3;
@@ -40,15 +45,16 @@ pub(crate) struct Parted {
     pub(crate) found: Vec<Finding>,
     /// Guesses that the flights contradict.
     pub(crate) calibrations: Vec<Calibration>,
-    /// Names of effects that may only compensate for these guesses; they are not named before the guesses are calibrated.
+    /// Names of effects that may only compensate for these guesses; they are not named before the guesses are
+    /// calibrated.
     pub(crate) withheld: Vec<String>,
 }
 
-/// Takes the findings that are errors of guessed constants, or of constants that are far off, out of the others. Of several that
-/// are errors of one constant, the first is reported. With a contradicted constant, no effect of the whole vehicle is named that
-/// shows only where such constants show: several wrong constants together look like one of them, and like a density or a mass; if
-/// one is far off, so do faults of single rotors and of sensors. An effect that acts through such a constant, as a wind through
-/// the drag, is named.
+/// Takes the findings that are errors of guessed constants, or of constants that are far off, out of the others. Of
+/// several that are errors of one constant, the first is reported. With a contradicted constant, no effect of the whole
+/// vehicle is named that shows only where such constants show: several wrong constants together look like one of them,
+/// and like a density or a mass; if one is far off, so do faults of single rotors and of sensors. An effect that acts
+/// through such a constant, as a wind through the drag, is named.
 pub(crate) fn set_apart(found: Vec<Finding>, library: &Library) -> Parted {
     let far_off = found.iter().any(|finding| far_off(finding, library).is_some());
     let mut calibrations: Vec<Calibration> = Vec::new();
@@ -72,8 +78,8 @@ pub(crate) fn set_apart(found: Vec<Finding>, library: &Library) -> Parted {
     let acts_through = |finding: &Finding, constant: &Calibration| {
         declared(finding).is_some_and(|d| d.needs.contains(&constant.correction.effect.as_str()))
     };
-    // A wind is not another value of the drag that it acts through: such a guess is fitted as well, and blocks nothing as long as
-    // its class contains the value.
+    // A wind is not another value of the drag that it acts through: such a guess is fitted as well, and blocks nothing
+    // as long as its class contains the value.
     for constant in &mut calibrations {
         let can_be = (constant.low..=constant.high).contains(&constant.wanted);
         constant.blocking = !(can_be && rest.iter().any(|finding| acts_through(finding, constant)));
@@ -131,9 +137,9 @@ pub(crate) fn without_proof(found: &mut Vec<Finding>, problem: &Problem) -> Resu
     Ok(without)
 }
 
-/// Share of the measured signal that is explained in the channel where a candidate shows most. A regressor that carries almost no
-/// information in a channel has a factor near 0, whatever the constant is: a yaw that follows the rotors' acceleration, which the
-/// model lacks, seems to require four times the inertia.
+/// Share of the measured signal that is explained in the channel where a candidate shows most. A regressor that carries
+/// almost no information in a channel has a factor near 0, whatever the constant is: a yaw that follows the rotors'
+/// acceleration, which the model lacks, seems to require four times the inertia.
 pub(crate) fn proof(problem: &Problem, candidate: usize, explained: &[f64; CHANNELS]) -> f64 {
     let columns = problem.library.columns_of(candidate);
     let energy = |channel: usize| -> f64 {
@@ -148,8 +154,8 @@ pub(crate) fn proof(problem: &Problem, candidate: usize, explained: &[f64; CHANN
     strongest.map_or(0.0, |channel| explained[channel])
 }
 
-/// Share of the measured signal that a point explains in each channel, with means over 0.1 s, about 0 and not about their mean: a
-/// mass is identified from the mean of the force.
+/// Share of the measured signal that a point explains in each channel, with means over 0.1 s, about 0 and not about
+/// their mean: a mass is identified from the mean of the force.
 ///
 /// # Errors
 /// The effects together yield an invalid vehicle.
@@ -251,13 +257,14 @@ fn wanted(
     })
 }
 
-/// Possible exponents of a rotor's thrust over duty and over voltage: 1 to 2 by momentum theory and ESC, with a margin for what a
-/// fit about a curved law gives. 13 motors on a thrust stand have 1.40 to 1.92 over voltage (docs/bench-fit.md).
+/// Possible exponents of a rotor's thrust over duty and over voltage: 1 to 2 by momentum theory and ESC, with a margin
+/// for what a fit about a curved law gives. 13 motors on a thrust stand have 1.40 to 1.92 over voltage
+/// (docs/bench-fit.md).
 const EXPONENTS: [(&str, std::ops::Range<f64>); 2] =
     [("rotors.thrust_slope", 0.5..3.0), ("rotors.voltage_slope", 0.2..3.0)];
 
-/// False if no vehicle has such a value: an exponent of thrust near 0, or a negative value of a quantity that is positive in all
-/// vehicles of the class.
+/// False if no vehicle has such a value: an exponent of thrust near 0, or a negative value of a quantity that is
+/// positive in all vehicles of the class.
 pub(crate) fn can_be(calibration: &Calibration) -> bool {
     let exponent = EXPONENTS.iter().find(|(key, _)| *key == calibration.key);
     match exponent {
@@ -341,7 +348,8 @@ fn posterior(problem: &Problem, open: &[Open]) -> Result<Posterior, PredictError
     pulled(problem, problem.normal(|_| true), &prior).ok_or_else(not_finite)
 }
 
-/// Guesses within their class for which nothing was named, but which the flights determine much better and with another value.
+/// Guesses within their class for which nothing was named, but which the flights determine much better and with another
+/// value.
 ///
 /// # Errors
 /// One sentence: the model cannot be evaluated at the values that the flights indicate.

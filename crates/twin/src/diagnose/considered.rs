@@ -1,8 +1,8 @@
-//! Effects that could not be considered, because of the logs or the model, each with the column or setting that would change
-//! that.
+//! Effects that could not be considered, because of the logs or the model, each with the column or setting that would
+//! change that.
 //!
-//! This differs from an effect that was considered and does not show, for which a larger size, or another manoeuvre, would help
-//! ([`super::ranking::detectable`]).
+//! This differs from an effect that was considered and does not show, for which a larger size, or another manoeuvre,
+//! would help ([`super::ranking::detectable`]).
 
 use rotortwin_plant::effects::{ChannelGroup, EffectClass, EffectDeclaration, Requirement, Strategy};
 
@@ -79,7 +79,8 @@ fn missing(problem: &Problem, diagnosis: &Diagnosis, entry: &EffectDeclaration) 
         let logs = problem.logs.iter();
         let mut have = logs.map(|log| holds(&log.predictor, *requirement));
         let assumed = || problem.logs.iter().any(|log| log.predictor.series().available.position);
-        // Without a height the ground is assumed at the origin of NED: enough to find an effect of it, not to rule one out.
+        // Without a height the ground is assumed at the origin of NED: enough to find an effect of it, not to rule one
+        // out.
         let testable = || diagnosis.not_testable.iter().all(|row| row.effect != entry.id);
         let taken = *requirement == Requirement::HeightAboveGround && assumed() && testable();
         if !have.any(|holds| holds) && !taken {
@@ -186,8 +187,8 @@ fn duties(problem: &Problem) -> Vec<String> {
     (1..=rotors).map(names::duty).collect()
 }
 
-/// Those columns that no log has. If the rotors are driven by something else (rotor speeds, a wrench), the duties are still
-/// absent.
+/// Those columns that no log has. If the rotors are driven by something else (rotor speeds, a wrench), the duties are
+/// still absent.
 fn absent(problem: &Problem, columns: Vec<String>) -> Vec<String> {
     let has = |predictor: &Predictor, column: &str| {
         let series = predictor.series();

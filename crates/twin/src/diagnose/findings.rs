@@ -20,9 +20,9 @@ const LEAST_SHARE: f64 = 0.9;
 /// Evidence gap below which a rival counts as compatible.
 const COMPATIBLE_GAP: f64 = 5.0;
 
-/// Whether the sizes of an effect are possible: within the plausible range of the vehicle, with a margin of a tenth of it, and
-/// not all of them less than their own deviation. A fit may leave the range with another effect present or with the clutter at
-/// another width.
+/// Whether the sizes of an effect are possible: within the plausible range of the vehicle, with a margin of a tenth of
+/// it, and not all of them less than their own deviation. A fit may leave the range with another effect present or with
+/// the clutter at another width.
 pub(crate) fn can_be(entry: &Candidate, values: &[f64], deviations: &[f64]) -> bool {
     let sizes: Vec<usize> = (0..entry.parameters.len())
         .filter(|&i| entry.parameters[i].kind == ParameterKind::Size)
@@ -102,8 +102,8 @@ pub(crate) fn findings(problem: &Problem, named: Vec<Named>, posterior: &Posteri
                 picture: None,
             };
             if !can_be(entry, &values, &deviations) {
-                // For effects known only approximately, such a size is an error of the approximation, not a sign of something
-                // else.
+                // For effects known only approximately, such a size is an error of the approximation, not a sign of
+                // something else.
                 if entry.declaration.search.blur == 0.0 {
                     impossible.push(finding.label);
                 }
@@ -128,7 +128,8 @@ fn constant_of(entry: &Candidate, values: &[f64], deviations: &[f64], onset_s: O
     })
 }
 
-/// The result of a rival compared with the named effect; a look-alike of something that came out `too_small` did not lose.
+/// The result of a rival compared with the named effect; a look-alike of something that came out `too_small` did not
+/// lose.
 fn fared(problem: &Problem, named: &Candidate, rival: &RivalFit, too_small: bool) -> Rival {
     let other = &problem.library.candidates[rival.candidate];
     // Of channels that no log has, nothing is left or explained.
@@ -232,8 +233,8 @@ pub(crate) fn strongest(problem: &Problem, candidate: usize, position: &[f64]) -
     order.into_iter().map(|c| NAMES[c].to_owned()).collect()
 }
 
-/// True if three active effects are each easily confused with one of the others: together they can follow the curve of an error
-/// that is none of theirs.
+/// True if three active effects are each easily confused with one of the others: together they can follow the curve of
+/// an error that is none of theirs.
 pub(crate) fn look_alikes(problem: &Problem) -> bool {
     let named = |a: &Active| problem.library.candidates[a.candidate].declaration;
     let alike = problem.active.iter().filter(|a| {

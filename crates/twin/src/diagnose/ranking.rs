@@ -8,8 +8,8 @@ use crate::estimation::problem::Problem;
 use crate::estimation::scores::{Scored, opened_mean, priors};
 use crate::predict::PredictError;
 
-/// The table of all candidates; held-out scores for the leading ones. The linear fit may require a negative mass: possible
-/// candidates come first.
+/// The table of all candidates; held-out scores for the leading ones. The linear fit may require a negative mass:
+/// possible candidates come first.
 pub(crate) fn table(problem: &Problem, scored: &[Scored]) -> Result<Vec<Ranked>, PredictError> {
     const HELD_OUT_FOR: usize = 12;
     let folds: Vec<(Normal, Normal)> = [0, 1]

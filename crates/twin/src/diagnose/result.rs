@@ -81,7 +81,8 @@ pub(crate) enum Outcome {
     Implausible(Quantity),
     /// It leaves the error where it is in these groups of channels.
     Leaves(Vec<ChannelGroup>),
-    /// It shows in the same channels, with another shape over the flight; manoeuvres that excite the named one distinguish them.
+    /// It shows in the same channels, with another shape over the flight; manoeuvres that excite the named one
+    /// distinguish them.
     OtherShape(&'static str),
 }
 

@@ -1,4 +1,5 @@
-//! The state of a search, on which its passes work: the point of the fit, the named effects, and the diagnosis in progress.
+//! The state of a search, on which its passes work: the point of the fit, the named effects, and the diagnosis in
+//! progress.
 
 use super::Options;
 use super::named::Named;

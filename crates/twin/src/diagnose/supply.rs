@@ -1,5 +1,5 @@
-//! A supply that is not in the log: if neither voltage nor rotor speed was logged, a discharging battery shows as decreasing
-//! thrust.
+//! A supply that is not in the log: if neither voltage nor rotor speed was logged, a discharging battery shows as
+//! decreasing thrust.
 
 use super::result::Goodness;
 use crate::estimation::columns::{LogState, instances};

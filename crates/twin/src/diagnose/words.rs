@@ -111,8 +111,8 @@ fn listed(columns: &[String]) -> String {
     }
 }
 
-/// Other explanations of an error that is not in the catalogue: the effects that could not be considered for lack of a column or
-/// setting.
+/// Other explanations of an error that is not in the catalogue: the effects that could not be considered for lack of a
+/// column or setting.
 fn or_unconsidered(diagnosis: &Diagnosis) -> String {
     let would = diagnosis
         .not_considered
@@ -359,7 +359,8 @@ struct Ratio {
     others: &'static str,
 }
 
-/// The ratio in which a constant is reported: accelerometer and gyro measure forces over the mass and torques over the inertia.
+/// The ratio in which a constant is reported: accelerometer and gyro measure forces over the mass and torques over the
+/// inertia.
 fn ratio_of(key: &str) -> Option<Ratio> {
     let (name, below, others) = match key {
         "body.mass_kg" => ("thrust over mass", true, "the thrust curve is right"),

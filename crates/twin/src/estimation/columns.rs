@@ -1,5 +1,5 @@
-//! Columns of a flight's Jacobian by finite differences: the change of the whitened prediction with a nuisance, a parameter, a
-//! wind.
+//! Columns of a flight's Jacobian by finite differences: the change of the whitened prediction with a nuisance, a
+//! parameter, a wind.
 //!
 //! A column is the change of the whitened prediction per plausible size, on smoothed kinematics; channels that an effect leaves alone
 //! have none, and stages of the pass that it leaves alone are not run. Columns are f32: they are whitened and of order 1 to 10³.

@@ -113,8 +113,8 @@ impl Problem {
             };
             // The prior pulls towards the neutral value, not towards the point of linearisation.
             let shifted = normal.clone().pulled(&position, &prior);
-            // Whether a step was good is evaluated at its end, with only the linear parameters following: the evidence about a
-            // point promises what the next step may not deliver.
+            // Whether a step was good is evaluated at its end, with only the linear parameters following: the evidence
+            // about a point promises what the next step may not deliver.
             let weighed = Posterior::new(&shifted, &prior).zip(Posterior::log_evidence_of(&shifted, &held));
             let Some((mut posterior, arrived)) = weighed else {
                 match shortened(&best, &mut shorter) {

@@ -9,8 +9,8 @@
 //! its bounds is held there, and the others follow. A step that does not lower the cost is tried again with more damping λ
 //! (Marquardt 1963). A system with a pivot that is nothing but rounding is never solved without damping.
 //!
-//! Limits: a local minimum near the start. For evidence with spikes and slabs see [`super::normal`]; for the fit of effects
-//! together with the clutter of a whole library, [`super::gauss_newton`].
+//! Limits: a local minimum near the start. For evidence with spikes and slabs see [`super::normal`]; for the fit of
+//! effects together with the clutter of a whole library, [`super::gauss_newton`].
 
 use super::dense::Matrix;
 use super::normal::Normal;
@@ -80,8 +80,8 @@ pub(crate) trait LeastSquares {
     /// Why a point cannot be evaluated.
     type Error;
 
-    /// rᵀr at a point, or its counterpart: twice the negative logarithm of a likelihood. A point that cannot be evaluated is
-    /// avoided.
+    /// rᵀr at a point, or its counterpart: twice the negative logarithm of a likelihood. A point that cannot be
+    /// evaluated is avoided.
     fn cost(&mut self, at: &[f64]) -> Result<f64, Self::Error>;
 
     /// JᵀJ, Jᵀr and the cost about a point: always one whose cost was taken just before, but for the first.

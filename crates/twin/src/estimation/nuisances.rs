@@ -1,8 +1,8 @@
-//! Properties of each flight that no model knows are fitted before any comparison: constant lift errors of the rotors, and the
-//! charge at take-off. Gauss–Newton on the whitened residuals, with priors and bounds.
+//! Properties of each flight that no model knows are fitted before any comparison: constant lift errors of the rotors,
+//! and the charge at take-off. Gauss–Newton on the whitened residuals, with priors and bounds.
 //!
-//! One fit for all: `compare`, `diagnose` and `propose` start from the same nuisances of a flight. As everywhere in the twin,
-//! residuals use raw data and sensitivities smoothed kinematics, so that noise does not shrink the values.
+//! One fit for all: `compare`, `diagnose` and `propose` start from the same nuisances of a flight. As everywhere in the
+//! twin, residuals use raw data and sensitivities smoothed kinematics, so that noise does not shrink the values.
 
 use rotortwin_plant::effects::EffectInstance;
 

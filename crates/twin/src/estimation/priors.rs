@@ -9,8 +9,8 @@
 //! | narrowed by the log, else of its class | the interval's deviation | the same |
 //! | a default of its class | the catalogue's clutter | the interval's deviation, or the plausible size |
 //!
-//! So a deviation within a measured interval is not missing physics, and a wrong guess is recognised as such: it is a calibration
-//! that has not been made, not an effect ([`crate::diagnose`]).
+//! So a deviation within a measured interval is not missing physics, and a wrong guess is recognised as such: it is a
+//! calibration that has not been made, not an effect ([`crate::diagnose`]).
 //!
 //! Limits: intervals are taken as normal and independent of each other, about the value that the document has.
 

@@ -1,16 +1,17 @@
 //! The noise of the measured rates, estimated together with the parameters.
 //!
-//! A controller commands −K times the gyro's reading, including its noise. The angular acceleration that follows from differences
-//! of the same readings contains that noise, too, so that command and acceleration correlate by K σ²/Δt even with a complete
-//! model. Using only past readings does not remove this; innovations of a filter with the correct gain do, because no earlier
-//! reading predicts them. The gain is that of the most likely noise ([`RateNoise::most_likely`]): of the readings, of a white
-//! torque and of a drifting one, axis by axis.
+//! A controller commands −K times the gyro's reading, including its noise. The angular acceleration that follows from
+//! differences of the same readings contains that noise, too, so that command and acceleration correlate by K σ²/Δt
+//! even with a complete model. Using only past readings does not remove this; innovations of a filter with the correct
+//! gain do, because no earlier reading predicts them. The gain is that of the most likely noise
+//! ([`RateNoise::most_likely`]): of the readings, of a white torque and of a drifting one, axis by axis.
 //!
-//! Noise and parameters are estimated alternately: noise from the residual with wide priors on all parameters, parameters with
-//! that noise. When an effect is named, the possible exchange between the two is taken into account ([`shift`]).
+//! Noise and parameters are estimated alternately: noise from the residual with wide priors on all parameters,
+//! parameters with that noise. When an effect is named, the possible exchange between the two is taken into account
+//! ([`shift`]).
 //!
-//! Limits: only rates are filtered. Where the controller is fed an attitude with more information about the rate than the gyro
-//! has, it predicts the innovations.
+//! Limits: only rates are filtered. Where the controller is fed an attitude with more information about the rate than
+//! the gyro has, it predicts the innovations.
 
 use std::sync::Arc;
 

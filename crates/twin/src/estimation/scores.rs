@@ -1,4 +1,5 @@
-//! Evidence of candidates about the present point, by linear algebra: of those that are not in the model, and of those that are.
+//! Evidence of candidates about the present point, by linear algebra: of those that are not in the model, and of those
+//! that are.
 
 use super::normal::{Opened, Posterior, open};
 use super::problem::{Problem, position_of};

@@ -44,8 +44,8 @@ pub(crate) fn trust(problem: &mut Problem) {
     }
 }
 
-/// Posterior about a converged point: if the linearisation moves the effects or the nuisances further than their deviation, they
-/// are fitted and linearised anew.
+/// Posterior about a converged point: if the linearisation moves the effects or the nuisances further than their
+/// deviation, they are fitted and linearised anew.
 pub(crate) fn settled(problem: &mut Problem) -> Result<(Posterior, Vec<f64>), PredictError> {
     for _ in 0..MOST_SETTLINGS {
         let (posterior, deviations) = posterior_of(problem)?;

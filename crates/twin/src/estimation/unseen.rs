@@ -6,8 +6,8 @@ use utoipa::ToSchema;
 use crate::predict::Predictor;
 use crate::predict::channels::{F, KA, KV, M, V};
 
-/// Share of the noise below which a change of the error is ignored: a log without noise leaves rounding errors, which any fit
-/// changes.
+/// Share of the noise below which a change of the error is ignored: a log without noise leaves rounding errors, which
+/// any fit changes.
 const NEGLIGIBLE: f64 = 0.01;
 
 /// Squares of one quantity on one block, and how many.
@@ -17,8 +17,8 @@ pub(crate) struct Squares {
     pub(crate) count: f64,
 }
 
-/// Quantities that are scored, with their units. The accelerometer gives the force; without one, it comes from the derivative of
-/// the velocity.
+/// Quantities that are scored, with their units. The accelerometer gives the force; without one, it comes from the
+/// derivative of the velocity.
 pub(crate) const QUANTITIES: [(&str, &str); 4] = [
     ("force", "N"),
     ("torque", "N·m"),
@@ -72,9 +72,9 @@ const RISEN: f64 = 3.0;
 const WORTH_NAMING: f64 = 0.1;
 
 impl HeldOutError {
-    /// True if the effects found make the error larger: by more than a trace of the noise, and either by a hundredth of itself or
-    /// by more than the scatter between blocks. The scatter alone is no excuse: an effect that sets in on the last of n blocks
-    /// changes one of them, which is one deviation of their scatter however large it is.
+    /// True if the effects found make the error larger: by more than a trace of the noise, and either by a hundredth of
+    /// itself or by more than the scatter between blocks. The scatter alone is no excuse: an effect that sets in on the
+    /// last of n blocks changes one of them, which is one deviation of their scatter however large it is.
     pub fn rises(&self) -> bool {
         let rise = self.after - self.before;
         rise > self.negligible && (rise > TOLD * self.before || rise > RISEN * self.change_deviation)

@@ -14,7 +14,8 @@ const MEAN_S: f64 = 0.25;
 /// Normal score above which a channel is not explained.
 pub(crate) const UNEXPLAINED_SCORE: f64 = 6.0;
 
-/// Smallest noise level, relative to the assumed one: a simulated battery without noise is not known better than its floor.
+/// Smallest noise level, relative to the assumed one: a simulated battery without noise is not known better than its
+/// floor.
 const LEAST_LEVEL: f64 = 0.5;
 
 /// Sums of one channel.

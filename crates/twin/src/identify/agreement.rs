@@ -1,8 +1,8 @@
 //! Whether the two halves of a flight, and the class, are consistent with the interval of a value.
 //!
-//! The interval of a fit is based on its own errors and on the scatter of short parts about one linearisation. Neither covers
-//! what fits of the halves alone can show: for a real quadrotor the roll gain was 4.6 times larger in the second half, although
-//! the interval of the whole was ± 29 %.
+//! The interval of a fit is based on its own errors and on the scatter of short parts about one linearisation. Neither
+//! covers what fits of the halves alone can show: for a real quadrotor the roll gain was 4.6 times larger in the second
+//! half, although the interval of the whole was ± 29 %.
 
 use super::held_out::Score;
 use crate::Z95;
@@ -29,7 +29,8 @@ pub(super) struct Compared<'a> {
 }
 
 impl Compared<'_> {
-    /// Deviation and source, if nothing contradicts them; otherwise a deviation that covers the contradiction, with a note.
+    /// Deviation and source, if nothing contradicts them; otherwise a deviation that covers the contradiction, with a
+    /// note.
     pub(super) fn checked(&self, (mut deviation, mut source): (f64, Source), notes: &mut Vec<String>) -> (f64, Source) {
         if source == Source::Class {
             return (deviation, source);

@@ -24,7 +24,8 @@ use crate::log::flight_parts::RotorPlace;
 use crate::log::{FlightLog, RotorOrder, SensorRate, SourceKind};
 use crate::model::constants::Source;
 
-/// Motor outputs slower than this rule out a stated frame only if the motion identifies the right one: that takes 15 Hz.
+/// Motor outputs slower than this rule out a stated frame only if the motion identifies the right one: that takes 15
+/// Hz.
 const SURE_HZ: f64 = 15.0;
 
 /// The manoeuvre from which the drag could be identified.
@@ -49,7 +50,8 @@ pub struct Airframe {
     pub against_the_motion: bool,
 }
 
-/// Columns that are rotors, in the order of their motor numbers: all that the import took for rotors, otherwise those that move.
+/// Columns that are rotors, in the order of their motor numbers: all that the import took for rotors, otherwise those
+/// that move.
 pub(crate) fn rotor_outputs(log: &FlightLog) -> Result<Vec<usize>, String> {
     let moving = moving_outputs(log);
     if moving.len() < 4 {
@@ -91,7 +93,8 @@ pub(crate) fn rotor_outputs(log: &FlightLog) -> Result<Vec<usize>, String> {
     Ok((1..=log.report.rotor_outputs.len()).collect())
 }
 
-/// Frame, places of the motors in their order, and the evidence, as far as the log's parameters or its format state them.
+/// Frame, places of the motors in their order, and the evidence, as far as the log's parameters or its format state
+/// them.
 pub(crate) fn stated_places(log: &FlightLog) -> Option<(String, Vec<Place>, String)> {
     let nothing_entered = Request {
         mass_kg: 0.0,
@@ -142,8 +145,8 @@ pub(crate) fn find(log: &FlightLog, grids: &[Grid], request: &Request, class: &C
         }
         let stated_against = motion.as_ref().map(|motion| (motion, motion.against(&places)));
         let against_the_motion = matches!(stated_against, Some((_, Some(_))));
-        // Between two samples a controller moves its motors up and down again: the logged commands may be in antiphase with the
-        // motion that they damp.
+        // Between two samples a controller moves its motors up and down again: the logged commands may be in antiphase
+        // with the motion that they damp.
         let rate = log.duty_rate().filter(SensorRate::is_slower).map(|rate| rate.source_hz);
         let unsure = motion.as_ref().is_some_and(|motion| motion.best.doubt().is_some());
         let too_slow_hz = rate.filter(|hz| *hz < if unsure { SURE_HZ } else { LEAST_TO_CONTRADICT_HZ });
@@ -225,8 +228,9 @@ pub(crate) fn find(log: &FlightLog, grids: &[Grid], request: &Request, class: &C
     })
 }
 
-/// The quadrotor of Betaflight and INAV, whose logs number motors by the mixer, not by the connectors; the motion decides which
-/// way they turn, as both directions are in use. `None` if the motion contradicts both, or the log is from another autopilot.
+/// The quadrotor of Betaflight and INAV, whose logs number motors by the mixer, not by the connectors; the motion
+/// decides which way they turn, as both directions are in use. `None` if the motion contradicts both, or the log is
+/// from another autopilot.
 fn betaflight(log: &FlightLog, rotors: usize, motion: Option<&wiring::Motion>) -> Option<Airframe> {
     if log.source.kind != SourceKind::Blackbox || rotors != 4 || log.report.rotor_order != RotorOrder::Logged {
         return None;
@@ -367,8 +371,8 @@ pub(crate) struct Findings<'a> {
 
 /// Deviation of the logarithm of the thrust level if the accelerometer is correct: scale error of an ordinary one.
 const LEVEL_LOG_DEVIATION: f64 = 0.01;
-/// … without one, if the attitude tells how far the thrust leans from the weight that it carries on average: a flight that ends
-/// lower or slower than it began; and without either: 30° of lean.
+/// … without one, if the attitude tells how far the thrust leans from the weight that it carries on average: a flight
+/// that ends lower or slower than it began; and without either: 30° of lean.
 const LEVEL_BY_ATTITUDE: f64 = 0.05;
 const LEVEL_BY_WEIGHT: f64 = 0.15;
 /// Deviation of the centre of mass over the arm.
@@ -381,8 +385,8 @@ const TOP_DEVIATION: f64 = 0.05;
 /// Deviation of a dead zone, duty.
 const DEAD_ZONE_DEVIATION: f64 = 0.01;
 
-/// The drag of climbs must surely be below this share of the drag along the body for the difference to be attributed to the
-/// rotors. A thrust curve fitted to the same flight can absorb half of a drag that acts along all axes.
+/// The drag of climbs must surely be below this share of the drag along the body for the difference to be attributed to
+/// the rotors. A thrust curve fitted to the same flight can absorb half of a drag that acts along all axes.
 const LITTLE_IN_CLIMBS: f64 = 0.3;
 
 /// Deviation of ln c/Jz above which the flight is not informative about it.
@@ -399,12 +403,11 @@ fn whose(data: f64, prior: f64) -> Source {
     }
 }
 
-/// The same for a value with the class as a prior: if the log moved it, or made it more certain than the class, it is not a class
-/// default, even if the log alone, without what the class says about the other values, leaves it open.
+/// The same for a value with the class as a prior: if the log moved it, or made it more certain than the class, it is
+/// not a class default, even if the log alone, without what the class says about the other values, leaves it open.
 ///
-/// * `data`: deviation by the log alone · `posterior`: with the class included · `prior`: the class's · `moved`: how far the
-///   value is from the
-///   class's, in the class's deviations
+/// * `data`: deviation by the log alone · `posterior`: with the class included · `prior`: the class's · `moved`: how
+///   far the value is from the class's, in the class's deviations
 fn whose_in_all(data: f64, (posterior, prior): (f64, f64), moved: f64) -> Source {
     /// Posterior over prior deviation of a value whose log is twice as uncertain as the class.
     const SURER: f64 = 0.894;
@@ -489,9 +492,10 @@ impl Findings<'_> {
         Some(halves.fitted.each_ref().map(value))
     }
 
-    /// Whether rotors at these places would turn the vehicle far more than it turns, with its own constants and with those of the
-    /// class. Checked for six or more rotors, whose orders were not searched with the motion or may be none of those searched;
-    /// not for outputs at a low rate, which have no phase relation with the motion (R² of a right frame down to −20 at 10 Hz).
+    /// Whether rotors at these places would turn the vehicle far more than it turns, with its own constants and with
+    /// those of the class. Checked for six or more rotors, whose orders were not searched with the motion or may be
+    /// none of those searched; not for outputs at a low rate, which have no phase relation with the motion (R² of a
+    /// right frame down to −20 at 10 Hz).
     fn turns_otherwise(&self) -> Option<String> {
         /// R² of a torque that is unrelated to the motion and 1.4 times its size.
         const NOTHING: f64 = -1.0;
@@ -590,7 +594,8 @@ impl Findings<'_> {
             };
             let mut estimate = Estimate::log_normal(key, name, "kg·m²", value, deviation, source);
             if source == Source::Class {
-                // Towers of stacked rotors and batteries exceed every flat vehicle of the class: a published X8 has 0.78 arms.
+                // Towers of stacked rotors and batteries exceed every flat vehicle of the class: a published X8 has
+                // 0.78 arms.
                 estimate.high = estimate.high.max(mass * (GYRATION_OVER_ARM.end() * arm).powi(2));
             }
             values.push(
@@ -711,7 +716,8 @@ impl Findings<'_> {
             .exp()
             .min(0.999 * sum)
             .max(1.001 * (inertia[0].0 - inertia[1].0).abs());
-        // Jx + Jy above the class value may come from height, which adds nothing to Jz: a published X8 has 0.36 (Jx + Jy).
+        // Jx + Jy above the class value may come from height, which adds nothing to Jz: a published X8 has 0.36 (Jx +
+        // Jy).
         let of_its_class = share * self.class.inertia_ratio.iter().sum::<f64>() * mass * arm * arm;
         let least_inertia = (yaw_inertia / (Z95 * inertia_deviation).exp()).min(of_its_class);
         let flat = Estimate::log_normal(
@@ -789,11 +795,12 @@ impl Findings<'_> {
         Yaw { deviation, ..yaw }
     }
 
-    /// λ of the document, s; listed together with the inertia of a rotor that it corresponds to at hover. Needs c, m, and the
-    /// deviation of ln Jz.
+    /// λ of the document, s; listed together with the inertia of a rotor that it corresponds to at hover. Needs c, m,
+    /// and the deviation of ln Jz.
     ///
-    /// J_r = 2 c λ f_h/Ω_h. The flight determines c λ/Jz, so that J_r is as good as Jz, whatever c is; Ω_h is that of a rotor of
-    /// this thrust at the tip speed of the F550's ([`hover_rotor_speed_rad_s`]), because no log here contains it.
+    /// J_r = 2 c λ f_h/Ω_h. The flight determines c λ/Jz, so that J_r is as good as Jz, whatever c is; Ω_h is that of a
+    /// rotor of this thrust at the tip speed of the F550's ([`hover_rotor_speed_rad_s`]), because no log here contains
+    /// it.
     fn reaction(
         &self,
         reaction: Option<(Reaction, Source)>,
@@ -1222,7 +1229,8 @@ impl Findings<'_> {
             )
             .how("healthy rotors vary by 3 %"),
         );
-        // Punches and idling are outside the duties that the curve was fitted to: its errors there look like these three.
+        // Punches and idling are outside the duties that the curve was fitted to: its errors there look like these
+        // three.
         let full = self.full_thrust(voltage);
         let current = power * full.powf(1.5) / voltage;
         let resistance = TOP_DEVIATION * voltage / (class::VOLTAGE_SLOPE * current);

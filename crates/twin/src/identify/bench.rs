@@ -4,13 +4,13 @@
 //! bench_fit::Table ─▶ thrust over duty about the flight's mean duty: α, β of the curve ─▶ prior of the fit instead of the class's
 //!                  ─▶ torque over thrust · power over thrust^1.5 · exponent of the voltage (where the bench has several)
 //! ```
-//! The curve is T = T_h (z + α (z² − z) + β (√z − z)), z = u/u_h ([`super::curve`]): linear in T_h, T_h α, T_h β, so weighted
-//! least squares; the voltage sag along the throttle is corrected by (V/V̄)^s. The level is not used: the flight determines it,
-//! with the entered mass.
+//! The curve is T = T_h (z + α (z² − z) + β (√z − z)), z = u/u_h ([`super::curve`]): linear in T_h, T_h α, T_h β, so
+//! weighted least squares; the voltage sag along the throttle is corrected by (V/V̄)^s. The level is not used: the
+//! flight determines it, with the entered mass.
 //!
-//! As a prior with its own covariance the bench is combined with the flight by inverse variance. Where they differ by more than
-//! three standard deviations nothing is averaged: the flight's values stay, and the note gives both. In a flight with hardly any
-//! motion, only the bench determines the shape.
+//! As a prior with its own covariance the bench is combined with the flight by inverse variance. Where they differ by
+//! more than three standard deviations nothing is averaged: the flight's values stay, and the note gives both. In a
+//! flight with hardly any motion, only the bench determines the shape.
 
 use std::path::PathBuf;
 
@@ -282,7 +282,8 @@ impl About {
     }
 }
 
-/// The bench's values for this flight, if it is of the same rotor and does not contradict it; the notes state the result.
+/// The bench's values for this flight, if it is of the same rotor and does not contradict it; the notes state the
+/// result.
 pub(crate) fn consult(
     bench: &Bench,
     flown: &Fitted,

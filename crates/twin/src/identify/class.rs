@@ -1,7 +1,7 @@
 //! Typical values for a vehicle of this size: defaults and priors for what a flight cannot determine.
 //!
-//! J = κ m l². From published vehicles and eleven public flights; the 5-inch inertias, and the values for heavier vehicles, are
-//! judgement. Standard deviations are deliberately wide.
+//! J = κ m l². From published vehicles and eleven public flights; the 5-inch inertias, and the values for heavier
+//! vehicles, are judgement. Standard deviations are deliberately wide.
 
 use serde::Serialize;
 

@@ -1,5 +1,5 @@
-//! Which channels a flight excites: where the vehicle moves by less than the noise of one reading, the controller's response to
-//! that noise is mistaken for torque or thrust, however many rows there are.
+//! Which channels a flight excites: where the vehicle moves by less than the noise of one reading, the controller's
+//! response to that noise is mistaken for torque or thrust, however many rows there are.
 //!
 //! In a hover of our own controller the 0.1 s means of the rates have 0.2 to 0.9 of the gyro's noise; c/Jz then came out twice too large and
 //! n = d ln thrust/d ln duty a quarter too small, each with an interval of a few per cent; on a helix with 1.2 in yaw and 0.95 in the vertical

@@ -1,9 +1,10 @@
-//! Thrust curve, lag, delay and the gains of roll and pitch, jointly: they form ridges (a longer lag goes with a smaller
-//! inertia).
+//! Thrust curve, lag, delay and the gains of roll and pitch, jointly: they form ridges (a longer lag goes with a
+//! smaller inertia).
 //!
 //! Gauss–Newton on the prediction errors of lift, roll and pitch ([`super::observer`]), the observer's gains re-estimated on the way.
-//! Intervals: the errors' own information where the parts of the flight agree within it; otherwise the spread of the parts. Then
-//! the class default enters as a prior, so that what the flight does not determine keeps its class value, with its wide interval.
+//! Intervals: the errors' own information where the parts of the flight agree within it; otherwise the spread of the
+//! parts. Then the class default enters as a prior, so that what the flight does not determine keeps its class value,
+//! with its wide interval.
 
 use nalgebra::{SMatrix, SVector};
 use std::ops::Range;
@@ -33,8 +34,9 @@ const PART_S: f64 = 6.0;
 const FEWEST_PARTS: f64 = 8.0;
 /// Rows at the start of a part where filters and lag settle, s.
 const SETTLE_S: f64 = 0.6;
-/// Deviations that no length of flight removes, of α, β, ln τ, d, gains: unequal rotors, products of rates with another inertia,
-/// a curve with three terms. The errors of randomly drawn vehicles are of this size when noise is not the limit.
+/// Deviations that no length of flight removes, of α, β, ln τ, d, gains: unequal rotors, products of rates with another
+/// inertia, a curve with three terms. The errors of randomly drawn vehicles are of this size when noise is not the
+/// limit.
 const FLOOR: [f64; PARAMETERS] = [0.01, 0.01, 0.007, 1e-4, 0.004, 0.004];
 /// Correlation of neighbouring errors that chance alone explains; beyond it the errors are not white.
 const WHITE: f64 = 0.1;
@@ -128,8 +130,8 @@ pub(crate) fn hover_point(grids: &[Grid]) -> (f64, f64) {
     (mean(&Grid::mean_duty), voltage)
 }
 
-/// T_h/m such that the curve's mean thrust in the air matches the accelerometer; without one, the thrust that carries the weight
-/// at the logged tilt.
+/// T_h/m such that the curve's mean thrust in the air matches the accelerometer; without one, the thrust that carries
+/// the weight at the logged tilt.
 pub(crate) fn hover_level(grids: &[Grid], mut curve: Curve) -> f64 {
     curve.hover = 1.0;
     let (mut lift, mut shape) = (0.0, 0.0);
@@ -234,8 +236,8 @@ pub(crate) fn fit(problem: &Problem<'_>, arm_m: f64) -> Fitted {
     finish(&state, &gains, &linear, prior, prior_information)
 }
 
-/// The fit itself; if its curve is one that no propeller has, a fit with the class's curve instead, so that lag and inertia
-/// belong to that curve, and the slope that the flight indicates.
+/// The fit itself; if its curve is one that no propeller has, a fit with the class's curve instead, so that lag and
+/// inertia belong to that curve, and the slope that the flight indicates.
 pub(crate) fn with_a_possible_slope(problem: &Problem<'_>, arm_m: f64, free: Fitted) -> (Fitted, Option<f64>) {
     /// So large that no flight moves it.
     const HELD: f64 = 1e9;
@@ -476,7 +478,8 @@ struct Linear {
 }
 
 impl Linear {
-    /// Variance of a channel's scores over that of white errors, averaged over the parameters to which the channel is sensitive.
+    /// Variance of a channel's scores over that of white errors, averaged over the parameters to which the channel is
+    /// sensitive.
     fn scatter(&self, channel: usize) -> f64 {
         let pieces = &self.channels[channel];
         let ratios: Vec<f64> = (0..PARAMETERS)
@@ -577,8 +580,8 @@ fn finish(state: &State, channels: &Channels, linear: &Linear, prior: Vector, pr
         let ratio = sandwich[(i, i)] / model[(i, i)];
         if ratio > threshold {
             uneven[i] = true;
-            // The mean's own error, and the spread between the parts beyond their errors: the next flight may be like any of
-            // them.
+            // The mean's own error, and the spread between the parts beyond their errors: the next flight may be like
+            // any of them.
             let spread = parts as f64 * (ratio - 1.0);
             inflation[i] = (ratio + spread).sqrt();
         }
@@ -627,7 +630,8 @@ mod tests {
     use super::*;
     use crate::log::FlightLog;
 
-    /// 40 s in the air at 100 Hz, the motors up and down by a fifth; `force` and pitch of a row are functions of its duty.
+    /// 40 s in the air at 100 Hz, the motors up and down by a fifth; `force` and pitch of a row are functions of its
+    /// duty.
     fn grid(force: Option<fn(f64) -> f64>, pitch: f64) -> Grid {
         let time: Vec<f64> = (0..4000).map(|k| 0.01 * f64::from(k)).collect();
         let duty: Vec<f64> = time.iter().map(|t| 0.4 * (1.0 + 0.2 * (2.5 * t).sin())).collect();

@@ -1,8 +1,8 @@
 //! Frames: where the rotor of each motor number is, and how it turns.
 //!
 //! Angles in degrees from the nose, clockwise seen from above. Numbers are those of the autopilot: ArduPilot's frame classes and types
-//! (`AP_MotorsMatrix`), which PX4's fixed airframes share. Of two coaxial rotors (X8, Y6) it is not determined which is the upper
-//! one: their columns of the effectiveness matrix do not depend on height.
+//! (`AP_MotorsMatrix`), which PX4's fixed airframes share. Of two coaxial rotors (X8, Y6) it is not determined which is
+//! the upper one: their columns of the effectiveness matrix do not depend on height.
 
 use rotortwin_plant::vehicle::model::SpinDirection::{self, Ccw, Cw};
 use std::collections::BTreeMap;

@@ -21,13 +21,13 @@ const AGILE_END: f64 = 80.0;
 const AGILE: f64 = 1.25;
 /// A stretch without the force of flight is not on the ground if an agile flight recovers from it within this, s.
 const EXCURSION_S: f64 = 5.0;
-/// … in an excursion of any flight the vehicle falls, or its motors carry it: means of the specific force over a second, m/s². A
-/// vehicle on the ground with its motors low measures its weight.
+/// … in an excursion of any flight the vehicle falls, or its motors carry it: means of the specific force over a
+/// second, m/s². A vehicle on the ground with its motors low measures its weight.
 const FALLS: f64 = 7.0;
 /// A gap up to this is bridged, s: rows of a log at 50 Hz are that far apart, and the motor lag is longer.
 const BRIDGED_S: f64 = 0.02;
-/// Lowest row rate from which a vehicle's torques and lag can be identified, Hz: slower rows show where it was, not what turned
-/// it.
+/// Lowest row rate from which a vehicle's torques and lag can be identified, Hz: slower rows show where it was, not
+/// what turned it.
 const SLOWEST_HZ: f64 = 10.0;
 /// Left out at a take-off and before a landing, s; and where only the log ends, s.
 const CUT_GROUND_S: f64 = 3.0;
@@ -155,8 +155,8 @@ impl Grid {
         Ok(grid)
     }
 
-    /// What a vehicle does while a parameter keeps one of its motors from turning is not representative of a vehicle whose motors
-    /// all turn.
+    /// What a vehicle does while a parameter keeps one of its motors from turning is not representative of a vehicle
+    /// whose motors all turn.
     fn leave_out_motors_off(&mut self, log: &FlightLog) -> Result<(), String> {
         for event in log
             .report
@@ -190,8 +190,8 @@ impl Grid {
         Ok(())
     }
 
-    /// Above 600 Hz, rows are averaged: vibration and the gyro's own filter are not part of the model, and they dominate the
-    /// error between neighbouring rows.
+    /// Above 600 Hz, rows are averaged: vibration and the gyro's own filter are not part of the model, and they
+    /// dominate the error between neighbouring rows.
     fn decimate(&mut self) {
         const FASTEST_HZ: f64 = 600.0;
         const AIM_HZ: f64 = 250.0;
@@ -518,8 +518,8 @@ pub fn running_mean(values: &[f64], half: usize) -> Vec<f64> {
 mod tests {
     use super::*;
 
-    /// In the air from end to end at 500 Hz, without the rows that `dropped` selects; duty and force along the thrust as
-    /// functions of time.
+    /// In the air from end to end at 500 Hz, without the rows that `dropped` selects; duty and force along the thrust
+    /// as functions of time.
     fn log(seconds: f64, dropped: impl Fn(f64) -> bool, flown: impl Fn(f64) -> (f64, f64)) -> FlightLog {
         let rows = (500.0 * seconds) as usize;
         let time: Vec<f64> = (0..rows).map(|k| 0.002 * k as f64).filter(|t| !dropped(*t)).collect();
@@ -566,7 +566,8 @@ mod tests {
         );
     }
 
-    /// A punch to full throttle followed by free fall, as the documentation recommends, used to end the flight like a landing.
+    /// A punch to full throttle followed by free fall, as the documentation recommends, used to end the flight like a
+    /// landing.
     #[test]
     fn regress_a_throttle_pulse_and_its_fall_are_no_landing() {
         let pulsed = |ground: bool| {

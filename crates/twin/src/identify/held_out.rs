@@ -1,4 +1,5 @@
-//! R² on held-out data: each half of the flight predicted with the result of the other half, compared with the class default.
+//! R² on held-out data: each half of the flight predicted with the result of the other half, compared with the class
+//! default.
 
 use serde::Serialize;
 

@@ -5,12 +5,12 @@
 //!                                                                      yaw ─ drag ─ voltage ─ battery ─ sensors ─▶ Identified
 //! Identified ─▶ vehicle, blades, intervals (write) · R² on data that no fit has seen (held_out)
 //! ```
-//! Each value has a 95 % interval, its source, and what would improve it. What the flight cannot determine stays a class default
-//! with a wide interval and is marked as such. Mass and arm are never estimated: an IMU measures thrust over mass and torque over
-//! inertia, so every scale follows from what was entered.
+//! Each value has a 95 % interval, its source, and what would improve it. What the flight cannot determine stays a
+//! class default with a wide interval and is marked as such. Mass and arm are never estimated: an IMU measures thrust
+//! over mass and torque over inertia, so every scale follows from what was entered.
 //!
-//! Limits: equal rotors, even where one is in the wake of another (coaxial frames); one thrust curve; differences between rotors
-//! and the centre of mass are left to [`crate::compare`], which fits them to each log.
+//! Limits: equal rotors, even where one is in the wake of another (coaxial frames); one thrust curve; differences
+//! between rotors and the centre of mass are left to [`crate::compare`], which fits them to each log.
 
 mod actuator;
 mod agreement;

@@ -1,5 +1,5 @@
-//! Whether mass and arm, inertias and torques are plausible for a multirotor: a factor of ten or a wrong unit passes every fit,
-//! as all forces scale with the mass.
+//! Whether mass and arm, inertias and torques are plausible for a multirotor: a factor of ten or a wrong unit passes
+//! every fit, as all forces scale with the mass.
 //!
 //! The disc loading m g/(n π r²), with propellers as large as the arm allows, is 15 to 150 N/m² of vehicles from 27 g to 20 kg; racing
 //! quadrotors and heavy lifters reach 250.

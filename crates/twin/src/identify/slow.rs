@@ -141,17 +141,18 @@ pub(crate) fn drag(grids: &[Grid]) -> Drag {
     }
 }
 
-/// k/m along the rotors' axis, 1/s, and its deviation: the deficit of the lift against the thrust curve as the vehicle climbs,
-/// below 1 Hz. None if it hardly climbs. It includes the inflow of a climb, which reduces thrust in the same way.
+/// k/m along the rotors' axis, 1/s, and its deviation: the deficit of the lift against the thrust curve as the vehicle
+/// climbs, below 1 Hz. None if it hardly climbs. It includes the inflow of a climb, which reduces thrust in the same
+/// way.
 pub(crate) fn drag_in_climbs(grids: &[Grid], curve: &Curve) -> Option<(f64, f64)> {
     const SLOWEST_M_S: f64 = 0.3;
     let low = Band {
         low_hz: 0.0,
         high_hz: 1.0,
     };
-    // By piece: each has its own offset, because the level of the thrust drifts slowly. In addition to the speed, the commanded
-    // lift is a regressor: otherwise a small error in the slope of the curve would be taken for drag, as a climb commands more.
-    // Sums of u², u·l, l², u·m, l·m.
+    // By piece: each has its own offset, because the level of the thrust drifts slowly. In addition to the speed, the
+    // commanded lift is a regressor: otherwise a small error in the slope of the curve would be taken for drag, as a
+    // climb commands more. Sums of u², u·l, l², u·m, l·m.
     let mut sums: Vec<[f64; 5]> = Vec::new();
     let mut count = 0.0;
     for grid in grids {
@@ -236,8 +237,8 @@ fn levels(grid: &Grid, curve: &Curve, block_s: f64) -> Vec<(std::ops::Range<usiz
     blocks.filter(|(_, level)| level.is_finite()).collect()
 }
 
-/// Flights passed together that are not of one vehicle, or not with the same propellers or load: at the same duty and voltage one
-/// has much more thrust over its mass than another.
+/// Flights passed together that are not of one vehicle, or not with the same propellers or load: at the same duty and
+/// voltage one has much more thrust over its mass than another.
 pub(crate) fn unlike(grids: &[Grid], curve: &Curve) -> Option<String> {
     const BLOCK_S: f64 = 2.0;
     /// Logarithm: differences between pilots, temperatures and batteries are smaller.
@@ -296,8 +297,8 @@ fn line(points: &[(f64, f64)]) -> (f64, f64, f64) {
     (mean_t, mean_y, slope)
 }
 
-/// The decline of the thrust of one log without a voltage; `None` if there is none: it must be three deviations from 0, and what
-/// one half of the flight gives must predict the other half better than a constant level does, both ways.
+/// The decline of the thrust of one log without a voltage; `None` if there is none: it must be three deviations from 0,
+/// and what one half of the flight gives must predict the other half better than a constant level does, both ways.
 pub(crate) fn fall(grid: &Grid, curve: &Curve) -> Option<Fall> {
     const BLOCK_S: f64 = 1.0;
     const FEWEST: usize = 8;
@@ -488,8 +489,8 @@ fn cells(start_v: f64) -> Option<u32> {
     }
 }
 
-/// Deviation of a current sensor's scale: what remains after a power module's own calibration. The resistance is wrong by the
-/// same factor, and no residual of the fit below reveals it, nor that noise of the current flattens the slope.
+/// Deviation of a current sensor's scale: what remains after a power module's own calibration. The resistance is wrong
+/// by the same factor, and no residual of the fit below reveals it, nor that noise of the current flattens the slope.
 const CURRENT_SCALE: f64 = 0.02;
 
 /// R of V = V0 − R I − k Q, where the current varies; Ω with its deviation.

@@ -1,9 +1,9 @@
-//! Motor outputs that are logged too slowly for roll and pitch: what cannot be determined then, and the autopilot setting that
-//! would help.
+//! Motor outputs that are logged too slowly for roll and pitch: what cannot be determined then, and the autopilot
+//! setting that would help.
 //!
-//! PX4 and ArduPilot log their outputs at 10 Hz by default. Between two samples an attitude controller moves its motors up and
-//! down again, so the torque to which the vehicle responded is not in the log: a fit then makes the vehicle too sluggish, by any
-//! factor.
+//! PX4 and ArduPilot log their outputs at 10 Hz by default. Between two samples an attitude controller moves its motors
+//! up and down again, so the torque to which the vehicle responded is not in the log: a fit then makes the vehicle too
+//! sluggish, by any factor.
 
 use super::grid::Grid;
 use crate::log::{FlightLog, SensorRate, SourceKind};

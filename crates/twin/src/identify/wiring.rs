@@ -1,9 +1,9 @@
 //! Which rotor each output drives, and how it turns, from the motion alone.
 //!
-//! For every order of the rotors on an even polygon (X, plus) and both spin senses: correlation ρ of the predicted torque with
-//! the measured angular acceleration, roll, pitch and yaw; score = −Σ ln(1 − ρ²), a negative ρ subtracts. With more than four
-//! rotors the mixer drives four directions only, so orders whose levers lie outside the directions of the duties are excluded
-//! first.
+//! For every order of the rotors on an even polygon (X, plus) and both spin senses: correlation ρ of the predicted
+//! torque with the measured angular acceleration, roll, pitch and yaw; score = −Σ ln(1 − ρ²), a negative ρ subtracts.
+//! With more than four rotors the mixer drives four directions only, so orders whose levers lie outside the directions
+//! of the duties are excluded first.
 
 use nalgebra::SMatrix;
 use serde::Serialize;
@@ -130,8 +130,8 @@ impl Motion {
         score(correlations(&self.moments, places))
     }
 
-    /// The result for a stated order, if the motion clearly contradicts it: there was enough of it, and another order explains it
-    /// better by more than two right ones differ. Which of the others is right need not be known for that.
+    /// The result for a stated order, if the motion clearly contradicts it: there was enough of it, and another order
+    /// explains it better by more than two right ones differ. Which of the others is right need not be known for that.
     pub(crate) fn against(&self, stated: &[Place]) -> Option<Contradiction> {
         let correlation = correlations(&self.moments, stated);
         let score = score(correlation);

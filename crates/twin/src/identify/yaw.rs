@@ -1,8 +1,9 @@
 //! Yaw: drag torque of the rotors, and the torque of their acceleration.
 //!
-//! Jz ṙ = c (X + λ Ẋ), X the signed sum of the thrusts. The flight determines c/Jz and λ; c and Jz never separate. λ is accepted
-//! only if it improves the prediction of held-out parts, and is far from 0 compared with the scatter of the flight's parts: in a
-//! quiet flight the controller's response to gyro noise looks like it. Otherwise only a bound is reported.
+//! Jz ṙ = c (X + λ Ẋ), X the signed sum of the thrusts. The flight determines c/Jz and λ; c and Jz never separate. λ is
+//! accepted only if it improves the prediction of held-out parts, and is far from 0 compared with the scatter of the
+//! flight's parts: in a quiet flight the controller's response to gyro noise looks like it. Otherwise only a bound is
+//! reported.
 
 use nalgebra::{Matrix2, Vector2};
 
@@ -27,8 +28,9 @@ pub(crate) struct Yaw {
     pub(crate) band: Band,
 }
 
-/// R² from which the gain is trusted, the same as for the drag. Of three flights of one Crazyflie only the one with yaw steps
-/// reaches it; with roll and pitch excitation c/Jz came out 1.7 times too large with an interval that does not reach the others.
+/// R² from which the gain is trusted, the same as for the drag. Of three flights of one Crazyflie only the one with yaw
+/// steps reaches it; with roll and pitch excitation c/Jz came out 1.7 times too large with an interval that does not
+/// reach the others.
 pub(crate) const EXPLAINED: f64 = 0.6;
 /// Relative deviation of λ that no length of flight removes: rotors follow f' or (√f)', which at hover are the same, and in between. Sized on
 /// 200 vehicles drawn at random whose rotors follow the other law (seeds from 9000).
@@ -64,7 +66,8 @@ const PART_S: f64 = 6.0;
 const SETTLE_S: f64 = 0.6;
 /// λ over its deviation from which it is trusted.
 const BELIEVED: f64 = 5.0;
-/// Correlation of neighbouring errors above which they are not white, and the factor by which their deviation is then widened.
+/// Correlation of neighbouring errors above which they are not white, and the factor by which their deviation is then
+/// widened.
 const WHITE: f64 = 0.1;
 const COLOURED: f64 = 2.6;
 /// Longest λ that is one: beyond it the torque would be all reaction.
@@ -274,7 +277,8 @@ pub(crate) fn fit(grids: &[Grid], places: &[Place], fitted: &Fitted) -> Option<Y
     let share = explained(&pieces, [gain, product]);
     let far = product > BELIEVED * with.deviation_of_the_mean();
     let believed = share >= EXPLAINED;
-    // If most of the yaw motion is not due to the rotors, the errors are systematic, and no scatter of parts reveals their size.
+    // If most of the yaw motion is not due to the rotors, the errors are systematic, and no scatter of parts reveals
+    // their size.
     let (least, least_s) = if believed {
         (0.0, 0.0)
     } else {

@@ -1,7 +1,8 @@
 //! Effects that a diagnosis found, as terms of a model version with their provenance.
 //!
-//! Reads the JSON of a diagnosis (`rotortwin diagnose --json`), so that an older file works as well as the latest answer. Faults
-//! of sensors and clocks (`sensor_or_timing`) are ignored: they are corrected in the log, not in the model.
+//! Reads the JSON of a diagnosis (`rotortwin diagnose --json`), so that an older file works as well as the latest
+//! answer. Faults of sensors and clocks (`sensor_or_timing`) are ignored: they are corrected in the log, not in the
+//! model.
 
 use rotortwin_plant::effects::EffectDocument;
 use serde_json::Value;
@@ -109,9 +110,9 @@ pub fn proposal(diagnosis: &Value, logs: &[LogReference]) -> Result<(EffectDocum
     Ok((document.clone(), effect))
 }
 
-/// Refuses to add the findings of a diagnosis to a model other than the one on which it was made. `line` are the versions from
-/// the first to the one being extended. Versions in between may only contain findings of the same diagnosis: its effects may be
-/// added one by one.
+/// Refuses to add the findings of a diagnosis to a model other than the one on which it was made. `line` are the
+/// versions from the first to the one being extended. Versions in between may only contain findings of the same
+/// diagnosis: its effects may be added one by one.
 ///
 /// # Errors
 /// One sentence with both models, or that the JSON does not state its own.

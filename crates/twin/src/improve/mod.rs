@@ -1,5 +1,5 @@
-//! Improvement: the whole loop from a model that fails to one that agrees, version by version, on the logs that it is fitted to
-//! and on held-out logs.
+//! Improvement: the whole loop from a model that fails to one that agrees, version by version, on the logs that it is
+//! fitted to and on held-out logs.
 //!
 //! ```text
 //! version 0 ─▶ compare ─▶ diagnose ─▶ the best effect as a proposal ─ accepted ─▶ version 1 ─▶ compare ─▶ …
@@ -10,9 +10,9 @@
 //!   without clutter. The deviations are those of the diagnosis, which has the clutter in them.
 //! * The oracle is a model with the truth; no fit can beat its row except by chance.
 //!
-//! Limits: what a diagnosis calls a fault of the log is never put into a model. Where a part of the error stays unexplained, an
-//! effect is added only if held-out blocks confirm its part. The same holds for the proposal of a regression
-//! ([`crate::propose`]): a correlation with a dimension, reported as such.
+//! Limits: what a diagnosis calls a fault of the log is never put into a model. Where a part of the error stays
+//! unexplained, an effect is added only if held-out blocks confirm its part. The same holds for the proposal of a
+//! regression ([`crate::propose`]): a correlation with a dimension, reported as such.
 
 pub mod from_diagnosis;
 pub mod refit;

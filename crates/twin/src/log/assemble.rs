@@ -3,9 +3,10 @@
 //! ```text
 //! SourceLog ─▶ rows of the mapping that the log can serve ─▶ units, frames ─▶ time base ─▶ Table
 //! ```
-//! The time base is the stream that the mapping prefers, otherwise the fastest one in use. The others are interpolated linearly
-//! onto it (angles the short way round, quaternions normalised), commands are held. No filter is applied: a stream that is faster
-//! than the base aliases, one that is slower is correlated from row to row; the report says which is which.
+//! The time base is the stream that the mapping prefers, otherwise the fastest one in use. The others are interpolated
+//! linearly onto it (angles the short way round, quaternions normalised), commands are held. No filter is applied: a
+//! stream that is faster than the base aliases, one that is slower is correlated from row to row; the report says which
+//! is which.
 
 use super::mapping::{Frame, Level, MappingFile, Row, Target};
 use super::report::{Flown, ImportReport, Stream, UnusedColumn};
@@ -91,7 +92,8 @@ pub(crate) fn assemble(log: &SourceLog, mapping: &MappingFile, most_cells: usize
     Ok(Assembled { table, report, origin })
 }
 
-/// Why a log is refused in which no mapping row finds a field, and how to fix it: with the names of its fields if possible.
+/// Why a log is refused in which no mapping row finds a field, and how to fix it: with the names of its fields if
+/// possible.
 fn nothing_served(log: &SourceLog) -> String {
     /// Topics, and fields of each, that are listed.
     const TOPICS: usize = 12;
@@ -220,8 +222,8 @@ fn serve<'a>(log: &SourceLog, mapping: &'a MappingFile, report: &mut ImportRepor
     served
 }
 
-/// Numbers that mean "not measured", in the unit of the source: for PX4's and MAVLink's current −1, for MAVLink's voltage all
-/// bits set.
+/// Numbers that mean "not measured", in the unit of the source: for PX4's and MAVLink's current −1, for MAVLink's
+/// voltage all bits set.
 fn is_unmeasured(row: &Row, value: f64) -> bool {
     match row.to.as_str() {
         names::BATTERY_CURRENT => value == -1.0,
@@ -360,8 +362,8 @@ pub(super) fn chosen_unit<'a>(row: &'a Row, values: &[Vec<f64>]) -> Result<(&'a 
 
 /// The first of several units that is consistent with the data, with its factor; otherwise the median in each unit.
 ///
-/// A vehicle may shake by more than gravity: if no unit fits the samples of an accelerometer, their means over [`RUN_ROWS`]
-/// decide.
+/// A vehicle may shake by more than gravity: if no unit fits the samples of an accelerometer, their means over
+/// [`RUN_ROWS`] decide.
 fn fitting_unit<'a>(units: &'a [String], values: &[Vec<f64>]) -> Result<(&'a str, f64), String> {
     let mut tried = Vec::new();
     for run in [1, RUN_ROWS] {
@@ -442,7 +444,8 @@ pub(super) fn turn(to: &str, frame: Frame, values: &mut [Vec<f64>]) {
             negate(&mut values[3]);
         }
         (Frame::EnuFlu, _) => {
-            // R_ned_frd = P R_enu_flu D, P exchanges x and y and negates z, D negates y and z; P = half turn about (1, 1, 0)/√2.
+            // R_ned_frd = P R_enu_flu D, P exchanges x and y and negates z, D negates y and z; P = half turn about (1,
+            // 1, 0)/√2.
             let half = std::f64::consts::FRAC_1_SQRT_2;
             for sample in 0..values[0].len() {
                 let [w, x, y, z] = [0, 1, 2, 3].map(|part| values[part][sample]);
@@ -612,8 +615,8 @@ fn duties(log: &SourceLog, row: &Row, values: Vec<Vec<f64>>, report: &mut Import
 /// Longest pulse of a servo or an ESC, µs.
 const MOST_PULSE_US: f64 = 2500.0;
 
-/// The range of raw commands of ESCs on a CAN bus (`uavcan.equipment.esc.RawCommand`, 14 bits with a sign), if a range of pulses
-/// is requested and the numbers are outside any such range.
+/// The range of raw commands of ESCs on a CAN bus (`uavcan.equipment.esc.RawCommand`, 14 bits with a sign), if a range
+/// of pulses is requested and the numbers are outside any such range.
 fn raw_commands(values: &[Vec<f64>], low: f64, high: f64) -> Option<(f64, f64)> {
     const RAW: (f64, f64) = (0.0, 8191.0);
     let pulses = (700.0..1500.0).contains(&low) && (1500.0..=MOST_PULSE_US).contains(&high);

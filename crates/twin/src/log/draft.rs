@@ -3,16 +3,16 @@
 //! ```text
 //! head of the file ─▶ separator, decimal sign, header ─▶ clock ─▶ columns by their names, units by name or by the numbers ─▶ TOML
 //! ```
-//! What names and numbers reveal is filled in; the rest becomes a question above the row concerned. The draft is a mapping that
-//! the import accepts unchanged, or edited by the user.
+//! What names and numbers reveal is filled in; the rest becomes a question above the row concerned. The draft is a
+//! mapping that the import accepts unchanged, or edited by the user.
 //!
-//! Cells that are lists become columns of their numbers (`v[0]`, `v[1]`, `v[2]`). A Parquet file of another program can be
-//! drafted as well, from its columns, which are already numbers.
+//! Cells that are lists become columns of their numbers (`v[0]`, `v[1]`, `v[2]`). A Parquet file of another program can
+//! be drafted as well, from its columns, which are already numbers.
 //!
 //! The draft is also available in parts (layout, columns, rows, questions), so that a page can show it as a form.
 //!
-//! Limits: it guesses by names; columns with non-English names, or numbered ones, are left out. The import's own checks (axes,
-//! units, clock) detect most wrong guesses.
+//! Limits: it guesses by names; columns with non-English names, or numbered ones, are left out. The import's own checks
+//! (axes, units, clock) detect most wrong guesses.
 
 use super::sources::csv_table::{Clock, Lists, cells, list_parts, number, plain};
 use super::{LogError, MAX_COLUMNS, mapping, names, parquet};
@@ -179,7 +179,8 @@ impl Column {
         !self.examples.is_empty() && self.examples.iter().all(list)
     }
 
-    /// A set point, not a measurement: by a word of its name, or by `d` or `r` at its end (`v_d[0]`, desired; a reference).
+    /// A set point, not a measurement: by a word of its name, or by `d` or `r` at its end (`v_d[0]`, desired; a
+    /// reference).
     fn is_wanted(&self) -> bool {
         let ends = self
             .words
@@ -314,8 +315,8 @@ fn unit_in(header: &str) -> Option<&'static str> {
     if let Some((_, rest)) = header.split_once(['(', '[']) {
         return known(rest.trim_end_matches([')', ']', ' ']));
     }
-    // `roll_rate_deg_s`, `alt_m`: the longest suffix that is a unit. A single letter may be a name (`a`, `v`) and counts only
-    // after `_`.
+    // `roll_rate_deg_s`, `alt_m`: the longest suffix that is a unit. A single letter may be a name (`a`, `v`) and
+    // counts only after `_`.
     let lower = header.to_lowercase();
     let ends = |spelling: &str| {
         lower
@@ -652,7 +653,8 @@ fn table(text: &str) -> Result<Table, String> {
     })
 }
 
-/// A table whose columns are numbers already; rows from the beginning and from all over the rest are examined, as in a text.
+/// A table whose columns are numbers already; rows from the beginning and from all over the rest are examined, as in a
+/// text.
 fn of_numbers(read: &super::table::Table) -> Result<Table, String> {
     let rows = read.columns.first().map_or(0, |column| column.values.len());
     if rows < 2 {
@@ -719,7 +721,8 @@ fn clock(columns: &mut [Column], raw: &[Vec<&str>], decimal: char) -> Option<Fou
     let mut order: Vec<usize> = (0..columns.len()).collect();
     order.sort_by_key(|index| !named(&columns[*index]));
     for index in order {
-        // A counter of rows increases as well; a column with another name is used only if it holds a time of day or a date.
+        // A counter of rows increases as well; a column with another name is used only if it holds a time of day or a
+        // date.
         let by_name = named(&columns[index]);
         for format in Clock::ALL {
             let of_day = !matches!(
@@ -831,8 +834,8 @@ fn triple(columns: &mut [Column], axes: &[[&str; 3]], what: &[&str], not: &[&str
 
 /// Three matching columns along axes; claimed together.
 ///
-/// Of several such triples, the one whose names have the fewest other words: `velocity x` before `user velocity x`. The other
-/// words of the three are the same, unless there is no such triple.
+/// Of several such triples, the one whose names have the fewest other words: `velocity x` before `user velocity x`. The
+/// other words of the three are the same, unless there is no such triple.
 fn triple_of(columns: &mut [Column], axes: &[[&str; 3]], fits: impl Fn(&Column) -> bool) -> Option<[usize; 3]> {
     let usable = |c: &Column, axis: &str| {
         !c.taken && c.part.is_none() && c.has(&[axis]) && fits(c) && c.values.iter().any(|v| v.is_finite())
@@ -867,8 +870,8 @@ fn triple_of(columns: &mut [Column], axes: &[[&str; 3]], fits: impl Fn(&Column) 
     None
 }
 
-/// The elements of a list of this length, whose name contains one of some words and is not a set point; claimed together. Of
-/// several lists, the one whose name has the fewest words.
+/// The elements of a list of this length, whose name contains one of some words and is not a set point; claimed
+/// together. Of several lists, the one whose name has the fewest words.
 fn list_of(columns: &mut [Column], what: &[&str], not: &[&str], count: usize) -> Option<Vec<usize>> {
     let stem = |c: &Column| c.name.rsplit_once('[').map(|(stem, _)| stem.to_owned());
     let of = |first: usize| -> Option<Vec<usize>> {
@@ -891,8 +894,8 @@ fn list_of(columns: &mut [Column], what: &[&str], not: &[&str], count: usize) ->
     Some(found)
 }
 
-/// Three columns with one name and numbers from 0 or 1, as in PX4's `sensor_combined` (`gyro_rad[0]`, `gyro_rad_1`); claimed
-/// together.
+/// Three columns with one name and numbers from 0 or 1, as in PX4's `sensor_combined` (`gyro_rad[0]`, `gyro_rad_1`);
+/// claimed together.
 ///
 /// With the unit that the name states before the number.
 fn numbered(columns: &mut [Column], what: &[&str]) -> Option<([usize; 3], Option<&'static str>)> {
@@ -1121,8 +1124,8 @@ fn quaternion(columns: &mut [Column], out: &mut Writer) {
     quaternion_of_list(columns, out);
 }
 
-/// A list of four numbers: the scalar is the first or the last, whichever is largest while a vehicle is upright and heads about
-/// north.
+/// A list of four numbers: the scalar is the first or the last, whichever is largest while a vehicle is upright and
+/// heads about north.
 fn quaternion_of_list(columns: &mut [Column], out: &mut Writer) {
     let what = ["q", "quat", "quaternion", "orientation", "attitude"];
     let Some(found) = list_of(columns, &what, &[], 4) else {
@@ -1306,8 +1309,9 @@ struct Run {
 }
 
 impl Run {
-    /// What makes a run of outputs the one that drives the rotors: it moves, most of it keeps its sign (torques and sticks do
-    /// not), the first number in its names is the one that counts, it is long, and its values are those of an output.
+    /// What makes a run of outputs the one that drives the rotors: it moves, most of it keeps its sign (torques and
+    /// sticks do not), the first number in its names is the one that counts, it is long, and its values are those of an
+    /// output.
     fn rank(&self, columns: &[Column]) -> (bool, bool, bool, usize, bool) {
         let ranges = || self.columns.iter().map(|index| columns[*index].range());
         let moves = ranges().filter(|(low, high)| high > low).count() >= FEWEST;
@@ -1913,7 +1917,8 @@ mod tests {
 
     #[test]
     fn val_a_row_number_is_no_clock_and_a_body_rate_no_rotor_speed() {
-        // As pandas writes a frame of four time steps: an index without a name, which is shown in parts for a long file.
+        // As pandas writes a frame of four time steps: an index without a name, which is shown in parts for a long
+        // file.
         let mut text =
             ",omegax_0tx,omegax_1tx,omegax_2tx,omegax_3tx,m1pwm_0tu,m2pwm_0tu,m3pwm_0tu,m4pwm_0tu,vbat\n".to_owned();
         for row in 0..30_000 {
@@ -2002,8 +2007,8 @@ mod tests {
         assert!((log.column("duty_2").unwrap()[0] - 0.0805).abs() < 1e-9);
     }
 
-    /// A table of a data set of a small quadrotor: body rates `wx`, poses and set points next to the state, thrusts of the motors
-    /// not in percent.
+    /// A table of a data set of a small quadrotor: body rates `wx`, poses and set points next to the state, thrusts of
+    /// the motors not in percent.
     #[test]
     fn regress_bare_body_rates_are_known_and_thrusts_are_asked_about() {
         let header = ",t,x,y,z,vx,vy,vz,wx,wy,wz,x_poses,y_poses,z_poses,m1_thrust,m2_thrust,m3_thrust,m4_thrust,wx_setpoint,wy_setpoint,wz_setpoint";
@@ -2036,8 +2041,9 @@ mod tests {
         );
     }
 
-    /// A logger of a vehicle with eight rotors: set points were taken for the state, and the motors of another vehicle, all zero,
-    /// for its own; then the thrust and torques that its controller commands, of which three change their sign.
+    /// A logger of a vehicle with eight rotors: set points were taken for the state, and the motors of another vehicle,
+    /// all zero, for its own; then the thrust and torques that its controller commands, of which three change their
+    /// sign.
     #[test]
     fn regress_the_state_goes_before_what_the_user_asks_for_and_motors_that_turn_before_those_that_do_not() {
         let mut names = vec!["Current time [s]".to_owned()];
@@ -2151,8 +2157,8 @@ mod tests {
         assert!(reason.contains("reads the file as it is"), "{reason}");
     }
 
-    /// Electrical speeds were taken for the rotor's without a question; a reference's acceleration was an accelerometer that
-    /// "reads downwards".
+    /// Electrical speeds were taken for the rotor's without a question; a reference's acceleration was an accelerometer
+    /// that "reads downwards".
     #[test]
     fn regress_electrical_turns_and_an_acceleration_without_gravity_are_asked_about() {
         let table = |speeds: &str, z: f64| {

@@ -9,9 +9,9 @@
 //! unit = "rad/s"                                # or several: the first one that the data allow
 //! frame = "frd"                                 # frd flu (body), ned enu nwu (world), both for a quaternion: "enu-flu"
 //! ```
-//! Of several rows with the same `to` the first one whose fields are in the log wins: this is how a mapping survives renamed
-//! topics. A user's mapping takes precedence over the built-in one, so it can override one row and leave the rest. Canonical
-//! files have no built-in mapping; [`super::remap`] applies a user's mapping to their columns.
+//! Of several rows with the same `to` the first one whose fields are in the log wins: this is how a mapping survives
+//! renamed topics. A user's mapping takes precedence over the built-in one, so it can override one row and leave the
+//! rest. Canonical files have no built-in mapping; [`super::remap`] applies a user's mapping to their columns.
 
 use super::sources::csv_table::Layout;
 use super::units::{self, Dimension};
@@ -112,8 +112,8 @@ pub(crate) struct Row {
     pub(crate) valid: Option<String>,
 }
 
-/// A field of the same message, with its possible units: those of a voltage can be distinguished by its size, those of a current
-/// cannot.
+/// A field of the same message, with its possible units: those of a voltage can be distinguished by its size, those of
+/// a current cannot.
 #[derive(Clone, Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(crate) struct UnitAs {

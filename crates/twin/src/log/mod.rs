@@ -7,8 +7,8 @@
 //! A log has one time base and columns of numbers: the canonical ones ([`names`]) in SI, NED and FRD, and whatever else the file
 //! holds under its own name. A cell without a value is NaN in memory and nowhere else.
 //!
-//! What cannot be correct is rejected with one sentence ([`LogError`]) before anything is stored; what looks wrong but could be
-//! read is a [`Finding`] in the [`ImportReport`].
+//! What cannot be correct is rejected with one sentence ([`LogError`]) before anything is stored; what looks wrong but
+//! could be read is a [`Finding`] in the [`ImportReport`].
 //!
 //! [`flight_parts`] finds which parts of it are on the ground, in the air, a crash.
 //!
@@ -285,7 +285,8 @@ fn accepted(
     Ok(log)
 }
 
-/// The file of a recording of ROS 2, which is a folder with `metadata.yaml` and one or more files; `None` for anything else.
+/// The file of a recording of ROS 2, which is a folder with `metadata.yaml` and one or more files; `None` for anything
+/// else.
 fn recording_in(path: &Path) -> Result<Option<PathBuf>, LogError> {
     if !path.join(RECORDING_METADATA).is_file() {
         return Ok(None);

@@ -1,11 +1,12 @@
 //! Which outputs of an autopilot drive rotors.
 //!
-//! An autopilot logs all of its outputs: motors, a camera's tilt, a buzzer, and unconnected ones. Where `SERVOn_FUNCTION` gives
-//! the function of each, that decides, and the rotors are in the order of their motor numbers. PX4's `actuator_motors` holds
-//! motors only, as many as `CA_ROTOR_COUNT` says. A blackbox's `motor[n]` are all motors; its servos have a name of their own.
-//! Otherwise rotors are the outputs that move and follow the collective: low on the ground, up in the air, or up by as much as
-//! the others whenever those go up. An output that is switched now and then and otherwise constant is not a rotor; and if there
-//! are more than `MAV_TYPE` says (2 four, 13 six, 14 eight), the first ones are taken.
+//! An autopilot logs all of its outputs: motors, a camera's tilt, a buzzer, and unconnected ones. Where
+//! `SERVOn_FUNCTION` gives the function of each, that decides, and the rotors are in the order of their motor numbers.
+//! PX4's `actuator_motors` holds motors only, as many as `CA_ROTOR_COUNT` says. A blackbox's `motor[n]` are all motors;
+//! its servos have a name of their own. Otherwise rotors are the outputs that move and follow the collective: low on
+//! the ground, up in the air, or up by as much as the others whenever those go up. An output that is switched now and
+//! then and otherwise constant is not a rotor; and if there are more than `MAV_TYPE` says (2 four, 13 six, 14 eight),
+//! the first ones are taken.
 //!
 //! Outputs of an aeroplane, a rover or a boat are never rotors of a multirotor ([`other_vehicle`]).
 
@@ -20,8 +21,8 @@ const MOVES: f64 = 0.01;
 const FEWEST: usize = 3;
 /// Mean on the ground over the mean in the air of a rotor, at most.
 const GROUND_SHARE: f64 = 0.6;
-/// … or its rise from there over that of the middle output, at least: throttle chops by a pilot may be taken for ground, and
-/// motors that idle in the air rise by less than 1/[`GROUND_SHARE`].
+/// … or its rise from there over that of the middle output, at least: throttle chops by a pilot may be taken for
+/// ground, and motors that idle in the air rise by less than 1/[`GROUND_SHARE`].
 const RISES_LIKE_OTHERS: f64 = 0.5;
 /// Mean in the air over that of the middle output: a rotor is not far from it.
 const LIKE_OTHERS: std::ops::Range<f64> = 0.35..2.0;
@@ -101,8 +102,9 @@ fn by_function(count: usize, parameters: &BTreeMap<String, f64>) -> Vec<usize> {
     motors.into_iter().map(|(_, output)| output).collect()
 }
 
-/// `CA_ROTOR_COUNT` of a multirotor, if exactly that many outputs hold numbers: the others of such a message are not motors. A
-/// vehicle has this even if a motor stands still or is at its limit throughout (propellers off, carried by hand).
+/// `CA_ROTOR_COUNT` of a multirotor, if exactly that many outputs hold numbers: the others of such a message are not
+/// motors. A vehicle has this even if a motor stands still or is at its limit throughout (propellers off, carried by
+/// hand).
 fn by_count(duties: &[Vec<f64>], parameters: &BTreeMap<String, f64>) -> Option<usize> {
     const MULTIROTOR: i64 = 0;
     let count = *parameters.get("CA_ROTOR_COUNT")? as usize;
@@ -117,8 +119,9 @@ fn by_count(duties: &[Vec<f64>], parameters: &BTreeMap<String, f64>) -> Option<u
     (multirotor && motors_only && (FEWEST..=duties.len()).contains(&count)).then_some(count)
 }
 
-/// Rotors of the vehicle that `MAV_TYPE` names, if the first outputs of that number follow the collective and others do as well.
-/// Not if the number of the airframe gives another count: a parameter that was left at its default names a quadrotor.
+/// Rotors of the vehicle that `MAV_TYPE` names, if the first outputs of that number follow the collective and others do
+/// as well. Not if the number of the airframe gives another count: a parameter that was left at its default names a
+/// quadrotor.
 fn by_type(following: &[usize], parameters: &BTreeMap<String, f64>) -> Option<usize> {
     let count = match *parameters.get("MAV_TYPE")? as i64 {
         2 => 4,
@@ -140,8 +143,8 @@ fn by_type(following: &[usize], parameters: &BTreeMap<String, f64>) -> Option<us
 
 /// The kind of vehicle that the log states, if it is not a multirotor: one clause.
 ///
-/// PX4 by `MAV_TYPE`, unless its status says that it flies on rotors (an old default of the parameter was an aeroplane);
-/// ArduPilot by the functions of its servos, if none of them is a motor of a multirotor.
+/// PX4 by `MAV_TYPE`, unless its status says that it flies on rotors (an old default of the parameter was an
+/// aeroplane); ArduPilot by the functions of its servos, if none of them is a motor of a multirotor.
 pub(super) fn other_vehicle(log: &SourceLog) -> Option<String> {
     let rotary = |stream: &super::sources::RawStream| {
         let said = |field: &str, wanted: f64| {
@@ -183,8 +186,9 @@ pub(super) fn other_vehicle(log: &SourceLog) -> Option<String> {
     .or_else(|| first("a rover or boat", |function| matches!(function, 26 | 73 | 74)))
 }
 
-/// Outputs without those that are switched occasionally: those with less than a hundredth of the changes of the third busiest.
-/// The command of a motor changes from sample to sample in the air, that of a gripper or of an idle servo does not.
+/// Outputs without those that are switched occasionally: those with less than a hundredth of the changes of the third
+/// busiest. The command of a motor changes from sample to sample in the air, that of a gripper or of an idle servo does
+/// not.
 fn without_switched(duties: &[Vec<f64>], moving: Vec<usize>) -> Vec<usize> {
     const SHARE: f64 = 0.01;
     let changes = |output: &usize| {
@@ -255,8 +259,8 @@ fn following(duties: &[Vec<f64>], moving: &[usize]) -> Vec<usize> {
         .collect()
 }
 
-/// Five or seven outputs that follow the collective are four or six rotors and something that copies the throttle: the first
-/// ones, if the numbering confirms it.
+/// Five or seven outputs that follow the collective are four or six rotors and something that copies the throttle: the
+/// first ones, if the numbering confirms it.
 fn even(following: Vec<usize>) -> Vec<usize> {
     let rotors = following.len() - following.len() % 2;
     let first = following.iter().take(rotors).copied().eq(0..rotors);

@@ -23,8 +23,8 @@ const KEPT: &str = "import";
 
 /// Reads the table of a Parquet file, and the information that a stored import kept about its source.
 ///
-/// The decoder panics on some damaged pages (an index past the end in `byte_stream_split`, parquet 60.1); here that becomes an
-/// error.
+/// The decoder panics on some damaged pages (an index past the end in `byte_stream_split`, parquet 60.1); here that
+/// becomes an error.
 pub(crate) fn read(path: &Path, bytes: Vec<u8>, most_cells: usize) -> Result<(Table, Option<String>), LogError> {
     std::panic::catch_unwind(|| decode(path, bytes, most_cells)).unwrap_or_else(|_| {
         Err(LogError::format(

@@ -1,8 +1,8 @@
 //! Parts of a log and other sample rates.
 //!
-//! A duty is held until the next row, so it is resampled by holding; everything else is interpolated linearly, angles the short
-//! way round. A sample between two rows separated by a gap, or next to an empty cell, has no value. There is no anti-alias
-//! filter: a lower rate aliases what is above half of it.
+//! A duty is held until the next row, so it is resampled by holding; everything else is interpolated linearly, angles
+//! the short way round. A sample between two rows separated by a gap, or next to an empty cell, has no value. There is
+//! no anti-alias filter: a lower rate aliases what is above half of it.
 
 use super::{FlightLog, GAP_FACTOR, MAX_CELLS, names};
 use std::f64::consts::{PI, TAU};
@@ -51,7 +51,8 @@ pub(crate) fn wrapped(angle_rad: f64) -> f64 {
     if turn > PI { turn - TAU } else { turn }
 }
 
-/// Values at other times; both time bases increase. No value outside the old time base, over gaps, or next to empty cells.
+/// Values at other times; both time bases increase. No value outside the old time base, over gaps, or next to empty
+/// cells.
 pub(crate) fn at_times(old_s: &[f64], values: &[f64], new_s: &[f64], between: Between, gap_s: f64) -> Vec<f64> {
     // Times that differ by rounding are the same row.
     const SAME_S: f64 = 1e-9;

@@ -1,8 +1,9 @@
-//! Rates of the columns as they were measured: a column that is held or interpolated from a slower stream has the rate and the
-//! noise of its source.
+//! Rates of the columns as they were measured: a column that is held or interpolated from a slower stream has the rate
+//! and the noise of its source.
 //!
-//! Between two samples of its source such a column has no information: linear interpolation misses the curvature of the signal, a
-//! held value its change. Both count as noise here, in addition to the scatter of neighbouring samples of the source.
+//! Between two samples of its source such a column has no information: linear interpolation misses the curvature of the
+//! signal, a held value its change. Both count as noise here, in addition to the scatter of neighbouring samples of the
+//! source.
 
 use serde::Serialize;
 
@@ -13,8 +14,8 @@ use super::{FlightLog, names};
 const SLOWER: f64 = 0.7;
 /// Fewest new values that determine a rate.
 const FEWEST: usize = 8;
-/// A new value that comes this many usual intervals after the last one indicates a gap in the log or a value that did not change
-/// (a motor at its limit), not the rate of the source.
+/// A new value that comes this many usual intervals after the last one indicates a gap in the log or a value that did
+/// not change (a motor at its limit), not the rate of the source.
 const LATE: f64 = 4.0;
 /// Median of absolute values over the deviation, of normal ones.
 const MEDIAN_OF_NORMAL: f64 = 0.6745;
@@ -75,12 +76,12 @@ impl FlightLog {
             .max_by(|a, b| a.source_hz.total_cmp(&b.source_hz))
     }
 
-    /// Corrections that an estimator makes to its position relative to its own velocity, as a random walk, m/√s; worst axis, 0 if
-    /// unknown.
+    /// Corrections that an estimator makes to its position relative to its own velocity, as a random walk, m/√s; worst
+    /// axis, 0 if unknown.
     ///
-    /// A fix corrects position and velocity each with its own gain, so the position of an estimator is not the integral of its
-    /// velocity. Between two samples of a slow source a column only repeats the last correction: treated as noise of each row it
-    /// would cancel over a quarter of a second, which corrections do not.
+    /// A fix corrects position and velocity each with its own gain, so the position of an estimator is not the integral
+    /// of its velocity. Between two samples of a slow source a column only repeats the last correction: treated as
+    /// noise of each row it would cancel over a quarter of a second, which corrections do not.
     pub fn position_corrections(&self) -> f64 {
         let within = [(f64::NEG_INFINITY, f64::INFINITY)];
         (0..3)
@@ -91,10 +92,10 @@ impl FlightLog {
             .fold(0.0, f64::max)
     }
 
-    /// The same for its attitude relative to its own angular rates within spans of time (s), rad/√s, axis by axis: η − ∫T(η)ω. An
-    /// accelerometer and a compass correct an attitude that a gyroscope propagates, and one that is logged at another time or
-    /// rate than the gyroscope is not the integral of the logged rates. The contribution of the white noise of the rates to such
-    /// an integral belongs to them and is subtracted.
+    /// The same for its attitude relative to its own angular rates within spans of time (s), rad/√s, axis by axis: η −
+    /// ∫T(η)ω. An accelerometer and a compass correct an attitude that a gyroscope propagates, and one that is logged
+    /// at another time or rate than the gyroscope is not the integral of the logged rates. The contribution of the
+    /// white noise of the rates to such an integral belongs to them and is subtracted.
     pub fn attitude_corrections(&self, within: &[(f64, f64)]) -> [f64; 3] {
         let (Some(attitude), Some(rates)) = (self.vector(names::ATTITUDE), self.vector(names::RATES)) else {
             return [0.0; 3];
@@ -117,10 +118,10 @@ impl FlightLog {
         })
     }
 
-    /// Random walk of `m = x − ∫ẋ` of a column relative to its own derivative, unit/√s: over windows B of one sample of its
-    /// source up to 2 s, `q² = (⟨(m(t + B) − m(t))²⟩ − 2σ²)/B − σ_ẋ² h` about the median (a constant error of either cancels),
-    /// less the white noise σ of a reading and σ_ẋ of its derivative on rows h apart, excluding the largest hundredth (resets).
-    /// Worst window.
+    /// Random walk of `m = x − ∫ẋ` of a column relative to its own derivative, unit/√s: over windows B of one sample of
+    /// its source up to 2 s, `q² = (⟨(m(t + B) − m(t))²⟩ − 2σ²)/B − σ_ẋ² h` about the median (a constant error of
+    /// either cancels), less the white noise σ of a reading and σ_ẋ of its derivative on rows h apart, excluding the
+    /// largest hundredth (resets). Worst window.
     fn corrections(
         &self,
         column: &str,
@@ -242,8 +243,8 @@ fn in_time<'a>(time_s: &[f64], knots: &'a [usize]) -> Vec<&'a [usize]> {
     knots.windows(2).filter(|pair| apart(pair) <= LATE * usual).collect()
 }
 
-/// Rows with a new value: where linear interpolation through the neighbours has a kink. A sample of the source between two rows
-/// causes a kink at both of them; such pairs count once.
+/// Rows with a new value: where linear interpolation through the neighbours has a kink. A sample of the source between
+/// two rows causes a kink at both of them; such pairs count once.
 fn knots(time_s: &[f64], values: &[f64]) -> Vec<usize> {
     let breaks: Vec<usize> = (1..values.len().saturating_sub(1))
         .filter(|&k| {

@@ -15,9 +15,9 @@ impl FlightLog {
         ((self.duration_s() * rate_hz + 1e-6).floor() as usize).saturating_add(1)
     }
 
-    /// Passes on columns at a constant rate from the log's first time on, block by block: number of the first step, and the
-    /// values of each column, NaN where there is none. The values are those of [`FlightLog::resampled`]; a log that already has
-    /// this rate keeps its bits.
+    /// Passes on columns at a constant rate from the log's first time on, block by block: number of the first step, and
+    /// the values of each column, NaN where there is none. The values are those of [`FlightLog::resampled`]; a log that
+    /// already has this rate keeps its bits.
     ///
     /// * `columns`: those that the log lacks are NaN throughout   * `rate_hz`: 0 exclusive to 100 kHz
     ///

@@ -1,8 +1,8 @@
 //! How well the constants of a vehicle are known: intervals that an identification wrote next to the vehicle document.
 //!
-//! `rotortwin vehicle from-log` writes `NAME.toml` and `NAME.intervals.toml`; loading the first also loads the second, and every
-//! version that is made from it keeps them as `[[constant]]`. A constant that was edited since is taken as exact: whoever typed a
-//! number is assumed to know it.
+//! `rotortwin vehicle from-log` writes `NAME.toml` and `NAME.intervals.toml`; loading the first also loads the second,
+//! and every version that is made from it keeps them as `[[constant]]`. A constant that was edited since is taken as
+//! exact: whoever typed a number is assumed to know it.
 //!
 //! In: the file next to a vehicle. Out: [`ConstantInterval`]s, which comparison and diagnosis use as priors.
 
@@ -34,8 +34,8 @@ pub enum Source {
     Bench,
     /// Typical of vehicles of this size: a guess with a wide interval.
     Class,
-    /// What every vehicle document of this kind assumes and no flight determines: equal rotors, the centre of mass in their
-    /// middle.
+    /// What every vehicle document of this kind assumes and no flight determines: equal rotors, the centre of mass in
+    /// their middle.
     Assumed,
 }
 
@@ -114,8 +114,8 @@ impl ConstantInterval {
     }
 }
 
-/// The intervals next to the vehicle document at `path`, without those of constants that were edited since; none if there is no
-/// file.
+/// The intervals next to the vehicle document at `path`, without those of constants that were edited since; none if
+/// there is no file.
 ///
 /// # Errors
 /// An existing file is invalid: one sentence with file, line and key.

@@ -1,8 +1,9 @@
-//! A model version as the vehicle assumed by the detectors: those of its effects for which their configuration has a parameter.
+//! A model version as the vehicle assumed by the detectors: those of its effects for which their configuration has a
+//! parameter.
 //!
 //! The detectors know mass, principal inertia, friction of Eq. 1, rotor positions about the centre of mass, c_D/c_L, one lag and
-//! one lift polynomial for all rotors. Constants of these kinds are folded into a vehicle document; every effect that does not
-//! change that document is reported as ignored.
+//! one lift polynomial for all rotors. Constants of these kinds are folded into a vehicle document; every effect that
+//! does not change that document is reported as ignored.
 
 use rotortwin_plant::effects::{Catalogue, Constants, EffectInstance, EffectSet};
 use rotortwin_plant::error::Refusal;

@@ -6,9 +6,9 @@
 //!                         └──── differences ───────┘                                     (difference)
 //! ```
 //!
-//! A [`ModelVersion`] is one small self-contained TOML file ([`document`]): vehicle and blades, each effect with parameters,
-//! deviations and provenance (which log, which tool, what evidence), and the hash of its parent. It is what comparison,
-//! diagnosis, simulator and detector use as "the model". A plain vehicle document is version 0 of itself.
+//! A [`ModelVersion`] is one small self-contained TOML file ([`document`]): vehicle and blades, each effect with
+//! parameters, deviations and provenance (which log, which tool, what evidence), and the hash of its parent. It is what
+//! comparison, diagnosis, simulator and detector use as "the model". A plain vehicle document is version 0 of itself.
 //!
 //! A version is identified by its **content hash**: XXH3-128 of the canonical form, the JSON of [`ModelVersion`] with keys in
 //! declaration order and numbers in their shortest exact form. Comments, layout and the order of keys in the file do not count;

@@ -9,8 +9,8 @@
 //! *Undo* moves a branch back to the parent of its version; the file stays and can be named by its number. A version is named
 //! `f550` (its branch `main`), `f550@windy`, `f550@v1`, or by the path of its file.
 //!
-//! Each write is a new file that gets its name when it is complete. Two programs that add at the same time get two numbers; the
-//! branch then points to the later of the two.
+//! Each write is a new file that gets its name when it is complete. Two programs that add at the same time get two
+//! numbers; the branch then points to the later of the two.
 
 use std::collections::BTreeMap;
 use std::io::{ErrorKind, Write as _};

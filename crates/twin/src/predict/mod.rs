@@ -41,8 +41,8 @@ use crate::log::FlightLog;
 
 /// Thrust over commanded thrust below which no plausible mass, air or voltage of a vehicle explains a commanded wrench.
 const COMMAND_SCALE_LOW: f64 = 0.75;
-/// Largest time constant of the observer of the rates, s: if the model is wrong by an angular acceleration, the predicted rates
-/// are wrong by this times that.
+/// Largest time constant of the observer of the rates, s: if the model is wrong by an angular acceleration, the
+/// predicted rates are wrong by this times that.
 const RATES_SETTLE_S: f64 = 0.01;
 
 /// Why a log cannot be compared with a model: one sentence.
@@ -132,7 +132,8 @@ impl Predictor {
     /// A vehicle with the effects of its model, and a log.
     ///
     /// # Errors
-    /// One sentence: the log is too short, has another number of rotors than the vehicle, or an effect of the model is not valid.
+    /// One sentence: the log is too short, has another number of rotors than the vehicle, or an effect of the model is
+    /// not valid.
     pub fn new(
         documents: &VehicleDocuments,
         effects: &[EffectInstance],
@@ -209,8 +210,9 @@ impl Predictor {
         Ok(predictor)
     }
 
-    /// Factor on a commanded wrench at which the model's lift matches the accelerometer, if the command is further off than any
-    /// effect of plausible size: an integrating controller flies with any thrust map, so commanded newtons are not a measurement.
+    /// Factor on a commanded wrench at which the model's lift matches the accelerometer, if the command is further off
+    /// than any effect of plausible size: an integrating controller flies with any thrust map, so commanded newtons are
+    /// not a measurement.
     fn command_scale(&self, prediction: &Prediction) -> Option<f64> {
         let series = self.series();
         if series.drive != Drive::Wrench || !series.available.accel {
@@ -362,8 +364,8 @@ impl Predictor {
         Ok(rows.flat_map(|(row, _)| row.iter().copied()).collect())
     }
 
-    /// Thrust of each rotor, computed by the model from the inputs, at arbitrary times by linear interpolation between its steps,
-    /// N; rotor by rotor.
+    /// Thrust of each rotor, computed by the model from the inputs, at arbitrary times by linear interpolation between
+    /// its steps, N; rotor by rotor.
     pub(crate) fn thrust_at(&self, time_s: &[f64]) -> Result<Vec<Vec<f64>>, PredictError> {
         let series = &self.plant.series;
         let set = self.effect_set(&Nuisances::default(), &[])?;
@@ -438,7 +440,8 @@ impl Predictor {
         }
     }
 
-    /// A whitened residual with the assumed noise: what a tuned noise attributes to random torques must not count as explained.
+    /// A whitened residual with the assumed noise: what a tuned noise attributes to random torques must not count as
+    /// explained.
     pub(crate) fn as_assumed(&self, channel: usize, whitened: &[f64]) -> Option<Vec<f64>> {
         let axis = channel.checked_sub(channels::M).filter(|&axis| axis < 3)?;
         let (assumed, tuned) = (self.assumed.as_ref()?[axis].as_ref()?, self.whitener(channel)?);
@@ -477,8 +480,8 @@ impl Predictor {
         }
     }
 
-    /// Prediction of the means of the voltage, with thrust and motion as in `base`; the powers differ from those by the shifts
-    /// times their slopes.
+    /// Prediction of the means of the voltage, with thrust and motion as in `base`; the powers differ from those by the
+    /// shifts times their slopes.
     pub(crate) fn coarse_prediction(
         &self,
         set: &EffectSet,
@@ -578,8 +581,8 @@ pub(crate) fn allocation(c: &Constants) -> impl Fn(f64, Vector3) -> Vec<f64> {
     }
 }
 
-/// Initial voltage under the load of hovering, V: the input of Eq. 19 if no voltage was logged. With the open-circuit voltage a
-/// small vehicle would lift a tenth too much.
+/// Initial voltage under the load of hovering, V: the input of Eq. 19 if no voltage was logged. With the open-circuit
+/// voltage a small vehicle would lift a tenth too much.
 ///
 /// V = (V_o + √(V_o² − 4 R P_h))/2, P_h = n k_P f_h^1.5
 fn under_hover_load(plant: &Plant, nominal: &Constants) -> f64 {
@@ -592,7 +595,8 @@ fn under_hover_load(plant: &Plant, nominal: &Constants) -> f64 {
     0.5 * (open + root)
 }
 
-/// Charge at which the resting voltage less the drop of hovering equals the voltage measured in the first second of flight.
+/// Charge at which the resting voltage less the drop of hovering equals the voltage measured in the first second of
+/// flight.
 fn initial_charge(plant: &Plant, nominal: &Constants) -> f64 {
     let series = &plant.series;
     let first = ((1.0 / series.step_s) as usize).max(10).min(series.voltage.len());

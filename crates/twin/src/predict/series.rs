@@ -194,8 +194,8 @@ pub struct Series {
     pub rotors: usize,
     /// As measured; NaN where there is no measurement.
     pub raw: Kinematics,
-    /// The same with gaps bridged by linear interpolation, if there are any: models with states of their own must not encounter
-    /// NaN. Such samples do not count.
+    /// The same with gaps bridged by linear interpolation, if there are any: models with states of their own must not
+    /// encounter NaN. Such samples do not count.
     pub bridged: Option<Kinematics>,
     /// Smoothed with [`SMOOTHING_S`].
     pub smooth: Kinematics,
@@ -435,9 +435,9 @@ const BEFORE_TAKE_OFF_S: f64 = 1.0;
 /// Error of the scale from which readings are divided by it: smaller ones are an effect for a diagnosis to find.
 const LEAST_SCALE_ERROR: f64 = 0.02;
 
-/// Mean size of the specific force in the quiet seconds before take-off over gravity, if at least two seconds are quiet and it is
-/// off by more than sensors ordinarily are. `vehicle from-log` corrects for the same, so the diagnosis of its vehicle must use
-/// the same readings.
+/// Mean size of the specific force in the quiet seconds before take-off over gravity, if at least two seconds are quiet
+/// and it is off by more than sensors ordinarily are. `vehicle from-log` corrects for the same, so the diagnosis of its
+/// vehicle must use the same readings.
 fn rest_scale(log: &FlightLog, take_off_s: f64) -> Option<f64> {
     let accel = log.vector(names::ACCEL)?;
     let rates = log.vector(names::RATES)?;
@@ -676,8 +676,8 @@ pub fn hann(x: &[Vector3], half: usize) -> Vec<Vector3> {
         .collect()
 }
 
-/// 2x − Hx of a smoothed x = Hy: squares the window's loss at low frequencies, 1 − (1 − H)². For a pendulum of 2 s, a driving
-/// signal that is 0.4 % too small makes the rope 0.04 % too short, many times its interval.
+/// 2x − Hx of a smoothed x = Hy: squares the window's loss at low frequencies, 1 − (1 − H)². For a pendulum of 2 s, a
+/// driving signal that is 0.4 % too small makes the rope 0.04 % too short, many times its interval.
 fn twiced(x: &[Vector3], half: usize) -> Vec<Vector3> {
     let again = hann(x, half);
     let twice = |(once, again): (&Vector3, &Vector3)| [0, 1, 2].map(|i| 2.0 * once[i] - again[i]);

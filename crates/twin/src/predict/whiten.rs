@@ -134,9 +134,9 @@ impl RateNoise {
         (with(own), with(best), best.sqrt())
     }
 
-    /// The noise that makes residuals h r (rad/s; NaN where masked) most likely: the gain of the predictor is estimated, not
-    /// assumed. A wrong gain leaves innovations that are predictable from earlier readings; the controller responds to these
-    /// readings, and its commands then seem to explain them.
+    /// The noise that makes residuals h r (rad/s; NaN where masked) most likely: the gain of the predictor is
+    /// estimated, not assumed. A wrong gain leaves innovations that are predictable from earlier readings; the
+    /// controller responds to these readings, and its commands then seem to explain them.
     pub fn most_likely(self, residual: &[f64]) -> Self {
         const WHITE: (f64, f64) = (1e-3, 30.0);
         const DRIFT: (f64, f64) = (1e-8, 1.0);
@@ -483,7 +483,8 @@ mod tests {
         }
     }
 
-    /// A yaw loop that responds only to the noise of its gyro: (h r with the rates as read, lagged command), rad/s and rad/s².
+    /// A yaw loop that responds only to the noise of its gyro: (h r with the rates as read, lagged command), rad/s and
+    /// rad/s².
     fn loop_of_noise(gain: f64, noise: f64, disturbance: f64, seed: u64) -> (Vec<f64>, Vec<f64>) {
         let (h, lag) = (0.0025, 0.05);
         let mut draws = NormalStream::new(seed, "loop");
@@ -531,8 +532,8 @@ mod tests {
             most = most.max(false_gain(likely, &differences, &torques).abs());
             assumed_least = assumed_least.min(false_gain(assumed, &differences, &torques).abs());
         }
-        // With the assumed gain every seed shows an effect that is not there; with the most likely one none of eight exceeds the
-        // one-in-two-thousand level.
+        // With the assumed gain every seed shows an effect that is not there; with the most likely one none of eight
+        // exceeds the one-in-two-thousand level.
         assert!(assumed_least > 4.0, "{assumed_least}");
         assert!(most < 3.5, "{most}");
     }

@@ -19,8 +19,8 @@ impl Candidate {
         }
     }
 
-    /// True for a term that shifts the mean of a channel in flight: a constant addition to the thrust, and a thrust that acts off
-    /// the centre of mass or turns the vehicle.
+    /// True for a term that shifts the mean of a channel in flight: a constant addition to the thrust, and a thrust
+    /// that acts off the centre of mass or turns the vehicle.
     pub(super) fn is_level(&self) -> bool {
         let [(place, what)] = self.acts.as_slice() else {
             return false;

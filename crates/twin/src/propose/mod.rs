@@ -5,13 +5,13 @@
 //! residual of the model, means of 0.1 s ─┐
 //! each term as an effect with factor c ──┴▶ gain on blocks that its fit did not see ─▶ the best, again, until none gains
 //! ```
-//! Each candidate ([`terms`]) is an effect like a user effect, so its unit is checked in the same way, and the predictor computes
-//! its contribution to every channel: a force shows in the accelerometer, a gyro error in two channels. Terms on several axes may
-//! share one factor, as in a drag.
+//! Each candidate ([`terms`]) is an effect like a user effect, so its unit is checked in the same way, and the
+//! predictor computes its contribution to every channel: a force shows in the accelerometer, a gyro error in two
+//! channels. Terms on several axes may share one factor, as in a drag.
 //!
-//! Limits: still air; a term is an instantaneous function of the motion or of time, so a pendulum or a backlash is at best hinted
-//! at. A proposal is a correlation with a dimension, not yet physics. Only terms that improve the model's prediction of held-out
-//! blocks are proposed ([`proof`]), constant offsets of thrust and torque first.
+//! Limits: still air; a term is an instantaneous function of the motion or of time, so a pendulum or a backlash is at
+//! best hinted at. A proposal is a correlation with a dimension, not yet physics. Only terms that improve the model's
+//! prediction of held-out blocks are proposed ([`proof`]), constant offsets of thrust and torque first.
 
 mod candidate;
 mod proof;

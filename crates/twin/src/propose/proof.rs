@@ -1,10 +1,11 @@
-//! Confirmation of proposed terms by prediction: each is kept only if the model with it predicts held-out blocks better, by the
-//! errors that a comparison shows.
+//! Confirmation of proposed terms by prediction: each is kept only if the model with it predicts held-out blocks
+//! better, by the errors that a comparison shows.
 //!
-//! The regression gives every channel an offset of its own. A model has none, so a term whose mean the offset absorbed makes a
-//! prediction worse: such a term is detected here, and not proposed. Factors come from the even blocks for the odd ones, and vice
-//! versa. A term is kept if the error of a quantity or channel falls by more than its blocks scatter, and that of no quantity or
-//! channel rises. With a factor that is the same on all blocks, half of that scatter is sufficient.
+//! The regression gives every channel an offset of its own. A model has none, so a term whose mean the offset absorbed
+//! makes a prediction worse: such a term is detected here, and not proposed. Factors come from the even blocks for the
+//! odd ones, and vice versa. A term is kept if the error of a quantity or channel falls by more than its blocks
+//! scatter, and that of no quantity or channel rises. With a factor that is the same on all blocks, half of that
+//! scatter is sufficient.
 
 use rotortwin_plant::effects::{Catalogue, EffectDocument, EffectInstance};
 
@@ -127,8 +128,8 @@ impl Proof<'_> {
         let channels = self.of_channels(before, &after);
         let quantities = self.of_quantities(before, &after);
         let all = || channels.iter().chain(&quantities);
-        // The trend of a supply shows at the ends of a flight, so its blocks scatter as much as they gain. It is accepted if its
-        // factor is the same on all of them.
+        // The trend of a supply shows at the ends of a flight, so its blocks scatter as much as they gain. It is
+        // accepted if its factor is the same on all of them.
         let certain = self.is_certain(&trial);
         let falls = |error: &HeldOutError| {
             error.falls()

@@ -33,7 +33,8 @@ const LEAST_OF_ALL: f64 = 0.02;
 const FAILS: f64 = 1.3;
 /// Least share of its square that a term must have independently of the others.
 const LEAST_OF_OWN: f64 = 1e-6;
-/// Step of the difference quotient for the effect of a term, in the noise of one mean of the channel where it shows most.
+/// Step of the difference quotient for the effect of a term, in the noise of one mean of the channel where it shows
+/// most.
 const STEP_NOISES: f64 = 10.0;
 
 /// Residual of one log, in means.
@@ -213,7 +214,8 @@ impl Regression {
                         .collect()
                 }))
             };
-            // A tiny factor determines the size, a factor of that size the effect: readings are linear only over a short range.
+            // A tiny factor determines the size, a factor of that size the effect: readings are linear only over a
+            // short range.
             let probe = column(1e-9)?;
             let largest =
                 probe.iter().flatten().fold(
@@ -475,8 +477,8 @@ impl Gram {
         Some(all)
     }
 
-    /// The term that explains most on unseen blocks in addition to those chosen, if it explains enough; none of the rejected
-    /// ones.
+    /// The term that explains most on unseen blocks in addition to those chosen, if it explains enough; none of the
+    /// rejected ones.
     pub(super) fn next(&self, taken: &[usize], refused: &[usize]) -> Option<usize> {
         let all: Vec<usize> = (0..CHANNELS).collect();
         if taken.len() >= MOST_TERMS {

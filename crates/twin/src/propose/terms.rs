@@ -1,7 +1,8 @@
 //! The terms that a proposal is made of: places and expressions that share one factor.
 //!
-//! Simple ones first: of two that explain nearly the same, the earlier one is chosen. The measured quantity of a channel is not a
-//! regressor of its own residual: the specific force contains the missing force, the angular acceleration the missing torque.
+//! Simple ones first: of two that explain nearly the same, the earlier one is chosen. The measured quantity of a
+//! channel is not a regressor of its own residual: the specific force contains the missing force, the angular
+//! acceleration the missing torque.
 
 use std::f64::consts::TAU;
 

@@ -1,18 +1,19 @@
-//! Vibration by rotor: vibration of the inertial sensor at the speed of each rotor, in a flight and compared with healthy
-//! flights.
+//! Vibration by rotor: vibration of the inertial sensor at the speed of each rotor, in a flight and compared with
+//! healthy flights.
 //!
 //! ```text
 //! log ─▶ speeds (ESC telemetry; or duty and voltage, scaled to the lines) ─▶ orders: a line for each rotor ─▶ growth over healthy flights
 //!     └▶ neither speeds nor a model: band: the vehicle as a whole ──────────────────────────────────────────▶ growth over healthy flights
 //! ```
-//! A chipped or bent propeller is out of balance and shakes the vehicle once per revolution, long before it costs thrust that a
-//! model would miss. The amplitude is that of the sensor at the reference speed; it grows with Ω², so that flights at other
-//! speeds can be compared. The influence of the sensor's position and the frame's resonances is the same in all flights of a
-//! vehicle, which is why the comparison with healthy flights decides and not the amplitude itself: new propellers differ, too.
+//! A chipped or bent propeller is out of balance and shakes the vehicle once per revolution, long before it costs
+//! thrust that a model would miss. The amplitude is that of the sensor at the reference speed; it grows with Ω², so
+//! that flights at other speeds can be compared. The influence of the sensor's position and the frame's resonances is
+//! the same in all flights of a vehicle, which is why the comparison with healthy flights decides and not the amplitude
+//! itself: new propellers differ, too.
 //!
-//! Limits: a sensor sampled at less than some 2.2 times per revolution shows nothing of it; two rotors that always turn at the
-//! same speed cannot be distinguished; filters of the autopilot before logging (notches at rotor speed above all) remove the
-//! signal.
+//! Limits: a sensor sampled at less than some 2.2 times per revolution shows nothing of it; two rotors that always turn
+//! at the same speed cannot be distinguished; filters of the autopilot before logging (notches at rotor speed above
+//! all) remove the signal.
 
 mod band;
 mod growth;

@@ -5,10 +5,10 @@
 //! ```text
 //! y(t) = c₀ + c₁ t + c₂ t² + Σ_r (Ω_r(t)/Ω_ref)² (a_r cos φ_r(t) + b_r sin φ_r(t)) + e(t),   φ_r(t) = ∫ Ω_r dt
 //! ```
-//! fitted to all rotors at once with Hann's weights, because rotors at nearly the same speed share a line and only the joint fit
-//! shows how well they can be separated. An unbalanced rotor pulls with m r Ω², hence the square. Phases are not carried from
-//! block to block: the speed of a rotor is not known well enough for that. So the power a² + b² of the blocks is averaged, minus
-//! the contribution of noise, which is measured next to the lines, where no rotor turns.
+//! fitted to all rotors at once with Hann's weights, because rotors at nearly the same speed share a line and only the
+//! joint fit shows how well they can be separated. An unbalanced rotor pulls with m r Ω², hence the square. Phases are
+//! not carried from block to block: the speed of a rotor is not known well enough for that. So the power a² + b² of the
+//! blocks is averaged, minus the contribution of noise, which is measured next to the lines, where no rotor turns.
 //!
 //! Source of the idea: Ghalamchi and Mueller, *Vibration-Based Propeller Fault Diagnosis for Multicopters*, ICUAS 2018 (rotors turn at
 //! different speeds in manoeuvres, so the spectrum isolates them); the joint fit is that of Vold and Kalman's order tracking without its
@@ -18,8 +18,8 @@ use nalgebra::{DMatrix, DVector};
 use std::f64::consts::TAU;
 use std::ops::Range;
 
-/// Length of a block, s: it resolves two lines 4 Hz apart, and a speed error of 0.5 % rotates the phase at 100 Hz by a quarter
-/// turn.
+/// Length of a block, s: it resolves two lines 4 Hz apart, and a speed error of 0.5 % rotates the phase at 100 Hz by a
+/// quarter turn.
 pub(super) const BLOCK_S: f64 = 0.5;
 /// Least share of the rows that a block must have.
 const LEAST_ROWS: f64 = 0.8;
@@ -420,7 +420,8 @@ pub(super) struct Pursuit {
     pub(super) scales: Vec<f64>,
     /// Rotor with the strongest line, from 0.
     pub(super) first: usize,
-    /// Power of that line as the best of the other rotors explains it, over its own: near 1 if they cannot be distinguished.
+    /// Power of that line as the best of the other rotors explains it, over its own: near 1 if they cannot be
+    /// distinguished.
     pub(super) rival: f64,
     /// Power of all lines together, less noise, a² + b² over all axes.
     pub(super) power: f64,

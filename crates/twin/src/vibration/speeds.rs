@@ -1,4 +1,5 @@
-//! Speeds of the rotors for order tracking: from ESC telemetry, or from duty and voltage with the scale that the vibration shows.
+//! Speeds of the rotors for order tracking: from ESC telemetry, or from duty and voltage with the scale that the
+//! vibration shows.
 
 use super::orders::{Comb, Shaken};
 use crate::log::{FlightLog, names};
@@ -68,11 +69,12 @@ pub(super) fn mean_in(time_s: &[f64], speeds: &[Vec<f64>], air: &[(f64, f64)]) -
     sum / count
 }
 
-/// The common scale, rad/s, at which the lines of rotors stand out most, for speeds that are known up to it; `None` if none does.
+/// The common scale, rad/s, at which the lines of rotors stand out most, for speeds that are known up to it; `None` if
+/// none does.
 ///
-/// Every scale is tried; its power is compared with the median of its neighbours, because vibration without a line decreases with
-/// the frequency. Blades pass two or three times per turn, often louder than the imbalance: if a half or a third of the best
-/// scale stands out as well, that is the speed.
+/// Every scale is tried; its power is compared with the median of its neighbours, because vibration without a line
+/// decreases with the frequency. Blades pass two or three times per turn, often louder than the imbalance: if a half or
+/// a third of the best scale stands out as well, that is the speed.
 pub(super) fn scale_of(shaken: &Shaken<'_>, rate_hz: f64) -> Option<f64> {
     let comb = Comb::between(TAU * SLOWEST_HZ, TAU * FASTEST * rate_hz);
     if comb.count < 2 {

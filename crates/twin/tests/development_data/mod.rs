@@ -6,7 +6,8 @@ mod skip;
 
 use std::path::{Path, PathBuf};
 
-/// The folder of `ROTORTWIN_SHARED`, otherwise `../shared` next to the repository; `None` is noted for `./test` to count.
+/// The folder of `ROTORTWIN_SHARED`, otherwise `../shared` next to the repository; `None` is noted for `./test` to
+/// count.
 pub(crate) fn shared(inside: &str) -> Option<PathBuf> {
     let beside = || Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../shared");
     let folder = std::env::var_os("ROTORTWIN_SHARED")

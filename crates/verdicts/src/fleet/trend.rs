@@ -17,8 +17,9 @@
 //!
 //! A claim is made only if the best rotor's t exceeds what one healthy vehicle in 1/[`FALSE_CLAIMS`] shows over all rotors and shapes
 //! tried, and if the loss is at least [`LEAST_LOSS`]; a rotor is named if its sets have [`NAMED`] of the posterior. A named loss is
-//! subtracted, and the remainder is searched again, without that rotor. A step that ends, because a propeller was replaced
-//! without a record, is recognised as such as soon as its end explains more than chance does over all possible ends.
+//! subtracted, and the remainder is searched again, without that rotor. A step that ends, because a propeller was
+//! replaced without a record, is recognised as such as soon as its end explains more than chance does over all possible
+//! ends.
 //!
 //! Limits: a thrust gain of a rotor looks like a loss of the opposite one (of six rotors), but propellers do not gain; equal losses of
 //! opposite rotors change only the common component; flights are assumed independent and equally spaced.

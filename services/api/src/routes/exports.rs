@@ -1,8 +1,8 @@
 //! Whole runs in one file of a format that other programs read.
 //!
-//! MCAP and Parquet are files of the run. ULog and CSV are written to a file in the data folder's `exports`, which is unlinked as
-//! soon as it is open for sending, so it disappears with the response. Files left there by a killed server are removed by a later
-//! export.
+//! MCAP and Parquet are files of the run. ULog and CSV are written to a file in the data folder's `exports`, which is
+//! unlinked as soon as it is open for sending, so it disappears with the response. Files left there by a killed server
+//! are removed by a later export.
 
 use crate::App;
 use crate::access::Caller;

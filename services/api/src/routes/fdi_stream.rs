@@ -1,8 +1,9 @@
 //! FDI as a service over a WebSocket: measurements in, verdicts out as they arise.
 //!
-//! A text message is one JSON object, `{"first_step": N, "after_gap": false, "samples": [{…}, …]}`; its answer is the object that
-//! the HTTP route returns, or `{"refusal": "…", "next_step": N}`. A binary message is an encoded `FdiMeasurements`, its answer an
-//! `FdiVerdicts`. One answer per message, in order. A session may be fed over several connections; they share its steps.
+//! A text message is one JSON object, `{"first_step": N, "after_gap": false, "samples": [{…}, …]}`; its answer is the
+//! object that the HTTP route returns, or `{"refusal": "…", "next_step": N}`. A binary message is an encoded
+//! `FdiMeasurements`, its answer an `FdiVerdicts`. One answer per message, in order. A session may be fed over several
+//! connections; they share its steps.
 
 use crate::App;
 use crate::access::Caller;

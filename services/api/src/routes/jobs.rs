@@ -195,8 +195,9 @@ pub(super) fn idempotency_key(headers: &HeaderMap) -> Result<Option<String>, Pro
     }
 }
 
-/// The answer to a submission that was already accepted under its key: 200 with the existing job, or 409 if the body differs.
-/// Checked before limits and documents: the inputs of the job may have changed or gone since, but the job exists.
+/// The answer to a submission that was already accepted under its key: 200 with the existing job, or 409 if the body
+/// differs. Checked before limits and documents: the inputs of the job may have changed or gone since, but the job
+/// exists.
 ///
 /// # Errors
 /// 400, 409, 503.

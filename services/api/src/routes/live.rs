@@ -3,9 +3,9 @@
 //! ```text
 //!  rotortwin job ─ lines ─▶ worker ─▶ hub ─ broadcast ─▶ one task a watcher ─▶ WebSocket
 //! ```
-//! The flight does not wait: a watcher that is too slow loses samples and is told how many. With `from_s` it first gets the
-//! stored part of the flight ([`crate::jobs::live`]), and again what it was too slow for: there is no gap. Nothing is stored on
-//! disk; the recording is in the telemetry once the run has ended.
+//! The flight does not wait: a watcher that is too slow loses samples and is told how many. With `from_s` it first gets
+//! the stored part of the flight ([`crate::jobs::live`]), and again what it was too slow for: there is no gap. Nothing
+//! is stored on disk; the recording is in the telemetry once the run has ended.
 
 use crate::App;
 use crate::access::Caller;
@@ -351,7 +351,8 @@ impl Watcher {
             return Ok(());
         }
         let period = Duration::from_secs_f64(1.0 / self.selection.rate_hz);
-        // In step with the rate; samples that arrive late and all together are passed on as if they had arrived in time.
+        // In step with the rate; samples that arrive late and all together are passed on as if they had arrived in
+        // time.
         let earliest = now.checked_sub(CREDIT).unwrap_or(now);
         self.due = Some(due.max(earliest) + period);
         self.sent += 1;

@@ -1,5 +1,5 @@
-//! The draft of a mapping for an uploaded third-party table: what its columns may be, and questions that only its owner can
-//! answer.
+//! The draft of a mapping for an uploaded third-party table: what its columns may be, and questions that only its owner
+//! can answer.
 
 use super::facts::UploadFacts;
 use super::jobs::{self, Shared};

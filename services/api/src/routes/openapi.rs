@@ -1,5 +1,5 @@
-//! Parts of the OpenAPI document that apply to every route and that the derive macros cannot express: access errors, header
-//! formats, results of jobs that are not done.
+//! Parts of the OpenAPI document that apply to every route and that the derive macros cannot express: access errors,
+//! header formats, results of jobs that are not done.
 
 use super::stated::whole;
 use utoipa::Number;

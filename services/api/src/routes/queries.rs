@@ -1,5 +1,5 @@
-//! SQL over the files of jobs, while the caller waits: answered by a process of `rotortwin query`, which can read those files and
-//! no others.
+//! SQL over the files of jobs, while the caller waits: answered by a process of `rotortwin query`, which can read those
+//! files and no others.
 
 use super::jobs::Shared;
 use crate::App;

@@ -1,5 +1,5 @@
-//! Results of a comparison, sample by sample: measured, predicted and residual of a channel, and the flight conditions, as means
-//! and extremes of buckets.
+//! Results of a comparison, sample by sample: measured, predicted and residual of a channel, and the flight conditions,
+//! as means and extremes of buckets.
 //!
 //! The comparison's process has written the residuals of each log to a file; it is read here, never recomputed.
 

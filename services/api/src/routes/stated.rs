@@ -1,7 +1,9 @@
-//! Validates requests against what the OpenAPI document states about query parameters and headers: length, format, range.
+//! Validates requests against what the OpenAPI document states about query parameters and headers: length, format,
+//! range.
 //!
-//! Types are checked by the handlers, which parse them. Constraints that are only attributes of the document (`max_length`,
-//! `pattern`, …) would not be enforced without this. Built from the document, so that the two cannot differ.
+//! Types are checked by the handlers, which parse them. Constraints that are only attributes of the document
+//! (`max_length`, `pattern`, …) would not be enforced without this. Built from the document, so that the two cannot
+//! differ.
 
 use crate::problem::Problem;
 use axum::extract::{MatchedPath, Query, Request, State};

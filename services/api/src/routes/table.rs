@@ -219,8 +219,8 @@ fn leads_to_a_value(document: &Value, schema: &Value, path: &[&str]) -> bool {
     leads_to_a_value(document, below, rest)
 }
 
-/// The wanted entries of a flat JSON object, in their order; null for missing ones. Others are skipped, not parsed: there are
-/// hundreds of entries, thousands of times.
+/// The wanted entries of a flat JSON object, in their order; null for missing ones. Others are skipped, not parsed:
+/// there are hundreds of entries, thousands of times.
 fn pick(text: &str, wanted: &[&str]) -> Vec<Value> {
     struct Picker<'a>(&'a [&'a str]);
     impl<'de> Visitor<'de> for Picker<'_> {

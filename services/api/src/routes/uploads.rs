@@ -1,4 +1,5 @@
-//! A file in the body of a request: within its limit, to disk, and rejected in such a way that the client gets the reason.
+//! A file in the body of a request: within its limit, to disk, and rejected in such a way that the client gets the
+//! reason.
 
 use crate::problem::Problem;
 use axum::body::{Body, HttpBody as _};

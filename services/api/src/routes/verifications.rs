@@ -1,5 +1,5 @@
-//! Verification of runs by a replay: a job like any other, so that it is scheduled fairly and restarted if its worker is gone.
-//! The request waits for its end.
+//! Verification of runs by a replay: a job like any other, so that it is scheduled fairly and restarted if its worker
+//! is gone. The request waits for its end.
 
 use super::facts::{JobFacts, VerificationFacts};
 use super::jobs::{self, JobView, Shared, Terms};
@@ -139,7 +139,8 @@ pub(crate) async fn verify(
     compared(&app, Some(&run), &job.id).await
 }
 
-/// The answer once the job has ended, or the job as it is after [`PATIENCE`]. `run`: the run that it repeats, if it exists.
+/// The answer once the job has ended, or the job as it is after [`PATIENCE`]. `run`: the run that it repeats, if it
+/// exists.
 async fn compared(app: &App, run: Option<&Job>, id: &str) -> Result<Response, Problem> {
     let job = ended(app, id).await?;
     if !job.status.is_final() {

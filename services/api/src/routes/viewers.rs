@@ -1,7 +1,7 @@
 //! A live run in Foxglove and Lichtblick: their WebSocket protocol, as in `rotortwin fly --foxglove`.
 //!
-//! The flight does not wait: a viewer that is too slow loses rows and is told how many. Earlier log messages are sent when a
-//! viewer subscribes to them.
+//! The flight does not wait: a viewer that is too slow loses rows and is told how many. Earlier log messages are sent
+//! when a viewer subscribes to them.
 
 use crate::App;
 use crate::access::Caller;

@@ -34,8 +34,8 @@ const QUEUE: Duration = Duration::from_secs(60);
 /// * `for_callers`: a complaint without details that concern only the server, such as paths
 ///
 /// # Errors
-/// 422 with the command's sentence if its input is bad, or it reached a limit; 500 if it gave no answer for another reason; 503
-/// if too many questions came before.
+/// 422 with the command's sentence if its input is bad, or it reached a limit; 500 if it gave no answer for another
+/// reason; 503 if too many questions came before.
 pub(crate) async fn answered<W: AsRef<OsStr>>(
     app: &App,
     words: impl IntoIterator<Item = W>,

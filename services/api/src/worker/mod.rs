@@ -358,8 +358,8 @@ async fn write_down(context: &WorkerContext, job: &Job, token: &str, ended: Ende
     context.artifacts.leave(&attempt_key(job));
 }
 
-/// Writes the end of an attempt into the database. `false`: another worker has the job; `None`: the database could not be
-/// reached.
+/// Writes the end of an attempt into the database. `false`: another worker has the job; `None`: the database could not
+/// be reached.
 async fn last_word(context: &WorkerContext, job: &Job, token: &str, ended: &Ended) -> Option<bool> {
     let begun = tokio::time::Instant::now();
     loop {

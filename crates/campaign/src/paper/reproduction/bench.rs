@@ -189,11 +189,12 @@ pub struct Identified {
 /// Length of a window, steps.
 const WINDOW_STEPS: u64 = 200;
 
-/// Flies a healthy vehicle with motors up and down until the battery has gone from 95 to 40 %, and fits Eq. 19 to its sensor
-/// readings.
+/// Flies a healthy vehicle with motors up and down until the battery has gone from 95 to 40 %, and fits Eq. 19 to its
+/// sensor readings.
 ///
-/// Duty and voltage are means of half a second; the lift of a rotor is m (g − v̇)/(n cos φ cos θ) with v̇ from the velocities at
-/// the ends of the window. For each v₀ the coefficients are linear, and v₀ is the one with the smallest squares.
+/// Duty and voltage are means of half a second; the lift of a rotor is m (g − v̇)/(n cos φ cos θ) with v̇ from the
+/// velocities at the ends of the window. For each v₀ the coefficients are linear, and v₀ is the one with the smallest
+/// squares.
 ///
 /// # Errors
 /// The flight cannot be flown, or ends before the battery has reached 40 %.

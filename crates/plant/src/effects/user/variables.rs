@@ -99,7 +99,8 @@ variables! {
 }
 
 impl Variable {
-    /// Requirements on a log for the variable to be known; `None` for what the model computes or what is a channel's own column.
+    /// Requirements on a log for the variable to be known; `None` for what the model computes or what is a channel's
+    /// own column.
     pub(super) fn requirement(self) -> Option<Requirement> {
         match self {
             Self::AirX

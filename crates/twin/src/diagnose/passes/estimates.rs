@@ -1,5 +1,5 @@
-//! Estimates: final values of the named effects, averaged over the vehicle's possible distance from its nominal values; which of
-//! them are impossible.
+//! Estimates: final values of the named effects, averaged over the vehicle's possible distance from its nominal values;
+//! which of them are impossible.
 
 use rotortwin_plant::effects::EffectClass;
 

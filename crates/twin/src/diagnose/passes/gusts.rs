@@ -101,8 +101,8 @@ pub(crate) fn gusts_lead(
     Ok(without_onset)
 }
 
-/// The problem without the effect that imitated gusts, if there is one: with the gusts in the noise its evidence falls below
-/// `threshold`. Over a flight, gusts have a mean that looks like wind, and a slow part that looks like a tilt.
+/// The problem without the effect that imitated gusts, if there is one: with the gusts in the noise its evidence falls
+/// below `threshold`. Over a flight, gusts have a mean that looks like wind, and a slow part that looks like a tilt.
 ///
 /// * `posterior`: with the gusts in the noise
 fn without_stand_in(problem: &Problem, posterior: &Posterior, threshold: f64) -> Result<Option<Problem>, PredictError> {

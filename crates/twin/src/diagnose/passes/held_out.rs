@@ -20,9 +20,9 @@ const CLEARLY: f64 = 1.1;
 pub(crate) struct HeldOutCheck;
 
 impl HeldOutCheck {
-    /// True if a fit makes an error on unseen blocks so much larger that it is no evidence about a guess. Where one guess is
-    /// wrong others usually are, and an error may rise a little with the right value of the first; that of the voltage, with its
-    /// guesses of the battery, by more.
+    /// True if a fit makes an error on unseen blocks so much larger that it is no evidence about a guess. Where one
+    /// guess is wrong others usually are, and an error may rise a little with the right value of the first; that of the
+    /// voltage, with its guesses of the battery, by more.
     pub(crate) fn contradicts_no_guess(error: &HeldOutError) -> bool {
         error.quantity != QUANTITIES[VOLTAGE].0 && error.rises() && error.after > CONTRADICTED * error.before
     }
@@ -37,8 +37,8 @@ impl Pass for HeldOutCheck {
         let errors = errors(&state.problem, &state.plain)?;
         let diagnosis = &state.diagnosis;
         let named = !diagnosis.effects.is_empty();
-        // Repairing a log need not make any error of the model smaller; but a fault of the log that leaves something unexplained
-        // and makes the prediction of unseen blocks clearly worse is rejected.
+        // Repairing a log need not make any error of the model smaller; but a fault of the log that leaves something
+        // unexplained and makes the prediction of unseen blocks clearly worse is rejected.
         let log_alone = !named && !diagnosis.sensor_or_timing.is_empty() && !diagnosis.goodness.unexplained.is_empty();
         if named || log_alone || !diagnosis.calibrate.is_empty() {
             let risen = errors.iter().filter(|error| {

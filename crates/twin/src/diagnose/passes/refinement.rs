@@ -71,7 +71,8 @@ pub(crate) fn best_of(
         }
         possible.push(i);
     }
-    // A constant that is far off must lead by more than the evidence that remains unexplained: an effect may look like it, too.
+    // A constant that is far off must lead by more than the evidence that remains unexplained: an effect may look like
+    // it, too.
     let first = possible.first().copied();
     let near = possible.iter().copied().find(|&i| !far_off[i]);
     let winner = match (first, near) {
@@ -171,7 +172,8 @@ struct Tried {
     gain: f64,
 }
 
-/// The fits of a trial: from its start, and from where the effect may set in. None if these leave the range of possible vehicles.
+/// The fits of a trial: from its start, and from where the effect may set in. None if these leave the range of possible
+/// vehicles.
 fn fits_of(problem: &Problem, trial: &Trial, null: &Fitted) -> Result<Vec<Tried>, PredictError> {
     let mut tried = Vec::new();
     let opened: Vec<usize> = trial.open.iter().map(|a| a.candidate).collect();
@@ -213,9 +215,9 @@ fn fits_of(problem: &Problem, trial: &Trial, null: &Fitted) -> Result<Vec<Tried>
 const ONSET_SPAN_S: f64 = 0.5;
 const ONSET_MOVES: usize = 3;
 
-/// The fit of an effect that grows from its onset on, at the onset with the most evidence: the scan finds it by its straight
-/// column and to a quarter of a second, and a rate is sensitive to that. Near its maximum the evidence is a parabola in the
-/// onset.
+/// The fit of an effect that grows from its onset on, at the onset with the most evidence: the scan finds it by its
+/// straight column and to a quarter of a second, and a rate is sensitive to that. Near its maximum the evidence is a
+/// parabola in the onset.
 fn at_its_onset(problem: &Problem, candidate: usize, fitted: Fitted) -> Fitted {
     let mut best = fitted;
     for _ in 0..ONSET_MOVES {
@@ -258,11 +260,11 @@ fn at_its_onset(problem: &Problem, candidate: usize, fitted: Fitted) -> Fitted {
 
 /// Gain of ln evidence over the fit without the last of the opened candidates.
 ///
-/// A delayed channel of the log hides from the residual at zero latency that the vehicle responds to the channel's noise before
-/// the log contains it: the model without the latency predicts noise, and looks better than it is (on the calm helix by 30 nats).
-/// So a latency is weighed where it is fitted, where the causes come before their effects, against its own clutter there. This
-/// does not apply to the latency of the IMU, which has rivals (the delay of the command, a flex): all are weighed against the
-/// same model without them.
+/// A delayed channel of the log hides from the residual at zero latency that the vehicle responds to the channel's
+/// noise before the log contains it: the model without the latency predicts noise, and looks better than it is (on the
+/// calm helix by 30 nats). So a latency is weighed where it is fitted, where the causes come before their effects,
+/// against its own clutter there. This does not apply to the latency of the IMU, which has rivals (the delay of the
+/// command, a flex): all are weighed against the same model without them.
 fn gain_of(problem: &Problem, opened: &[usize], fitted: &Fitted, null: &Fitted) -> Result<f64, PredictError> {
     let late = opened.last().is_some_and(|&c| {
         let declaration = problem.library.candidates[c].declaration;
@@ -291,8 +293,8 @@ fn possible(
     let least = threshold.max(REFINED_SHARE * first.max(best_special));
     let mut chosen: Vec<Trial> = Vec::new();
     for (place, one) in plausible.iter().take(REFINED).enumerate() {
-        // The first of the ranking in any case, as a special start may promise more than its fit delivers; but none with a free
-        // shape, which would adapt to whatever the special start is about.
+        // The first of the ranking in any case, as a special start may promise more than its fit delivers; but none
+        // with a free shape, which would adapt to whatever the special start is about.
         let shapeless = problem.library.candidates[one.candidate]
             .parameters
             .iter()
@@ -342,8 +344,8 @@ fn possible(
     chosen
 }
 
-/// False for a linear estimate far outside what real vehicles have, by more than half the plausible range: no refinement brings
-/// that back.
+/// False for a linear estimate far outside what real vehicles have, by more than half the plausible range: no
+/// refinement brings that back.
 fn linearly_plausible(problem: &Problem, one: &Scored) -> bool {
     let entry = &problem.library.candidates[one.candidate];
     problem
@@ -365,8 +367,8 @@ fn linearly_plausible(problem: &Problem, one: &Scored) -> bool {
                 || constant
                 || p.kind != ParameterKind::Size
                 || (value <= high + 3.0 * deviation && value >= low - 3.0 * deviation);
-            // For an effect that divides by 1 + d, the linear estimate of a constant that is too large is off by up to one over
-            // the remaining share.
+            // For an effect that divides by 1 + d, the linear estimate of a constant that is too large is off by up to
+            // one over the remaining share.
             let least = if constant { least / (1.0 + least) } else { least };
             possible && value <= most + margin && value >= least - margin
         })
@@ -380,7 +382,8 @@ fn implausible_size(problem: &Problem, candidate: usize, fitted: &Fitted) -> Opt
         let deviation = entry.columns[i].map_or(0.0, |j| fitted.deviations[j] * p.size);
         let value = active.values[i];
         let (least, most) = entry.reach(i);
-        // The range in which a written constant may be off is wide enough; a value beyond it is not accepted as far off.
+        // The range in which a written constant may be off is wide enough; a value beyond it is not accepted as far
+        // off.
         let constant = matches!(entry.constant, Some((place, _)) if place == i);
         let margin = if constant {
             0.0
@@ -396,8 +399,8 @@ fn implausible_size(problem: &Problem, candidate: usize, fitted: &Fitted) -> Opt
     })
 }
 
-/// Whether one of the sizes reaches what the flight can show according to the fit, and the smallest such size of the first
-/// parameter.
+/// Whether one of the sizes reaches what the flight can show according to the fit, and the smallest such size of the
+/// first parameter.
 fn large_enough(problem: &Problem, candidate: usize, fitted: &Fitted, threshold: f64) -> (bool, f64) {
     let Some(active) = fitted.active.iter().find(|a| a.candidate == candidate) else {
         return (false, f64::INFINITY);

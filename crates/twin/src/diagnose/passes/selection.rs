@@ -38,8 +38,8 @@ impl Pass for ForwardSelection {
                 Round::Nothing => return Ok(()),
                 Round::Unconfirmed if state.left < LEFT_FACTOR * state.threshold || looked_again => return Ok(()),
                 Round::Unconfirmed => {
-                    // A candidate of the ranking that no fit confirms may come from a charge on the wrong side of a kink in the
-                    // battery's curve.
+                    // A candidate of the ranking that no fit confirms may come from a charge on the wrong side of a
+                    // kink in the battery's curve.
                     looked_again = true;
                     to_rank = round == 0;
                     let fitted = state.problem.fit(&state.problem.active)?;

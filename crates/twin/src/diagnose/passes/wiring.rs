@@ -1,4 +1,5 @@
-//! Wiring test: a gross error of the build is accepted where it removes nearly all of a large error of forces and torques.
+//! Wiring test: a gross error of the build is accepted where it removes nearly all of a large error of forces and
+//! torques.
 
 use super::Pass;
 use crate::diagnose::named::Named;

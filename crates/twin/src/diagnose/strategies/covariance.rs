@@ -1,14 +1,15 @@
-//! Gusts: wind that changes at random and acts through a drag that is already known. No column can represent it, but its
-//! covariance can.
+//! Gusts: wind that changes at random and acts through a drag that is already known. No column can represent it, but
+//! its covariance can.
 //!
 //! A Kalman filter ([`super::gust_filter`]) gives the likelihood of σ and T; they are named if that beats no gusts, and if
 //! * the innovations are white: those of a pendulum or a sloshing tank are not;
-//! * no function of velocity and position explains them instead: a tether or another drag law is a force of its own, not weather.
+//! * no function of velocity and position explains them instead: a tether or another drag law is a force of its own,
+//!   not weather.
 //!
 //! With gusts in the model the drag itself is refitted: their correlation would otherwise make it seem too well known.
 //!
-//! Limits: the sensitivities are those of a steady wind, so gusts faster than about 0.2 s are underestimated; σ and T are common
-//! to all logs.
+//! Limits: the sensitivities are those of a steady wind, so gusts faster than about 0.2 s are underestimated; σ and T
+//! are common to all logs.
 
 use rayon::prelude::*;
 use rotortwin_plant::effects::{Catalogue, EffectDeclaration, Place, Strategy};
@@ -91,8 +92,9 @@ fn wind_columns(problem: &Problem, log: &LogState, active: &[Active]) -> Result<
         .collect()
 }
 
-/// The active effects, and the clutter at its mean: a gust acts through small errors, too (an inflow that would never be named).
-/// An error with a sign that no effect of the catalogue can have is in the second list, mirrored; `None` if there are none.
+/// The active effects, and the clutter at its mean: a gust acts through small errors, too (an inflow that would never
+/// be named). An error with a sign that no effect of the catalogue can have is in the second list, mirrored; `None` if
+/// there are none.
 fn with_clutter(problem: &Problem, mean: &[f64]) -> (Vec<Active>, Option<Vec<Active>>) {
     let offset = problem.nuisances();
     let (mut plain, mut mirrored) = (problem.active.clone(), problem.active.clone());
@@ -129,8 +131,8 @@ fn with_clutter(problem: &Problem, mean: &[f64]) -> (Vec<Active>, Option<Vec<Act
     (plain, any.then_some(mirrored))
 }
 
-/// The influence of a steady wind in addition to the active effects and the clutter at its mean: columns along each axis, to be
-/// summed with their factors; `alone` are those with the active effects only.
+/// The influence of a steady wind in addition to the active effects and the clutter at its mean: columns along each
+/// axis, to be summed with their factors; `alone` are those with the active effects only.
 fn winds(problem: &Problem, log: &LogState, mean: &[f64], alone: Vec<Column>) -> Vec<(f64, Vec<Column>)> {
     let (plain, mirrored) = with_clutter(problem, mean);
     let Ok(first) = wind_columns(problem, log, &plain) else {

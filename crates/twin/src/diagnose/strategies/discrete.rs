@@ -1,7 +1,7 @@
 //! Gross errors of the build: two motors swapped, a rotor that turns the other way.
 //!
-//! They are not small deviations: a linear ranking patches them with tilts and scales. There are so few that each is simply
-//! tried; one is accepted where it removes nearly all of a large error of forces and torques.
+//! They are not small deviations: a linear ranking patches them with tilts and scales. There are so few that each is
+//! simply tried; one is accepted where it removes nearly all of a large error of forces and torques.
 
 use rayon::prelude::*;
 use rotortwin_plant::effects::{EffectDeclaration, Strategy, Wiring};
@@ -17,18 +17,19 @@ use crate::predict::{Nuisances, Prediction, Source, Stages};
 /// Gross errors of which the nuisances are fitted, after a first look without.
 const FITTED: usize = 4;
 
-/// Largest mean chi² of the torque channels with the right wiring. On a flight that hardly turns, a displaced centre of mass or
-/// the moment of a steady wind looks like swapped rotors, but only down to a quarter of its error.
+/// Largest mean chi² of the torque channels with the right wiring. On a flight that hardly turns, a displaced centre of
+/// mass or the moment of a steady wind looks like swapped rotors, but only down to a quarter of its error.
 const LEFT_CHI2: f64 = 3.0;
 
-/// Time constant, s, that separates slow causes, such as the moment of a wind, from a controller's commands to single rotors.
+/// Time constant, s, that separates slow causes, such as the moment of a wind, from a controller's commands to single
+/// rotors.
 const CHANGE_S: f64 = 0.25;
 
 /// How well a wiring explains the flights.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Explained {
-    /// Excess of chi² in forces and torques about their means, and the cost of the rotors' biases by their prior: in hover these
-    /// would explain the effect of a wrong wiring.
+    /// Excess of chi² in forces and torques about their means, and the cost of the rotors' biases by their prior: in
+    /// hover these would explain the effect of a wrong wiring.
     pub(crate) cost: f64,
     /// Samples of forces and torques.
     samples: f64,
@@ -44,9 +45,10 @@ impl Explained {
         self.torque < LEFT_CHI2
     }
 
-    /// Whether it follows the changes of the torques better than another. A wrong wiring responds wrongly to every command; the
-    /// moment of a steady wind is slow, and an exchange of motors that imitates it misses the changes. A correlation is used,
-    /// because with a gain that is off by some tens of per cent the squares of correct changes are larger than those of none.
+    /// Whether it follows the changes of the torques better than another. A wrong wiring responds wrongly to every
+    /// command; the moment of a steady wind is slow, and an exchange of motors that imitates it misses the changes. A
+    /// correlation is used, because with a gain that is off by some tens of per cent the squares of correct changes are
+    /// larger than those of none.
     pub(crate) fn moves_better_than(&self, other: &Self) -> bool {
         self.changes > other.changes
     }
@@ -89,10 +91,10 @@ pub(crate) fn likeliest(problem: &Problem) -> Option<(Active, Explained)> {
     all.into_iter().min_by(|a, b| a.1.cost.total_cmp(&b.1.cost))
 }
 
-/// The likeliest gross error as a start of a fit, if the leading candidates are ones it is mistaken for: on a flight that hardly
-/// turns two swapped motors make a small error, and only the evidence decides. A wiring that leaves much of the error is
-/// excluded: a constant (the moment of a steady wind, a displaced centre of mass) has the same sign as some exchange of a front
-/// and a rear motor.
+/// The likeliest gross error as a start of a fit, if the leading candidates are ones it is mistaken for: on a flight
+/// that hardly turns two swapped motors make a small error, and only the evidence decides. A wiring that leaves much of
+/// the error is excluded: a constant (the moment of a steady wind, a displaced centre of mass) has the same sign as
+/// some exchange of a front and a rear motor.
 pub(crate) fn guess(problem: &Problem, leading: &[&'static EffectDeclaration]) -> Option<Trial> {
     let taken_for = |entry: &Candidate| {
         let of = |d: &&EffectDeclaration| d.per_rotor || entry.declaration.confused_with.contains(&d.id);

@@ -93,8 +93,9 @@ const WIDENED: f64 = 2.0;
 
 const MOST_COMPASS_STEPS: usize = 24;
 
-/// Moves the start of a wall to its place by a compass search over gap and azimuth, the strength following linearly: strength and
-/// gap lie along a curved valley that a Gauss–Newton fit from the next point of a coarse grid does not follow.
+/// Moves the start of a wall to its place by a compass search over gap and azimuth, the strength following linearly:
+/// strength and gap lie along a curved valley that a Gauss–Newton fit from the next point of a coarse grid does not
+/// follow.
 pub(crate) fn sharpen(problem: &Problem, posterior: &Posterior, start: &mut Trial) {
     let [one] = start.open.as_slice() else { return };
     let (candidate, entry) = (one.candidate, &problem.library.candidates[one.candidate]);

@@ -202,8 +202,8 @@ fn correlate(signals: &Signals) -> Option<(f64, f64, f64)> {
 impl FlightLog {
     /// The log with the estimated delays removed from attitude, velocity and position; the report states what was done.
     ///
-    /// A delay is removed if it exceeds three standard errors and a tenth of a row. Values are interpolated; the ends without
-    /// measurements have no value.
+    /// A delay is removed if it exceeds three standard errors and a tenth of a row. Values are interpolated; the ends
+    /// without measurements have no value.
     #[must_use]
     pub fn aligned(&self) -> Self {
         let mut log = self.clone();

@@ -12,7 +12,8 @@ const IDLE_DUTY: f64 = 0.05;
 const DRIVEN_DUTY: f64 = 2.0 * IDLE_DUTY;
 /// Less current than this lifts no vehicle that carries a logger, A.
 const IDLE_CURRENT_A: f64 = 1.0;
-/// An autopilot with its receiver draws more than this from the battery by itself, A: a sensor that reads less measures nothing.
+/// An autopilot with its receiver draws more than this from the battery by itself, A: a sensor that reads less measures
+/// nothing.
 const ELECTRONICS_A: f64 = 0.02;
 /// A vehicle at rest turns and shakes less than this (a simulated hover does more), rad/s and m/s².
 const STILL_RATES_RAD_S: f64 = 0.01;
@@ -50,12 +51,14 @@ pub(crate) struct IdleCurrent {
     pub(crate) most_a: f64,
     /// … where, in words.
     pub(crate) where_it_is: &'static str,
-    /// For half of that time it is below what the autopilot itself draws: it is evidence neither for nor against a flight.
+    /// For half of that time it is below what the autopilot itself draws: it is evidence neither for nor against a
+    /// flight.
     pub(crate) measures_nothing: bool,
 }
 
-/// The current that three quarters of the rows with driven motors stay below, if it is too small for a flight. If no motor is
-/// driven, or none is in the log, that of 95 % of all rows: a flight may be short compared with the time that its logger ran.
+/// The current that three quarters of the rows with driven motors stay below, if it is too small for a flight. If no
+/// motor is driven, or none is in the log, that of 95 % of all rows: a flight may be short compared with the time that
+/// its logger ran.
 pub(crate) fn idle_current(log: &FlightLog) -> Option<IdleCurrent> {
     const FLYING: (usize, &str) = (75, "75 % of the rows in which its motors are asked for thrust");
     const ALL: (usize, &str) = (95, "95 % of the rows");
@@ -78,7 +81,8 @@ pub(crate) fn idle_current(log: &FlightLog) -> Option<IdleCurrent> {
     })
 }
 
-/// How much the battery's voltage drops between low and high motor commands, over the voltage; `None` if the log lacks either.
+/// How much the battery's voltage drops between low and high motor commands, over the voltage; `None` if the log lacks
+/// either.
 fn sag(log: &FlightLog) -> Option<f64> {
     /// Share of the highest motor command.
     const RESTING: f64 = 0.2;
@@ -104,8 +108,8 @@ fn sag(log: &FlightLog) -> Option<f64> {
     Some((resting - driven) / resting)
 }
 
-/// Motors above idle that load the battery; if its voltage does not decide this, with rates and vibration that no hand or stand
-/// produces.
+/// Motors above idle that load the battery; if its voltage does not decide this, with rates and vibration that no hand
+/// or stand produces.
 pub(crate) fn moves_under_power(log: &FlightLog) -> bool {
     const FLIES_RAD_S: f64 = 0.3;
     const FLIES_M_S2: f64 = 1.0;
@@ -136,9 +140,10 @@ pub(crate) fn motors_change(log: &FlightLog, start_s: f64, end_s: f64) -> bool {
     log.duties().iter().any(|duty| deviation(&inside(duty)) > CHANGES)
 }
 
-/// How much the motors change from second to second while the size of the specific force does not follow, and that force, m/s²:
-/// if thrust carries a vehicle, 1.7 times the duty is at least 1.7 times the force, unless it carries a load of half its mass.
-/// `None` if the force follows, if its position changes by metres, or if the log holds too little.
+/// How much the motors change from second to second while the size of the specific force does not follow, and that
+/// force, m/s²: if thrust carries a vehicle, 1.7 times the duty is at least 1.7 times the force, unless it carries a
+/// load of half its mass. `None` if the force follows, if its position changes by metres, or if the log holds too
+/// little.
 ///
 /// Only seconds with more than half of the largest duty count: on the ground and in a hover the force is the weight as well.
 fn force_without_motors(log: &FlightLog) -> Option<(f64, f64)> {
@@ -196,7 +201,8 @@ fn force_without_motors(log: &FlightLog) -> Option<(f64, f64)> {
 }
 
 impl FlightLog {
-    /// Evidence of the log as a whole against a flight, whatever a part of it looks like: the finding that all commands use.
+    /// Evidence of the log as a whole against a flight, whatever a part of it looks like: the finding that all commands
+    /// use.
     pub(crate) fn says_no_flight(&self) -> Option<&str> {
         let found = self
             .report
@@ -264,8 +270,8 @@ mod tests {
     use super::*;
     use crate::log::flight_parts::PartKind;
 
-    /// 50 Hz: 8 s at rest, 40 s with the motors up, 4 s at rest; the motors pull the battery down by `sag` volts, and its current
-    /// sensor reads 0.3 A. The body turns and is knocked about all the time that the motors are up.
+    /// 50 Hz: 8 s at rest, 40 s with the motors up, 4 s at rest; the motors pull the battery down by `sag` volts, and
+    /// its current sensor reads 0.3 A. The body turns and is knocked about all the time that the motors are up.
     fn handled(sag: f64) -> FlightLog {
         let time: Vec<f64> = (0..2600).map(|k| 0.02 * f64::from(k)).collect();
         let up = |t: f64| f64::from(u8::from((8.0..48.0).contains(&t)));
@@ -319,8 +325,8 @@ mod tests {
         assert_eq!(force_without_motors(&log), None);
     }
 
-    /// 50 Hz, 40 s on a stand: the motors go up and down by a factor of two and turn the vehicle about; with `carries` the
-    /// accelerometer reads their thrust, the duty to the power 1.3.
+    /// 50 Hz, 40 s on a stand: the motors go up and down by a factor of two and turn the vehicle about; with `carries`
+    /// the accelerometer reads their thrust, the duty to the power 1.3.
     fn on_a_stand(carries: bool) -> FlightLog {
         let time: Vec<f64> = (0..2000).map(|k| 0.02 * f64::from(k)).collect();
         let of = |f: &dyn Fn(f64) -> f64| -> Vec<f64> { time.iter().map(|t| f(*t)).collect() };

@@ -10,8 +10,8 @@
 //! Left and right side of each are compared over all windows: on which axes, with which sign, with which gain. Anything but
 //! identity and gain 1 means wrong axes, wrong units or a wrong clock, and which of them follows from the pattern.
 //!
-//! Limits: needs motion (a stationary hover shows nothing and is reported as "not enough motion"); windows with empty cells or
-//! gaps are left out.
+//! Limits: needs motion (a stationary hover shows nothing and is reported as "not enough motion"); windows with empty
+//! cells or gaps are left out.
 
 use crate::log::resample::{median_rate_hz, wrapped};
 use crate::log::{FlightLog, names};
@@ -55,7 +55,8 @@ pub(crate) struct Fit {
     pub(crate) gain: f64,
     /// Axes whose motion exceeds the noise.
     pub(crate) moving: [bool; 3],
-    /// The right side's noise hides the motion on an axis that moves: a disagreement of the sides is then not conclusive.
+    /// The right side's noise hides the motion on an axis that moves: a disagreement of the sides is then not
+    /// conclusive.
     pub(crate) hidden: bool,
 }
 
@@ -153,8 +154,8 @@ pub(crate) fn white_noise(values: &[f64]) -> f64 {
     }
 }
 
-/// Step of a column that is held between its updates or rounded: the value below which a tenth of its changes lie. The third
-/// differences of such a column are 0 nearly everywhere. 0 if most rows differ.
+/// Step of a column that is held between its updates or rounded: the value below which a tenth of its changes lie. The
+/// third differences of such a column are 0 nearly everywhere. 0 if most rows differ.
 fn step(column: &[f64]) -> f64 {
     let changes = column.windows(2).map(|pair| (pair[1] - pair[0]).abs());
     let mut steps: Vec<f64> = changes.filter(|change| change.is_finite() && *change > 0.0).collect();
@@ -204,8 +205,8 @@ pub(crate) fn world_force_pairs(log: &FlightLog) -> Option<Pairs> {
     force_pairs(log, |_, force| force)
 }
 
-/// Velocity against specific force, which `to_world` rotates, given roll, pitch, yaw, from the accelerometer's axes into the
-/// world's.
+/// Velocity against specific force, which `to_world` rotates, given roll, pitch, yaw, from the accelerometer's axes
+/// into the world's.
 fn force_pairs(log: &FlightLog, to_world: impl Fn(V3, V3) -> V3) -> Option<Pairs> {
     let attitude = log.vector(names::ATTITUDE)?;
     let accel = log.vector(names::ACCEL)?;

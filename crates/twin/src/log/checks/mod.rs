@@ -22,13 +22,13 @@ const FROM_FLU: kinematics::Axes = [(0, 1.0), (1, -1.0), (2, -1.0)];
 const CLEARLY: f64 = 0.25;
 /// Axes are accepted when they explain this share of the motion.
 const BELIEVED: f64 = 0.5;
-/// A gain further from 1 than this factor is not a calibration error, noise or a smoothing estimator, if the two sides share
-/// nearly all of their motion. If they share less, an estimator that lags in gentle flight imitates more, and the factor must be
-/// that of a unit.
+/// A gain further from 1 than this factor is not a calibration error, noise or a smoothing estimator, if the two sides
+/// share nearly all of their motion. If they share less, an estimator that lags in gentle flight imitates more, and the
+/// factor must be that of a unit.
 const GAIN_TOLERANCE: f64 = 1.4;
 const GAIN_TOLERANCE_LOOSE: f64 = 2.0;
-/// A gain is accepted when the two sides share this much of their motion; a single one, without another that confirms it, needs
-/// more.
+/// A gain is accepted when the two sides share this much of their motion; a single one, without another that confirms
+/// it, needs more.
 const GAIN_BELIEVED: f64 = 0.8;
 const SINGLE_GAIN_BELIEVED: f64 = 0.95;
 
@@ -115,8 +115,8 @@ fn axes_units_and_clock(log: &FlightLog, findings: &mut Vec<Finding>) {
     }
 }
 
-/// An accelerometer whose readings have been rotated into the world's axes: with every tilt, gravity is then counted twice, and
-/// half of the force signal is the motion.
+/// An accelerometer whose readings have been rotated into the world's axes: with every tilt, gravity is then counted
+/// twice, and half of the force signal is the motion.
 fn force_in_world_axes(log: &FlightLog, body: &Fit, findings: &mut Vec<Finding>) -> bool {
     /// Gain of a right pair, and the share of the motion that it has in common.
     const RIGHT: std::ops::Range<f64> = 0.8..1.25;

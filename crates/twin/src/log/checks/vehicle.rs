@@ -23,8 +23,8 @@ const FEWEST_ROWS: usize = 4;
 const FEWEST_WINDOWS: usize = 60;
 /// Every order is tried up to this many rotors (8! = 40 320).
 const MOST_ROTORS: usize = 8;
-/// Mean squared correlation from which an order is accepted, if the file's order has clearly less: by this much in a short log,
-/// by less in one with many windows, as chance decreases with their square root.
+/// Mean squared correlation from which an order is accepted, if the file's order has clearly less: by this much in a
+/// short log, by less in one with many windows, as chance decreases with their square root.
 const BELIEVED: f64 = 0.25;
 const CLEARLY: f64 = 0.2;
 const CLEARLY_AT_LEAST: f64 = 0.06;
@@ -60,8 +60,8 @@ impl FlightLog {
         if self.flight_parts(None).no_flight().is_some() {
             return Vec::new();
         }
-        // Commands at a low rate have no phase relation with the motion that they damp: some correct logs fit another order
-        // better.
+        // Commands at a low rate have no phase relation with the motion that they damp: some correct logs fit another
+        // order better.
         let rate = self.duty_rate().filter(SensorRate::is_slower);
         if rate.is_some_and(|rate| rate.source_hz < LEAST_TO_CONTRADICT_HZ) {
             return Vec::new();
@@ -201,8 +201,8 @@ impl Moments {
                 }
             }
             let scale = power * self.turn_turn[axis];
-            // An exact allocation leaves the duties of six rotors in a space of four dimensions: in another order they may
-            // produce no torque at all, and only rounding remains.
+            // An exact allocation leaves the duties of six rotors in a space of four dimensions: in another order they
+            // may produce no torque at all, and only rounding remains.
             if scale > 0.0 && power > LEAST_POWER * unrelated {
                 sum += (cross * cross.abs() / scale).clamp(-1.0, 1.0);
             }

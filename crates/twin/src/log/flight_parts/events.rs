@@ -94,7 +94,8 @@ pub(super) fn flies(kind: PartKind) -> bool {
 
 /// Jumps of position, velocity and heading that the vehicle did not make.
 pub(super) fn resets(log: &FlightLog, parts: &[FlightPart]) -> Vec<FlightEvent> {
-    // Between rows further apart than the interval over which a jump is evaluated, the motion of the vehicle is unknown.
+    // Between rows further apart than the interval over which a jump is evaluated, the motion of the vehicle is
+    // unknown.
     if log.sample_rate_hz() * JUMP_S < 1.0 {
         return Vec::new();
     }

@@ -1,14 +1,14 @@
 //! A lost rotor: a motor at its limit while the attitude runs away.
 //!
-//! The controller demands more and more of the rotor whose arm sinks, which it cannot give. If the rotor positions are known:
-//! `S_i = max(0, s_i) · max(0, h_i)`, the sink rate of the arm `s_i = p y_i − q x_i` (unit positions) times the excess `h_i =
-//! u_i/ū` over its mean of the past 10 s, both averaged over 0.4 s; an alarm above 1.0 rad/s. Healthy flights stay below 0.7
-//! (1500 s of 12 logs of multirotors). The first alarm counts, and only below 70° of tilt, because the tumble that follows would
-//! point to the other rotors. What follows an impact of 25 m/s² is attributed to the impact. An arm whose angular acceleration
-//! still follows the demand of its rotors has lost none: a growing attitude oscillation of a sound vehicle sinks each arm in
-//! turn. If positions are unknown: the first output that reaches its upper limit, alone, within 2 s before the tilt passes 60°.
-//! If another output is at its limit in the half second before, or when that one has reached its own, it is a manoeuvre at full
-//! power.
+//! The controller demands more and more of the rotor whose arm sinks, which it cannot give. If the rotor positions are
+//! known: `S_i = max(0, s_i) · max(0, h_i)`, the sink rate of the arm `s_i = p y_i − q x_i` (unit positions) times the
+//! excess `h_i = u_i/ū` over its mean of the past 10 s, both averaged over 0.4 s; an alarm above 1.0 rad/s. Healthy
+//! flights stay below 0.7 (1500 s of 12 logs of multirotors). The first alarm counts, and only below 70° of tilt,
+//! because the tumble that follows would point to the other rotors. What follows an impact of 25 m/s² is attributed to
+//! the impact. An arm whose angular acceleration still follows the demand of its rotors has lost none: a growing
+//! attitude oscillation of a sound vehicle sinks each arm in turn. If positions are unknown: the first output that
+//! reaches its upper limit, alone, within 2 s before the tilt passes 60°. If another output is at its limit in the half
+//! second before, or when that one has reached its own, it is a manoeuvre at full power.
 
 use super::events::upper_limit;
 use super::signals::Signals;

@@ -4,15 +4,16 @@
 //! FlightLog ─▶ bins of 0.04 s (signals) ─▶ runs of flight, their ends, upsets and crashes (stages) ─▶ FlightParts
 //!                                      └─▶ motors at their limit, lost rotor, estimator resets, gaps (events) ─┘
 //! ```
-//! Works with any log: with motor outputs alone, better with attitude, accelerometer, rates, height. A model is judged in the air
-//! only ([`FlightParts::in_the_air`]): on the ground the ground carries the vehicle, near it there is ground effect, and beyond
-//! 70° of tilt a multirotor's loads are no longer those of the model.
+//! Works with any log: with motor outputs alone, better with attitude, accelerometer, rates, height. A model is judged
+//! in the air only ([`FlightParts::in_the_air`]): on the ground the ground carries the vehicle, near it there is ground
+//! effect, and beyond 70° of tilt a multirotor's loads are no longer those of the model.
 //!
-//! A finding that the whole log has no flight (motors that idle, a battery without current) takes precedence: no part of it is a
-//! flight then.
+//! A finding that the whole log has no flight (motors that idle, a battery without current) takes precedence: no part
+//! of it is a flight then.
 //!
-//! Limits: a flight that begins and ends outside the log has neither take-off nor landing; a vehicle carried by hand with running
-//! motors appears to fly, unless the battery current shows otherwise; without attitude a tumble shows only by its impact.
+//! Limits: a flight that begins and ends outside the log has neither take-off nor landing; a vehicle carried by hand
+//! with running motors appears to fly, unless the battery current shows otherwise; without attitude a tumble shows only
+//! by its impact.
 
 mod events;
 mod lost_rotor;
@@ -102,9 +103,8 @@ pub struct RotorPlace {
 impl FlightLog {
     /// Parts of the flight and its events.
     ///
-    /// * `rotors`: where the rotor of each output is, if known: a lost rotor is then identified by the arm that sinks, otherwise
-    ///   by the motor
-    ///   that reaches its limit first
+    /// * `rotors`: where the rotor of each output is, if known: a lost rotor is then identified by the arm that sinks,
+    ///   otherwise by the motor that reaches its limit first
     pub fn flight_parts(&self, rotors: Option<&[RotorPlace]>) -> FlightParts {
         let signals = Signals::of(self);
         let parts = match (self.says_no_flight(), &self.report.other_vehicle) {

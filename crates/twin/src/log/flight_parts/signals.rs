@@ -154,8 +154,8 @@ impl Signals {
         signals
     }
 
-    /// A substitute for the collective thrust: outputs, otherwise rotor speeds over their largest, otherwise a throttle or a
-    /// commanded thrust.
+    /// A substitute for the collective thrust: outputs, otherwise rotor speeds over their largest, otherwise a throttle
+    /// or a commanded thrust.
     fn effort(&mut self, log: &FlightLog, column: &dyn Fn(&str) -> Option<Vec<f64>>) -> Option<Vec<f64>> {
         let of_largest = |columns: Vec<Vec<f64>>| -> Option<Vec<f64>> {
             let bins = columns.first()?.len();
@@ -189,7 +189,8 @@ impl Signals {
             self.sources.push("throttle");
             return column("throttle_fraction");
         }
-        // Outputs that never leave idle cannot be recognised as rotors by their motion, but show that there was no flight.
+        // Outputs that never leave idle cannot be recognised as rotors by their motion, but show that there was no
+        // flight.
         let duties = log.duties();
         let idle = |values: &&[f64]| values.iter().all(|value| value.is_nan() || *value < IDLES);
         if !duties.is_empty() && duties.iter().all(|values| idle(&&values[..])) {

@@ -1,14 +1,14 @@
 //! Ground, take-off, air, upset, landing, crash.
 //!
-//! A bin is on the ground if the motors' mean is low (a third of the way from its 2 % to its 90 % level) and the vehicle is at
-//! rest, or if it has been that low for 3 s: a vehicle in the air would have fallen some 30 m. What lies between is a run of
-//! flight, unless the vehicle does not move while its motors change, or shakes less than the calmest flight: propellers off, or
-//! tied down. A vehicle that has come down and does not move is on the ground even while its motors still carry most of it: an
-//! autopilot that has not noticed the landing lets them run.
+//! A bin is on the ground if the motors' mean is low (a third of the way from its 2 % to its 90 % level) and the
+//! vehicle is at rest, or if it has been that low for 3 s: a vehicle in the air would have fallen some 30 m. What lies
+//! between is a run of flight, unless the vehicle does not move while its motors change, or shakes less than the
+//! calmest flight: propellers off, or tied down. A vehicle that has come down and does not move is on the ground even
+//! while its motors still carry most of it: an autopilot that has not noticed the landing lets them run.
 //!
-//! A racing quadrotor does fall for seconds with its motors idle, and its accelerometer shows it: on the ground it measures the
-//! weight, in free fall it does not. It also accelerates more than in an impact: a force along the thrust at high motor demand is
-//! not an impact.
+//! A racing quadrotor does fall for seconds with its motors idle, and its accelerometer shows it: on the ground it
+//! measures the weight, in free fall it does not. It also accelerates more than in an impact: a force along the thrust
+//! at high motor demand is not an impact.
 
 use std::ops::Range;
 
@@ -25,7 +25,8 @@ const TILT_UPRIGHT_RAD: f64 = 0.52;
 const BLOW: f64 = 35.0;
 /// Specific forces logged at less than this, Hz, contain aliased samples of a vibration …
 const ALIASED_HZ: f64 = 30.0;
-/// … of which one counts as an impact only if the body responds by turning, rad/s, or leaning, rad, within this time of it, s.
+/// … of which one counts as an impact only if the body responds by turning, rad/s, or leaning, rad, within this time of
+/// it, s.
 const ANSWER_RATE_RAD_S: f64 = 1.5;
 const ANSWER_LEAN_RAD: f64 = 0.17;
 const ANSWER_S: f64 = 0.3;
@@ -33,7 +34,8 @@ const ANSWER_S: f64 = 0.3;
 const FALLEN_S: f64 = 3.0;
 /// Motors low and the vehicle at rest for this long: on the ground, s.
 const REST_S: f64 = 0.6;
-/// Mean specific force of a vehicle that falls with idle motors, m/s²: well below its weight, above the drag of a fall at 15 m/s.
+/// Mean specific force of a vehicle that falls with idle motors, m/s²: well below its weight, above the drag of a fall
+/// at 15 m/s.
 const FALLS: f64 = 7.0;
 /// Median rate above which a vehicle is neither lying nor carried by hand, rad/s.
 const TURNS_RAD_S: f64 = 0.8;
@@ -49,9 +51,9 @@ const UNMOVED_RATE_RAD_S: f64 = 0.05;
 /// … of roll and pitch, which follow every step of even a gentle flight, rad; and of the height, m.
 const UNMOVED_LEAN_RAD: f64 = 0.005;
 const UNMOVED_HEIGHT_M: f64 = 0.4;
-/// A vehicle on a bench with its motors running turns and shakes less than the calmest flight for as long as they run: deviations
-/// of rates and force, the latter above that of a simulation without noise (rates may be quantised to 0); and it stays at ground
-/// height, m.
+/// A vehicle on a bench with its motors running turns and shakes less than the calmest flight for as long as they run:
+/// deviations of rates and force, the latter above that of a simulation without noise (rates may be quantised to 0);
+/// and it stays at ground height, m.
 const LIES_RATE_RAD_S: f64 = 0.015;
 const LIES_FORCE: Range<f64> = 1e-3..0.2;
 const LIES_HEIGHT_M: f64 = 0.5;
@@ -65,7 +67,8 @@ const SHORTEST_FLIGHT_S: f64 = 1.5;
 const NEAR_GROUND_S: f64 = 3.0;
 /// Their minimum and maximum duration, s.
 const NEAR_GROUND_RANGE_S: Range<f64> = 1.0..15.0;
-/// A vehicle has lifted off when its motors have been commanded this share of their flight level, for a second from then on.
+/// A vehicle has lifted off when its motors have been commanded this share of their flight level, for a second from
+/// then on.
 const LIFTS: f64 = 0.9;
 const LIFTED_S: f64 = 1.0;
 /// Height that is clear of the ground, m; half of the height reached if that is less.
@@ -178,8 +181,8 @@ fn part(signals: &Signals, bins: Range<usize>, kind: PartKind, why: &str) -> Fli
     }
 }
 
-/// Mean output below which a vehicle is on the ground: between idling and flying; idle itself if the log has no time on the
-/// ground.
+/// Mean output below which a vehicle is on the ground: between idling and flying; idle itself if the log has no time on
+/// the ground.
 fn ground_level(effort: &[f64]) -> f64 {
     /// No vehicle flies at so little.
     const IDLE: f64 = 0.03;
@@ -254,9 +257,9 @@ fn ground(signals: &Signals, effort: &[f64], level: f64) -> (Vec<bool>, Vec<bool
     (on_ground, unmoved)
 }
 
-/// The first bin from which a vehicle lies on the ground until the end of the log while its motors run on as in a hover: after an
-/// impact it rests, lower than anywhere before. How much of it the ground carries is unknown. The number of bins, if there is
-/// none.
+/// The first bin from which a vehicle lies on the ground until the end of the log while its motors run on as in a
+/// hover: after an impact it rests, lower than anywhere before. How much of it the ground carries is unknown. The
+/// number of bins, if there is none.
 fn lies_from(signals: &Signals, still: &[bool]) -> usize {
     let none = still.len();
     let (Some(shock), Some(height)) = (&signals.shock, &signals.height) else {
@@ -276,9 +279,10 @@ fn lies_from(signals: &Signals, still: &[bool]) -> usize {
     if unmoved && down { blow + 1 } else { none }
 }
 
-/// Bins in which a vehicle rests on the ground while its motors carry most of it, each run from the touch on: it descended, a
-/// force other than its motors pushed it, and then it stands still, as low as anywhere before and with less thrust than carried
-/// it in the calm moments of its flight. Such a landing may be soft: its impact need not reach [`BLOW`].
+/// Bins in which a vehicle rests on the ground while its motors carry most of it, each run from the touch on: it
+/// descended, a force other than its motors pushed it, and then it stands still, as low as anywhere before and with
+/// less thrust than carried it in the calm moments of its flight. Such a landing may be soft: its impact need not reach
+/// [`BLOW`].
 fn lies_lightly(signals: &Signals, effort: &[f64], still: &[bool], on_ground: &[bool]) -> Vec<Range<usize>> {
     let (Some(shock), Some(height)) = (&signals.shock, &signals.height) else {
         return Vec::new();
@@ -348,8 +352,9 @@ fn turns(signals: &Signals, bins: Range<usize>) -> bool {
     super::super::resample::median(&mut rates).is_some_and(|rate| rate > TURNS_RAD_S)
 }
 
-/// Runs in which motors change by much while force, rates, attitude and height do not move at all are on the ground; and so are
-/// those in which motors change little and the body stays at ground height and shakes less than any vehicle in flight.
+/// Runs in which motors change by much while force, rates, attitude and height do not move at all are on the ground;
+/// and so are those in which motors change little and the body stays at ground height and shakes less than any vehicle
+/// in flight.
 fn stand_still(signals: &Signals, effort: &[f64], on_ground: &[bool]) -> Vec<bool> {
     let mut found = vec![false; on_ground.len()];
     let (Some(shock), Some(rates)) = (&signals.shock, &signals.rates) else {
@@ -421,7 +426,8 @@ fn lies(signals: &Signals, run: Range<usize>, on_ground: &[bool]) -> bool {
     }
 }
 
-/// Range of the available values from their 10 % to their 90 % level: a jerk at an end does not count. 0 if there are none.
+/// Range of the available values from their 10 % to their 90 % level: a jerk at an end does not count. 0 if there are
+/// none.
 fn deviation(values: impl Iterator<Item = f64>) -> f64 {
     /// Distance of these levels in a normal distribution, in standard deviations.
     const APART: f64 = 2.56;
@@ -519,8 +525,8 @@ fn flight(signals: &Signals, run: Range<usize>, on_ground: &[bool], found: &mut 
     }
 }
 
-/// Whether a log ends in flight with the vehicle upright again after a tumble, and without an impact since: the log then contains
-/// no crash.
+/// Whether a log ends in flight with the vehicle upright again after a tumble, and without an impact since: the log
+/// then contains no crash.
 fn back_upright(signals: &Signals, upset: &Upset) -> bool {
     let Some(tilt) = &signals.tilt else {
         return false;
@@ -668,8 +674,9 @@ fn upsets(signals: &Signals, run: Range<usize>) -> Vec<Upset> {
     found
 }
 
-/// Whether an upset is the force of a single sample, from an accelerometer that is logged too slowly to distinguish an impact
-/// from the usual vibration, while neither rates nor attitude show one. Without these it cannot be decided, and the upset stays.
+/// Whether an upset is the force of a single sample, from an accelerometer that is logged too slowly to distinguish an
+/// impact from the usual vibration, while neither rates nor attitude show one. Without these it cannot be decided, and
+/// the upset stays.
 fn is_one_sample_of_a_vibration(signals: &Signals, upset: &Upset) -> bool {
     let slow = (f64::MIN_POSITIVE..ALIASED_HZ).contains(&signals.shock_hz);
     // Linearly interpolated to its neighbours, a sample extends over less than two intervals.
@@ -690,8 +697,8 @@ fn is_one_sample_of_a_vibration(signals: &Signals, upset: &Upset) -> bool {
     !turns && !leans
 }
 
-/// The force along the thrust that the motors can produce in a bin, m/s²: one and a half times a hover's, by the square of their
-/// command now or in the last tenths of a second; 0 if the command is not above the usual.
+/// The force along the thrust that the motors can produce in a bin, m/s²: one and a half times a hover's, by the square
+/// of their command now or in the last tenths of a second; 0 if the command is not above the usual.
 fn pulls(signals: &Signals, run: Range<usize>) -> impl Fn(usize) -> f64 {
     const OVER_USUAL: f64 = 1.2;
     const HOVER: f64 = 1.5 * 9.81;

@@ -213,8 +213,8 @@ fn regress_motors_that_reach_their_limit_together_have_lost_no_rotor() {
     assert!(parts.parts.iter().all(|part| part.kind != PartKind::Crash), "{parts:?}");
 }
 
-/// Roll swings increase from 12 s on, each motor in turn commanded more while its arm sinks, and every arm responds; it lies from
-/// 17.6 s.
+/// Roll swings increase from 12 s on, each motor in turn commanded more while its arm sinks, and every arm responds; it
+/// lies from 17.6 s.
 #[test]
 fn regress_an_arm_that_answers_its_motor_has_lost_no_rotor() {
     let swing = |t: f64| 0.02 * (0.9 * (t - 12.0)).exp() * (5.2 * (t - 12.0)).sin();
@@ -452,8 +452,8 @@ fn regress_a_take_off_ends_soon_after_the_lift_however_low_the_flight() {
     assert!((11.9..15.5).contains(&parts.in_the_air()[0].0), "{parts:?}");
 }
 
-/// The flight of [`flown`], whose motors run on after the landing: at the share `asked` of what carried it, after a touch of
-/// this force, m/s².
+/// The flight of [`flown`], whose motors run on after the landing: at the share `asked` of what carried it, after a
+/// touch of this force, m/s².
 fn landed_with_motors(asked: f64, touch: f64) -> FlightLog {
     let columns = [&DUTIES[..], &ATTITUDE, &RATES, &FORCES, &["position_down_m"]].concat();
     flown_with(&columns, |t, row| Row {
@@ -477,8 +477,8 @@ fn regress_a_soft_landing_with_motors_that_run_on_is_the_ground() {
     }
 }
 
-/// Telemetry at 1 Hz, occasionally some seconds late: each row was a part of its own, and a heading that turned between two
-/// rows a jump.
+/// Telemetry at 1 Hz, occasionally some seconds late: each row was a part of its own, and a heading that turned between
+/// two rows a jump.
 #[test]
 fn regress_slow_telemetry_is_one_flight() {
     let mut t = 0.0;
@@ -575,8 +575,8 @@ fn regress_an_attitude_that_ran_away_makes_no_crash() {
     assert!(!parts.found_from.contains(&"attitude"), "{parts:?}");
 }
 
-/// One sample of an accelerometer logged at 10 Hz turned a calm flight into "an upset: tilt up to 6°, 38 m/s²". An impact that
-/// turns the body counts at any rate.
+/// One sample of an accelerometer logged at 10 Hz turned a calm flight into "an upset: tilt up to 6°, 38 m/s²". An
+/// impact that turns the body counts at any rate.
 #[test]
 fn regress_one_sample_of_a_vibration_is_no_upset() {
     let columns = [&DUTIES[..], &ATTITUDE, &FORCES, &RATES, &["position_down_m"]].concat();

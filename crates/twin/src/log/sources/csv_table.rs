@@ -8,15 +8,15 @@
 //! clock = "Time"           # column; or rate_hz = 100 where there is none
 //! clock_format = "hh:mm:ss"   # s ms us ns · mm:ss · hh:mm:ss · date hh:mm:ss (all with fractions)
 //! ```
-//! The rows become the one topic `csv`, with the columns by their names (a comma or colon in a name is read as a space, because
-//! the rows of a mapping use them as separators). A cell that is not a number is a missing value; their number is reported column
-//! by column.
+//! The rows become the one topic `csv`, with the columns by their names (a comma or colon in a name is read as a space,
+//! because the rows of a mapping use them as separators). A cell that is not a number is a missing value; their number
+//! is reported column by column.
 //!
 //! A column whose cells are lists (`"[0.1, 0.2, 0.3]"`, as pandas writes them) is as many columns as it has numbers: `v[0]`, `v[1]`, `v[2]`; lists
 //! of one number are a column of numbers. Lists in lists follow each other, row by row.
 //!
-//! A Parquet file of another program uses the same mapping: its columns are already numbers, so `separator` and `decimal` are
-//! ignored.
+//! A Parquet file of another program uses the same mapping: its columns are already numbers, so `separator` and
+//! `decimal` are ignored.
 
 use super::super::table::Table;
 use super::{MAX_COLUMNS, RawStream, Room, SourceLog};
@@ -309,8 +309,8 @@ impl Lists {
         parted.map(|(name, _)| name.as_str()).collect()
     }
 
-    /// Cells of a row, with lists split into their parts. A list of another length than the others gives no number in any of its
-    /// parts.
+    /// Cells of a row, with lists split into their parts. A list of another length than the others gives no number in
+    /// any of its parts.
     pub(crate) fn cells<'a>(&self, cells: Vec<&'a str>, decimal: char) -> Vec<&'a str> {
         if self.0.iter().all(Option::is_none) {
             return cells;

@@ -283,8 +283,8 @@ impl Gathered {
 
     /// Assigns times to each stream.
     ///
-    /// Old logs have messages without a time. Their position in the file between two messages with one gives it: the board's
-    /// clock, otherwise GPS time, otherwise the nominal 10 Hz of ATT.
+    /// Old logs have messages without a time. Their position in the file between two messages with one gives it: the
+    /// board's clock, otherwise GPS time, otherwise the nominal 10 Hz of ATT.
     pub(super) fn finish(mut self) -> SourceLog {
         let mut log = SourceLog {
             parameters: std::mem::take(&mut self.parameters),

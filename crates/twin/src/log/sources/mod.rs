@@ -3,9 +3,9 @@
 //! ```text
 //! bytes ─▶ detect ─▶ ulog · dataflash · dataflash_text · usdlog · blackbox · tlog · ros · csv_table ─▶ SourceLog{streams, parameters, notes} ─▶ mapping
 //! ```
-//! Each parser accepts any bytes: it never panics, and its allocations are bounded by [`Room`], which rejects a file that needs
-//! more before the memory is taken. A damaged or truncated file yields what can be read before and after the damage, with a note
-//! that says how much was lost.
+//! Each parser accepts any bytes: it never panics, and its allocations are bounded by [`Room`], which rejects a file
+//! that needs more before the memory is taken. A damaged or truncated file yields what can be read before and after the
+//! damage, with a note that says how much was lost.
 
 mod blackbox;
 pub(crate) mod csv_table;
@@ -38,7 +38,8 @@ pub(crate) struct ParameterChange {
     pub(crate) after: f64,
 }
 
-/// Remaining budget for what a file may expand to. Each is charged where it would grow; the error is the reason of the rejection.
+/// Remaining budget for what a file may expand to. Each is charged where it would grow; the error is the reason of the
+/// rejection.
 #[derive(Clone, Copy, Debug)]
 struct Room {
     cells: usize,

@@ -6,8 +6,8 @@
 //! The messages of the table below become topics with their names and fields. The first autopilot that sends a `HEARTBEAT` is taken;
 //! ground stations, gimbals and other vehicles are left out. Frames are checked by their CRC-16 (X.25) with the message's extra byte.
 //!
-//! Times are those of the autopilot's clock where the message has one; the others get the time of their reception on that clock,
-//! minus the smallest delay observed.
+//! Times are those of the autopilot's clock where the message has one; the others get the time of their reception on
+//! that clock, minus the smallest delay observed.
 //!
 //! Limits: a telemetry link gives 1 to 20 samples per second and loses frames; signed frames are read without checking the signature.
 

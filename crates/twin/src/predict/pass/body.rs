@@ -30,19 +30,21 @@ pub(super) struct Imu {
     pub(super) accel: Option<Vec<Vector3>>,
     /// Rate of the gyroscope's reading over step k, rad/s².
     pub(super) spin_up: Option<Vec<Vector3>>,
-    /// Error of the accelerometer's reading at t_k, m/s², computed from the model's own force; `None` if nothing can falsify its
-    /// readings. The velocity is predicted from the readings less this. Dividing a reading by its scale would also change its
-    /// noise, and that would affect the evidence.
+    /// Error of the accelerometer's reading at t_k, m/s², computed from the model's own force; `None` if nothing can
+    /// falsify its readings. The velocity is predicted from the readings less this. Dividing a reading by its scale
+    /// would also change its noise, and that would affect the evidence.
     pub(super) accel_error: Option<Vec<Vector3>>,
-    /// Rate over step k of the error of the attitude, rad/s, if an effect makes it vary with the flight. The attitude is
-    /// propagated over the step by the gyroscope: its own reading at the end contains the noise of the very difference that this
-    /// predicts, and an error that depends on the heading would be favoured for explaining that noise.
+    /// Rate over step k of the error of the attitude, rad/s, if an effect makes it vary with the flight. The attitude
+    /// is propagated over the step by the gyroscope: its own reading at the end contains the noise of the very
+    /// difference that this predicts, and an error that depends on the heading would be favoured for explaining that
+    /// noise.
     pub(super) attitude_error_rate: Option<Vec<Vector3>>,
 }
 
 impl Plant {
-    /// Excess of the mean thrust over the two steps around t_k over the thrust at t_k: (f_{k−1} − 2 f_k + f_{k+1})/4, N. A new
-    /// duty bends the thrust there by up to step/τ of the duty's change; smoothed, it looks like a command that is early.
+    /// Excess of the mean thrust over the two steps around t_k over the thrust at t_k: (f_{k−1} − 2 f_k + f_{k+1})/4,
+    /// N. A new duty bends the thrust there by up to step/τ of the duty's change; smoothed, it looks like a command
+    /// that is early.
     fn corner(&self, k: usize, thrust: &[f64]) -> [f64; MAX_ROTORS] {
         let n = self.series.rotors;
         let mut out = [0.0; MAX_ROTORS];
@@ -54,12 +56,12 @@ impl Plant {
         out
     }
 
-    /// The model's motion of the body. `root` is √thrust, if effects of rotors or wrench act; `predicted` the rates over each
-    /// step, if they are known.
+    /// The model's motion of the body. `root` is √thrust, if effects of rotors or wrench act; `predicted` the rates
+    /// over each step, if they are known.
     ///
     /// The rates come from an observer, ω̂ ← ω̂ + h ω̇ + K (y − ω̂ − h ω̇), never from readings after the step began: a
-    /// disturbance of the step persists in the rates that follow, and a damping estimated from these would be too small by h
-    /// q²/(2 ⟨ω²⟩), q the disturbance as an angular acceleration (a third of a usual damping on a calm flight).
+    /// disturbance of the step persists in the rates that follow, and a damping estimated from these would be too small
+    /// by h q²/(2 ⟨ω²⟩), q the disturbance as an angular acceleration (a third of a usual damping on a calm flight).
     pub(super) fn steps(
         &self,
         mut set: EffectSet,
@@ -168,8 +170,8 @@ impl Plant {
             if let Some(mean) = &mut mean {
                 mean[k] = push;
             }
-            // The value at t_k lies between the means of the steps on either side, less the corner of the thrust between them
-            // (along the body's axis: the lateral effect of a tilted rotor's corner is negligible).
+            // The value at t_k lies between the means of the steps on either side, less the corner of the thrust
+            // between them (along the body's axis: the lateral effect of a tilted rotor's corner is negligible).
             for i in 0..3 {
                 force[k][i] += 0.5 * push[i];
                 force[k + 1][i] = 0.5 * push[i];
@@ -291,8 +293,8 @@ fn carried(motion: &Kinematics, k: usize, step_s: f64) -> Vector3 {
     [0, 1, 2].map(|i| motion.attitude[k][i] + 0.5 * step_s * (before[i] + after[i]))
 }
 
-/// Means over steps of a signal with a delay of `delay_s`: the mean of two neighbouring steps, weighted by their share of the
-/// time. Exact for values that are constant over a step, and for a delay ≥ 0 no later step than its own enters.
+/// Means over steps of a signal with a delay of `delay_s`: the mean of two neighbouring steps, weighted by their share
+/// of the time. Exact for values that are constant over a step, and for a delay ≥ 0 no later step than its own enters.
 fn late_means(x: &[Vector3], delay_s: f64, step_s: f64) -> Vec<Vector3> {
     let steps = delay_s / step_s;
     let whole = steps.floor();

@@ -6,14 +6,15 @@
 //!  measured kinematics ─▶ sensors inverted ─▶ motion ──────┼─▶ body: wrench, J⁻¹ ─▶ sensors applied ─▶ F, M
 //!                                              └─▶ kinematics ─▶ KV, KA, KP        └─▶ battery ─▶ V
 //! ```
-//! Times: row k is the state at t_k, the duty of row k acts from t_k to t_{k+1}. Channels of differences (KV, M, KA, KP) at k
-//! belong to the step from t_k to t_{k+1}. The duty that predicts step k never depends on measurements after t_k, so that
-//! feedback of measurement noise through the controller cannot be mistaken for physics. Velocity, attitude and voltage of a step
-//! are means of its two ends; its rates are predicted from earlier readings ([`Plant::steps`]).
+//! Times: row k is the state at t_k, the duty of row k acts from t_k to t_{k+1}. Channels of differences (KV, M, KA,
+//! KP) at k belong to the step from t_k to t_{k+1}. The duty that predicts step k never depends on measurements after
+//! t_k, so that feedback of measurement noise through the controller cannot be mistaken for physics. Velocity, attitude
+//! and voltage of a step are means of its two ends; its rates are predicted from earlier readings ([`Plant::steps`]).
 //!
-//! Sensor errors are applied to the prediction, never removed from the measurement: dividing the measurement by 1 + s shrinks its
-//! noise and wins for every s > 0. Only where a sensor is an *input* of another channel is its error inverted; for the
-//! accelerometer, by the amount that follows from the model's force, so that the noise of the reading is not scaled.
+//! Sensor errors are applied to the prediction, never removed from the measurement: dividing the measurement by 1 + s
+//! shrinks its noise and wins for every s > 0. Only where a sensor is an *input* of another channel is its error
+//! inverted; for the accelerometer, by the amount that follows from the model's force, so that the noise of the reading
+//! is not scaled.
 
 mod actuators;
 mod battery;
@@ -254,8 +255,8 @@ impl Plant {
                 );
             }
         }
-        // Without an accelerometer the force of the model shows in the velocity; with one, its errors are computed from that
-        // force.
+        // Without an accelerometer the force of the model shows in the velocity; with one, its errors are computed from
+        // that force.
         if stages.motion || stages.gravity || (other_body && (!have.accel || accel_errs)) {
             let same_gravity = base.filter(|_| !stages.gravity).map(|(base, _)| base);
             self.kinematics(
@@ -325,7 +326,8 @@ fn sensors_may_err(effects: &EffectSet) -> bool {
     effects.may_change() || effects.hooks().uses(Hooks::READINGS) || !effects.constants().sensors_are_exact()
 }
 
-/// True if the difference between two motions changes what acts on the body: without drag or effects on it, only its rates matter.
+/// True if the difference between two motions changes what acts on the body: without drag or effects on it, only its
+/// rates matter.
 fn differs(effects: &EffectSet, a: &Kinematics, b: &Kinematics) -> bool {
     let other = |part: fn(&Kinematics) -> &Vectors| !Arc::ptr_eq(part(a), part(b));
     let acts = effects.may_change() || hooked_body(effects);

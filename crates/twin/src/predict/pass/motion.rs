@@ -10,8 +10,8 @@ use super::{Plant, Source, When, sensors_may_err};
 use crate::predict::series::{Drive, Kinematics, Vectors, shifted};
 use crate::predict::vectors::rotation;
 
-/// Maximum number of fixed-point steps to invert an effect's arbitrary change of the readings, and the change below which it has
-/// converged.
+/// Maximum number of fixed-point steps to invert an effect's arbitrary change of the readings, and the change below
+/// which it has converged.
 const FIXED_POINT_STEPS: usize = 12;
 const FIXED: f64 = 1e-9;
 
@@ -33,8 +33,8 @@ fn is_near(a: &Readings, b: &Readings) -> bool {
 }
 
 impl Plant {
-    /// The true motion behind the readings: latencies undone, sensor errors inverted; except those of the accelerometer, which
-    /// [`Self::imu`] computes if there is a model's force.
+    /// The true motion behind the readings: latencies undone, sensor errors inverted; except those of the
+    /// accelerometer, which [`Self::imu`] computes if there is a model's force.
     pub(super) fn motion(&self, effects: &EffectSet, source: Source) -> Kinematics {
         let measured = match source {
             Source::Raw => self.series.whole(),
@@ -49,8 +49,8 @@ impl Plant {
             rates: at(&measured.rates, c.imu_latency_s),
             angular_acceleration: at(&measured.angular_acceleration, c.imu_latency_s),
             accel: at(&measured.accel, c.imu_latency_s),
-            // The noise of a reading must not re-enter through its own prediction: a load that pulls with its mass times the
-            // accelerometer's reading would add its share of the noise, and lose to any rival that does not.
+            // The noise of a reading must not re-enter through its own prediction: a load that pulls with its mass
+            // times the accelerometer's reading would add its share of the noise, and lose to any rival that does not.
             driving_accel: at(&self.series.smooth.driving_accel, c.imu_latency_s),
             observed_rates: at(&self.series.whole().rates, c.imu_latency_s),
             ned_from_body: Vec::new().into(),

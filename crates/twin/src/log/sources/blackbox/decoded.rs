@@ -1,9 +1,9 @@
 //! The CSV that `blackbox_decode` makes of a blackbox log.
 //!
-//! One line per frame of the main stream, names as in the log, with the unit after a name where the tool has converted it: `time
-//! (us)`, `vbatLatest (V)`, `amperageLatest (A)`, `gyroADC[0] (deg/s)`. Header lines are lost, so their content is inferred from
-//! the numbers: counts per g from the accelerometer's most frequent magnitude, the range of the motors from the values they
-//! reach; rotor speeds assume the firmware's usual number of magnet poles.
+//! One line per frame of the main stream, names as in the log, with the unit after a name where the tool has converted
+//! it: `time (us)`, `vbatLatest (V)`, `amperageLatest (A)`, `gyroADC[0] (deg/s)`. Header lines are lost, so their
+//! content is inferred from the numbers: counts per g from the accelerometer's most frequent magnitude, the range of
+//! the motors from the values they reach; rotor speeds assume the firmware's usual number of magnet poles.
 //!
 //! Limits: the scale of a gyroscope that logs counts (before Betaflight 3.0) is lost; 1 count is taken as 1 deg/s.
 

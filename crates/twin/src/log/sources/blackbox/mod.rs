@@ -3,10 +3,10 @@
 //! ```text
 //! "H name:value\n" … │ frames: I (whole), P (against the frames before), S (slow), G H (GPS), E (event) …
 //! ```
-//! Header lines give each field's name, encoding and predictor ([`encoding`], [`frame`]). The main stream becomes the topic
-//! `main`, with the fields as named there, and a few in units ([`fields`]). A frame that does not decode, or is not followed by
-//! another, is skipped up to the next whole one. A file may hold several flights, one header each: the longest is used, with a
-//! note.
+//! Header lines give each field's name, encoding and predictor ([`encoding`], [`frame`]). The main stream becomes the
+//! topic `main`, with the fields as named there, and a few in units ([`fields`]). A frame that does not decode, or is
+//! not followed by another, is skipped up to the next whole one. A file may hold several flights, one header each: the
+//! longest is used, with a note.
 //!
 //! Limits: GPS frames are skipped over by their own definition and not kept; data version 1 (before 2014) is refused.
 

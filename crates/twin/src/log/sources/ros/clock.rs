@@ -1,9 +1,10 @@
 //! One clock for all topics.
 //!
-//! A message has up to two times: its own stamp (`header.stamp`, or `timestamp` of `px4_msgs`), which is when it was measured,
-//! and when it was recorded, which is later by the delay of queue and network. Stamps are preferred, each on its own clock: the
-//! computer's, the autopilot's since its start, the simulator's. If topics are stamped by several clocks, each is shifted to the
-//! recorder's by the smallest delay observed; a topic without stamps has the recorder's times.
+//! A message has up to two times: its own stamp (`header.stamp`, or `timestamp` of `px4_msgs`), which is when it was
+//! measured, and when it was recorded, which is later by the delay of queue and network. Stamps are preferred, each on
+//! its own clock: the computer's, the autopilot's since its start, the simulator's. If topics are stamped by several
+//! clocks, each is shifted to the recorder's by the smallest delay observed; a topic without stamps has the recorder's
+//! times.
 
 use super::Topic;
 

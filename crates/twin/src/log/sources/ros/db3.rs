@@ -5,8 +5,8 @@
 //! ```
 //! (<https://github.com/ros2/rosbag2>, `rosbag2_storage_sqlite3`)
 //!
-//! Recordings from before Iron hold no definitions: those of common messages are built in ([`super::known`]), others are reported
-//! as not read.
+//! Recordings from before Iron hold no definitions: those of common messages are built in ([`super::known`]), others
+//! are reported as not read.
 
 use super::super::{Asked, SourceLog};
 use super::sqlite::{Database, Table, Value};

@@ -8,8 +8,8 @@
 //! | `sensor_msgs/BatteryState` | `discharge`: the current is negative where it discharges |
 //! | all | a quaternion of zeros is none |
 //!
-//! Not all publishers keep to the child frame: the twist is taken as the world's if the changes of the position clearly agree
-//! better with that.
+//! Not all publishers keep to the child frame: the twist is taken as the world's if the changes of the position clearly
+//! agree better with that.
 
 use super::super::RawStream;
 use super::cdr::Plan;

@@ -3,8 +3,8 @@
 //! ```text
 //! magic │ u8 opcode, u64 bytes, content │ …      schema: id, name, encoding, text · channel: id, schema, topic, encoding · message: channel, …
 //! ```
-//! Chunks are unpacked by the crate `mcap`, and their CRC-32 is checked; a damaged one is left out, the rest is read. A file that
-//! ends early, as after a power loss, is read up to that point. The index at the end is not needed.
+//! Chunks are unpacked by the crate `mcap`, and their CRC-32 is checked; a damaged one is left out, the rest is read. A
+//! file that ends early, as after a power loss, is read up to that point. The index at the end is not needed.
 
 use super::super::usdlog::CRC_32;
 use super::super::{Asked, Cursor, SourceLog};

@@ -4,9 +4,9 @@
 //! .mcap (mcap) · .db3 (db3, sqlite) ─▶ topics with their types and definitions ─▶ Recording: numbers of what the mapping names (definition, cdr)
 //!     ─▶ one clock (clock) ─▶ one vehicle, the best topic of each type (choose) ─▶ body axes turned to the world (derive) ─▶ SourceLog
 //! ```
-//! Messages are decoded by the definitions contained in the recording, so every version of `px4_msgs` and every user-defined
-//! message can be read; the meaning of a type is given by the mapping (`config/log-mappings/ros2.toml`), which names types
-//! (`nav_msgs/Odometry`) or topics (`/drone1/odom`).
+//! Messages are decoded by the definitions contained in the recording, so every version of `px4_msgs` and every
+//! user-defined message can be read; the meaning of a type is given by the mapping (`config/log-mappings/ros2.toml`),
+//! which names types (`nav_msgs/Odometry`) or topics (`/drone1/odom`).
 //!
 //! Limits: ROS 1 messages, encodings other than CDR, and files compressed as a whole are rejected.
 

@@ -4,8 +4,8 @@
 //! header of 100 bytes │ pages;   page 1: table of the tables
 //! interior page ─▶ pages ─▶ leaf page: rows (rowid, record);   record: serial types, values;   what does not fit ─▶ overflow pages
 //! ```
-//! Accepts any bytes. Each page is read once: a page with two references is damage, so a file cannot expand beyond its length.
-//! Damaged pages cost the rows on them; the rows of the others are read.
+//! Accepts any bytes. Each page is read once: a page with two references is damage, so a file cannot expand beyond its
+//! length. Damaged pages cost the rows on them; the rows of the others are read.
 //!
 //! Limits: indexes, views and tables WITHOUT ROWID are not read, nor is a separate write-ahead log.
 
