@@ -64,8 +64,8 @@ pub(crate) struct Begin {
 impl WorkedOutVoltage {
     /// Estimates the initial charge.
     ///
-    /// * `parts`: of the flight   * `rate_hz`: of the requested steps   * `leak`: decay rate of the downward velocity, 1/s; 0 for
-    ///   a measured one
+    /// * `parts`: of the flight   * `rate_hz`: of the requested steps
+    /// * `leak`: decay rate of the downward velocity, 1/s; 0 for a measured one
     ///
     /// # Errors
     /// Half a sentence: why it cannot be found.
