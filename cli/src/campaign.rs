@@ -425,7 +425,7 @@ fn print_text(campaign: &Campaign, folder: &CampaignFolder, totals: &Totals, flo
     let path = campaign.path().display().to_string();
     let name = typed(Kind::Campaign, campaign.path());
     for mut table in tables::tables(campaign, totals).into_iter().chain(listed) {
-        // A shipped campaign lies in a folder that nobody knows; its name does as well.
+        // The folder of a shipped campaign is unknown to the user; its name is enough.
         for cell in table.rows.iter_mut().flatten() {
             *cell = cell.replace(&path, &name);
         }

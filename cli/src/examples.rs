@@ -640,7 +640,8 @@ mod tests {
         ),
     ];
 
-    /// An option takes the same in every command that has it: a flag is no value elsewhere, and values have one name.
+    /// An option takes the same kind of value in every command: a flag does not take a value elsewhere, and values have
+    /// one name.
     #[test]
     fn regress_one_name_for_one_thing() {
         fn look(command: &clap::Command, found: &mut BTreeMap<String, BTreeMap<String, Vec<String>>>) {

@@ -144,7 +144,7 @@ fn judge_all(args: &LogArgs) -> Result<Vec<JudgedLog>, String> {
             .transpose()?;
         let mut report = judge_after(&log, &detectors, learnt.as_ref(), every_window)
             .map_err(|refusal| format!("{}: {refusal}", path.display()))?;
-        // Within a flight what is damaged before the calibration counts as healthy: only other flights show it.
+        // Within a flight, damage before the calibration counts as healthy: only other flights reveal it.
         let against = against_healthy(&log, &healthy, &model);
         report.notes.splice(0..0, against.clone());
         report.notes.extend(learnt_notes.clone());
@@ -169,7 +169,8 @@ fn judge_all(args: &LogArgs) -> Result<Vec<JudgedLog>, String> {
     args.logs.iter().map(judged).collect()
 }
 
-/// What the rotors of a flight are asked for against healthy flights, in a sentence, where these are enough to tell.
+/// The commanded thrust of the rotors of a flight compared with healthy flights, in a sentence, if there are enough of
+/// those.
 fn against_healthy(log: &FlightLog, healthy: &[FlightLog], model: &ModelVersion) -> Option<String> {
     if healthy.len() < LEAST_BASELINE {
         return None;

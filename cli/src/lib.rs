@@ -355,8 +355,8 @@ fn refuse(error: &clap::Error, words: impl Iterator<Item = OsString>) -> ExitCod
     output::bad_input(format!("{sentence}{tip}; see '{command} --help'"))
 }
 
-/// The command that a command line is about, such as `rotortwin model add`: as far as its words name commands. An error of clap tells this only
-/// where an argument is missing or unknown, not where the value of one is wrong.
+/// The command of a command line, such as `rotortwin model add`: as far as its words name commands. A clap error states
+/// it only if an argument is missing or unknown, not if its value is invalid.
 ///
 /// * `words`: without the name of the program
 fn command_of(root: &clap::Command, words: impl Iterator<Item = OsString>) -> String {
@@ -403,7 +403,7 @@ mod tests {
         assert_eq!(of("model --models=list show f550"), "rotortwin model show");
         assert_eq!(of("--server runs fleet add"), "rotortwin fleet add");
         assert_eq!(of("blind --preset generate"), "rotortwin blind");
-        // Unknown to the program: nothing behind it tells what it belongs to.
+        // Unknown to the program: the words after it do not tell what it belongs to.
         assert_eq!(of("--seed fly hover"), "rotortwin");
         assert_eq!(of("--seed 3 fly hover"), "rotortwin");
     }

@@ -9,7 +9,7 @@ use std::path::{Path, PathBuf};
 fn parser(kind: Kind) -> impl TypedValueParser<Value = PathBuf> {
     OsStringValueParser::new().try_map(move |text| {
         resolved(kind, &text).map_err(|error| {
-            // `fly mine` beside mine.toml: a name is no path.
+            // `fly mine` next to mine.toml: a name is not a path.
             let beside = text.to_str().and_then(|name| file_of(name, kind.extension()));
             beside.map_or_else(
                 || error.to_string(),

@@ -46,7 +46,7 @@ fn meant(path: &Path) -> Option<PathBuf> {
     (!path.exists()).then(|| mended(path)).flatten()
 }
 
-/// `path`, with each component that does not exist replaced by the nearest one beside it.
+/// `path`, with each component that does not exist replaced by the nearest sibling.
 fn mended(path: &Path) -> Option<PathBuf> {
     if path.as_os_str().is_empty() || path.exists() {
         return Some(path.to_owned());

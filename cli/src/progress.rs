@@ -14,7 +14,8 @@ const PAUSE: Duration = Duration::from_millis(250);
 /// Minimum interval between events that count flights.
 const PAUSE_OF_FLIGHTS: Duration = Duration::from_millis(500);
 
-/// Interval between lines where standard error is no terminal: enough to see that it works, few enough for a log file.
+/// Interval between lines if standard error is not a terminal: frequent enough to show activity, rare enough for a log
+/// file.
 const PAUSE_OF_A_PIPE: Duration = Duration::from_secs(15);
 
 /// Progress output.
@@ -80,7 +81,7 @@ impl Progress {
     }
 }
 
-/// Events as JSON lines on standard output: progress at intervals, all others at once.
+/// Events as JSON lines on standard output: progress at intervals, all others immediately.
 pub(crate) struct Lines {
     begun: Instant,
     last: Mutex<Option<Instant>>,

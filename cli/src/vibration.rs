@@ -79,7 +79,7 @@ fn find(args: &Args) -> Result<Found, String> {
     };
     let (logs, healthy) = (read(&args.logs)?, read(&args.baseline)?);
     match (of(&logs, &healthy, model.as_ref()), &model) {
-        // Most logs are too slow for the speeds of rotors, and tell how the vehicle shakes as a whole.
+        // Most logs are too slow for the speeds of rotors, but show how the vehicle vibrates as a whole.
         (Err(by_rotor), Some(_)) => of(&logs, &healthy, None)
             .map(|found| Found {
                 not_by_rotor: Some(by_rotor.to_string()),

@@ -1,4 +1,4 @@
-//! How wide the lines of a terminal are.
+//! Display width of terminal lines.
 
 /// Lines that are wider than `width`, but for those that only a path, an address or a hash makes so: these are never broken.
 pub fn too_wide(text: &str, width: usize) -> Vec<&str> {

@@ -108,8 +108,8 @@ fn all_pids() -> Vec<u32> {
         .collect()
 }
 
-/// How much slower than alone a process was while somebody waited for it: programs beside it want the same cores, and a virtual machine
-/// may be refused a core by its host.
+/// How much slower than alone a process was while it was being awaited: other programs compete for the same cores, and
+/// a virtual machine may be refused a core by its host.
 #[derive(Debug)]
 pub struct Crowding {
     cores: f64,

@@ -12,7 +12,7 @@ use std::sync::mpsc::{Receiver, RecvTimeoutError, channel};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
-/// Longest wait for anything that should happen at once, on a busy machine.
+/// Longest wait for anything that should happen immediately, on a busy machine.
 pub const PATIENCE: Duration = Duration::from_secs(60);
 
 /// The program file. Cargo puts it next to the folder of the test programs.

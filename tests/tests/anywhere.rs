@@ -127,7 +127,7 @@ fn scenario_a_misspelt_path_is_answered_with_the_nearest() {
         ("compare logs/flight.ulg --model fraem.toml", "file 'frame.toml'"),
         ("fly mine.toml --model fraem.toml", "file 'frame.toml'"),
         ("model import fraem.toml", "file 'frame.toml'"),
-        // Logs, and tables beside them.
+        // Logs, and tables next to them.
         ("compare logs/fligth.ulg --model f550", "file 'logs/flight.ulg'"),
         ("compare logs/fligth.ulg@1:2 --model f550", "file 'logs/flight.ulg'"),
         ("diagnose lgos/flight.ulg --model f550", "file 'logs/flight.ulg'"),
@@ -148,7 +148,7 @@ fn scenario_a_misspelt_path_is_answered_with_the_nearest() {
         ("export runs/hover1 --format csv --out x.csv", "folder 'runs/hover-1'"),
         ("controllers --runs runs/hovr-1 runs/hover-1", "folder 'runs/hover-1'"),
         ("campaign merge octo-lag lgos --out whole", "folder 'logs'"),
-        // A file here with the name that was asked for.
+        // A file here with the requested name.
         ("fly mine", "file 'mine.toml'"),
         ("check mine", "file 'mine.toml'"),
         ("campaign night", "file 'night.toml'"),
@@ -158,7 +158,7 @@ fn scenario_a_misspelt_path_is_answered_with_the_nearest() {
         let said = refused(&scratch, &words);
         assert!(said.contains(&format!("did you mean the {meant}?")), "{line}: {said}");
     }
-    // Nothing is near, and what was found to be wrong with a file that exists names no other.
+    // Nothing is near, and an error in an existing file names no other.
     for line in [
         "fly xyz.toml",
         "show zzzzzz",

@@ -52,7 +52,8 @@ fn named(variable: &str, usual: &str) -> String {
     std::env::var(variable).unwrap_or_else(|_| usual.to_owned())
 }
 
-/// What the document says of a parameter binds the server, and what the server takes stands in the document. Each was found by a hunt.
+/// What the document states about a parameter binds the server, and what the server accepts is in the document. Each
+/// case was found by a search.
 #[test]
 fn regress_parameters_and_whole_numbers_are_what_the_document_says() {
     let scratch = Scratch::new();
@@ -159,7 +160,7 @@ fn parameter<'d>(document: &'d Value, path: &str, name: &str) -> &'d Value {
     &one["schema"]
 }
 
-/// Schemas that say nothing of what they hold, each with why it cannot be said.
+/// Schemas that do not describe their content, each with the reason.
 const SAY_NOTHING: [(&str, &str); 7] = [
     (
         "/JobView/properties/result",
@@ -315,7 +316,7 @@ fn val_jobs_and_their_events_are_as_the_document_says() {
     print!("{words}");
 }
 
-/// Reads the document and the values; prints each that is not what it is said to be.
+/// Reads the document and the values; prints each value that does not match its description.
 const VALIDATED: &str = r##"
 import json, sys
 import jsonschema_rs
@@ -333,7 +334,7 @@ print(f"{len(values)} values against their schemas")
 sys.exit(wrong > 0)
 "##;
 
-/// A job of each kind, a document of each kind, an open session (its id): what is asked for is there.
+/// A job of each kind, a document of each kind, an open session (its id): the requested items exist.
 fn something_of_everything(scratch: &Scratch, server: &Server) -> String {
     let mut runs = Vec::new();
     for seed in 1..=3 {

@@ -134,7 +134,7 @@ fn scenario_runs_name_an_autopilot_and_have_it_one_after_the_other() {
     assert_eq!((&state["state"], &state["run"]), (&json!("free"), &Value::Null));
     assert!(state["flown_ms"].is_i64(), "{state}");
 
-    // Replayed from what the autopilot sent, without it.
+    // Replayed from the autopilot's recorded packets, without it.
     drop(peer);
     let answer = server.ask("POST", &format!("/api/v1/runs/{}/verify", ids[0]), &[], "");
     assert_eq!(answer.status, 200, "{}", answer.json());
@@ -660,7 +660,7 @@ fn scenario_an_autopilots_run_is_replayed_by_its_commands_alone() {
             "{kind}: {}",
             replayed.stdout
         );
-        // A flipped bit in what it sent: another flight, or none.
+        // A flipped bit in its packets: another flight, or none.
         let commands = run.join("autopilot-commands.bin");
         let mut bytes = std::fs::read(&commands).expect("it was written");
         let middle = bytes.len() * 3 / 4;
@@ -755,7 +755,7 @@ fn scenario_a_plant_is_examined_by_the_command() {
     // The examiner is gone, which to our plant is an autopilot that fell silent.
     plant.end(PATIENCE).expect_code(1);
 
-    // One that stands for ever and whose specific force is upside down.
+    // One that never moves and whose specific force is upside down.
     let wrong = UdpSocket::bind("127.0.0.1:0").expect("a free port");
     let at = wrong.local_addr().expect("it is bound");
     wrong

@@ -1,8 +1,9 @@
-//! Pages of the book that show what a command prints: the commands are run, and their output is compared with the page.
+//! Documentation pages that show the output of commands: the commands are run, and their output is compared with the
+//! page.
 //!
-//! A page's `console` blocks hold lines that begin with `$ ` (a command) followed by its output. There `…` stands for any text within
-//! a line, and alone on a line for any number of lines. A block is not run if the paragraph before it says so, in the words of
-//! [`NOT_RUN`].
+//! A page's `console` blocks hold lines that begin with `$ ` (a command) followed by its output. There `…` stands for
+//! any text within a line, and alone on a line for any number of lines. A block is not run if the paragraph before it
+//! contains [`NOT_RUN`].
 
 use rotortwin_tests::process::wait_until;
 use rotortwin_tests::program::{Call, Link, PATIENCE, program};

@@ -1,4 +1,4 @@
-//! External peers, started with the command that the run prints: on another host, or of another make.
+//! External peers, started with the command that the run prints: on another host, or third-party ones.
 
 use rotortwin_tests::process::wait_until;
 use rotortwin_tests::program::{Call, Link, PATIENCE, Run, text};

@@ -89,7 +89,8 @@ fn path(path: &Path) -> &str {
 fn scenario_a_flight_from_the_ground_is_judged_in_the_air_alone() {
     let scratch = Scratch::new();
     let run = from_the_ground(&scratch, "healthy", None);
-    // Until it lands: a touch-down after which the thrust falls slowly is not recognized at once (docs/detector.md).
+    // Until it lands: a touch-down after which the thrust falls slowly is not recognised immediately
+    // (docs/detector.md).
     let report = judged(&scratch, &[&format!("{}@0:50", path(&run))], "f550-skids");
     let sequential = &report["counts"][2];
     assert_eq!(sequential["alarms"], 0, "{report}");
@@ -642,7 +643,8 @@ fn regress_a_loss_is_not_known_better_than_the_disturbance() {
     assert!(of > 160.0 && inside > 0.93 * of, "{inside} of {of} windows");
 }
 
-/// What healthy flights say of a vehicle that is not its model changes what is said of the next: fails where nothing is learnt, or nothing is made of it.
+/// What healthy flights reveal about a vehicle that differs from its model changes the verdict on the next: fails if
+/// nothing is learnt, or if it is not used.
 #[test]
 fn val_healthy_flights_teach_the_command_what_the_model_lacks() {
     const LOSS: f64 = 0.05;
@@ -804,7 +806,7 @@ fn val_the_command_tells_what_happened_to_a_rotor() {
     let sum: f64 = explanations.iter().map(|one| number(&one["probability"])).sum();
     assert!((0.5..1.001).contains(&sum), "{last}");
 
-    // A blade that drags beside its loss.
+    // A blade with extra drag in addition to its loss.
     let (report, text, _) = told(
         "drag",
         "hover",
@@ -852,8 +854,8 @@ fn val_the_command_tells_what_happened_to_a_rotor() {
     within(&grows[grows.len() - 1]["rate_1_s"], 0.01);
 }
 
-/// Of two rotors on one axis a damaged blade of the one that drags looks like a loss of the other: "rotor 2 lost 9.9 %" stood with 0.87 where rotor 1
-/// had lost 10 % and its blade dragged by 20 % more.
+/// Of two rotors on one axis, a damaged blade with extra drag looks like a loss of the other rotor: "rotor 2 lost 9.9
+/// %" was reported with 0.87 although rotor 1 had lost 10 % and its blade had 20 % more drag.
 #[test]
 fn regress_of_two_rotors_on_one_axis_none_is_named_alone() {
     let scratch = Scratch::new();

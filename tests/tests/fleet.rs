@@ -164,7 +164,7 @@ fn val_a_healthy_vehicle_with_unequal_rotors_is_left_in_peace() {
     );
 }
 
-/// Eight processes at once, one flight each, and one flight twice: eight flights, each recorded once.
+/// Eight concurrent processes, one flight each, and one flight twice: eight flights, each recorded once.
 #[test]
 fn scenario_several_processes_write_into_one_file() {
     let scratch = Scratch::new();

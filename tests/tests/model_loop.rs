@@ -1,5 +1,5 @@
-//! Runs of this program as flight logs: a hidden effect that a scenario flies with is what the diagnosis of its run folder names, and of
-//! a scenario that has none, without its faults, that the model agrees.
+//! Runs of this program as flight logs: the diagnosis of a run folder names the hidden effect of its scenario; for a
+//! scenario without an effect or faults, the model agrees.
 
 use std::path::{Path, PathBuf};
 

@@ -153,7 +153,7 @@ fn own_detectors(scratch: &Scratch, run: &str) -> Vec<Value> {
     summary["own_detectors"].as_array().cloned().unwrap_or_default()
 }
 
-/// A run with the paper's network has the improved one over time beside it; another run gets it when it is asked for.
+/// A run with the paper's network also has the improved one over time; another run gets it on request.
 #[test]
 fn scenario_the_improved_network_over_time_stands_beside_the_papers() {
     let scratch = Scratch::new();
@@ -187,7 +187,7 @@ fn scenario_the_improved_network_over_time_stands_beside_the_papers() {
     assert_eq!(own_detectors(&scratch, "without")[0]["scores"][1]["verdict_at_end"], 3);
 }
 
-/// What a network learns from, as a table; and a training with settings of one's own.
+/// The inputs of a network as a table; and a training with custom settings.
 #[test]
 fn scenario_windows_to_train_on_and_hyperparameters() {
     let scratch = Scratch::new();

@@ -175,7 +175,7 @@ fn check_report(ended: &Ended) {
     assert!(report.contains("http-equiv=\"Content-Security-Policy\" content=\"default-src 'none';"));
     let is_inside = |text: &str| text.starts_with("data:") || text.starts_with('#');
     for reference in ["src=\"", "href=\"", "url("] {
-        // The script contains addresses that it never opens; tests/tests/web_reports.rs checks that.
+        // The script contains addresses that it never opens; tests/tests/web.rs checks that.
         let (head, _) = report.split_once("<script type=\"module\">").expect("it has a script");
         for (at, _) in head.match_indices(reference) {
             let address = &head[at + reference.len()..];

@@ -33,7 +33,8 @@ fn events(server: &Server, id: &str, last: u64) -> Vec<(u64, String)> {
     events
 }
 
-/// A request does not wait for a worker for ever: proxies would cut it off. The same key goes on waiting for the same job.
+/// A request does not wait indefinitely for a worker: proxies would cut it off. The same key continues to wait for the
+/// same job.
 #[test]
 fn scenario_a_verification_that_takes_long_is_answered_with_its_job() {
     let scratch = Scratch::new();

@@ -108,7 +108,7 @@ fn scenario_tokens_say_who_may_do_what_on_whose_account() {
         .expect_code(0)
         .stdout;
     assert!(list.contains("revoked") && list.contains("reader"), "{list}");
-    // To ask where no server was makes no database there.
+    // A query where there is no server creates no database.
     let elsewhere = scratch.path("elsewhere");
     let asked = Call::new(&scratch, ["token", "list", "--data", &elsewhere.display().to_string()])
         .run()

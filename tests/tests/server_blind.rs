@@ -225,7 +225,7 @@ fn scenario_from_a_cell_of_a_bench_to_the_log_of_a_case() {
         404
     );
 
-    // With clutter: what the generator draws by its seed is drawn again.
+    // With clutter: the generator's random draws are repeated from its seed.
     for number in [0, 2] {
         let address = format!("/api/v1/blind-benches/{id}/cases/{number}");
         let case = server.get(&address);
@@ -262,7 +262,7 @@ fn scenario_from_a_cell_of_a_bench_to_the_log_of_a_case() {
     }
 }
 
-/// A part of a diagnosis without what is named after the file.
+/// A part of a diagnosis without the fields named after the file.
 fn without_names(part: &Value) -> Value {
     let mut part = part.clone();
     fn strip(value: &mut Value) {

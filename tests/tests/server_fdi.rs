@@ -310,7 +310,7 @@ fn token(scratch: &Scratch, data: &Path, words: &[&str]) -> String {
     ended.expect_code(0).stdout.trim().to_owned()
 }
 
-/// Events of a stream of sessions, as (kind, what it says).
+/// Events of a stream of sessions, as (kind, content).
 fn told(server: &Server, token: &str, path: &str) -> impl Iterator<Item = (String, Value)> {
     let bearer = format!("Bearer {token}");
     let stream = server.send("GET", path, &[("authorization", &bearer)], "");
@@ -327,7 +327,8 @@ fn told(server: &Server, token: &str, path: &str) -> impl Iterator<Item = (Strin
         })
 }
 
-/// A watcher needs no more than `read`, is told what a look at the session tells, and keeps none alive; others' sessions are not there.
+/// A watcher needs only `read`, receives what a look at the session shows, and keeps none alive; others' sessions are
+/// invisible.
 #[test]
 fn scenario_a_watcher_who_may_only_read_is_told_what_happens_to_ones_sessions() {
     let scratch = Scratch::new();
@@ -374,7 +375,7 @@ fn scenario_a_watcher_who_may_only_read_is_told_what_happens_to_ones_sessions() 
         assert_eq!((kind.as_str(), &one["next_step"]), ("session", &json!(step + count)));
         assert_eq!(one, server.ask("GET", &address, &authorized, "").json());
     }
-    // What is refused changes nothing, and nothing is told of it.
+    // A rejected request changes nothing, and is not reported.
     let refused = server.ask(
         "POST",
         &format!("{address}/measurements?first_step=7"),
@@ -383,7 +384,7 @@ fn scenario_a_watcher_who_may_only_read_is_told_what_happens_to_ones_sessions() 
     );
     assert!(matches!(refused.status, 409 | 422), "{}", refused.json());
     assert_eq!(server.ask("DELETE", &address, &authorized, "").status, 204);
-    // The first one was opened before the second, was never asked for, and is idle for too long while it is watched.
+    // The first one was opened before the second, was never queried, and is idle for too long while it is watched.
     let mut ends = [next(), next()];
     ends.sort_by_key(|(_, one)| one["id"] != json!(second));
     assert_eq!(

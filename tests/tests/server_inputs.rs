@@ -59,7 +59,7 @@ fn needed_stays(data: &std::path::Path, words: &[&str]) {
     let late = server.ask("POST", "/api/v1/comparisons", &[], &comparison(&[kept]));
     assert_eq!(late.status, 404, "{}", late.json());
 
-    // Both at once: either the comparison finds its run, or it is refused.
+    // Both together: either the comparison finds its run, or it is rejected.
     let mut both = [0, 0];
     for run in &runs[..RACES] {
         let (deleted, submitted) = std::thread::scope(|scope| {
@@ -106,7 +106,8 @@ fn scenario_what_a_job_reads_is_not_deleted_with_postgres() {
     needed_stays(&scratch.path("data"), &["--database-url", &postgres.url()]);
 }
 
-/// Postgres holds no text with a zero character, SQLite does: to a client it is the same refusal as any other name that is none.
+/// Postgres cannot store text with a zero character, SQLite can: to a client it is the same rejection as any other
+/// invalid name.
 #[test]
 fn regress_a_zero_character_is_no_failure_of_postgres() {
     let scratch = Scratch::new();

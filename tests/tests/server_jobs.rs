@@ -307,7 +307,8 @@ fn scenario_parts_of_a_run_on_other_workers_give_the_same_run() {
     assert_eq!((count("verdict=-2"), count("verdict=3")), (Some(1), Some(0)), "{run}");
 }
 
-/// The FDI engine's host is there at once, the controller's 12 s later: the plant waits, and so does who came first.
+/// The FDI engine's host is there immediately, the controller's 12 s later: the plant waits, and so does the part that
+/// came first.
 #[test]
 fn scenario_parts_of_a_run_come_one_after_the_other() {
     let scratch = Scratch::new();
@@ -408,7 +409,7 @@ impl ControllerPeer for OtherController {
     }
 }
 
-/// A run flown by an external controller cannot be repeated without it: the answer says so, and is no alarm.
+/// A run flown by an external controller cannot be repeated without it: the answer says so, and is not an alarm.
 #[test]
 fn scenario_a_run_of_an_external_controller_is_verified_with_a_note() {
     let scratch = Scratch::new();

@@ -370,7 +370,7 @@ fn scenario_what_failed_attempts_leave_is_removed_or_counted() {
     assert_eq!(server.get("/api/v1/limits")["bytes"], 0);
 }
 
-/// The database's clock is set back by an hour: jobs due by the old clock start at once, not an hour later.
+/// The database's clock is set back by an hour: jobs due by the old clock start immediately, not an hour later.
 #[test]
 fn scenario_a_clock_set_back_keeps_no_job_waiting() {
     let scratch = Scratch::new();

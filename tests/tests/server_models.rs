@@ -254,7 +254,7 @@ fn scenario_additions_that_make_no_sense_change_nothing() {
     // By hand; a diagnosis of an earlier model belongs to no other one.
     let added = post(&server, "f550/versions", &[], &effect(0.1));
     assert_eq!(added.status, 201, "{}", added.json());
-    // Many at once: each continues from the version it saw, or is refused.
+    // Many concurrently: each continues from the version it saw, or is rejected.
     let statuses = std::thread::scope(|scope| {
         let calls: Vec<_> = (0..8)
             .map(|k| {

@@ -508,7 +508,7 @@ fn scenario_a_vehicle_is_identified_and_kept_and_an_upload_is_read_again() {
         body.as_object_mut()
             .expect("an object")
             .extend(change.as_object().expect("one").clone());
-        // A word that looks like an option is no name of a frame: the job says so.
+        // A word that looks like an option is not a name of a frame: the job says so.
         let answer = server.ask("POST", "/api/v1/identifications", &[], &body.to_string());
         if change["frame"].is_null() {
             assert_eq!(answer.status, status, "{change}: {}", answer.json());
@@ -632,8 +632,8 @@ fn scenario_two_effects_that_look_alike_get_a_manoeuvre_that_tells() {
     );
 }
 
-/// A CSV whose columns have names of their own: refused, drafted as data, imported by the draft. What is no table is refused with the name that
-/// its owner knows, and nothing tells where the server keeps it.
+/// A CSV with custom column names: rejected, drafted as data, imported with the draft. A file that is not a table is
+/// rejected under the name that its owner knows, and nothing reveals where the server stores it.
 #[test]
 fn scenario_a_table_of_another_program_is_drafted_and_imported() {
     let scratch = Scratch::new();
@@ -644,7 +644,7 @@ fn scenario_a_table_of_another_program_is_drafted_and_imported() {
         let answer = server.ask_bytes("POST", &format!("/api/v1/logs?name={name}"), &headers, bytes);
         answer.json()["id"].as_str().expect("an id").to_owned()
     };
-    // A degree sign as old loggers write it (Latin-1) is no reason to refuse the table.
+    // A degree sign as written by old loggers (Latin-1) is not a reason to reject the table.
     let mut table =
         b"Clock [ms],GyrX [dps],GyrY [dps],GyrZ [dps],AccX,AccY,AccZ,Motor1,Motor2,Motor3,Motor4,Temp [\xb0C]\n"
             .to_vec();

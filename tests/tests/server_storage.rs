@@ -31,7 +31,7 @@ fn scenario_files_in_a_bucket_outlive_the_host() {
     let id = server.submit(&json!({ "scenario": "short-hover", "link": "in-process" }));
     let run = server.ended(&id);
     assert_eq!(run["status"], "done", "{run}");
-    // What the bucket has is not kept on the host that flew; what is asked for is kept as a copy.
+    // Files in the bucket are not kept on the host that flew; requested ones are kept as a copy.
     let copies = data.join("cache/jobs").join(&id);
     let left = wait_until(Duration::from_secs(10), || !copies.join("1/out/report.html").exists());
     assert!(left.is_some(), "the worker keeps its files");

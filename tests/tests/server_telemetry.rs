@@ -114,7 +114,7 @@ fn scenario_telemetry_over_http_is_what_the_file_holds() {
         );
     }
 
-    // The other formats, by parameter and by header, and two runs at once.
+    // The other formats, by parameter and by header, and two runs together.
     let address = format!("/api/v1/runs/{id}/telemetry?channels=yaw_rad&points=10");
     let csv = server.ask("GET", &address, &[("accept", "text/csv")], "");
     assert!(csv.body.starts_with(b"time_s,yaw_rad\n0.0,") && csv.headers.contains("text/csv"));

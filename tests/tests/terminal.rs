@@ -409,7 +409,7 @@ fn regress_results_fit_the_terminal() {
                 .env("COLUMNS", width.to_string())
                 .output()
                 .unwrap();
-            // A part of a campaign, a controller that is too slow: both told by the exit code.
+            // A part of a campaign, a controller that is too slow: both are visible in the exit code.
             let fails = ["campaign merge", "--answer-within"]
                 .iter()
                 .any(|failing| line.contains(failing));
@@ -422,7 +422,7 @@ fn regress_results_fit_the_terminal() {
                 assert_eq!(too_wide(&text, width), Vec::<&str>::new(), "{line} at {width}");
             }
             assert_eq!(too_wide(&aside, width), Vec::<&str>::new(), "{line} at {width}");
-            // A ± in brackets said nothing of what it was: delays of a log, folds of a training.
+            // A ± in brackets did not state what it was: delays of a log, folds of a training.
             assert!(!text.contains("(± "), "{line}: {text}");
             if line.contains("--limit") {
                 assert!(text.contains("rotortwin campaign detector-ideal"), "{text}");
@@ -484,7 +484,7 @@ fn regress_a_usage_error_names_the_help_that_explains_it() {
             "put the options of a command after its name; see 'rotortwin --help'",
         ),
         (&["flew"], "see 'rotortwin --help'"),
-        // Of a wrong value clap does not tell to which command it belongs: all of these named 'rotortwin --help'.
+        // For an invalid value clap does not state to which command it belongs: all of these named 'rotortwin --help'.
         (&["fly", "hoover"], "see 'rotortwin fly --help'"),
         (&["fly", "hover", "--seed", "x"], "see 'rotortwin fly --help'"),
         (

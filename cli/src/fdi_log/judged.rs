@@ -10,7 +10,7 @@ use rotortwin_verdicts::log::LogReport;
 pub(super) struct JudgedLog {
     /// As named.
     pub(super) file: String,
-    /// What its rotors are asked for, against healthy flights.
+    /// Commanded thrust of its rotors compared with healthy flights.
     #[serde(skip)]
     pub(super) against: Option<String>,
     /// With all its windows, if needed.

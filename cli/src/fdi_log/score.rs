@@ -70,8 +70,8 @@ pub(super) fn score_of(report: &LogReport, truth: &Truth) -> LogScore {
     }
 }
 
-/// Steps from the onset to the end of a window; `None` where not one step of the window is behind it: an alarm in that one has seen nothing
-/// of the damage, and is no detection after 0 s.
+/// Steps from the onset to the end of a window; `None` if no step of the window is after it: an alarm in such a window
+/// is not caused by the damage, and is not a detection after 0 s.
 fn after_onset_steps(onset_s: f64, end_s: f64) -> Option<u64> {
     let steps = ((end_s - onset_s) / STEP_S).round();
     (steps >= 1.0).then_some(steps as u64)

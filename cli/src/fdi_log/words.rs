@@ -37,7 +37,7 @@ pub(super) fn overview<'a>(logs: impl Iterator<Item = (&'a Path, &'a LogReport)>
     table
 }
 
-/// One log. `against`: what its rotors are asked for, against healthy flights.
+/// One log. `against`: commanded thrust of its rotors compared with healthy flights.
 pub(super) fn text_of(report: &LogReport, against: Option<&str>) -> String {
     let detectors = &report.detectors;
     let mut text = format!(

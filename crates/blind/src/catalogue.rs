@@ -1,7 +1,8 @@
-//! What can be hidden: every effect of the catalogue by id and parameters, and kinds that no catalogue of ours has.
+//! Effects that can be hidden: every effect of the catalogue by id and parameters, and kinds that the catalogue lacks.
 //!
-//! Ids are kebab-case; parameter names end in their unit. `typical` is the size that the blind bench draws around: the size of
-//! the reference study where it gives one, else the middle of its plausible range. Signs: docs/blind-bench.md.
+//! Ids are kebab-case; parameter names end in their unit. `typical` is the size around which the blind bench draws: the
+//! size of the reference study where it gives one, otherwise the middle of its plausible range. Signs:
+//! docs/blind-bench.md.
 
 /// Where an effect acts.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

@@ -32,7 +32,7 @@ const NO_CLUTTER: [&str; 21] = [
     "battery-rc",
 ];
 
-/// Kinds that no flight of one vehicle can tell apart, or only in a special flight: never drawn into one pair.
+/// Kinds that no flight of one vehicle can distinguish, or only a special flight: never drawn into one pair.
 pub const GROUPS: [&[&str]; 9] = [
     &[
         "air-density",

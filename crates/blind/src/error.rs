@@ -1,4 +1,4 @@
-//! What the generator refuses, in one sentence each: what, where, what was expected.
+//! Errors of the generator, in one sentence each: what, where, what was expected.
 
 use std::path::PathBuf;
 
@@ -15,7 +15,7 @@ pub enum BlindError {
         /// Why.
         source: std::io::Error,
     },
-    /// A file or an argument does not say what was expected.
+    /// A file or an argument has unexpected content.
     #[error("{place}: {reason}")]
     Input {
         /// Where: a file and key, or an argument.

@@ -8,7 +8,8 @@ use crate::random::Stream;
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
-/// Kinds that an excitation flight of a minute shows and tells apart from all others: the bench finds each of them by its name.
+/// Kinds that a one-minute excitation flight shows and distinguishes from all others: the bench finds each of them by
+/// its name.
 pub const SHOWN: [&str; 6] = [
     "rotor-drag",
     "quadratic-drag",
@@ -19,7 +20,8 @@ pub const SHOWN: [&str; 6] = [
 ];
 /// Loss of thrust of a damaged blade, fraction.
 const LOSS: [f64; 2] = [0.04, 0.12];
-/// Share of the flight after which it breaks: before, detectors learn what healthy is; after, both are seen long enough.
+/// Share of the flight after which the fault sets in: detectors learn the healthy state before, and both states are
+/// visible long enough.
 const BREAKS_AFTER: [f64; 2] = [0.35, 0.6];
 
 /// What an example shows.
@@ -73,10 +75,10 @@ impl Example {
     }
 }
 
-/// An effect by its id alone, of a size and on a rotor that the seed draws, or `id:parameter=value,…` as it is.
+/// An effect by its id alone, with a size and a rotor drawn from the seed, or `id:parameter=value,…` as given.
 ///
 /// # Errors
-/// There is none of this id, or it has no such parameter.
+/// The id does not exist, or the effect has no such parameter.
 pub fn effect(text: &str, rotors: usize, seed: u64) -> Result<Vec<Hidden>> {
     match catalogue::kind(text) {
         Some(kind) => Ok(draw_effect(kind, 1.0, rotors, &mut Stream::new(seed, "example"))),

@@ -1,4 +1,4 @@
-//! One flight: reference, pilot, world and sensors in a closed loop, and the log that it leaves.
+//! One flight: reference, pilot, world and sensors in a closed loop, and its log.
 //!
 //! Conventions of the log, the canonical ones: 400 Hz; row k has the state at t_k and the duty in force from t_k on; the
 //! accelerometer of row k is the specific force at t_k; the first row is t_1 = 2.5 ms. The pilot sees
@@ -46,11 +46,11 @@ pub struct FlightPlan {
     pub clutter: Vec<Hidden>,
     /// Times Table 4.
     pub noise_scale: f64,
-    /// Times the white force and torque that stand for all that nobody models.
+    /// Factor on the white force and torque that represent everything that is not modelled.
     pub disturbance: f64,
     /// Charge at the start; `None`: drawn from 50 to 100 %.
     pub state_of_charge: Option<f64>,
-    /// On the ground with idling rotors for so long, s, before the script begins; `None`: in the air.
+    /// Time on the ground with idling rotors before the script begins, s; `None`: in the air.
     pub idle_s: Option<f64>,
 }
 
@@ -72,7 +72,7 @@ impl FlightPlan {
     }
 }
 
-/// What nobody tells the diagnosis.
+/// The truth, hidden from the diagnosis.
 #[derive(Debug, Clone)]
 pub struct Nuisances {
     /// N, one per rotor.
@@ -276,7 +276,7 @@ fn magnetic_heading(yaw: f64, own: [f64; 2]) -> f64 {
     libm::atan2(-(own[1] - east), north + own[0])
 }
 
-/// The row of sample k, sensor faults included; with what the vehicle draws in hover, A.
+/// The row of sample k, including sensor faults; given the current that the vehicle draws in hover, A.
 fn logged(
     k: usize,
     truths: &[Truth],
@@ -308,7 +308,7 @@ fn logged(
     euler.y += active.level_offset[1];
     if active.current_field != [0.0; 2] {
         let own = active.current_field.map(|share| share * truth.current / hover_current);
-        // The true heading is what the magnetometer sees; estimator and noise come on top.
+        // The magnetometer measures the true heading; estimator and noise are added.
         euler.z += magnetic_heading(truth.euler.z, own) - truth.euler.z;
     }
     euler.z += active.heading_offset;

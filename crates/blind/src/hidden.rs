@@ -35,7 +35,7 @@ pub enum Profile {
 }
 
 impl Profile {
-    /// Share of the size, so long after the onset.
+    /// Share of the size at this time after the onset.
     pub fn factor(&self, since_s: f64) -> f64 {
         match *self {
             _ if since_s < 0.0 => 0.0,
@@ -282,7 +282,7 @@ pub struct Active {
 }
 
 impl Active {
-    /// Nothing hidden, for so many rotors.
+    /// Nothing hidden, for this number of rotors.
     pub fn none(rotors: usize) -> Self {
         Self {
             tilt_tangential: vec![0.0; rotors],

@@ -1,8 +1,9 @@
-//! The blind bench's generator: a simulator of its own that writes logs with hidden effects.
+//! The blind bench's generator: an independent simulator that writes logs with hidden effects.
 //!
-//! It exists to be foreign. It depends on no crate of ours, so the compiler keeps physics, integrator, lag, random streams,
-//! trajectories and controller apart from those of the product; only the vehicle documents' numbers are shared. A diagnosis that
-//! recovers a hidden effect from these logs has not recovered its own equations' rounding.
+//! It must be independent. It depends on no physics crate of the product, so the compiler keeps physics, integrator,
+//! lag, random streams, trajectories and controller separate from those of the product; only the numbers in the vehicle
+//! documents are shared. A diagnosis that recovers a hidden effect from these logs has not merely recovered its own
+//! equations.
 //!
 //! ```text
 //!  vehicle.toml ─┐

@@ -1,7 +1,7 @@
 //! The pilot: cascaded PID with the gains of Table 5, tilt and acceleration limits, inverse thrust map at a fixed 15.6 V.
 //!
-//! It sees the noisy measurements that the log gets (before any sensor fault: those are faults of the log), because a log whose
-//! noise differs from what the controller saw would give the analysis information that no real log has.
+//! It gets the same noisy measurements as the log (before any sensor fault: those are faults of the log), because a log
+//! whose noise differs from the controller's would give the analysis information that no real log has.
 
 use crate::script::Reference;
 use crate::vehicle::Vehicle;

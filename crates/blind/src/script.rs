@@ -132,7 +132,8 @@ const WALL_AZIMUTH_RAD: f64 = 0.3;
 const FARTHEST_TO_WALL_M: f64 = 6.9;
 const BEFORE_WALL_M: [f64; 2] = [6.8, 2.1];
 
-/// A punch: the target jumps up by this much, m, in so short a time, s. Smoothed at 8 rad/s that asks for 15 m/s² per metre.
+/// A punch: the target jumps up by this much, m, within this time, s. Smoothed at 8 rad/s this requires 15 m/s² per
+/// metre.
 const PUNCH_M: f64 = 2.4;
 const PUNCH_S: f64 = 0.1;
 
@@ -327,7 +328,7 @@ fn least_jerk(x: f64) -> f64 {
     x * x * x * (10.0 + x * (-15.0 + 6.0 * x))
 }
 
-/// What the pilot is asked for at one step.
+/// The set points for the pilot at one step.
 #[derive(Debug, Clone, Copy)]
 pub struct Reference {
     /// m, NED.

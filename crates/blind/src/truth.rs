@@ -6,7 +6,7 @@ use crate::hidden::Hidden;
 use serde::{Deserialize, Serialize};
 use std::path::Path;
 
-/// What was hidden in one log, and what a score needs to know beside it.
+/// The hidden effects of one log, and what a score needs in addition.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Truth {
     /// Program and version.
@@ -26,7 +26,7 @@ pub struct Truth {
     pub disturbance: f64,
     /// Hidden effects; empty: none.
     pub effects: Vec<Hidden>,
-    /// Small deviations of everything else.
+    /// Small deviations of all other parameters.
     pub clutter: Vec<Hidden>,
     /// Lift bias of each rotor, N.
     pub lift_biases_n: Vec<f64>,

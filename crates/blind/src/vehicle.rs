@@ -1,4 +1,4 @@
-//! The vehicle and blade documents, read on our own: only the numbers are shared with the product, no code.
+//! The vehicle and blade documents, read independently: only the numbers are shared with the product, no code.
 
 use crate::error::{BlindError, Result};
 use nalgebra::Vector3;

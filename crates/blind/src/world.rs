@@ -2,7 +2,8 @@
 //!
 //! Integrator: five sub-steps per 2.5 ms; explicit midpoint rule on velocity and body rates, the exponential map on the rotation
 //! matrix (Lie-group midpoint), trapezoidal rule on the rotor lag, semi-implicit Euler on the small oscillators. Frames: NED, FRD.
-//! A white force and torque (`FORCE_FLOOR`, `TORQUE_FLOOR`, body frame, constant over a step) stands for all that nobody models.
+//! A white force and torque (`FORCE_FLOOR`, `TORQUE_FLOOR`, body frame, constant over a step) represents everything
+//! unmodelled.
 
 use crate::hidden::Active;
 use crate::random::Stream;
@@ -27,7 +28,7 @@ pub const FOOT_DEPTH: f64 = 0.12;
 const FOOT_SINK: f64 = 0.002;
 const FOOT_DAMPING: f64 = 0.7;
 const FOOT_FRICTION: f64 = 0.6;
-/// Slip at which friction is most of what it can be, m/s.
+/// Slip at which friction is close to its maximum, m/s.
 const FOOT_SLIP: f64 = 0.02;
 
 /// Rotor state.
@@ -438,7 +439,7 @@ impl World {
         let air = attitude.transpose() * (velocity - active.wind - self.gust);
         let height = -position.z;
         let hover = self.vehicle.hover_thrust();
-        // Momentum theory; rounded to 4.8 m/s it would hide a loss that is 2 % smaller than what is asked for.
+        // Momentum theory; rounded to 4.8 m/s it would hide a loss that is 2 % smaller than requested.
         let induced = (hover / (2.0 * AIR_DENSITY * std::f64::consts::PI * ROTOR_RADIUS * ROTOR_RADIUS)).sqrt();
         let down_earth = attitude.transpose() * Vector3::new(0.0, 0.0, 1.0);
         let mut force = Vector3::zeros();

@@ -88,7 +88,7 @@ fn val_a_hovering_accelerometer_reads_minus_g() {
     let mean: Vector3<f64> = rows.iter().map(|row| row.accel).sum::<Vector3<f64>>() / rows.len() as f64;
     let tolerance = 5.0 * 0.085 / (rows.len() as f64).sqrt();
     assert!(mean.x.abs() < tolerance && mean.y.abs() < tolerance, "{mean}");
-    // The height loop moves within 0.01 m/s², beside the noise.
+    // The height loop moves within 0.01 m/s², in addition to the noise.
     assert!((mean.z + 9.81).abs() < tolerance + 0.01, "{mean}");
 }
 

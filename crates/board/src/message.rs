@@ -696,7 +696,7 @@ mod tests {
             let length = writer.len();
             prop_assert!(length <= Reply::length(16, true, true, true));
             prop_assert_eq!(Reply::read(&bytes[..length]), Some(reply));
-            // One byte less or more is no reply.
+            // One byte less or more is not a reply.
             prop_assert_eq!(Reply::read(&bytes[..length - 1]), None);
             prop_assert_eq!(Reply::read(&bytes[..length + 1]), None);
         }

@@ -1,4 +1,4 @@
-//! The improved network over time on the paper's protocol, beside the network of each window alone.
+//! The improved network over time on the paper's protocol, compared with the same network window by window.
 
 use rotortwin_campaign::paper::data_set::DataSet;
 use rotortwin_campaign::paper::protocol::{Conduct, Course};

@@ -1,10 +1,11 @@
-//! The improved network over time: evidence that adds up over windows, in place of a verdict of each window alone.
+//! The improved network over time: evidence accumulated over windows, instead of a separate verdict for each window.
 //!
 //! ```text
 //!  residual means of a window ─▶ network ─▶ log-odds of each rotor ─▶ less the flight's offset, over its spread ─▶ class probabilities ─▶ evidence ─▶ verdict
 //! ```
-//! The network was trained on losses of 5 % and more, so that it gives a rotor even odds at a loss of about half a per cent: on a healthy flight its output crosses that line with
-//! every twentieth window. What it says of the *order* of the rotors is good. So its log-odds are taken as a measurement, whose offset and spread are learnt in flight:
+//! The network was trained on losses of 5 % and more, so it gives a rotor even odds at a loss of about half a per cent:
+//! on a healthy flight its output crosses that line in every twentieth window. Its *ranking* of the rotors is good,
+//! however. So its log-odds are taken as a measurement, whose offset and spread are learnt in flight:
 //!
 //! ```text
 //!  ℓ_i = log p_i/p_0                                    log-odds of rotor i against healthy
@@ -13,35 +14,40 @@
 //!  w_i = log(((1 − ε) q_i + ε/(n+1)) / ((1 − ε) q_0 + ε/(n+1)))     one window in 1/ε says nothing
 //!  S_i ← clamp(S_i + ρ w_i, 0, S_max)                   Page's cumulative sum (Biometrika 41, 1954)
 //! ```
-//! Dividing by σ and the shift by δ are temperature and bias of a calibrated softmax (Guo et al., ICML 2017), learnt for each rotor and flight instead of once for all. ρ is the share of an
-//! independent observation that a window is worth: windows pass through the same observer (gain h, window T), whose correlation makes it tanh(hT/2) at most, and less by what the means of
-//! half seconds scatter more in the calibration.
+//! Dividing by σ and shifting by δ are temperature and bias of a calibrated softmax (Guo et al., ICML 2017), learnt for
+//! each rotor and flight instead of once for all. ρ is the weight of a window relative to an independent observation:
+//! windows pass through the same observer (gain h, window T), whose correlation limits it to tanh(hT/2), less where the
+//! means of half-seconds scatter more in the calibration.
 //!
-//! A rotor is named when its evidence reaches a level, and no more when it has fallen to half of that. Constants were chosen in flights of other seeds than those of the figures in
-//! docs/detector.md.
+//! A rotor is named when its evidence reaches a level, until it has fallen to half of that. Constants were chosen on
+//! flights of other seeds than those of the figures in docs/detector.md.
 //!
-//! Limits: one rotor; two at once are one of them, or none. What is damaged by the end of the calibration counts as healthy. A loss that grows by less than a few tenths of a per cent in
-//! a minute is followed. The size of a loss is not told. A load or a gain that resembles a rotor's loss is named as one: the network knows nothing else.
+//! Limits: one rotor; two simultaneous faults are reported as one of them, or not at all. Damage present at the end of
+//! the calibration counts as healthy. A loss that grows by less than a few tenths of a per cent per minute is absorbed
+//! by the offset. The size of a loss is not estimated. A load or a gain that resembles a rotor's loss is named as one:
+//! the network knows nothing else.
 
 use rotortwin_flight_core::fdi::verdict_code::{HEALTHY, NOT_READY};
 use rotortwin_flight_core::fdi::{FdiConfig, Network, Residuals};
 use rotortwin_flight_core::geometry::Geometry;
 
-/// δ: the shift that a window is tested for, standard deviations of the healthy output. A loss of 1 % moves the output by six to twelve in calm air.
+/// δ: the shift tested for, standard deviations of the healthy output. A loss of 1 % shifts the output by six to twelve
+/// in calm air.
 const SHIFT: f64 = 8.0;
-/// ε: share of windows that say nothing, whatever they say.
+/// ε: share of windows that carry no information, whatever their output.
 const LAPSE: f64 = 0.01;
-/// Evidence from which on a rotor is named, nats.
+/// Evidence at which a rotor is named, nats.
 const NAMED: f64 = 10.0;
-/// Evidence below which it is not named any more.
+/// Evidence below which it is no longer named.
 const RELEASED: f64 = 5.0;
-/// Most evidence: what heals is released soon.
+/// Largest evidence: makes a healed rotor be released soon.
 const MOST: f64 = 16.0;
-/// Evidence up to which offset and spread follow the flight.
+/// Evidence up to which offset and spread keep following the flight.
 const UNSUSPECTED: f64 = 3.0;
-/// Time constant of following, s.
+/// Time constant with which offset and spread follow, s.
 const FOLLOWING_S: f64 = 60.0;
-/// a and b of the announced probability, log p_i/p_0 = a S_i − b: maximum likelihood over 471,000 windows of flights that chose the other constants, a fifth of them with a loss of 0.2 to 20 %.
+/// a and b of the reported probability, log p_i/p_0 = a S_i − b: maximum likelihood over 471,000 windows of the flights
+/// that the other constants were chosen on, a fifth of them with a loss of 0.2 to 20 %.
 const CALIBRATED: [f64; 2] = [2.0, 5.0];
 /// Windows whose means are compared for correlation beyond the observer's: half a second.
 const BLOCK: usize = 8;
@@ -49,15 +55,15 @@ const BLOCK: usize = 8;
 const FEWEST: usize = 4 * BLOCK;
 /// Smallest spread of an output, nats: that of a flight without noise is 0.
 const LEAST_SPREAD: f64 = 1.0;
-/// Farthest that a window moves offset and spread, standard deviations.
+/// Largest change of offset and spread by one window, standard deviations.
 const FARTHEST: [f64; 2] = [2.0, 3.0];
 
-/// What the network says over time.
+/// Output of the network over time.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct NetworkOverTime {
     /// 0 healthy, i rotor i, −2 not ready.
     pub code: i32,
-    /// Of healthy, rotor 1, rotor 2, …; empty while it says nothing.
+    /// Of healthy, rotor 1, rotor 2, …; empty without a verdict.
     pub probability: Vec<f32>,
 }
 
@@ -68,7 +74,7 @@ impl NetworkOverTime {
         probability: Vec::new(),
     };
 
-    /// That its verdict is right; 0 while it says nothing.
+    /// Probability that the verdict is correct; 0 without a verdict.
     pub fn of_verdict(&self) -> f32 {
         let class = usize::try_from(self.code).ok();
         class
@@ -95,7 +101,7 @@ pub struct Evidence {
     named: usize,
 }
 
-/// What the flight says of the network's output while it is healthy.
+/// The network's output on this flight while it is healthy.
 #[derive(Clone, Debug)]
 struct Learnt {
     /// Mean of the residual.
@@ -107,7 +113,7 @@ struct Learnt {
 }
 
 impl Evidence {
-    /// `None` without a network that calibrates itself: the paper's is judged as the paper does.
+    /// `None` without a network that calibrates itself: the paper's network is judged as in the paper.
     pub fn new(config: &FdiConfig) -> Option<Self> {
         let network = config.network.filter(Network::self_calibrated)?;
         let window_s = f64::from(config.window_len) * f64::from(config.period);
@@ -137,7 +143,7 @@ impl Evidence {
         self.calibration.push(*residual_mean);
     }
 
-    /// A window without a verdict: what was gathered does not count any more.
+    /// A window without a verdict: evidence gathered so far is discarded.
     pub fn hold(&mut self) {
         self.sum.fill(0.0);
         self.named = 0;
@@ -166,7 +172,7 @@ impl Evidence {
         self.decide()
     }
 
-    /// Adds what one window says.
+    /// Adds the evidence of one window.
     ///
     /// * `deviation`: ℓ − µ of each rotor
     fn add(&mut self, deviation: &[f64], learnt: &Learnt) {
@@ -246,7 +252,7 @@ impl Evidence {
 }
 
 impl Learnt {
-    /// Offset and spread follow a window in which nothing is suspected.
+    /// Lets offset and spread follow a window in which nothing is suspected.
     ///
     /// * `deviation`: ℓ − µ of each rotor   * `weight`: of the window
     fn follow(&mut self, deviation: &[f64], weight: f64) {

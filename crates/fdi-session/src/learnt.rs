@@ -1,4 +1,4 @@
-//! What healthy flights of a vehicle say of it beyond its model, and how a session takes that into account.
+//! What healthy flights reveal about a vehicle beyond its model, and how a session uses it.
 //!
 //! ```text
 //!  healthy flights ─▶ Learner: what rotors do not explain, against signals of the flight ─▶ Learnt: Θ
@@ -9,17 +9,19 @@
 //! ```text
 //!  D_a' = w_a + b_a + Σ_k Θ_ak s̃_k       w' = −w/T + noise,  b: of one flight,  s̃: s through the rotors' lag
 //! ```
-//! with a Kalman filter that goes through all blocks of all flights; gusts w and the bias b are the day's, Θ is the vehicle's. Signals s are what usual missing
-//! physics goes with ([`NAMES`]): gains of the wrenches and of their squares (mass, inertia, thrust curve, rotors that lean), speeds (drag and where it acts, inflow,
-//! translational lift), rates (damping, products of inertia), what the commands change (lag, latencies, spin of the rotors), the voltage. Θ has a prior about
-//! 0 of what such physics can be, so that what the flights do not show stays 0.
+//! with a Kalman filter over all blocks of all flights; gusts w and the bias b belong to the day, Θ to the vehicle. The
+//! signals s are those with which missing physics usually correlates ([`NAMES`]): gains of the wrenches and of their
+//! squares (mass, inertia, thrust curve, tilted rotors), speeds (drag and where it acts, inflow, translational lift),
+//! rates (damping, products of inertia), changes of the commands (lag, latencies, rotor inertia), the voltage. Θ has a
+//! prior about 0 with the plausible size of such physics, so what the flights do not show stays 0.
 //!
-//! A session that has learnt adds F⁺ Σ_k Θ_ak s_k to the thrusts that were commanded: the detectors stay as they are and see a vehicle that is their model. Their
-//! priors of what was learnt are narrower by [`NARROW`]; the second look takes no calibration for calmer than [`LEAST_NOISE`] of what the flights left, since
-//! eight seconds seldom hold a gust or a corner of the flight to come.
+//! A session that has learnt adds F⁺ Σ_k Θ_ak s_k to the commanded thrusts: the detectors stay unchanged and see a
+//! vehicle that matches their model. Their priors for what was learnt are narrowed by [`NARROW`]; the second look
+//! assumes no calibration calmer than [`LEAST_NOISE`] of what the flights left, since eight seconds seldom contain a
+//! gust or a corner of the flight to come.
 //!
-//! Limits: what the flights did not do is not learnt; a wind is the day's, so drag is learnt against the ground. A fault in a flight that is learnt from is
-//! a part of the vehicle then.
+//! Limits: what the flights did not excite is not learnt; wind belongs to the day, so drag is learnt against the
+//! ground. A fault in a flight that is learnt from becomes part of the vehicle.
 
 use super::second_look::meter::{AXES, Meter};
 use rotortwin_flight_core::MAX_ROTORS;
@@ -30,7 +32,8 @@ use rotortwin_flight_core::signals::Measurement;
 
 /// Signals.
 const SIGNALS: usize = NAMES.len();
-/// Each in N at the levers, or in N for 1 m/s, 1 rad/s; what it stands for, and the standard deviation of Θ: for the axis itself and for the others.
+/// Each in N at the levers, or in N for 1 m/s, 1 rad/s; its meaning, and the standard deviation of Θ: for the axis
+/// itself and for the others.
 const NAMES: [(&str, f64, f64); 30] = [
     ("vertical force beyond the weight", 0.1, 0.03),
     ("roll moment", 0.1, 0.03),
@@ -67,11 +70,11 @@ const NAMES: [(&str, f64, f64); 30] = [
     ("square of the horizontal specific force over the weight", 0.5, 0.3),
     ("voltage off its mean, times the thrust", 0.3, 0.0),
 ];
-/// Hover thrust of the rotors that these are given for, N: speeds and rates scale with it.
+/// Hover thrust of the rotors to which these refer, N: speeds and rates scale with it.
 const SCALE_THRUST: f64 = 2.5;
-/// First of the signals whose Θ is no share.
+/// First of the signals whose Θ is not a share.
 const FIRST_SPEED: usize = 12;
-/// Which axis a signal belongs to; the rest belong to all alike.
+/// Axis to which a signal belongs; the rest belong to all equally.
 const AXIS_OF: [Option<usize>; SIGNALS] = {
     let mut axis = [None; SIGNALS];
     let mut k = 0;
@@ -86,15 +89,16 @@ const STATES: usize = 3 + SIGNALS;
 const DEFECT: usize = 0;
 const GUST: usize = 1;
 const BIAS: usize = 2;
-/// Fewest blocks that something is learnt from: 20 s.
+/// Minimum number of blocks to learn from: 20 s.
 const FEWEST_BLOCKS: usize = 320;
-/// Spreads of gain, lag, centre of mass and drag of a vehicle that is known from flights, over those of one that is not.
+/// Spreads of gain, lag, centre of mass and drag of a vehicle that is known from flights, relative to those of an
+/// unknown one.
 const NARROW: f32 = 0.4;
-/// Variances of a calm day over those of the flights.
+/// Variances of a calm day relative to those of the flights.
 const LEAST_NOISE: f64 = 0.25;
-/// Rounds of noise and Θ.
+/// Iterations of noise and Θ.
 const ROUNDS: usize = 2;
-/// Low-pass of the horizontal force, s: it stands for the speed through the air, which a rotor's drag makes of it.
+/// Low-pass of the horizontal force, s: a proxy for the airspeed, from which a rotor's drag produces it.
 const AIR_TIME: f64 = 0.05;
 /// Time of the low-pass of the voltage, s.
 const VOLTAGE_TIME: f64 = 20.0;
@@ -110,7 +114,7 @@ struct Signals {
     end: f64,
     lagged: Option<[f64; AXES]>,
     voltage: f64,
-    /// Low-passed in the body: speeds, and what changes them but forces.
+    /// Low-passed in the body frame: speeds, and their derivatives apart from forces.
     speed: [f64; 2],
     turn: [f64; 2],
 }
@@ -211,7 +215,7 @@ impl Signals {
 /// A block of a flight.
 #[derive(Clone, Debug)]
 struct Taken {
-    /// The first after a gap: what was before says nothing of it.
+    /// The first after a gap: independent of what came before.
     begins: bool,
     defect: [f64; AXES],
     elapsed: f64,
@@ -221,7 +225,7 @@ struct Taken {
     noise: [f64; AXES],
 }
 
-/// Takes in healthy flights.
+/// Learns from healthy flights.
 #[derive(Clone, Debug)]
 pub struct Learner {
     config: FdiConfig,
@@ -273,7 +277,7 @@ impl Learner {
         self
     }
 
-    /// What comes next does not go on from what was.
+    /// The next sample does not continue the previous ones.
     pub(crate) fn begin(&mut self) {
         let (blocks, flights) = (std::mem::take(&mut self.blocks), self.flights);
         *self = Self {
@@ -283,7 +287,7 @@ impl Learner {
         };
     }
 
-    /// Takes in a sample that the engine has taken.
+    /// Processes a sample that the engine has accepted.
     pub(crate) fn step(&mut self, input: &Measurement) {
         self.meter.step(input);
         self.samples += 1.0;
@@ -317,7 +321,7 @@ impl Learner {
 
     /// After the last sample of a window.
     ///
-    /// * `counts`: the vehicle flew, and the model could explain it
+    /// * `counts`: the vehicle flew, and the model could explain its motion
     pub(crate) fn close(&mut self, counts: bool) {
         let Some(block) = self.meter.close() else {
             return;
@@ -351,7 +355,7 @@ impl Learner {
         }
     }
 
-    /// What the flights so far say; `None`: too short.
+    /// Result of the flights so far; `None`: too short.
     pub fn learnt(&self) -> Option<Learnt> {
         if self.blocks.len() < FEWEST_BLOCKS {
             return None;
@@ -379,9 +383,9 @@ struct Noise {
     correlation: f64,
 }
 
-/// Θ of one axis: noise for the Θ so far, Θ for that noise.
+/// Θ of one axis: alternates between the noise for a given Θ and Θ for that noise.
 fn fitted(blocks: &[Taken], axis: usize, hover: f64, config: &FdiConfig) -> ([f64; SIGNALS], [f64; 2]) {
-    /// Levels that are tried, share of the thrust in hover.
+    /// Levels tried, share of the hover thrust.
     const LEVELS: [f64; 12] = [3e-4, 1e-3, 3e-3, 6e-3, 1e-2, 1.7e-2, 3e-2, 6e-2, 0.1, 0.3, 0.55, 1.0];
     let usual = blocks.iter().map(|block| block.elapsed).fold(0.0, f64::max);
     let correlation = (-usual / f64::from(config.sequential.disturbance_correlation_time)).exp();
@@ -423,7 +427,7 @@ const BARE: usize = 3;
 
 /// ln likelihood of the blocks, and Θ where it is among the `N` states.
 ///
-/// * `known`: Θ that is taken off   * `spread`: standard deviation of the rest
+/// * `known`: Θ that is subtracted   * `spread`: standard deviation of the rest
 fn filtered<const N: usize>(
     blocks: &[Taken],
     axis: usize,
@@ -492,8 +496,9 @@ fn filtered<const N: usize>(
     (log_likelihood, theta)
 }
 
-/// Factor of the inertia about each axis. What roll and pitch gain alike is the slope of the thrust curve, of which a lost thrust has no part; the rest of an axis'
-/// gain is its inertia (or its moment ratio), and a lost thrust counts as much more or less.
+/// Factor of the inertia about each axis. The gain common to roll and pitch is the slope of the thrust curve, which
+/// does not affect a lost thrust; the rest of an axis' gain is its inertia (or its moment ratio), by which a lost
+/// thrust counts more or less.
 fn take_inertia(theta: &mut [[f64; SIGNALS]; AXES]) -> [f64; 3] {
     let [roll, pitch] = [theta[1][1], theta[2][2]];
     let common = if roll * pitch > 0.0 {
@@ -513,32 +518,32 @@ fn take_inertia(theta: &mut [[f64; SIGNALS]; AXES]) -> [f64; 3] {
     })
 }
 
-/// What was learnt of a vehicle.
+/// What was learnt about a vehicle.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Learnt {
     theta: [[f64; SIGNALS]; AXES],
     inertia: [f64; 3],
-    /// Gusts and white force of each axis that were left, N².
+    /// Remaining gusts and white force of each axis, N².
     noise: [[f64; 2]; AXES],
-    /// Flights behind it.
+    /// Number of flights it is based on.
     pub flights: usize,
-    /// Time in the air behind it, s.
+    /// Flight time it is based on, s.
     pub seconds: f64,
 }
 
 impl Learnt {
-    /// Inertia about roll, pitch and yaw over that of the model. What roll and pitch have in common counts for the slope of the thrust curve, so that an
-    /// inertia that is off about both alike stays 1 here.
+    /// Inertia about roll, pitch and yaw relative to the model's. The part common to roll and pitch counts as the slope
+    /// of the thrust curve, so an inertia that is wrong by the same factor about both stays 1 here.
     pub fn inertia(&self) -> [f64; 3] {
         self.inertia
     }
 
-    /// Gusts and white force below which no calibration goes, N²: half of what the flights had.
+    /// Lower limit of gusts and white force in a calibration, N²: half of that in the flights.
     pub(crate) fn least_noise(&self) -> [[f64; 2]; AXES] {
         self.noise.map(|levels| levels.map(|level| LEAST_NOISE * level))
     }
 
-    /// The detectors' vehicle with what they have a number for.
+    /// The detectors' vehicle, with everything learnt for which they have a parameter.
     pub(crate) fn config(&self, config: &FdiConfig) -> FdiConfig {
         let mut config = *config;
         for (inertia, factor) in config.inertia_body.iter_mut().zip(self.inertia) {
@@ -557,7 +562,7 @@ impl Learnt {
     }
 }
 
-/// Puts what was learnt into the commands of a flight.
+/// Corrects the commands of a flight by what was learnt.
 #[derive(Clone, Debug)]
 pub(crate) struct Corrected {
     learnt: Learnt,
@@ -578,12 +583,12 @@ impl Corrected {
         self.learnt.least_noise()
     }
 
-    /// Before other samples than the ones that follow.
+    /// Call before samples that do not follow the previous ones.
     pub(crate) fn begin(&mut self) {
         self.signals.lagged = None;
     }
 
-    /// The sample with the duties that a vehicle of the model would have needed; one without numbers stays as it is.
+    /// The sample with the duties that a vehicle as modelled would have needed; one without numbers is unchanged.
     pub(crate) fn of(&mut self, input: &Measurement) -> Measurement {
         let numbers = [input.nav.velocity_ned.to_array(), input.nav.body_rates.to_array()];
         let attitude = input.nav.attitude;

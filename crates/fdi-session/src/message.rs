@@ -1,6 +1,6 @@
 //! Chunks and answers as the messages of `proto/rotortwin/v1/fdi_service.proto`.
 //!
-//! What comes from outside is checked for its shape here (lengths of lists), for its numbers by the session.
+//! Shapes (lengths of lists) are checked here, numbers by the session.
 
 use crate::session::{Answer, Calibration, Chunk, LONGEST_CHUNK, Refusal, Sample, Window};
 use rotortwin_flight_core::MAX_ROTORS;
@@ -131,7 +131,7 @@ impl Answer {
 
 /// The message of a refusal.
 ///
-/// * `next_step`: what is waited for
+/// * `next_step`: the step that is expected next
 pub fn refusal_message(first_step: u64, next_step: u64, refusal: &dyn std::fmt::Display) -> FdiVerdicts {
     FdiVerdicts {
         first_step,
@@ -141,7 +141,7 @@ pub fn refusal_message(first_step: u64, next_step: u64, refusal: &dyn std::fmt::
     }
 }
 
-/// Why a message is not taken.
+/// Why a message is rejected.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum MessageRefusal {
     /// It has a wrong shape.

@@ -1,24 +1,25 @@
-//! One session: the FDI engine of a run, and what may be fed to it.
+//! One session: the FDI engine of a run, and the rules for its input.
 //!
-//! The engine knows neither time nor gaps: it takes one sample every 2.5 ms. The session makes sure of that. A chunk of samples is taken
-//! as a whole or refused as a whole with one sentence; what is refused changes nothing.
+//! The engine knows neither time nor gaps: it takes one sample every 2.5 ms. The session ensures that. A chunk of
+//! samples is accepted or rejected as a whole, with one error message; a rejected chunk changes nothing.
 //!
-//! * *Order.* Each chunk says its first step and goes on where the last one ended. The last chunks ([`REMEMBERED`]) may be sent again:
-//!   the answer is the same and nothing is counted twice.
-//! * *Numbers.* What a link of a run refuses is refused here: NaN and infinity, a duty that is no fraction, a wrong number of rotors.
-//!   Finite numbers that no flight can have (1000 m/s) go to the engine, which rejects and counts them, as in a run.
-//! * *Rate.* Where samples bring their time, each interval must be between half and one and a half periods, and the mean of a hundred
-//!   within 2 % of the period.
-//! * *Gaps* are refused unless the chunk says that the samples between are lost. Up to [`LONGEST_BRIDGE`] steps the engine coasts, as it
-//!   does over a rejected sample; after more it starts afresh with a calibration, and the answer says so: *whatever is damaged by then
-//!   counts as healthy*.
-//! * *Validity* ([`super::validity`]). On the ground, for two seconds after it, and in an upset the engine is not fed (in a sharp turn that may become one it is,
-//!   without verdicts); after that it starts afresh in
-//!   the air. There, and where no possible loss explains the motion, windows are not ready and say why ([`Window::obstacle`]).
+//! * *Order.* Each chunk gives its first step and continues where the last one ended. The last chunks ([`REMEMBERED`])
+//!   may be sent again: the answer is the same and nothing is counted twice.
+//! * *Numbers.* What a link of a run rejects is rejected here: NaN and infinity, a duty outside 0 to 1, a wrong number
+//!   of rotors. Finite numbers that no flight can have (1000 m/s) go to the engine, which rejects and counts them, as
+//!   in a run.
+//! * *Rate.* If samples have a time, each interval must be between half and one and a half periods, and the mean of a
+//!   hundred within 2 % of the period.
+//! * *Gaps* are rejected unless the chunk says that the samples in between are lost. Over up to [`LONGEST_BRIDGE`]
+//!   steps the engine coasts, as over a rejected sample; after a longer gap it restarts with a calibration, and the
+//!   answer says so: *damage present by then counts as healthy*.
+//! * *Validity* ([`super::validity`]). On the ground, for two seconds after it, and in an upset the engine is not fed
+//!   (in a sharp turn that may become one it is, without verdicts); after that it restarts in the air. There, and where
+//!   no possible loss explains the motion, windows are not ready and give the reason ([`Window::obstacle`]).
 //!
 //! Same samples, same bits: between gaps and in the air a session is the engine of a run, fed the same numbers.
 //!
-//! Glossary: *window*, 25 samples (a setting) that are decided on together; *chunk*, samples that come in one message.
+//! Glossary: *window*, 25 samples (a setting) with one verdict; *chunk*, the samples of one message.
 
 use super::evidence::{Evidence, NetworkOverTime};
 use super::learnt::{Corrected, Learner, Learnt};
@@ -36,18 +37,19 @@ use std::collections::VecDeque;
 use std::hash::Hasher as _;
 use xxhash_rust::xxh3::Xxh3;
 
-/// Most samples of a chunk: ten seconds.
+/// Maximum number of samples in a chunk: ten seconds.
 pub const LONGEST_CHUNK: usize = 4000;
 /// Chunks that may be sent again.
 pub const REMEMBERED: usize = 8;
-/// Steps that the engine coasts over; 20 ms, a few time constants of a rotor less than the window it would spoil. Of samples of another rate as much time.
+/// Steps over which the engine coasts; 20 ms, a few rotor time constants less than the window it would spoil. The same
+/// time at other sampling rates.
 pub const LONGEST_BRIDGE: u64 = 8;
 const LONGEST_BRIDGE_S: f64 = 0.02;
 /// Largest step number.
 pub const LAST_STEP: u64 = 1 << 40;
-/// Intervals that the mean rate is taken over.
+/// Number of intervals over which the mean rate is computed.
 const RATE_SAMPLES: u32 = 100;
-/// The mean interval may differ from the period by this share: clocks differ by 1e-4, the next usual rates by a fifth.
+/// The mean interval may differ from the period by this share: clocks differ by 1e-4, the next common rates by a fifth.
 const RATE_TOLERANCE: f64 = 0.02;
 
 /// One sample of a flight: the sensed state, the duty held from now on, the voltage; SI, NED and FRD.
@@ -65,12 +67,12 @@ pub struct Sample {
     pub duty: [f32; MAX_ROTORS],
     /// At the battery's terminals, V.
     pub battery_voltage_v: f32,
-    /// When it was taken, s, by any clock; without it the rate is believed.
+    /// Time of the sample, s, by any clock; without it the rate is not checked.
     pub time_s: Option<f64>,
 }
 
 impl Sample {
-    /// What the engine takes.
+    /// The engine's input.
     #[inline]
     pub fn measurement(&self) -> Measurement {
         // +0 for −0, as every link of a run hands numbers over.
@@ -90,7 +92,7 @@ impl Sample {
         }
     }
 
-    /// The first number that cannot be taken: field, value, what was expected.
+    /// The first unacceptable number: field, value, what was expected.
     fn fault(&self, rotor_count: usize) -> Option<(String, f64, &'static str)> {
         let fields: [(&str, &[f32]); 5] = [
             ("position_ned_m", &self.position_ned_m),
@@ -150,9 +152,9 @@ impl Sample {
 pub struct Chunk {
     /// Step of the first sample.
     pub first_step: u64,
-    /// The samples between the last chunk and this one are lost for good.
+    /// The samples between the last chunk and this one are permanently lost.
     pub after_gap: bool,
-    /// In order, one a step.
+    /// In order, one per step.
     pub samples: Vec<Sample>,
 }
 
@@ -167,28 +169,29 @@ impl Chunk {
     }
 }
 
-/// How far the detectors have calibrated themselves.
+/// State of the detectors' calibration.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Calibration {
-    /// The sensors' noise is measured; no verdicts.
+    /// The sensor noise is being measured; no verdicts.
     Noise,
-    /// Levels of gusts and the residuals' means are learnt; no verdicts, but of a classifier that calibrates nothing.
+    /// Gust levels and mean residuals are being learnt; no verdicts, except those of a classifier that does not
+    /// calibrate itself.
     Disturbances,
-    /// Verdicts come.
+    /// There are verdicts.
     Done,
 }
 
-/// What is said at the end of a window.
+/// Result of a window.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Window {
     /// Residuals and verdicts of the window's last step, as a run records them; `run_id` is the session's number, the time counts
     /// from the session's first step. The sequential verdict and its losses are those of the second look ([`super::second_look`]).
     pub report: FdiReport,
-    /// The same as the engine said it, and as a run would record it.
+    /// The same before the second look, as a run would record it.
     pub engine: FdiReport,
-    /// Probability that the network gives to healthy, rotor 1, rotor 2, …; empty while it says nothing.
+    /// Probability that the network gives to healthy, rotor 1, rotor 2, …; empty without a verdict.
     pub class_probability: Vec<f32>,
-    /// What a network that calibrates itself says over time ([`super::evidence`]).
+    /// Output over time of a network that calibrates itself ([`super::evidence`]).
     pub network_over_time: NetworkOverTime,
     /// Mean of the 4-axis residual over the window, the network's input before the projection: down kg·m/s, roll, pitch and yaw kg·m²/s; 0 of a window that
     /// the engine was not fed.
@@ -197,69 +200,70 @@ pub struct Window {
     pub calibration: Calibration,
     /// Why there are no verdicts; absent while the detectors calibrate themselves.
     pub obstacle: Option<Obstacle>,
-    /// Step that the calibration behind it began with.
+    /// Step at which its calibration began.
     pub calibrated_from: u64,
     /// Smallest lost share of each rotor's thrust that would be found within ten seconds now; empty without a verdict, and while something is
     /// wrong.
     pub smallest_loss: Vec<f32>,
-    /// What stands behind a verdict other than healthy: explanations, and how fast the loss moves; empty else.
+    /// Details of a verdict other than healthy: explanations, and the rate of the loss; otherwise empty.
     pub details: Details,
-    /// The last load that was dropped or taken up since the calibration; rotors are judged with it from the window on that is the first to have it.
+    /// The last load that was dropped or picked up since the calibration; rotors are judged with it from the first
+    /// window that has it.
     pub load: Option<LoadChange>,
 }
 
-/// What a chunk gave.
+/// Result of a chunk.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Answer {
     /// Of the chunk.
     pub first_step: u64,
-    /// Step that the next chunk is to begin with.
+    /// Expected first step of the next chunk.
     pub next_step: u64,
     /// Windows that ended in it, in order.
     pub windows: Vec<Window>,
-    /// What else happened, one sentence each.
+    /// Other events, one sentence each.
     pub notes: Vec<String>,
-    /// The chunk had been taken before; this is the answer it got then.
+    /// The chunk had been accepted before; this is the answer that it got then.
     pub repeated: bool,
 }
 
-/// Why a chunk is not taken; nothing of it counts.
+/// Why a chunk is rejected; none of it counts.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum Refusal {
     /// No samples, or too many.
     #[error("the chunk has {found} samples, expected 1 to {LONGEST_CHUNK}")]
     Size {
-        /// Samples that came.
+        /// Samples received.
         found: usize,
     },
     /// Too large a step number.
     #[error("first_step is {found}, expected 0 to {LAST_STEP}")]
     Step {
-        /// What came.
+        /// Received.
         found: u64,
     },
-    /// Samples are missing and nobody says that they are lost.
+    /// Samples are missing and not declared as lost.
     #[error(
         "the chunk begins with step {found}, expected step {expected}: {} steps are missing; send them, or declare them lost (after_gap)",
         found - expected
     )]
     Gap {
-        /// Step that was to come.
+        /// Expected step.
         expected: u64,
-        /// Step that came.
+        /// Received step.
         found: u64,
     },
-    /// Steps that were taken before, with other numbers, or too long ago.
+    /// Steps that were accepted before, with other numbers, or too long ago.
     #[error(
         "the chunk begins with step {found}, which was received before; expected step {expected}, or an exact repetition of a recent chunk"
     )]
     Past {
-        /// Step that was to come.
+        /// Expected step.
         expected: u64,
-        /// Step that came.
+        /// Received step.
         found: u64,
     },
-    /// A number that cannot be.
+    /// An impossible number.
     #[error("step {step} (sample {sample} of the chunk): {field} is {value}, expected {expected}")]
     Number {
         /// Step number.
@@ -273,7 +277,7 @@ pub enum Refusal {
         /// The range, in words.
         expected: &'static str,
     },
-    /// Time goes back, stands still, or jumps.
+    /// Time goes back, does not advance, or jumps.
     #[error(
         "step {step} (sample {sample} of the chunk): time_s is {interval_s:.6} s after the sample before, expected {period_s} s ± 50 %"
     )]
@@ -282,12 +286,12 @@ pub enum Refusal {
         step: u64,
         /// Sample of the chunk, from 1.
         sample: usize,
-        /// Since the sample before, s.
+        /// Since the previous sample, s.
         interval_s: f64,
         /// Expected, s.
         period_s: f64,
     },
-    /// The samples have another rate.
+    /// The samples have a different rate.
     #[error(
         "the samples up to step {step} are {interval_s:.6} s apart in the mean of 100, expected {period_s} s within 2 %"
     )]
@@ -310,7 +314,7 @@ fn without_verdict(report: FdiReport) -> FdiReport {
     }
 }
 
-/// A report whose losses end at all of a rotor's thrust.
+/// A report whose losses are limited to the whole thrust of a rotor.
 fn possible(mut report: FdiReport) -> FdiReport {
     for loss in [&mut report.thrust_loss, &mut report.second_thrust_loss] {
         *loss = loss.limited();
@@ -322,7 +326,7 @@ fn possible(mut report: FdiReport) -> FdiReport {
 #[derive(Clone, Copy, Debug, Default)]
 struct RateCheck {
     last_s: Option<f64>,
-    /// Begin of the hundred, and intervals since.
+    /// Start of the hundred, and intervals since.
     anchor: Option<(f64, u32)>,
 }
 
@@ -366,7 +370,7 @@ impl RateCheck {
 pub struct FdiSession {
     number: u64,
     engine: Box<FdiEngine>,
-    /// What the engine's own window and baseline hold, for the network's probabilities.
+    /// Content of the engine's own window and baseline, for the network's probabilities.
     window: WrenchStatistics,
     baseline: Baseline,
     flight: FlightWatch,
@@ -380,17 +384,17 @@ pub struct FdiSession {
     learner: Option<Box<Learner>>,
     /// See [`FdiSession::by_force`].
     by_force: bool,
-    /// What keeps the engine from being fed, and steps since it began.
+    /// The reason why the engine is not fed, and steps since it began.
     paused: Option<(Obstacle, u64)>,
     /// A sharp turn within this window.
     turning: Option<Obstacle>,
-    /// What stood in the way at the last window.
+    /// The obstacle at the last window.
     obstacle: Option<Obstacle>,
     calibration_steps: [u64; 2],
     /// First step ever, once there is one.
     origin: Option<u64>,
     next_step: u64,
-    /// Step that the calibration counts from.
+    /// Step from which the calibration counts.
     started: u64,
     rate: RateCheck,
     remembered: VecDeque<(u64, Answer)>,
@@ -406,7 +410,7 @@ impl FdiSession {
     /// * `number`: not 0; goes into the stamps of the reports
     ///
     /// # Errors
-    /// The engine refuses its configuration.
+    /// The engine rejects its configuration.
     pub fn new(config: FdiConfig, number: u64) -> Result<Self, FdiConfigError> {
         let engine = Box::new(FdiEngine::new(config)?);
         let steps = |seconds: f32| (seconds / config.period).round() as u32;
@@ -441,7 +445,7 @@ impl FdiSession {
         })
     }
 
-    /// For a vehicle of which earlier flights have said more than its model; before the first chunk.
+    /// For a vehicle about which earlier flights have revealed more than its model; call before the first chunk.
     ///
     /// # Errors
     /// As [`FdiSession::new`].
@@ -453,7 +457,7 @@ impl FdiSession {
         Ok(session)
     }
 
-    /// The same for samples whose velocity down is integrated from the specific force along the rotors' axis.
+    /// The same for samples whose downward velocity is integrated from the specific force along the rotors' axis.
     #[must_use]
     pub fn by_force(mut self) -> Self {
         self.by_force = true;
@@ -461,14 +465,14 @@ impl FdiSession {
         self
     }
 
-    /// The same, and the flight is healthy and taken in by a learner.
+    /// The same, for a healthy flight that a learner learns from.
     #[must_use]
     pub fn that_learns(mut self, learner: Learner) -> Self {
         self.learner = Some(Box::new(learner.and_a_flight(self.engine.config())));
         self
     }
 
-    /// The learner, with all that was fed to it.
+    /// The learner, with everything that was fed to it.
     pub fn into_learner(self) -> Option<Learner> {
         self.learner.map(|learner| *learner)
     }
@@ -494,7 +498,7 @@ impl FdiSession {
         self.origin
     }
 
-    /// Step that the next chunk is to begin with; any before the first chunk.
+    /// Expected first step of the next chunk; any before the first chunk.
     pub fn next_step(&self) -> u64 {
         self.next_step
     }
@@ -519,7 +523,7 @@ impl FdiSession {
         self.bridged_steps
     }
 
-    /// Calibrations begun again: after gaps, pauses, and motions that the model does not explain.
+    /// Restarted calibrations: after gaps, pauses, and motions that the model does not explain.
     pub fn restarts(&self) -> u64 {
         self.restarts
     }
@@ -529,12 +533,12 @@ impl FdiSession {
         self.paused_steps
     }
 
-    /// What stands in the way of verdicts now.
+    /// The present obstacle to verdicts.
     pub fn obstacle(&self) -> Option<Obstacle> {
         self.paused.map_or(self.obstacle, |(obstacle, _)| Some(obstacle))
     }
 
-    /// How far the calibration is.
+    /// State of the calibration.
     pub fn calibration(&self) -> Calibration {
         if self.paused.is_some() {
             return Calibration::Noise;
@@ -547,15 +551,15 @@ impl FdiSession {
         }
     }
 
-    /// Step from which on verdicts come, unless a gap is too long.
+    /// Step at which verdicts start, unless a gap is too long.
     pub fn verdicts_from_step(&self) -> u64 {
         self.started + self.calibration_steps[1]
     }
 
-    /// Takes a chunk.
+    /// Processes a chunk.
     ///
     /// # Errors
-    /// One sentence; nothing of the chunk counts.
+    /// One error message; none of the chunk counts.
     pub fn feed(&mut self, chunk: &Chunk) -> Result<Answer, Refusal> {
         let found = chunk.samples.len();
         if found == 0 || found > LONGEST_CHUNK {
@@ -806,7 +810,7 @@ impl FdiSession {
         Some(window)
     }
 
-    /// A step that the engine is not fed; at the end of each window, why.
+    /// A step with which the engine is not fed; at the end of each window, the reason.
     fn pause(&mut self, obstacle: Obstacle, notes: &mut Vec<String>) -> Option<Window> {
         let step = self.next_step;
         self.next_step += 1;
@@ -851,8 +855,8 @@ impl FdiSession {
         }
     }
 
-    /// The network's probabilities for the window that ends, by the recursions that the engine runs; `calibrated` as of before the last
-    /// sample.
+    /// The network's probabilities for the window that ends, with the same recursions as the engine; `calibrated` as of
+    /// before the last sample.
     fn class_probability(&self, calibrated: Option<[f32; 4]>) -> Vec<f32> {
         let config = self.engine.config();
         let Some(network) = &config.network else {
@@ -874,7 +878,7 @@ impl FdiSession {
         probability[..=network.rotor_count()].to_vec()
     }
 
-    /// What the network says over time, with the window that ends.
+    /// The network's output over time, with the window that ends.
     fn network_over_time(
         &mut self,
         residual_mean: &[f32; 4],
@@ -893,7 +897,7 @@ impl FdiSession {
         NetworkOverTime::NOT_READY
     }
 
-    /// What the engine said last.
+    /// The engine's last output.
     pub fn output(&self) -> &FdiOutput {
         self.engine.output()
     }

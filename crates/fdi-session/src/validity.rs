@@ -1,24 +1,26 @@
-//! Whether a verdict means anything: does the vehicle fly, and does the model explain how it moves?
+//! Whether a verdict means anything: is the vehicle flying, and does the model explain its motion?
 //!
 //! ```text
 //!  Measurement ─▶ FlightWatch ──on the ground, just off it, upset──▶ the engine waits, and calibrates anew in the air
 //!                                            └ in the air ─▶ FdiEngine ─▶ ModelCheck ──▶ verdict, or why there is none
 //! ```
-//! Beside the engine, not in it: an engine says what its model makes of any input, and a board has no room to spare. Nothing here knows what
-//! comes later.
+//! Separate from the engine: an engine returns what its model makes of any input, and a board has no room to spare.
+//! Everything here is causal.
 //!
-//! * *Ground.* What carries the weight beside the rotors, as a share of it: s = (g − T cos φ cos θ / m − v̇_D) / g, both accelerations through
-//!   the same low-pass ([`SUPPORT_TIME`]). In flight s is an error of the model; on the ground it is the share that the ground carries.
-//!   A rotor that loses thrust makes s negative, so that a fault never looks like the ground.
-//! * *Upset.* Tilt, and where it will be in [`LOOK_AHEAD`] at the present rates, beyond 70°: thrust curve and lag were found in calm air.
-//! * *Model.* The wrench that lagged healthy rotors do not explain ([`super::second_look::SecondLook::unexplained`]), less its mean in the
-//!   calibration, less the best loss of one or two rotors, each from 0 to all of its present thrust. What is left is compared with the thrust of a rotor in hover and
-//!   with what was left in the calibration.
-//! * *Severity.* A loss whose whole interval is above all of the rotor's thrust is no loss of a rotor.
+//! * *Ground.* The support by anything other than the rotors, as a share of the weight: s = (g − T cos φ cos θ / m −
+//!   v̇_D) / g, both accelerations through the same low-pass ([`SUPPORT_TIME`]). In flight s is an error of the model;
+//!   on the ground it is the share carried by the ground. A rotor that loses thrust makes s negative, so a fault never
+//!   looks like the ground.
+//! * *Upset.* Tilt, and the tilt predicted over [`LOOK_AHEAD`] at the present rates, beyond 70°: thrust curve and lag
+//!   were identified in calm air.
+//! * *Model.* The wrench that lagged healthy rotors do not explain ([`super::second_look::SecondLook::unexplained`]),
+//!   minus its mean in the calibration, minus the best loss of one or two rotors, each from 0 to all of its present
+//!   thrust. The rest is compared with the hover thrust of a rotor and with the rest in the calibration.
+//! * *Severity.* A loss whose whole interval is above the rotor's thrust is not a loss of a rotor.
 //!
-//! Limits: a vehicle that stands with its rotors carrying more than three quarters of the weight looks as if it flew after
-//! [`LONGEST_LIGHT`]; one whose thrust is below 60 % of what the model says looks as if it stood. Gusts that rise and fall with the speed of
-//! the calibration's are never too much: what they hide is not said here.
+//! Limits: a vehicle on the ground whose rotors carry more than three quarters of the weight appears to fly after
+//! [`LONGEST_LIGHT`]; one whose thrust is below 60 % of the model's appears to be on the ground. Gusts that rise and
+//! fall at the speed of the calibration's are never too much: what they hide is not reported here.
 
 use rotortwin_flight_core::MAX_ROTORS;
 use rotortwin_flight_core::fdi::nominal_thrust::{FirstOrderLag, static_thrust};
@@ -30,46 +32,47 @@ use rotortwin_flight_core::signals::Measurement;
 
 /// Low-pass of accelerations and thrusts, s: a few blocks of a noisy velocity.
 const SUPPORT_TIME: f32 = 0.25;
-/// Share of the weight that something else carries, from which on the vehicle stands …
+/// Share of the weight supported by something else above which the vehicle is on the ground …
 const STANDS_SUPPORT: f32 = 0.35;
 /// … where its rotors carry less than this …
 const STANDS_THRUST: f32 = 0.65;
-/// … for so long, s.
+/// … for this long, s.
 const STANDS_TIME: f32 = 0.2;
 /// … after an upset, s.
 const STANDS_TIME_UPSET: f32 = 1.0;
-/// It flies where the rotors carry more than this, and nothing else more than [`FLIES_SUPPORT`], for [`FLIES_TIME`].
+/// It flies if the rotors carry more than this, and anything else at most [`FLIES_SUPPORT`], for [`FLIES_TIME`].
 const FLIES_THRUST: f32 = 0.75;
 const FLIES_SUPPORT: f32 = 0.25;
 const FLIES_TIME: f32 = 0.5;
-/// Climb that shows that the ground is left, m/s; without it [`LONGEST_LIGHT`] is waited for.
+/// Climb rate that proves that the vehicle has left the ground, m/s; without it, wait for [`LONGEST_LIGHT`].
 const CLIMBS: f32 = 0.2;
 /// Longest time on the ground with rotors that carry the vehicle, s.
 const LONGEST_LIGHT: f32 = 5.0;
 /// In the air before a calibration begins, s: ground effect and the transient of the take-off.
 const CLEAR_TIME: f32 = 2.0;
-/// Tilt beyond which the model is not judged by, rad: 70°, as for the parts of a log.
+/// Tilt beyond which the motion is not compared with the model, rad: 70°, as for the parts of a log.
 pub(super) const MOST_TILT: f32 = 1.22;
-/// Tilt of a flight that goes on, rad: 60°.
+/// Tilt of continued flight, rad: 60°.
 const GOOD_TILT: f32 = 1.05;
-/// A tilt is foreseen at the present rates over this time, s.
+/// Time over which the tilt is predicted at the present rates, s.
 const LOOK_AHEAD: f32 = 0.25;
 /// A reading beyond the tilt for fewer samples is a spike.
 const UPSET_SAMPLES: u16 = 5;
-/// Upright for so long, an upset is over, s.
+/// After being upright for this long, an upset is over, s.
 const UPRIGHT_TIME: f32 = 0.7;
-/// Yaw counts less: rotors that change their speed and the air drag of blades twist the vehicle beyond the model.
+/// Yaw counts less: rotors that change speed and the air drag of blades yaw the vehicle beyond the model.
 const YAW_WEIGHT: f32 = 1.0 / 3.0;
-/// What may be left after the best loss: so many deviations of the calibration's remainders.
+/// Limit of the rest after the best loss: this many standard deviations of the rests in the calibration.
 const MOST_DEVIATIONS: f32 = 8.0;
 /// Below this share of the limit, for [`CALM_WINDOWS`], the model explains the motion again.
 const CALM_SHARE: f32 = 0.6;
 const CALM_WINDOWS: u16 = 8;
-/// Unexplained for more windows in a row, the filters have learnt something wrong: the calibration begins again.
+/// Unexplained for more consecutive windows than this, the filters have learnt something wrong: the calibration begins
+/// again.
 const SPOILT_WINDOWS: u16 = 16;
 
-/// The code of a verdict that would mean nothing, in JSON and in reports on logs; messages have [`NOT_READY`] and a note, as those who read them
-/// may be older.
+/// Code of a verdict that would mean nothing, in JSON and in reports on logs; messages have [`NOT_READY`] and a note,
+/// as their readers may be older.
 pub const CANNOT_JUDGE: i32 = -4;
 
 /// Why a verdict would mean nothing.
@@ -82,24 +85,25 @@ pub enum Obstacle {
     },
     /// In the air for less than two seconds.
     TakeOff,
-    /// Beyond 70° of tilt, or on the way there or back.
+    /// Beyond 70° of tilt, or on the way into or out of it.
     Upset {
         /// Largest so far, rad.
         tilt: f32,
     },
     /// No loss of one or two rotors explains the motion.
     Unexplained {
-        /// What is left, share of a rotor's thrust in hover.
+        /// The rest, share of a rotor's hover thrust.
         left: f32,
     },
-    /// Only the vertical force has changed, as a load does that was dropped or taken up.
+    /// Only the vertical force has changed, as if a load had been dropped or picked up.
     Load {
-        /// Taken up, kg; negative: dropped.
+        /// Picked up, kg; negative: dropped.
         mass_kg: f32,
     },
-    /// The engine has found something, and no loss of one to three rotors explains it, too many do, or others from window to window.
+    /// The engine has found something, but no loss of one to three rotors explains it, or too many do, or different
+    /// ones from window to window.
     Unclear,
-    /// The loss that would explain it is more than all.
+    /// The loss that would explain it exceeds the rotor's thrust.
     ImpossibleLoss {
         /// From 0.
         rotor: u8,
@@ -156,24 +160,24 @@ impl std::fmt::Display for Obstacle {
 enum Flight {
     Air,
     Ground,
-    /// Samples left.
+    /// Remaining samples.
     TakeOff(u32),
     /// Samples upright so far; largest tilt, rad.
     Upset(u32, f32),
 }
 
-/// Tells the air from the ground and from an upset, sample by sample. In the air until the first samples say otherwise.
+/// Distinguishes flight, ground and upset, sample by sample. Assumes flight until the first samples show otherwise.
 #[derive(Clone, Debug)]
 pub struct FlightWatch {
     config: FdiConfig,
     lag: FirstOrderLag<MAX_ROTORS>,
     thrust: [f32; MAX_ROTORS],
-    /// Low-passed: speed down, m/s; acceleration that the rotors make, m/s²; thrust over weight.
+    /// Low-passed: downward velocity, m/s; acceleration due to the rotors, m/s²; thrust over weight.
     filtered: Option<[f32; 3]>,
     /// Samples so far.
     seen: u32,
     flight: Flight,
-    /// Samples in a row: standing, flying, tilted.
+    /// Consecutive samples: on the ground, flying, tilted.
     standing: u32,
     flying: u32,
     tilted: u16,
@@ -199,7 +203,7 @@ impl FlightWatch {
         }
     }
 
-    /// Begins again, after a gap.
+    /// Restarts after a gap.
     pub fn restart(&mut self) {
         *self = Self::new(&self.config);
     }
@@ -209,7 +213,8 @@ impl FlightWatch {
         &self.thrust
     }
 
-    /// Takes in one sample; what stands in the way of a verdict on it. A sample that the engine would reject changes nothing.
+    /// Processes one sample; returns the obstacle to a verdict on it. A sample that the engine would reject changes
+    /// nothing.
     pub fn step(&mut self, input: &Measurement) -> Option<Obstacle> {
         let config = &self.config;
         let rotor_count = config.geometry.rotor_count();
@@ -285,7 +290,7 @@ impl FlightWatch {
     }
 }
 
-/// Judges whether the model explains what the engine saw, window by window.
+/// Decides whether the model explains the engine's input, window by window.
 #[derive(Clone, Debug)]
 pub struct ModelCheck {
     rotor_count: usize,
@@ -296,9 +301,9 @@ pub struct ModelCheck {
     hover: f32,
     windows: f32,
     mean: [f32; 4],
-    /// Mean square of what was left in the calibration, N².
+    /// Mean square of the rest in the calibration, N².
     square: f32,
-    /// What was found, until the motion is explained again.
+    /// The finding, until the motion is explained again.
     held: Option<Obstacle>,
     calm: u16,
     lasted: u16,
@@ -328,7 +333,7 @@ impl ModelCheck {
         }
     }
 
-    /// Takes in the window that ended; why its verdicts would mean nothing.
+    /// Processes the window that ended; returns why its verdicts would mean nothing.
     ///
     /// * `unexplained`: wrench, N and N·m   * `thrust`: of every healthy rotor now, N   * `calibrating`: the engine still is
     pub fn window(
@@ -381,12 +386,12 @@ impl ModelCheck {
         self.held
     }
 
-    /// The motion is unexplained for so long that the engine has to begin again when it is explained.
+    /// The motion has been unexplained for so long that the engine has to restart once it is explained again.
     pub fn is_spoilt(&self) -> bool {
         self.lasted >= SPOILT_WINDOWS
     }
 
-    /// Norm of what the best possible loss of up to two rotors leaves of a wrench, N.
+    /// Norm of the rest of a wrench after the best possible loss of up to two rotors, N.
     fn left(&self, wrench: &[f32; 4], thrust: &[f32; MAX_ROTORS]) -> f32 {
         let mut least = norm(wrench);
         for i in 0..self.rotor_count {
@@ -397,7 +402,7 @@ impl ModelCheck {
         least
     }
 
-    /// Losses of two rotors, one after the other until they stay; of one if they are the same.
+    /// Losses of two rotors, in turn until they converge; of one if they are the same.
     fn left_by(&self, wrench: &[f32; 4], rotors: [usize; 2], most: [f32; 2]) -> f32 {
         let mut left = *wrench;
         let mut loss = [0.0; 2];
@@ -419,7 +424,7 @@ impl ModelCheck {
     }
 }
 
-/// A named loss that is more than all of a rotor's thrust, with its whole interval.
+/// A named loss whose whole interval exceeds the rotor's thrust.
 fn impossible(output: &FdiOutput) -> Option<Obstacle> {
     let mut rotors = (0..MAX_ROTORS as u8).filter(|rotor| output.suspects.rotors >> rotor & 1 == 1);
     output.thrust_loss.iter().find_map(|loss: &LossEstimate| {
@@ -430,7 +435,7 @@ fn impossible(output: &FdiOutput) -> Option<Obstacle> {
     })
 }
 
-/// No number that spoils a filter; the engine's own limits are the same or tighter.
+/// No number that would corrupt a filter; the engine's own limits are the same or tighter.
 fn is_plausible(input: &Measurement) -> bool {
     let nav = &input.nav;
     let [roll, pitch, yaw] = [nav.attitude.roll, nav.attitude.pitch, nav.attitude.yaw];
@@ -500,7 +505,7 @@ mod tests {
         }
     }
 
-    /// What stands in the way after so many seconds of samples; `at`: share of the weight, speed down, roll at a time.
+    /// The obstacle after this many seconds of samples; `at`: share of the weight, downward velocity, roll at a time.
     fn after(
         watch: &mut FlightWatch,
         config: &FdiConfig,
@@ -612,7 +617,7 @@ mod tests {
                 assert_eq!(found.is_none(), explained, "{times} × rotor {rotor}: {found:?}");
             }
         }
-        // A gain of as much is no loss.
+        // A gain of the same size is not a loss.
         let mut check = calibrated(&config);
         let lift = [-1.5 * 2.5, 0.0, 0.0, 0.0];
         let found = check.window(&lift, &[2.5; MAX_ROTORS], &output(0.0, 0.0), false);

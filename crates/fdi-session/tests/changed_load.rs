@@ -1,4 +1,5 @@
-//! Loads that are dropped or taken up in flight, in the independent generator's world: whether sessions say so, and what they say of rotors afterwards.
+//! Loads that are dropped or picked up in flight, in the world of the independent generator: whether sessions report
+//! them, and how they judge rotors afterwards.
 
 mod foreign;
 
@@ -11,11 +12,11 @@ use rotortwin_fdi_session::validity::Obstacle;
 use rotortwin_fdi_session::{Interval, Window};
 use serde_json::json;
 
-/// What is drawn.
+/// What is drawn for a flight.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Kind {
     words: &'static str,
-    /// Dropped: −1, taken up: 1.
+    /// Dropped: −1, picked up: 1.
     sign: f64,
     /// Beside the centre of mass.
     is_beside: bool,
@@ -57,7 +58,8 @@ impl Kind {
         }
     }
 
-    /// `n` flights of 60 s over waypoints and in hover: 5 to 12 % of the mass at 20 to 30 s, up to 4 cm beside the centre of mass.
+    /// `n` flights of 60 s over waypoints and in hover: 5 to 12 % of the mass at 20 to 30 s, up to 4 cm off the centre
+    /// of mass.
     fn cases(self, n: usize, seed: u64) -> Vec<FaultCase> {
         let bare = if self.is_unknown {
             Class::FiveHealthy
@@ -96,7 +98,7 @@ impl Kind {
     }
 }
 
-/// What was said of one flight.
+/// Results for one flight.
 #[derive(Clone, Debug, Default)]
 struct Said {
     /// From the change to the window that names it, s; none without a load that was named.
@@ -110,7 +112,7 @@ struct Said {
     healthy_named: bool,
     false_alarms: usize,
     healthy_s: f64,
-    /// Of the loss that follows: found within 10 s, rightly named at the end, inside.
+    /// Of the subsequent loss: found within 10 s, correctly named at the end, inside.
     found: bool,
     right: bool,
     inside: bool,

@@ -1,5 +1,5 @@
-//! What sessions say of faults in the independent generator's world. Shares are asserted with room for chance, at fixed seeds; figures with
-//! intervals come from `rotortwin blind --preset faults`.
+//! Verdicts of sessions on faults in the world of the independent generator. Shares are asserted with a margin for
+//! chance, at fixed seeds; figures with intervals come from `rotortwin blind --preset faults`.
 
 mod foreign;
 
@@ -12,14 +12,14 @@ use rotortwin_blind::hidden::{Hidden, Profile};
 use rotortwin_fdi_session::{Explained, ExplanationKind, FdiSession, Interval, Learner, Learnt, Window};
 use serde_json::json;
 
-/// Of an interval that is promised to hold 95 %, next to the chance of so few flights.
+/// Coverage promised for a 95 % interval, minus what chance allows with so few flights.
 const LEAST_INSIDE: f64 = 0.88;
 
 fn cases(class: Class, n: usize, seed: u64) -> Vec<FaultCase> {
     cases_of(class, n, seed, 60.0)
 }
 
-/// What a session says of a flight.
+/// Verdict of a session on a flight.
 fn windows(case: &FaultCase) -> Vec<Window> {
     windows_of(&fly_case(case).expect("flown"))
 }
@@ -129,7 +129,8 @@ fn val_a_flight_in_gusts_has_one_alarm_at_most() {
 
 #[test]
 fn regress_a_model_that_fails_raises_no_alarm() {
-    // Each was an alarm: a name at once, one after 5 s in the air, sets; vortex rings, thrust curves of another shape, lags, latencies.
+    // Each was an alarm: a name reported immediately, one after 5 s in the air, sets; vortex rings, thrust curves of
+    // another shape, lags, latencies.
     let fresh = cases(Class::FiveHealthy, 80, 27182);
     for round in [25, 47, 49, 53, 63, 65] {
         let row = scored(&fresh[round], &windows(&fresh[round]));
@@ -176,8 +177,10 @@ fn bench_classes() {
     }
 }
 
-/// What healthy flights of a vehicle are worth to the detectors: five unknown effects, the same on three healthy days with other weather and on the day of the fault. Printed without
-/// and with what was learnt: `ROTORTWIN_FAULTS_N` vehicles of each class, `ROTORTWIN_FAULTS_SEED`, `ROTORTWIN_FAULTS_LOSS` (share; else 5 to 10 %), `ROTORTWIN_FAULTS_CLASS`.
+/// The benefit of healthy flights of a vehicle for the detectors: five unknown effects, the same on three healthy days
+/// with other weather and on the day of the fault. Printed without and with what was learnt: `ROTORTWIN_FAULTS_N`
+/// vehicles of each class, `ROTORTWIN_FAULTS_SEED`, `ROTORTWIN_FAULTS_LOSS` (share; otherwise 5 to 10 %),
+/// `ROTORTWIN_FAULTS_CLASS`.
 #[test]
 #[ignore = "a measurement: cargo test --release -p rotortwin-fdi-session --test foreign_world -- --ignored --nocapture bench_learnt"]
 fn bench_learnt() {
@@ -303,7 +306,7 @@ fn val_an_inertia_that_is_off_is_learnt() {
 
 #[test]
 fn val_a_moment_of_the_blown_rotors_is_learnt_and_a_smaller_loss_would_be_seen() {
-    // The same on all days; a loss of 5 % is below what the model alone sees.
+    // The same on all days; a loss of 5 % is below what is detectable with the model alone.
     let [healthy, faulty] = with_one_effect("flapping-moment:moment_n_s=0.006");
     let today = fly_case(&faulty).expect("flown");
     let mut session =
@@ -344,7 +347,7 @@ fn prop_a_vehicle_that_is_its_model_teaches_nothing() {
     );
 }
 
-/// What healthy flights say of a vehicle.
+/// What healthy flights reveal about a vehicle.
 fn learnt_from(flights: &[Vec<Row>]) -> Learnt {
     let config = *detectors().config();
     let mut learner = Learner::new(&config);
@@ -402,14 +405,14 @@ fn val_a_loss_of_the_size_that_would_be_seen_is_seen() {
         found + 1 >= announced,
         "{found} of {announced} losses of the announced size are found"
     );
-    // The size is no idle caution either.
+    // Nor is the size merely cautious.
     assert!(
         half_found <= announced / 2,
         "{half_found} of {announced} losses of half the size are found"
     );
 }
 
-/// How often the truth is among the explanations that are told, and its sizes inside of their intervals.
+/// How often the truth is among the reported explanations, and its sizes inside their intervals.
 #[derive(Clone, Copy, Debug, Default)]
 struct Told {
     /// Windows with a verdict other than healthy, from a second after the onset on.
@@ -444,7 +447,7 @@ fn holds(interval: &Interval, truth: f64) -> bool {
     f64::from(interval.low) <= truth && truth <= f64::from(interval.high)
 }
 
-/// What is told of a flight with faults of one onset, next to the truth.
+/// The report on a flight with faults of one onset, next to the truth.
 fn told(case: &FaultCase, windows: &[Window]) -> Told {
     let of = |id: &'static str| case.effects.iter().filter(move |effect| effect.id == id);
     let onset_s = case.effects[0].onset_s.expect("an onset");
@@ -512,7 +515,7 @@ fn told(case: &FaultCase, windows: &[Window]) -> Told {
     told
 }
 
-/// Flights of a class: what is told of each. Ramps of 5 and 20 s only, so that there is a rate.
+/// Flights of a class: the report on each. Ramps of 5 and 20 s only, so that there is a rate.
 fn told_of(class: Class, n: usize, seed: u64) -> Vec<Told> {
     let slow = |case: &&FaultCase| match case.effects[0].profile {
         Some(Profile::Ramp { ramp_s }) => ramp_s > 2.0,

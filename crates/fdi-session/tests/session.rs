@@ -1,4 +1,4 @@
-//! A session says what the engine of a run says, and takes nothing that a run would not.
+//! A session gives the verdicts of a run's engine, and accepts nothing that a run would not.
 
 use rotortwin_fdi_session::message::refusal_message;
 use rotortwin_fdi_session::session::{LONGEST_BRIDGE, REMEMBERED};
@@ -96,7 +96,7 @@ fn scenario_same_samples_same_bits_as_the_run() {
     let flown = flown();
     let mut session = session();
     let mut windows: Vec<Window> = Vec::new();
-    // Chunks of all lengths: what is said must not depend on them.
+    // Chunks of all lengths: the results must not depend on them.
     let (mut step, mut length) = (0, 1);
     while step < flown.samples.len() {
         let count = length.min(flown.samples.len() - step);
@@ -125,7 +125,7 @@ fn scenario_same_samples_same_bits_as_the_run() {
             window.report.stamp
         );
     }
-    // So soon after the calibration a name has to stand before it is told.
+    // This soon after the calibration, a name has to persist before it is reported.
     let waited = windows.iter().filter(|window| window.obstacle.is_some()).count();
     assert!(waited <= 12, "{waited} windows");
     let last = windows.last().expect("there are windows");

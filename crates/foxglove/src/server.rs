@@ -144,7 +144,7 @@ fn wait_for_viewers(listener: &TcpListener, shared: &Arc<Shared>) {
             Ok((stream, from)) => welcome(stream, from, shared),
             Err(error) if error.kind() == ErrorKind::WouldBlock => std::thread::sleep(LOOK),
             Err(error) => {
-                // Too many open files, or a viewer that disconnected at once.
+                // Too many open files, or a viewer that disconnected immediately.
                 tracing::debug!(%error, "a viewer could not be accepted");
                 std::thread::sleep(LOOK);
             }

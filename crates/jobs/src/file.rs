@@ -111,7 +111,7 @@ impl ToSchema for JobFile {
     }
 }
 
-/// What stands beside the job.
+/// The keys of the file besides the job.
 #[derive(Deserialize)]
 struct Beside {
     #[serde(default)]

@@ -18,7 +18,6 @@
 //! * A connecting process also trusts the public certificate authorities built into zenoh.
 //! * Within one run and role, clients are not distinguished unless a grant names them.
 //! * User and password without TLS authenticate (the password itself is not sent) but encrypt nothing.
-//! * User and password without TLS prove who it is (the password itself is not sent) and encrypt nothing.
 
 use rotortwin_proto::Role;
 use std::fmt;

@@ -111,7 +111,7 @@ struct RotorRate {
     wrench: Wrench,
 }
 
-/// What hooks are told besides the state itself.
+/// Inputs of hooks in addition to the state itself.
 #[derive(Debug, Clone)]
 struct Context {
     constants: Constants,
@@ -171,7 +171,7 @@ impl Context {
     }
 }
 
-/// Effects of one flight, and what the plant needs only with them.
+/// Effects of one flight, and what the plant needs only for them.
 #[derive(Debug, Clone)]
 pub(crate) struct EffectFlight {
     set: EffectSet,
@@ -179,11 +179,11 @@ pub(crate) struct EffectFlight {
     per_inertia: [Vector3; 3],
     /// v₁ of the RC pair, V.
     rc_voltage: f64,
-    /// Rate of what [`EffectFlight::turning`] gives, N/s.
+    /// Rate of the result of [`EffectFlight::turning`], N/s.
     thrust_rate: [f64; MAX_ROTORS],
     /// ESCs and motors, if the vehicle has them in place of Eq. 19 and its lag.
     motors: Option<Motors>,
-    /// One sample a step, or a part once the flight goes on in parts.
+    /// One sample per step, or several once the flight proceeds in parts of a step.
     duties: Ring<[f64; MAX_ROTORS]>,
     readings: Ring<Readings>,
     /// What a step in parts began with, between its first part and its last.
@@ -319,7 +319,7 @@ impl EffectFlight {
         self.context.specific_force
     }
 
-    /// Before the first step: the duty was `duty` for ever.
+    /// Before the first step: the duty has always been `duty`.
     pub(crate) fn begin(&mut self, state: &PlantState, plant: &Plant<'_>, duty: f64) {
         self.duties = Ring::new([duty; MAX_ROTORS]);
         if let Some(motors) = &mut self.motors {
@@ -344,13 +344,13 @@ impl EffectFlight {
         self.set.release_onsets();
     }
 
-    /// Id of an effect on what sensors say or when, if there is one.
+    /// Id of an effect on the values or the timing of sensors, if there is one.
     pub(crate) fn of_readings(&self) -> Option<&'static str> {
         self.set.of_readings()
     }
 
-    /// Begins the step at `time_s` with these duties, which are held over so many samples of their history: lets effects set in, and takes
-    /// the wind, which is held over the step.
+    /// Begins the step at `time_s` with these duties, which are held over this many samples of their history: lets
+    /// effects set in, and samples the wind, which is held over the step.
     fn begin_step(
         &mut self,
         time_s: f64,
@@ -375,7 +375,7 @@ impl EffectFlight {
         self.context.held.wind_ned = wind;
     }
 
-    /// Takes duties that are held over so many samples of their history.
+    /// Takes duties that are held over this many samples of their history.
     fn hold(&mut self, state: &PlantState, plant: &Plant<'_>, duty: &[f64; MAX_ROTORS], samples: u32) {
         let n = self.context.constants.rotor_count;
         self.context.held.commanded = *duty;
@@ -403,12 +403,13 @@ impl EffectFlight {
         }
     }
 
-    /// Thrusts of healthy rotors at the speeds of these, N: what their speed ratios follow from. Without motors the thrusts themselves.
+    /// Thrusts of healthy rotors at the speeds of these, N: the basis of their speed ratios. Without motors the thrusts
+    /// themselves.
     fn turning(&self, thrust: &[f64; MAX_ROTORS]) -> [f64; MAX_ROTORS] {
         self.motors.as_ref().map_or(*thrust, Motors::healthy_thrust)
     }
 
-    /// Lift of motors at these speeds, N (Eq. 4), with what ails each rotor.
+    /// Lift of motors at these speeds, N (Eq. 4), with the faults of each rotor.
     fn lift_at(&self, speed: &[f64; MAX_ROTORS]) -> [f64; MAX_ROTORS] {
         let held = &self.context.held;
         std::array::from_fn(|i| {
@@ -416,7 +417,7 @@ impl EffectFlight {
         })
     }
 
-    /// Voltages and current at a state; the RC pair stands in series.
+    /// Voltages and current at a state; the RC pair is in series.
     fn voltages(&self, at: &Stage, battery: &Battery) -> BatteryOutput {
         let constants = &self.context.constants;
         if !battery.is_connected() {
@@ -442,7 +443,7 @@ impl EffectFlight {
         }
     }
 
-    /// Right-hand side of the whole plant; what it finds besides stays in the context for hooks and sensors.
+    /// Right-hand side of the whole plant; its by-products remain in the context for hooks and sensors.
     fn rate(&mut self, state: &Stage, plant: &Plant<'_>) -> Rate {
         let n = self.context.constants.rotor_count;
         let battery = self.voltages(state, plant.battery);
@@ -623,7 +624,7 @@ impl EffectFlight {
         }
     }
 
-    /// Own states of effects were held over the step and move with what it began with.
+    /// Own states of effects were held over the step and advance with the values from its beginning.
     fn advance_own_states(&mut self, begun: &Begun) {
         let view = begun.context.view(&begun.body, &begun.turning, &begun.thrust_rate);
         self.set
@@ -634,7 +635,7 @@ impl EffectFlight {
         self.observe(state, &Plant { contact, ..*air });
     }
 
-    /// So many Runge–Kutta steps of `h` s with what is held.
+    /// This many Runge–Kutta steps of `h` s with the held inputs.
     fn integrate(
         &mut self,
         state: &mut PlantState,
@@ -678,7 +679,7 @@ impl EffectFlight {
         }
     }
 
-    /// What perfect sensors would say now.
+    /// Readings of perfect sensors now.
     fn true_readings(&self, state: &PlantState) -> Readings {
         Readings {
             position_ned: state.body.position_ned,
@@ -690,7 +691,7 @@ impl EffectFlight {
         }
     }
 
-    /// What the sensors say now, before their noise; once a step.
+    /// Readings of the sensors now, before their noise; once per step.
     pub(crate) fn sense(&mut self, state: &PlantState) -> Readings {
         let view = self
             .context

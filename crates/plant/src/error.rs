@@ -1,8 +1,8 @@
-//! What can go wrong: a bad value before the flight ([`Refusal`]), an impossible number during it ([`SimulationError`]).
+//! Errors: a bad value before the flight ([`Refusal`]), an impossible number during it ([`SimulationError`]).
 //!
 //! Both say everything in one sentence; neither is ever recovered from inside this crate.
 
-/// A flight that cannot go on. The simulation stays at the step named and must not be advanced further.
+/// A flight that cannot continue. The simulation stays at the step named and must not be advanced further.
 #[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
 pub enum SimulationError {
     /// The vehicle's state is no longer a number, for example after a controller drove it to absurd rates.

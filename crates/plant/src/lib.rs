@@ -55,7 +55,7 @@ pub const STEP_RATE_HZ: f64 = 400.0;
 pub const STEP_S: f64 = 0.0025;
 /// Length of a step, ns.
 pub const STEP_NS: u64 = 2_500_000;
-/// Parts of a step that a ground or an autopilot's own clock asks for.
+/// Parts of a step, needed by a ground or an autopilot's own clock.
 pub const PARTS_PER_STEP: u32 = 5;
 /// Length of a part, s.
 pub(crate) const PART_S: f64 = STEP_S / PARTS_PER_STEP as f64;

@@ -9,15 +9,16 @@ use crate::powertrain::blades::Blade;
 use crate::powertrain::motor::MotorModel;
 use crate::vehicle::model::VehicleModel;
 
-/// c_L, N·s², of a blade on rotor 1 of a vehicle with this motor: that with which it lifts what the blade's Eq. 19 says, at the hover on the
-/// nominal blade, at rest voltage and half charge; `None` where the motor cannot turn so.
+/// c_L, N·s², of a blade on rotor 1 of a vehicle with this motor: the value with which it lifts what the blade's Eq. 19
+/// gives, at the hover on the nominal blade, at rest voltage and half charge; `None` if the motor cannot reach that
+/// speed.
 pub fn lift_coefficient(motor: &MotorModel, vehicle: &VehicleModel, nominal: &Blade, blade: &Blade) -> Option<f64> {
     let (duty, voltage) = reference(vehicle, nominal)?;
     let rotor = vehicle.rotors.layout.placements().into_iter().next()?;
     motor.lift_coefficient(blade, duty, voltage, rotor.moment_ratio)
 }
 
-/// Hover at rest voltage and half charge, where a motor lifts what Eq. 19 says: duty, fraction, and V.
+/// Hover at rest voltage and half charge, where a motor's lift equals Eq. 19: duty, fraction, and V.
 fn reference(vehicle: &VehicleModel, nominal: &Blade) -> Option<(f64, f64)> {
     let voltage = Battery::new(&vehicle.battery).open_circuit_voltage(0.5);
     let weight = vehicle.body.mass_kg * vehicle.body.gravity_m_s2;
@@ -34,11 +35,11 @@ pub(crate) struct Hover {
     pub(crate) largest_thrust: f64,
 }
 
-/// The motors of one flight: their speeds, and what turns speeds into lift and current.
+/// The motors of one flight: their speeds, and the constants that convert speeds into lift and current.
 #[derive(Debug, Clone)]
 pub(crate) struct Motors {
     document: MotorModel,
-    /// With what effects change of it.
+    /// Including the changes by effects.
     now: MotorModel,
     /// Lag of the document, s: effects state changes of the motor's inertia as changes of the lag.
     lag_s: f64,
@@ -92,7 +93,7 @@ impl Motors {
         Ok(Some(motors))
     }
 
-    /// Takes what effects change.
+    /// Applies the changes by effects.
     pub(crate) fn take(&mut self, constants: &Constants) {
         self.now = self
             .document

@@ -9,7 +9,7 @@ use std::sync::LazyLock;
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::{Rng, SeedableRng};
 
-/// Longest stream name, bytes: what a ChaCha key leaves beside the seed.
+/// Longest stream name, bytes: the space in a ChaCha key in addition to the seed.
 const MAX_NAME_BYTES: usize = 24;
 /// Normals made at a time; a multiple of 3 so that vectors never straddle a refill.
 const BATCH: usize = 96;

@@ -4,13 +4,13 @@
 //!  loop:  sense() ─▶ SensedSample of step k ─▶ (controller) ─▶ advance(command) ─▶ step k + 1
 //! ```
 //!
-//! A command is held over the step and acts at once. Faults set in at the start of the step named by their time. Rigid body, rotor
-//! thrusts and charge are integrated together by the classical Runge–Kutta method with one substep of 2.5 ms by default, the
-//! battery voltage being solved at every stage; wind and disturbances are held over the step.
+//! A command is held over the step and acts immediately. Faults start at the step nearest to their time. Rigid body,
+//! rotor thrusts and charge are integrated together by the classical Runge–Kutta method with one substep of 2.5 ms by
+//! default, the battery voltage being solved at every stage; wind and disturbances are held over the step.
 //!
 //! Limits: no gyroscopic torque of the rotors, no link or computation delay; effects lift some of them, in a step of their own
-//! (`effect_flight.rs`). A ground that carries the vehicle (`simulation/ground.rs`) has a step of its own as well. Both leave the bits
-//! and the speed of this one alone.
+//! (`effect_flight.rs`). A ground that carries the vehicle (`simulation/ground.rs`) has a step of its own as well.
+//! Neither changes the bits or the speed of this one.
 
 mod ground;
 #[cfg(test)]
@@ -45,7 +45,7 @@ use crate::vector::Vector3;
 use crate::vehicle::mismatch::{MismatchDraw, Size};
 use crate::{STEP_NS, STEP_S};
 
-/// What controller and detector get at the start of a step.
+/// Input of controller and detector at the start of a step.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct SensedSample {
     /// Step number, from 0.
@@ -96,7 +96,7 @@ pub struct TruthSample {
     pub faulty_rotors: u32,
     /// 0 healthy, the rotor from 1 if exactly one is faulty, −1 if several are.
     pub fault_label: i32,
-    /// Mounted blade: 0 nominal, else 1 + its place in the alphabetical order of names.
+    /// Mounted blade: 0 nominal, otherwise 1 + its place in the alphabetical order of names.
     pub rotor_blade: [i32; MAX_ROTORS],
     /// Lost share of the thrust, fraction; 1 is a lost rotor.
     pub rotor_thrust_loss: [f64; MAX_ROTORS],
@@ -126,7 +126,7 @@ fn effects(
     extra_linear_drag: f64,
     seed: u64,
 ) -> Result<Option<Box<EffectFlight>>, Refusal> {
-    // What the document says of the rotors' inertia and drag acts through the same hooks.
+    // The document's inertia and drag of the rotors act through the same hooks.
     let rotors = &config.vehicle.rotors;
     let plain = rotors.reaction_s == 0.0 && rotors.drag_kg_s == 0.0 && rotors.motor.is_none();
     if config.effects.is_empty() && plain {
@@ -156,7 +156,8 @@ fn effects(
     Ok(Some(Box::new(EffectFlight::new(set, motors, ground))))
 }
 
-/// Refuses effects on what a motor has not: a lag that differs with its direction, or one of the thrust.
+/// Rejects effects on quantities that a motor does not have: a lag that differs with its direction, or one of the
+/// thrust.
 fn refuse_other_lags(config: &SimulationConfig, constants: &Constants, seed: u64) -> Result<(), Refusal> {
     for (index, effect) in config.effects.iter().enumerate() {
         let alone = EffectInstance {
@@ -314,7 +315,7 @@ impl Simulation {
         self.state.body.ned_from_body.body_from_ned(rate)
     }
 
-    /// What the sensors say at the start of the current step. Calling it again within the step gives the same sample.
+    /// Sensor readings at the start of the current step. Calling it again within the step gives the same sample.
     pub fn sense(&mut self) -> SensedSample {
         let step = self.truth.step;
         if self.sensed_step != Some(step) {
@@ -377,7 +378,7 @@ impl Simulation {
             return Err(SimulationError::FlightOver { step });
         }
         let limited = self.limited(duty)?;
-        // Every step is sensed, whether anyone asks or not: the noise of a step belongs to that step.
+        // Every step is sensed, even if no reading is requested: the noise of a step belongs to that step.
         self.sense();
         if let Some(effects) = &mut self.effects {
             let plant = Plant {
@@ -410,7 +411,7 @@ impl Simulation {
         self.complete_step(step + 1)
     }
 
-    /// What the ESCs make of the duties: limited to \[0, 1\], 0 without a battery.
+    /// The ESCs' output for the duties: limited to \[0, 1\], 0 without a battery.
     #[inline]
     fn limited(&self, duty: &[f64; MAX_ROTORS]) -> Result<[f64; MAX_ROTORS], SimulationError> {
         let mut limited = [0.0; MAX_ROTORS];
@@ -437,7 +438,7 @@ impl Simulation {
         }
     }
 
-    /// Takes the integrated state as that of `step`, and brings all else there.
+    /// Adopts the integrated state as that of `step`, and brings everything else there.
     #[inline]
     fn complete_step(&mut self, step: u64) -> Result<(), SimulationError> {
         self.check_state(step)?;

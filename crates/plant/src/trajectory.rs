@@ -1,4 +1,4 @@
-//! Trajectories: what the vehicle is asked to follow, as a function of time.
+//! Trajectories: the reference to follow, as a function of time.
 //!
 //! The position reference is given in closed form; the velocity reference is its backward difference at 400 Hz, its first sample
 //! repeating the second, as in the reference vectors. No acceleration is fed forward.
@@ -45,7 +45,7 @@ pub enum Trajectory {
         #[serde(default = "thirty_seconds")]
         yaw_period_s: f64,
     },
-    /// A new point at a fixed interval, approached from the one before on a straight line at constant speed.
+    /// A new point at a fixed interval, approached from the previous one in a straight line at constant speed.
     Waypoints {
         /// m, NED; the flight starts at the first and stays at the last.
         points_ned_m: Vec<[f64; 3]>,
@@ -64,7 +64,7 @@ fn thirty_seconds() -> f64 {
 }
 
 impl Trajectory {
-    /// Refuses what cannot be followed.
+    /// Rejects a trajectory that cannot be followed.
     pub fn check(&self) -> Result<(), Refusal> {
         let position = |key: &str, p: &[f64]| all_in_range(key, p, -10_000.0, 10_000.0, "m");
         match self {
@@ -182,7 +182,7 @@ fn length(v: Vector3) -> f64 {
     (v[0] * v[0] + v[1] * v[1] + v[2] * v[2]).sqrt()
 }
 
-/// The reference of one step and what the next one needs of it.
+/// The reference of one step and the state that the next one needs.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct ReferencePoint {
     previous: Vector3,

@@ -1,12 +1,12 @@
-//! The same code compiled for several instruction sets, the best of which is chosen when it runs.
+//! The same code compiled for several instruction sets, the best of which is chosen at run time.
 //!
 //! Flights side by side ([`crate::batch`]) are plain loops over lanes that a compiler turns into vector instructions; the wider the
 //! registers, the faster. Bits do not depend on the choice: no operation is contracted or reordered, on any of them.
 
-/// Work that is worth compiling for wide registers. `run` must be `#[inline(always)]`, and so must be what it calls.
+/// Work that is worth compiling for wide registers. `run` must be `#[inline(always)]`, and so must everything it calls.
 ///
-/// Input and output are plain data behind one reference each: two references that arrive as arguments cannot overlap, which is what
-/// lets a compiler keep several lanes in flight. A reference within them would hide that.
+/// Input and output are plain data behind one reference each: two references that arrive as arguments cannot overlap,
+/// which allows a compiler to keep several lanes in flight. A reference within them would hide that.
 pub trait VectorWork {
     /// What it reads.
     type Input;
@@ -19,7 +19,7 @@ pub trait VectorWork {
     fn run(input: &Self::Input, output: &mut Self::Output);
 }
 
-/// Instruction sets that are told apart.
+/// Instruction sets that are distinguished.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum VectorUnit {
     /// What every processor of this architecture has.
@@ -106,7 +106,7 @@ impl Dispatch {
             // SAFETY: a `Dispatch` is made by `detect` or by `new`, both of which ask the processor for exactly these features.
             VectorUnit::Avx512 if W::WIDE => unsafe { avx512::<W>(input, output) },
             #[cfg(target_arch = "x86_64")]
-            // SAFETY: as above; AVX-512 is only available beside AVX2.
+            // SAFETY: as above; AVX-512 is only available together with AVX2.
             VectorUnit::Avx2 | VectorUnit::Avx512 => unsafe { avx2::<W>(input, output) },
         }
     }

@@ -197,7 +197,7 @@ pub fn perform(job: &Flight, here: &FlightHere, folder: &Path, tell: Tell<'_>) -
         },
         priority: None,
         live_hz: here.live_hz,
-        // Ours connect at once, or never.
+        // Ours connect immediately, or never.
         join_timeout_ms: (!own).then_some(job.join_timeout_ms),
         step_timeout_ms: STEP_TIMEOUT_MS,
         peers,

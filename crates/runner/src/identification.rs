@@ -252,7 +252,7 @@ fn vehicle_text(found: &Identified) -> String {
         .iter()
         .filter(|rate| rate.source_hz < 0.7 * rate.rows_hz)
         .map(|rate| {
-            // One of the outputs stands for all: they come together.
+            // One of the outputs represents all: they are logged together.
             let is_output = rate.column.starts_with("duty_");
             let name = if is_output {
                 "motor outputs"

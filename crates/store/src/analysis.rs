@@ -383,7 +383,7 @@ impl Analysis {
     }
 }
 
-/// What a detector says in one step.
+/// A detector's output in one step.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Said {
     /// Code of the verdict.
@@ -396,13 +396,13 @@ pub(crate) struct Said {
     pub(crate) window_end_s: Option<f64>,
 }
 
-/// Counts what a detector says in a step of `interval`, of which only the truth is read.
+/// Counts a detector's output in a step of `interval`, of which only the truth is read.
 ///
 /// * `alarm`: the detector's window before was a false alarm
 pub(crate) fn count(score: &mut Score, alarm: &mut bool, said: Said, interval: &Interval) {
     let verdict = said.verdict;
     let right = is_right(verdict, said.suspects, interval);
-    // A vehicle that has landed is no longer evaluated: the last verdict in the air stands.
+    // A vehicle that has landed is no longer evaluated: the last verdict in the air is kept.
     if verdict != NOT_READY || said.is_first {
         score.verdict_at_end = verdict;
         score.right_at_end = right;

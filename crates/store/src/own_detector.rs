@@ -7,11 +7,12 @@
 //!                                                                                         └─▶ summary.json       scores
 //! ```
 //!
-//! A detector does not act on the vehicle, so that it says the same after the flight as it would have said during it, as long as it uses
-//! nothing later than the step: [`Detector`] sees one step after the other. Scores are counted as ours are: [`crate::analysis`].
+//! A detector does not act on the vehicle, so its verdicts after the flight are those it would have given during it, as
+//! long as it uses nothing later than the step: [`Detector`] gets one step at a time. Scores are counted like ours:
+//! [`crate::analysis`].
 //!
-//! The run hash is that of the flight and stays. A detector that judges a run again replaces what it said before. `summary.json` is written
-//! last: an interrupted call can be repeated.
+//! The run hash is that of the flight and does not change. A detector that judges a run again replaces its earlier
+//! verdicts. `summary.json` is written last: an interrupted call can be repeated.
 
 use crate::analysis::{Said, complete, count};
 use crate::error::{Result, StoreError};
@@ -54,7 +55,7 @@ pub struct Seen {
     pub battery_voltage_v: f64,
     /// Residuals of our observers (Eq. 32), rotor by rotor: about arm, lever and yaw axis, N m s.
     pub residuals_nms: Vec<[f64; 3]>,
-    /// An evaluation window ends with this step: what is said here is scored.
+    /// An evaluation window ends with this step: this verdict is scored.
     pub window_end: bool,
 }
 
@@ -62,7 +63,7 @@ pub struct Seen {
 pub trait Detector {
     /// Its name in tables, at most 40 characters.
     fn name(&self) -> &str;
-    /// A flight of a vehicle with so many rotors begins.
+    /// A flight of a vehicle with this number of rotors begins.
     fn begin(&mut self, rotor_count: usize);
     /// The verdict in force after this step: 0 healthy, i rotor i, 100 i + j rotors i < j, or another code of
     /// [`verdict_code`](rotortwin_flight_core::fdi::verdict_code).
@@ -209,7 +210,7 @@ impl Recorded {
     }
 }
 
-/// What the detector says in each step.
+/// The detector's output in each step.
 fn verdicts(file: &TelemetryFile, path: &Path, rotor_count: usize, detector: &mut dyn Detector) -> Result<Vec<i32>> {
     let rotors = 1..=rotor_count;
     let fixed = [TIME].into_iter().chain(SENSED).chain(["window_end"]);
@@ -259,7 +260,7 @@ fn verdicts(file: &TelemetryFile, path: &Path, rotor_count: usize, detector: &mu
     Ok(all)
 }
 
-/// Whether there is such a verdict of a vehicle with so many rotors.
+/// Whether there is such a verdict for a vehicle with this number of rotors.
 fn exists(verdict: i32, rotor_count: usize) -> bool {
     let most = i32::try_from(rotor_count).unwrap_or(i32::MAX);
     match verdict {
@@ -311,7 +312,7 @@ fn scores(file: &TelemetryFile, path: &Path, summary: &Summary, verdicts: &[i32]
     Ok(scores)
 }
 
-/// Writes `telemetry.parquet` once more, with the detector's column; returns what the report draws.
+/// Rewrites `telemetry.parquet` with the detector's column; returns the data that the report plots.
 fn rewrite_telemetry(
     run: &Path,
     file: &TelemetryFile,
@@ -399,7 +400,7 @@ impl Listed {
     /// * `said`: time, s, from which the verdict holds, and its code; before the first one it is "not ready"
     ///
     /// # Errors
-    /// Nothing is said; a time that is no number or is before the one before it: in words, with the place from 1.
+    /// No verdicts; a time that is NaN or before the previous one: in words, with the index from 1.
     pub fn new(name: impl Into<String>, said: Vec<(f64, i32)>) -> std::result::Result<Self, String> {
         if said.is_empty() {
             return Err("there is no verdict; expected at least one".to_owned());

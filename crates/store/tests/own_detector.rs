@@ -35,7 +35,7 @@ fn fly(path: &Path, steps: u64) {
     finalise(&folder, summary).unwrap();
 }
 
-/// Says in each step what `verdict` makes of the row.
+/// Gives in each step the verdict that `verdict` computes from the row.
 fn listed(name: &str, steps: u64, verdict: impl Fn(&TelemetryRow) -> i32) -> Listed {
     let said = (0..steps).map(|step| {
         let row = synthetic::row(step);

@@ -1,4 +1,4 @@
-//! Holds a vehicle against logs and prints the verdicts: `compare_logs MODEL LOG… [--out DIR]`.
+//! Compares a vehicle with logs and prints the verdicts: `compare_logs MODEL LOG… [--out DIR]`.
 
 use std::error::Error;
 use std::path::Path;

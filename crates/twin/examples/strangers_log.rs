@@ -1,8 +1,9 @@
-//! Real logs as a stranger's, with mass and arm alone: `strangers_log LOG:MASS_KG:ARM_M …`. Prints two tables in Markdown.
+//! Real logs of unknown vehicles, with mass and arm alone: `strangers_log LOG:MASS_KG:ARM_M …`. Prints two tables in
+//! Markdown.
 //!
-//! The first is that of `rotortwin vehicle from-log --held-out`: each half of a flight predicted by what the other half gave, beside the class
-//! default. The second says what effects add: a vehicle from the first half, improved on that half, and R² of the second half, which
-//! neither has seen, as means over 0.1 s (0 to 5 Hz).
+//! The first is that of `rotortwin vehicle from-log --held-out`: each half of a flight predicted with the result of the
+//! other half, compared with the class default. The second shows what effects add: a vehicle from the first half,
+//! improved on that half, and R² of the second half, which neither has seen, as means over 0.1 s (0 to 5 Hz).
 
 use std::error::Error;
 use std::path::Path;

@@ -7,18 +7,18 @@
 //! * [`log`]: flight logs of several sources as one type: canonical columns, SI units, NED and FRD.
 //! * [`compare`]: models against logs: where, when and how much they disagree.
 //! * [`model`]: versions of the model: vehicle, effects, provenance; as files.
-//! * [`predict`]: what a model predicts of a log, one step ahead, in sixteen channels.
+//! * [`predict`]: a model's prediction of a log, one step ahead, in sixteen channels.
 //! * [`estimation`]: parameters and nuisances from whitened residuals, for all of the following.
 //! * [`diagnose`]: which effect the model lacks, with evidence.
-//! * [`propose`]: what would explain an error that is in no catalogue.
+//! * [`propose`]: an explanation of an error that is in no catalogue.
 //! * [`improve`]: the loop over these, version by version.
 //! * [`identify`]: a vehicle with intervals from flight logs, mass and arm.
-//! * [`flight_picture`]: a flight as people look at it: trajectory, parts, events, motor outputs, vibration.
-//! * [`baseline`]: what healthy flights of the same vehicle say of a flight that may not be.
+//! * [`flight_picture`]: a model-independent view of a flight: trajectory, parts, events, motor outputs, vibration.
+//! * [`baseline`]: a flight that may not be healthy, compared with healthy flights of the same vehicle.
 //! * [`vibration`]: how strongly a flight shakes at the speed of each rotor, and against healthy flights.
 //! * [`over_time`]: flights of a report, with each channel against the model.
-//! * [`sandbox`]: what an effect does to a flight, for people who look it up.
-//! * [`next_flight`]: the manoeuvre that would tell two effects apart.
+//! * [`sandbox`]: what an effect does to a flight, as a plot.
+//! * [`next_flight`]: the manoeuvre that would distinguish two effects.
 //!
 //! Conventions as everywhere (`docs/conventions.md`): SI, radians, world NED, body FRD, rotors numbered from 1 in names.
 
@@ -40,10 +40,10 @@ pub mod sandbox;
 mod schema;
 pub mod vibration;
 
-/// Half of a 95 % interval of a normal distribution, in standard deviations: what stands behind every `±`.
+/// Half of a 95 % interval of a normal distribution, in standard deviations: used for every `±`.
 pub const Z95: f64 = 1.96;
 
-/// Fewest healthy flights of a vehicle whose spread tells a change.
+/// Fewest healthy flights of a vehicle whose spread suffices to detect a change.
 pub const LEAST_BASELINE: usize = 3;
 
 /// Posterior from which a change against healthy flights is named.

@@ -1,4 +1,4 @@
-//! What a report shows of its flights over time: each flight, and measured against model in every channel that can be tested.
+//! Flights of a report over time: each flight, and measured against model in every channel that can be tested.
 
 use serde::Serialize;
 

@@ -1,11 +1,11 @@
-//! What an effect does to the channels of a flight, over time and over the flight condition that excites it: a picture for people who look
-//! an effect up, made by the effect itself.
+//! What an effect does to the channels of a flight, over time and over the flight condition that excites it: a plot for
+//! people who look up an effect, computed with the effect itself.
 //!
-//! With r₀ the residual of the model on a simulated flight and r₁ that of the model with the effect, the effect does r₀ − r₁ to the channel
-//! ([`crate::diagnose::Picture`] is the same on a measured flight). A random effect has no such value: the flight is flown with it, and the
-//! residual of the model without it is shown.
+//! With r₀ the residual of the model on a simulated flight and r₁ that of the model with the effect, the effect
+//! contributes r₀ − r₁ to the channel ([`crate::diagnose::Picture`] is the same on a measured flight). A random effect
+//! has no such value: the flight is flown with it, and the residual of the model without it is shown.
 //!
-//! Means over 0.25 s; linear in nothing: the effect is evaluated at the given parameters.
+//! Means over 0.25 s; not linearised: the effect is evaluated at the given parameters.
 
 use rotortwin_page::rounded;
 use rotortwin_plant::effects::{Catalogue, EffectInstance};
@@ -19,7 +19,7 @@ use crate::log::FlightLog;
 use crate::model::ModelVersion;
 use crate::predict::{CHANNELS, ChannelResiduals, NAMES, Nuisances, PerChannel, PredictError, Predictor, UNITS};
 
-/// Channels of an answer, at most: those that the effect moves most.
+/// Maximum number of channels of an answer: those that the effect moves most.
 const MOST_CHANNELS: usize = 3;
 /// Conditions of a channel, at most: those that explain most.
 const MOST_CONDITIONS: usize = 3;
@@ -85,10 +85,10 @@ pub struct OverCondition {
     pub does: Vec<f64>,
 }
 
-/// What `effect` does to the channels of a flight without it: most moved first.
+/// The influence of `effect` on the channels of a flight without it: most moved first.
 ///
 /// # Errors
-/// The effect makes no vehicle, or the flight cannot be compared with the model.
+/// The effect yields an invalid vehicle, or the flight cannot be compared with the model.
 pub fn moved(
     log: &FlightLog,
     model: &ModelVersion,

@@ -1,4 +1,4 @@
-//! Types of the plant that results hold, as API documents describe them: the plant itself knows of no API.
+//! Plant types that occur in results, with their API schemas: the plant itself knows of no API.
 
 #![expect(dead_code, reason = "for documents: what is written are the plant's own types")]
 

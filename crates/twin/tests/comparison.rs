@@ -85,7 +85,7 @@ fn val_rotor_drag_shows_in_fx_and_fy_with_speed_and_goes_when_it_is_added() {
     assert_eq!(before.channels[1].conditions[0].condition, "sideways_speed");
     assert!(after.agrees, "{}", after.sentence());
     let force = |model: &compare::ModelOnLog| model.error_of("force").unwrap().error;
-    // The hidden size itself: what is left is noise, to 10 %.
+    // The hidden size itself: only noise remains, to 10 %.
     assert!(force(before) > 300.0 && force(after) < 1.1 * after.error_of("force").unwrap().noise);
     let far = |model: &compare::ModelOnLog| model.open_loop[2].velocity_m_s;
     assert!(far(after) < 0.5 * far(before), "{} {}", far(before), far(after));

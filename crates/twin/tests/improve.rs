@@ -1,5 +1,5 @@
-//! The loop from a failing model to one that agrees, on logs of a foreign simulator; and logs that are at fault, which must be named
-//! and never diagnosed.
+//! The loop from a failing model to one that agrees, on logs of the independent simulator; and logs that are at fault,
+//! which must be named and never diagnosed.
 
 #![expect(clippy::unwrap_used, reason = "a refusal where none is due fails the test")]
 
@@ -87,7 +87,7 @@ fn log(name: &str, flight: &str, effects: &[&str], seed: u64) -> FlightLog {
     FlightLog::from_columns(name, time, columns).unwrap()
 }
 
-/// Says yes to everything, or only to so many proposals.
+/// Accepts everything, or only this many proposals.
 struct Eager {
     proposals: usize,
 }
@@ -381,7 +381,8 @@ fn named(d: &Diagnosis) -> Vec<String> {
     ids
 }
 
-/// Two logs, one of them with a weak rotor from mid-flight on: what is shared out among cores comes back in its order.
+/// Two logs, one of them with a weak rotor from mid-flight on: results of work distributed over cores come back in
+/// order.
 #[test]
 fn scenario_an_answer_does_not_depend_on_the_cores() {
     let hidden = [
@@ -408,7 +409,7 @@ fn scenario_an_answer_does_not_depend_on_the_cores() {
     assert_eq!(alone, among_five);
 }
 
-/// The chart of the open-circuit voltage has two places that fit a wrong offset; the forces tell which.
+/// The curve of the open-circuit voltage has two places that fit a wrong offset; the forces decide which.
 #[test]
 fn scenario_an_offset_of_the_voltage_is_named_where_the_chart_of_the_battery_fits_at_two_charges() {
     let hidden = ["voltage-offset:offset_v=-0.24"];
@@ -524,7 +525,8 @@ fn scenario_a_damping_is_named_on_a_calm_flight() {
     finds_alone("helix", 302, "rotational-damping", "damping_n_m_s", 0.0106);
 }
 
-/// At rest the biases of the rotors explain what a wrong wiring does: only with the biases fitted to each wiring does the right one show.
+/// In hover the biases of the rotors explain the effect of a wrong wiring: only with the biases fitted for each wiring
+/// does the right one stand out.
 #[test]
 fn scenario_weak_swapped_and_reversed_rotors_are_told_apart_on_a_calm_flight() {
     let cases: [(&str, &str, u64, &[usize]); 3] = [

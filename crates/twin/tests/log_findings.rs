@@ -1,6 +1,6 @@
-//! Logs that look wrong: each mistake is named, and a log without mistakes is not accused.
+//! Suspicious logs: each error is named, and a log without errors has no finding.
 //!
-//! The motion is made up analytically, so that all columns fit each other exactly; then one mistake at a time is put in.
+//! The motion is analytic, so that all columns are exactly consistent; then one error at a time is introduced.
 
 use rotortwin_plant::vehicle::model::{Layout, VehicleModel};
 use rotortwin_twin::log::{FindingKind, FlightLog, names};
@@ -324,8 +324,8 @@ fn val_what_no_multirotor_and_no_battery_has_is_left_out_and_the_rest_is_read() 
     }
 }
 
-/// PX4's own log of a right hexarotor was refused: "correlation² 2.76". Its allocation leaves six duties in a space of four dimensions, and another order of
-/// them makes no torque about some axis but rounding.
+/// PX4's own log of a correct hexarotor was rejected: "correlation² 2.76". Its allocation leaves six duties in a space
+/// of four dimensions, and another order of them produces no torque about some axis except rounding.
 #[test]
 fn regress_an_exact_allocation_is_no_swapped_motor() {
     let root = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../../config/vehicles/f550.toml");

@@ -1,4 +1,5 @@
-//! Files that are no logs but want to be read as some: each is refused in one sentence, soon, and before it has taken memory.
+//! Files that are not logs but pretend to be: each is rejected in one sentence, quickly, and before it has taken
+//! memory.
 
 use rotortwin_twin::log::{FlightLog, MAX_COLUMNS, ReadOptions};
 use std::fmt::Write as _;

@@ -1,4 +1,5 @@
-//! Recordings of ROS 2: choices, other clocks, damage, and what is refused. The reference recording is made by `data/make_ros2.py`.
+//! Recordings of ROS 2: choices, other clocks, damage, and what is rejected. The reference recording is made by
+//! `data/make_ros2.py`.
 
 use rotortwin_twin::log::{FlightLog, ReadOptions, SourceKind};
 use std::path::{Path, PathBuf};
@@ -325,7 +326,7 @@ fn val_a_recording_without_definitions_is_read_by_those_of_ros_2() {
         let (own, other) = (log.column(name).expect(name), whole.column(name).expect(name));
         assert_eq!(own[..35], other[..35], "{name}");
     }
-    // Which outputs are rotors is told by how they move, and these few rows are no flight.
+    // Rotor outputs are recognised by how they move, and these few rows are not a flight.
     assert!(log.column("duty_1").is_some());
     let notes = log.report.notes.join("\n");
     assert!(

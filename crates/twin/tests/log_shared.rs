@@ -1,4 +1,5 @@
-//! The development logs beside the repository: a foreign simulator's and real ones. Skipped where they are not.
+//! The development logs outside the repository, of the independent simulator and of real vehicles. Skipped if they are
+//! not present.
 
 mod development_data;
 

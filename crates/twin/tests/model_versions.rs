@@ -283,7 +283,7 @@ fn scenario_versions_undo_branch_and_diff_in_a_folder() {
     assert!(store.create(&v0).unwrap_err().to_string().contains("already"));
     let v1 = v0.with_effects([drag(0.25)], "first");
     assert_eq!(store.append("main", &v1).unwrap().number, 1);
-    // What is not made from the head is refused: nobody's version is passed over.
+    // A version that is not based on the head is rejected: no other version is overwritten.
     assert!(
         store
             .append("main", &v0.with_effects([drag(0.3)], ""))

@@ -1,12 +1,12 @@
 //! The engine knows strategies and requirements, but no effect: an effect declares in its own file how it is searched for.
 //!
-//! Looked at are the string literals of the sources, without comments and unit tests.
+//! Checks the string literals of the sources, without comments and unit tests.
 
 use std::path::{Path, PathBuf};
 
 use rotortwin_plant::effects::catalogue;
 
-/// The rooms that fit, rank and name effects. A vehicle from a log (`identify`) speaks of a mass, not of the effect.
+/// The modules that fit, rank and name effects. A vehicle from a log (`identify`) uses the word mass, not the effect.
 const ENGINE: [&str; 8] = [
     "baseline",
     "compare",
@@ -18,7 +18,7 @@ const ENGINE: [&str; 8] = [
     "propose",
 ];
 
-/// Who reads scenarios: what an effect needs or acts on stands in its declaration, too.
+/// Modules that read scenarios: what an effect needs or acts on is also in its declaration.
 const SCENARIOS: [&str; 1] = ["../../scenario/src"];
 
 /// Keys of a scenario that are called like an effect.
@@ -102,7 +102,7 @@ fn val_the_engine_asks_for_no_row_of_the_catalogue() {
     let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("src");
     for file in ENGINE.iter().flat_map(|room| sources(&root.join(room))) {
         let text = std::fs::read_to_string(&file).expect("a source");
-        // Whether it has one at all says only that it is none of a user.
+        // Whether it has one at all only shows that it is not a user's effect.
         let asks = text
             .replace("catalogue_number.is_some()", "")
             .contains("catalogue_number");

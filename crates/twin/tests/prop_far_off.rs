@@ -1,5 +1,6 @@
-//! A stranger's vehicle file that is far off: mass, arm, thrust curve, inertia or lag wrong by factors. A diagnosis answers (calibrate
-//! first, or why the model is not valid), in finite numbers, and names nothing as missing that only makes up for a wrong constant.
+//! A user's vehicle file that is far off: mass, arm, thrust curve, inertia or lag wrong by a factor. A diagnosis
+//! answers (calibrate first, or why the model is not valid), in finite numbers, and names nothing as missing that only
+//! compensates for a wrong constant.
 //!
 //! `FAR_OFF_DRAWS=60 FAR_OFF_FIRST_SEED=500 cargo test --release -p rotortwin-twin --test prop_far_off -- --nocapture` draws more.
 

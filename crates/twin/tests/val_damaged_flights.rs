@@ -40,7 +40,7 @@ fn folder(inside: &str) -> Option<PathBuf> {
     folder
 }
 
-/// Reads a table by the mapping that `log map` drafts, with rows per second where no clock is told.
+/// Reads a table with the mapping that `log map` drafts, with rows per second if no clock is found.
 fn read(table: &Path, rate_hz: Option<f64>) -> FlightLog {
     let mut drafted = draft(table, &std::fs::read(table).unwrap()).unwrap().toml;
     if let Some(rate_hz) = rate_hz {
@@ -57,8 +57,8 @@ fn read(table: &Path, rate_hz: Option<f64>) -> FlightLog {
     FlightLog::read_with(table, &options).unwrap()
 }
 
-/// A recording of `SensorCombined`, one JSON object a line, as the table that PX4's own tools make of it. Its stamps are those of messages that
-/// overtake each other; every row integrates 5 ms.
+/// A recording of `SensorCombined`, one JSON object per line, as a table like those of PX4's own tools. Its timestamps
+/// are those of messages that arrive out of order; every row integrates 5 ms.
 fn x500(dataset: &Path, broken: usize, recorded: &str) -> FlightLog {
     let name = format!("rosbag2_{recorded}");
     let path = dataset.join(format!("{broken}/{name}/{name}-SensorCombined.jsonl"));

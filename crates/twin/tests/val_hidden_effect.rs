@@ -1,4 +1,4 @@
-//! The sixteen flight logs of a foreign simulator, each with a known hidden effect or none: the right answer on each.
+//! The sixteen flight logs of a third simulator, each with a known hidden effect or none: the correct answer on each.
 //!
 //! The logs are not in the repository; without them the tests say so and end.
 

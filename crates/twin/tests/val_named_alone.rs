@@ -1,5 +1,5 @@
-//! Effects that the foreign simulator hides: named alone, with values whose intervals hold the truth; their neighbours keep their own
-//! names; and where a flight does not tell two apart, the answer has both.
+//! Effects hidden by the independent simulator: named alone, with values whose intervals contain the truth; their
+//! neighbours keep their own names; and where a flight does not distinguish two, the answer has both.
 //!
 //! `NAMED_CASES=24 NAMED_FIRST_SEED=900 cargo test --release -p rotortwin-twin --test val_named_alone -- --nocapture` flies more.
 
@@ -62,14 +62,14 @@ fn named(found: &Diagnosis) -> Vec<&str> {
     ids
 }
 
-/// Named, or told as an alternative of what is.
+/// Named, or reported as an alternative of a named effect.
 fn tells(found: &Diagnosis, id: &str) -> bool {
     let rivals = || all(found).flat_map(|f| &f.also_compatible);
     named(found).contains(&id) || rivals().any(|rival| rival.effect == id)
 }
 
-/// Exactly `effects` are named, and the intervals of the sizes of each hold what was hidden. Half an interval more is no failure, one
-/// parameter in twenty is outside; how many are inside is counted.
+/// Exactly `effects` are named, and the intervals of the sizes of each contain the hidden values. Half an interval more
+/// is not a failure, as one parameter in twenty is outside; the number inside is counted.
 fn check(found: &Diagnosis, effects: &[&str], (held, sizes): (&mut u64, &mut u64)) {
     let hidden: Vec<Hidden> = effects.iter().map(|text| Hidden::parse(text).unwrap()).collect();
     let mut expected: Vec<&str> = hidden.iter().map(|h| h.id.as_str()).collect();
@@ -104,7 +104,7 @@ fn named_alone(cases: &[&[&str]], seed: u64) {
     assert!(10 * held >= 9 * sizes, "{held} of {sizes} within the interval");
 }
 
-/// Each of these keeps its own name: nothing beside it.
+/// Each of these is named itself, and nothing else.
 fn keep_their_names(neighbours: &[&str], seed: u64) {
     for (case, effect) in (0..).zip(neighbours) {
         let effects: Vec<&str> = [*effect].into_iter().filter(|text| !text.is_empty()).collect();
@@ -164,7 +164,7 @@ fn val_in_a_hover_a_law_of_the_voltage_is_never_mass_that_leaves_and_nothing_els
         let seed = first_seed() + 80 + case;
         let found = said(Script::built_in("hover", seed).unwrap(), 60.0, seed, &[effect]);
         let id = effect.split(':').next().unwrap();
-        // A discharge of a minute may be too small to show; what is named for it has to leave the truth in.
+        // A discharge of a minute may be too small to show; whatever is named instead must not exclude the truth.
         assert!(named(&found).is_empty() || tells(&found, id), "{}", found.sentence);
         assert!(id != "mass-loss" || tells(&found, id), "{}", found.sentence);
     }

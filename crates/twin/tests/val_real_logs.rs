@@ -1,4 +1,4 @@
-//! Real logs with known damage and loads. Skipped where they are not beside the repository.
+//! Real logs with known damage and loads. Skipped if they are not present outside the repository.
 
 mod development_data;
 
@@ -131,7 +131,7 @@ fn val_a_motor_lag_that_is_off_by_less_than_a_factor_of_two_is_named_with_its_va
     // Authors 70 ms, a compare of many lags 70 to 100 ms.
     let wanted = 0.045 * (1.0 + lag.parameters[0].value);
     assert!((0.065..0.085).contains(&wanted), "{}", found.sentence);
-    // It is believed, though nothing explains the yaw, and told in seconds.
+    // It is trusted, though nothing explains the yaw, and reported in seconds.
     assert!(
         matches!(found.verdict, Verdict::PartlyMissing { .. } | Verdict::Missing { .. }),
         "{}",

@@ -1,7 +1,7 @@
-//! A stranger's vehicle: identified from one flight, diagnosed on another. What was measured is a prior and no missing physics; what
-//! was guessed is told as a guess; what is missing beside both is still named.
+//! An unknown vehicle: identified from one flight, diagnosed on another. What was measured is a prior and not missing
+//! physics; what was guessed is reported as a guess; anything else that is missing is still named.
 //!
-//! The vehicles are drawn at random, off the class defaults, and flown by the foreign simulator.
+//! The vehicles are drawn at random, away from the class defaults, and flown by the independent simulator.
 
 #![expect(clippy::unwrap_used, reason = "a refusal where none is due fails the test")]
 
@@ -75,7 +75,7 @@ fn said(log: FlightLog, model: &ModelVersion) -> Diagnosis {
     found
 }
 
-/// Key of the constant that no flight of this kind tells.
+/// Key of the constant that no flight of this kind determines.
 const DRAG: &str = "body.linear_drag_kg_s";
 
 #[test]
@@ -101,7 +101,7 @@ fn val_measured_constants_are_priors_and_a_drag_that_a_log_does_not_show_is_none
 #[test]
 fn val_guesses_are_told_as_such() {
     let vehicle = stranger();
-    // No flight at one place tells a drag, so that of the class is written.
+    // No flight at one place determines a drag, so that of the class is written.
     let model = identified(&vehicle, &flown(&vehicle, "hover", 60.0, 71, &[]));
     let guess = model.constant.iter().find(|one| one.key == DRAG).unwrap();
     assert_eq!(guess.source, Source::Class);
@@ -110,7 +110,7 @@ fn val_guesses_are_told_as_such() {
         panic!("{}", found.sentence);
     };
     assert!(constants.iter().any(|key| key == DRAG), "{}", found.sentence);
-    // A hover told neither this nor the slope of the thrust curve, and what is wanted is the truth.
+    // A hover determined neither this nor the slope of the thrust curve, and the required value is the truth.
     let wanted = found.calibrate.iter().find(|one| one.key == DRAG).unwrap();
     let off = (wanted.wanted - vehicle.linear_drag).abs();
     assert!(
@@ -171,7 +171,7 @@ fn val_a_vehicle_without_its_intervals_is_told_so_before_anything_is_called_miss
     model.constant.clear();
     assert!(model.lacks_intervals());
     let found = said(flown(&vehicle, "excitation", 40.0, 72, &[]), &model);
-    // Something makes up for the guesses, believed or not.
+    // Something compensates for the guesses, whether it is accepted or not.
     let is_dropped = |note: &String| note.starts_with("not believed: ");
     assert!(!found.effects.is_empty() || found.notes.iter().any(is_dropped));
     assert!(
@@ -192,7 +192,8 @@ fn val_a_vehicle_without_its_intervals_is_told_so_before_anything_is_called_miss
 fn val_what_is_missing_is_named_beside_priors() {
     let vehicle = stranger();
     let model = identified(&vehicle, &flown(&vehicle, "excitation", 60.0, 71, &[]));
-    // The same constants taken as exact would call a healthy vehicle ill; with them as priors a damaged rotor is still told.
+    // With the same constants taken as exact, a healthy vehicle would be called faulty; with them as priors, a damaged
+    // rotor is still found.
     let log = flown(
         &vehicle,
         "excitation",

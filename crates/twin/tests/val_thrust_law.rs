@@ -1,5 +1,5 @@
-//! A thrust that follows another law than Eq. 19: another exponent of the voltage, another slope over the duty. Hidden by the foreign
-//! simulator; the right name, or no confident one.
+//! A thrust that follows another law than Eq. 19: another exponent of the voltage, another slope over the duty. Hidden
+//! by the independent simulator; the correct name, or no confident one.
 //!
 //! `LAW_CASES=24 LAW_FIRST_SEED=900 cargo test --release -p rotortwin-twin --test val_thrust_law -- --nocapture` flies more.
 

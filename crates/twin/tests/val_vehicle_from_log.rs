@@ -1,5 +1,5 @@
-//! A vehicle from its logs, where the truth is known: vehicles drawn at random, flown by the foreign simulator. The identification sees
-//! the log, the mass and the arm, and no parameter.
+//! A vehicle from its logs, where the truth is known: vehicles drawn at random, flown by the independent simulator. The
+//! identification sees the log, the mass and the arm, and no parameter.
 //!
 //! `VEHICLE_DRAWS=200 cargo test --release -p rotortwin-twin --test val_vehicle_from_log -- --nocapture` draws more;
 //! `VEHICLE_FIRST_SEED=5000` draws other vehicles for the intervals: their floors were sized on seeds 0 to about 24.
@@ -103,7 +103,7 @@ fn f550_with(effect: &str, parameter: &str, size: f64, seed: u64) -> (FlightLog,
     (log, request(&vehicle, 0.275))
 }
 
-/// Drag of rotors acts across their axis, that of a body along all axes: climbs tell them apart.
+/// Drag of rotors acts across their axis, that of a body along all axes: climbs distinguish them.
 #[test]
 fn val_drag_across_the_axis_is_that_of_the_rotors() {
     for seed in [7, 8, 9] {
@@ -504,7 +504,7 @@ fn val_an_inertia_that_cannot_be_for_mass_and_arm_is_refused_with_its_reason() {
     let log = flown(&vehicle, "excitation", 30.0, 4, &[0, 1, 2, 3]);
     let mut reasons = 0;
     for wrong in [12.0, 0.2, 0.15] {
-        // J/(m l²) goes with 1/l.
+        // J/(m l²) is proportional to 1/l.
         let found = match identify(std::slice::from_ref(&log), &request(&vehicle, wrong * arm)) {
             Ok(found) => found,
             // 2.5 kg on arms of 4 cm: no propeller carries that, whatever the inertia.

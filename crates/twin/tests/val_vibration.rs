@@ -1,5 +1,5 @@
-//! Propellers out of balance in flights of the foreign simulator, whose logs hold no rotor speed: it follows from duty and voltage, and its scale from
-//! the lines in the accelerometer.
+//! Propellers out of balance in flights of the independent simulator, whose logs hold no rotor speed: it follows from
+//! duty and voltage, and its scale from the lines in the accelerometer.
 
 #![expect(clippy::unwrap_used, reason = "a refusal where none is due fails the test")]
 
@@ -20,7 +20,7 @@ use rotortwin_twin::vibration::{change, vibration};
 const SECONDS: f64 = 40.0;
 /// Rows of the foreign simulator, s.
 const STEP_S: f64 = 0.0025;
-/// Thrust of a rotor over the square of its speed, N s²: what the log does not hold.
+/// Thrust of a rotor over the square of its speed, N s²: not in the log.
 const THRUST_COEFFICIENT: f64 = 8.2e-6;
 /// Each rotor's own share of speed for the same thrust: propellers are not alike.
 const OWN_SPEED: [f64; 6] = [0.012, -0.018, 0.004, 0.021, -0.009, -0.002];

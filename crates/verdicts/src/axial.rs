@@ -1,35 +1,39 @@
-//! A log without velocity or attitude: the specific force along the rotors' axis in the place of the momentum.
+//! A log without velocity or attitude: the specific force along the rotors' axis takes the place of the momentum.
 //!
-//! Detectors hold the momentum along z_b against gravity and rotors, ṗ_z = F_z + m g_z + m (q v_x − p v_y). An accelerometer in the vehicle measures
-//! a_z = F_z/m without knowing how the vehicle stands or moves. So it is given to them as a vehicle that stays level and moves along its own axis only,
+//! Detectors compare the momentum along z_b with gravity and rotors, ṗ_z = F_z + m g_z + m (q v_x − p v_y). An
+//! accelerometer in the vehicle measures a_z = F_z/m regardless of the vehicle's attitude and motion. So the detectors
+//! are given a vehicle that stays level and moves along its own axis only,
 //!
 //! ```text
 //!  ẇ = a_z + g − w/T     ⟺     m ẇ = F_z + m g − (m/T) w
 //! ```
-//! with w for the speed down and m/T for the drag. w forgets with T, so that a turn that lasts does not carry it away. Integrated at the log's own rate:
-//! vibration beyond the steps of the detectors does not fold into w as it would into a_z. Torques need no more than the rates.
 //!
-//! What is lost: the drag along that axis, which is none of w. It counts as unknown, with the model's own drag as its spread. Drag across it
-//! does not act along it. An offset of the accelerometer is a bias, as that of a rotor is.
+//! with w as the downward velocity and m/T as the drag. w decays with T, so that a lasting turn does not make it
+//! diverge. It is integrated at the log's own rate: vibration faster than the steps of the detectors does not alias
+//! into w as it would into a_z. Torques need only the rates.
 //!
-//! Limits: a sensor away from the centre of mass measures angular accelerations too, which count as gusts. There is no tilt: upsets are known as far as the
-//! parts of the flight know them, and by the body rates.
+//! What is lost: the drag along that axis, which is not a function of w. It counts as unknown, with the model's own
+//! drag as its spread. Drag across it does not act along it. An offset of the accelerometer is a bias, like that of a
+//! rotor.
+//!
+//! Limits: a sensor away from the centre of mass measures angular accelerations too, which count as gusts. There is no
+//! tilt: upsets are known only as far as the parts of the flight show them, and from the body rates.
 
 use rotortwin_flight_core::fdi::FdiConfig;
 use rotortwin_twin::Z95;
 use rotortwin_twin::log::{FlightLog, ImportReport, names};
 use std::collections::BTreeMap;
 
-/// T, s: slow next to all that is judged, and short enough for w to stay a speed.
+/// T, s: slow compared with everything that is judged, and short enough for w to stay a velocity.
 const FORGETS_S: f64 = 20.0;
-/// Rows farther apart are no neighbours to integrate over, s; the session takes longer gaps for such.
+/// Rows farther apart are not integrated over, s; the session treats longer gaps as such.
 const LONGEST_STEP_S: f64 = 0.25;
 
-/// What the detectors get of such a log.
+/// The detectors' input for such a log.
 pub(crate) struct Axial {
-    /// The log with w as its velocity down, and level.
+    /// The log with w as its downward velocity, and level.
     pub(crate) log: FlightLog,
-    /// The vehicle's, with the drag of w and the uncertainty of its own.
+    /// The vehicle's, with the drag of w and the uncertainty of its own drag.
     pub(crate) config: FdiConfig,
     /// Half the width of the 95 % interval of the drag along the axis, N·s/m.
     pub(crate) drag: f32,
@@ -39,12 +43,12 @@ impl Axial {
     /// T of the model's w, 1/s.
     pub(crate) const LEAK: f64 = 1.0 / FORGETS_S;
 
-    /// Of a log that has body rates and an accelerometer.
+    /// For a log that has body rates and an accelerometer.
     pub(crate) fn of(log: &FlightLog, config: &FdiConfig) -> Option<Self> {
         let force = log.column(names::ACCEL[2])?;
         let down = speed_down(&log.time_s, force, f64::from(config.gravity));
         let still: Vec<f64> = down.iter().map(|w| if w.is_nan() { f64::NAN } else { 0.0 }).collect();
-        // Nothing else of the log is looked at.
+        // Nothing else of the log is used.
         let is_kept = |name: &str| {
             names::RATES.contains(&name) || name == names::BATTERY_VOLTAGE || names::duty_rotor(name).is_some()
         };

@@ -1,8 +1,8 @@
 //! Verdicts of the detectors as data, and evaluation of whole flight logs.
 //!
-//! * [`view`]: a verdict, a window, a session's answer as JSON, for everything that shows one: the API, the command, Python.
-//! * [`log`]: a flight log judged: verdicts over time, the last word, what could not be judged and why.
-//! * [`detectors`]: which detectors, of a model and settings.
+//! * [`view`]: a verdict, a window, a session's answer as JSON, for every user of one: the API, the command, Python.
+//! * [`log`]: evaluation of a flight log: verdicts over time, the final verdict, what could not be judged and why.
+//! * [`detectors`]: the detectors built from a model and settings.
 
 mod axial;
 pub mod detectors;

@@ -3,24 +3,29 @@
 //! ```text
 //!  file ─▶ twin::log ─▶ parts of the flight ─▶ constant rate ─▶ runs of complete steps in the air ─▶ FdiSession ─▶ LogReport
 //! ```
-//! Behind `POST /api/v1/fdi/reports` and `rotortwin fdi-log`. A log that has 400 Hz goes in as it is, bit for bit. One of 32 to 400 Hz is judged at its own rate: rows that
-//! are interpolated between others have no noise of their own, and the detectors, which measure the noise from row to row, would take what is left for gusts. A
-//! faster one is resampled to 400 Hz, a slower one to 32 Hz. Steps are of its mean rate, each with the row next to it: rows are uneven by a few milliseconds, and lines between
-//! them would take half of the noise.
+//! Behind `POST /api/v1/fdi/reports` and `rotortwin fdi-log`. A log at 400 Hz is used unchanged, bit for bit. One of 32
+//! to 400 Hz is judged at its own rate: interpolated rows have no noise of their own, so the detectors, which measure
+//! the noise from row to row, would take the remaining noise for gusts. A faster one is resampled to 400 Hz, a slower
+//! one to 32 Hz. Steps have its mean rate, each with the nearest row: rows are uneven by a few milliseconds, and linear
+//! interpolation would remove half of the noise.
 //!
-//! Between rows that are further apart than the flight controller's steps there were duties that the log does not have. A row's duty d then counts as
+//! Between rows further apart than the flight controller's steps there were duties that the log does not have. A row's
+//! duty d then counts as
 //!
 //! ```text
 //!  d_k + (d_k+1 − d_k) (1 − f/f_c)/2       f: rate of the log, f_c = 400 Hz: the mean until the next row of steps along a straight line
 //! ```
-//! Duties that answer to the noise of a sensor stay unknown between rows, and act as a white force.
+//! Responses of the duties to sensor noise between rows stay unknown, and act as a white force.
 //!
-//! Steps without a value in a channel that the detectors need are lost steps; what a session does at a gap is done here. A log without velocity or
-//! attitude, or of less than 400 Hz with a velocity slower than its rows, is judged by its accelerometer ([`crate::axial`]), one without duties or a voltage by its rotor speeds, where it has them ([`crate::speeds`]), else one without a
-//! voltage by its duties, a slow one with them ([`crate::voltage`]): `lacks` says what that costs.
+//! Steps without a value in a channel that the detectors need are lost steps, handled like a gap in a session. A log
+//! without velocity or attitude, or of less than 400 Hz with a velocity slower than its rows, is judged by its
+//! accelerometer ([`crate::axial`]), one without duties or a voltage by its rotor speeds if it has them
+//! ([`crate::speeds`]), otherwise one without a voltage by its duties, and one with a slow voltage by both
+//! ([`crate::voltage`]): `lacks` says what that costs.
 //!
-//! Only the airborne part is passed to the session: the log shows when the vehicle left the ground and when it was near it again,
-//! which a session has to detect without the rest of the flight. A *stretch* is the part evaluated after one calibration.
+//! Only the airborne part is passed to the session: the log shows when the vehicle left the ground and when it
+//! returned, which a session has to detect without the rest of the flight. A *stretch* is the part evaluated after one
+//! calibration.
 
 use crate::axial::Axial;
 use crate::speeds::BySpeed;
@@ -48,14 +53,15 @@ pub const LONGEST_S: f64 = 4.0 * 3600.0;
 const LONGEST_TIMELINE: usize = 1000;
 /// Cosine of 70°: the model is not valid beyond this tilt.
 const UPRIGHT_COSINE: f64 = 0.342;
-/// Lowest rate that a log is judged at, Hz: a window has two samples then.
+/// Lowest rate at which a log is judged, Hz: a window then has two samples.
 const LOWEST_RATE_HZ: f64 = 32.0;
 /// Below it a third of the losses of 5 % is found late or never; rates between 50 and 100 Hz were not measured.
 const BLIND_BELOW_HZ: f64 = 75.0;
-/// Correlation time of the gusts where the momentum is integrated from samples of the force that are far apart: what lies between those is white. s, and samples.
+/// Correlation time of the gusts if the momentum is integrated from samples of the force that are far apart, since what
+/// lies between them is white. s, and samples.
 const FORCE_NOISE_TIME_S: f32 = 0.15;
 const FORCE_NOISE_SAMPLES: f32 = 15.0;
-/// Fewest samples before the calibration: 200 that the noise is measured from, and a quarter more that do not count.
+/// Minimum number of samples before the calibration: 200 for measuring the noise, and a quarter more that do not count.
 const NOISE_SAMPLES: f32 = 270.0;
 /// A median rate this close to 400 Hz counts as 400 Hz.
 const SAME_RATE_HZ: f64 = 0.5;
@@ -217,14 +223,14 @@ fn has(log: &FlightLog, name: &str) -> bool {
     values.is_some_and(|values| values.iter().any(|value| !value.is_nan()))
 }
 
-/// Columns of velocity and attitude that the log has no value of.
+/// Columns of velocity and attitude of which the log has no value.
 fn without_motion(log: &FlightLog) -> Vec<String> {
     let needed = names::VELOCITY.iter().chain(&names::ATTITUDE);
     let missing = needed.filter(|name| !has(log, name));
     missing.map(|name| (*name).to_owned()).collect()
 }
 
-/// Rate that a log is judged at, Hz: its own, as far as the detectors have it.
+/// Rate at which a log is judged, Hz: its own, within the detectors' range.
 fn judged_rate_hz(log: &FlightLog) -> f64 {
     let median_hz = log.sample_rate_hz();
     if median_hz > STEP_RATE_HZ - SAME_RATE_HZ {
@@ -240,7 +246,8 @@ fn judged_rate_hz(log: &FlightLog) -> f64 {
     1e8 / (1e8 / rate_hz.clamp(LOWEST_RATE_HZ, STEP_RATE_HZ)).round()
 }
 
-/// Detectors for another rate than 400 Hz: windows of about the same length, a calibration as long, which begins when there are enough samples to know the noise.
+/// Detectors for a rate other than 400 Hz: windows and calibration of about the same length, which begins when there
+/// are enough samples to estimate the noise.
 fn at_rate(config: &FdiConfig, rate_hz: f64) -> FdiConfig {
     let mut config = *config;
     if rate_hz >= STEP_RATE_HZ {
@@ -261,7 +268,7 @@ fn at_rate(config: &FdiConfig, rate_hz: f64) -> FdiConfig {
     config
 }
 
-/// A log of less than 400 Hz as steps of its mean rate, with duties that are means until the next row, see the module.
+/// A log of less than 400 Hz as steps of its mean rate, with duties averaged until the next row, see the module.
 fn as_steps(log: &FlightLog, rate_hz: f64) -> FlightLog {
     let share = 0.5 * (1.0 - rate_hz / STEP_RATE_HZ);
     let gap_s = GAP_FACTOR / log.sample_rate_hz();
@@ -308,7 +315,7 @@ fn slow_hz(log: &FlightLog, name: &str) -> Option<f64> {
     rate.is_slower().then_some(rate.source_hz)
 }
 
-/// What is not seen in a log of a slow velocity, Hz, and no accelerometer of its own rate.
+/// What cannot be determined with a slow velocity, Hz, and no accelerometer at the log's own rate.
 fn judged_by_lines(hz: f64, rate_hz: f64) -> Lack {
     Lack {
         columns: names::VELOCITY.map(str::to_owned).to_vec(),
@@ -320,7 +327,7 @@ fn judged_by_lines(hz: f64, rate_hz: f64) -> Lack {
     }
 }
 
-/// What is not known of a log whose voltage is slow, Hz.
+/// What cannot be determined with a slow voltage, Hz.
 fn judged_with_drops(hz: f64, rate_hz: f64) -> Lack {
     Lack {
         columns: vec![names::BATTERY_VOLTAGE.to_owned()],
@@ -332,9 +339,9 @@ fn judged_with_drops(hz: f64, rate_hz: f64) -> Lack {
     }
 }
 
-/// What is not known of a log that is judged by its accelerometer.
+/// What cannot be determined if a log is judged by its accelerometer.
 ///
-/// * `slow_hz`: of a velocity that is there, but slow
+/// * `slow_hz`: of a velocity that exists but is slow
 fn judged_by_force(log: &FlightLog, axial: &Axial, slow_hz: Option<f64>) -> Lack {
     let (mut columns, mut why) = (without_motion(log), "attitude and velocity of the vehicle".to_owned());
     if let (true, Some(hz)) = (columns.is_empty(), slow_hz) {
@@ -358,7 +365,7 @@ fn has_duties(log: &FlightLog, rotor_count: usize) -> bool {
     (1..=rotor_count).all(|rotor| has(log, &names::duty(rotor)))
 }
 
-/// What is not known of a log that is judged by its rotor speeds.
+/// What cannot be determined if a log is judged by its rotor speeds.
 fn judged_by_speeds(log: &FlightLog, rotor_count: usize, speeds: &BySpeed) -> Lack {
     let duties = (1..=rotor_count).map(names::duty);
     let columns = duties.chain([names::BATTERY_VOLTAGE.to_owned()]);
@@ -373,7 +380,7 @@ fn judged_by_speeds(log: &FlightLog, rotor_count: usize, speeds: &BySpeed) -> La
     }
 }
 
-/// What the log lacks beside the voltage.
+/// What the log lacks in addition to the voltage.
 fn lacks(log: &FlightLog, detectors: &Detectors) -> Vec<Lack> {
     let mut lacks: Vec<Lack> = needed(detectors.vehicle().rotor_count())
         .into_iter()
@@ -396,9 +403,9 @@ fn lacks(log: &FlightLog, detectors: &Detectors) -> Vec<Lack> {
     lacks
 }
 
-/// The voltage of a log that has none, and what is not known for want of it.
+/// The voltage of a log that has none, and what cannot be determined without it.
 ///
-/// * `rate_hz`: of the steps that it is asked for   * `leak`: by which the velocity down forgets, 1/s
+/// * `rate_hz`: of the requested steps   * `leak`: decay rate of the downward velocity, 1/s
 fn without_voltage(
     log: &FlightLog,
     parts: &FlightParts,
@@ -450,7 +457,7 @@ pub fn judge(log: &FlightLog, detectors: &Detectors, every_window: bool) -> Resu
     judge_after(log, detectors, None, every_window)
 }
 
-/// [`judge`] with what healthy flights have said of the vehicle ([`learn`]).
+/// [`judge`] with what was learnt about the vehicle from healthy flights ([`learn`]).
 ///
 /// # Errors
 /// As [`judge`].
@@ -468,10 +475,12 @@ pub fn judge_after(
     Ok(report(log, detectors, judge, lacks))
 }
 
-/// What healthy flights of the vehicle say of it beyond the model of the detectors, and what speaks against their being healthy, a sentence each.
+/// What healthy flights reveal about the vehicle beyond the model of the detectors, and evidence against their being
+/// healthy, a sentence each.
 ///
 /// # Errors
-/// One sentence: a log that [`judge`] would refuse, or lacks what every detector needs, or too little time in the air.
+/// One sentence: a log that [`judge`] would reject, or that lacks what every detector needs, or has too little time in
+/// the air.
 pub fn learn(logs: &[FlightLog], detectors: &Detectors) -> Result<(Learnt, Vec<String>), LogRefusal> {
     let mut learner = Learner::new(detectors.config());
     let mut notes = Vec::new();
@@ -504,7 +513,7 @@ pub fn learn(logs: &[FlightLog], detectors: &Detectors) -> Result<(Learnt, Vec<S
     Ok((learnt, notes))
 }
 
-/// A log before a session; what it lacks.
+/// A log prepared for a session; and what it lacks.
 fn run(
     log: &FlightLog,
     detectors: &Detectors,
@@ -532,7 +541,7 @@ fn run(
     let rate_hz = judged_rate_hz(log);
     let is_slow = rate_hz < STEP_RATE_HZ;
     let slow_velocity = is_slow.then(|| slow_hz(log, names::VELOCITY[2])).flatten();
-    // An accelerometer of the log's own rate says more than a velocity that is joined by lines.
+    // An accelerometer at the log's own rate is more informative than an interpolated velocity.
     let by_force = has(log, names::ACCEL[2]) && slow_hz(log, names::ACCEL[2]).is_none();
     let axial = (!without_motion(log).is_empty() || slow_velocity.is_some() && by_force)
         .then(|| Axial::of(log, detectors.config()))
@@ -606,7 +615,7 @@ fn report(log: &FlightLog, detectors: &Detectors, judge: Judge, lacks: Vec<Lack>
         .network
         .is_some_and(|network| network.self_calibrated());
     let mut notes = judge.notes;
-    // The detectors end where a vehicle tumbles; what its motors were asked for before that says more than "not judged".
+    // The detectors end where a vehicle tumbles; the motor commands before that are more informative than "not judged".
     let log_start_s = log.time_s.first().copied().unwrap_or(0.0);
     let lost = judge.parts.events.iter().filter(|event| event.kind.decides());
     notes.splice(

@@ -1,13 +1,13 @@
-//! A log with measured rotor speeds, and without duties or a battery voltage: the thrust follows from the speeds.
+//! A log with measured rotor speeds but without duties or a battery voltage: the thrust follows from the speeds.
 //!
 //! ```text
 //!  f_i = c Ω_i²      Σ_i ∫ f_i cos φ cos θ dt = m (g T − Δv_down)      c: over the first seconds in the air
 //! ```
-//! The detectors get the duties with which f_i is the static lift of the vehicle's map at one voltage, and rotors without a lag: neither the battery
-//! nor the lag nor the shape of the thrust curve matters any more.
+//! The detectors get the duties for which f_i is the static lift of the vehicle's map at one voltage, and rotors
+//! without a lag: neither the battery nor the lag nor the shape of the thrust curve matters any more.
 //!
-//! What is lost: a motor that turns too slowly for its command. It pulls less because it turns less, which explains the motion; judged is how much
-//! a propeller lifts at its speed.
+//! What is lost: a motor that turns too slowly for its command is not detected, as its lower speed explains its lower
+//! thrust. What is judged is a propeller's lift at its speed.
 
 use rotortwin_flight_core::fdi::{FdiConfig, NominalThrust};
 use rotortwin_plant::powertrain::battery::Battery;
@@ -15,17 +15,17 @@ use rotortwin_scenario::Detectors;
 use rotortwin_twin::log::flight_parts::{FlightPart, FlightParts, PartKind};
 use rotortwin_twin::log::{FlightLog, GAP_FACTOR, names};
 
-/// Least and most time in the air that c is found from, s.
+/// Minimum and maximum time in the air used to estimate c, s.
 const SHORTEST_S: f64 = 2.0;
 const LONGEST_S: f64 = 10.0;
-/// Slower telemetry misses what a controller does with a rotor, Hz.
+/// Slower telemetry misses the controller's changes of a rotor, Hz.
 const SLOWEST_HZ: f64 = 20.0;
-/// The least lag that detectors take, s: no step of theirs sees it.
+/// Smallest lag that the detectors accept, s: shorter than any of their steps.
 const NO_LAG_S: f32 = 0.001;
 
-/// What the detectors get of such a log.
+/// The detectors' input for such a log.
 pub(crate) struct BySpeed {
-    /// With duties and a voltage that stand for the speeds.
+    /// With duties and a voltage that are equivalent to the speeds.
     pub(crate) log: FlightLog,
     /// The vehicle's, without a lag.
     pub(crate) config: FdiConfig,
@@ -34,9 +34,9 @@ pub(crate) struct BySpeed {
 }
 
 impl BySpeed {
-    /// Of a log that has the speed of every rotor, and needs it.
+    /// For a log that has the speed of every rotor, and needs it.
     ///
-    /// * `motion`: the log whose velocity and attitude the detectors get
+    /// * `motion`: the log whose velocity and attitude the detectors use
     pub(crate) fn of(
         log: &FlightLog,
         motion: &FlightLog,

@@ -23,7 +23,7 @@ use rotortwin_twin::log::{FlightLog, names};
 /// Minimum and maximum airborne time used to estimate the charge, s.
 const SHORTEST_S: f64 = 2.0;
 const LONGEST_S: f64 = 10.0;
-/// A measured voltage is averaged over so much, s: 20 samples of the slowest that are common.
+/// Averaging time of a measured voltage, s: 20 samples of the slowest common telemetry.
 const MEAN_S: f64 = 10.0;
 /// Search interval of the initial charge: an empty battery gives no thrust.
 const CHARGES: (f64, f64) = (0.01, 1.0);
@@ -64,7 +64,8 @@ pub(crate) struct Begin {
 impl WorkedOutVoltage {
     /// Estimates the initial charge.
     ///
-    /// * `parts`: of the flight   * `rate_hz`: of the steps that it is asked for   * `leak`: by which the velocity down forgets, 1/s; 0 of a measured one
+    /// * `parts`: of the flight   * `rate_hz`: of the requested steps
+    /// * `leak`: decay rate of the downward velocity, 1/s; 0 for a measured one
     ///
     /// # Errors
     /// Half a sentence: why it cannot be found.
@@ -173,12 +174,14 @@ impl WorkedOutVoltage {
     }
 }
 
-/// Gives a log whose voltage is slower than its steps, and held or joined by lines between, the drop over the vehicle's internal resistance at every step.
+/// For a voltage that is slower than the log's steps, held or interpolated in between: adds the drop over the vehicle's
+/// internal resistance at every step.
 ///
 /// ```text
 ///  V = ⟨V⟩ − R (i − ⟨i⟩)     i = k_P Σ f^1.5/⟨V⟩     ⟨ ⟩: mean over MEAN_S     f: Eq. 19 of duty and ⟨V⟩, lagged by the rotors
 /// ```
-/// What is left of the measured voltage is its mean: the noise of a sample that stays for many steps would be a gust.
+/// Only the mean of the measured voltage remains: the noise of a sample that is held for many steps would look like a
+/// gust.
 pub(crate) fn with_drops(log: &mut FlightLog, detectors: &Detectors, rate_hz: f64) {
     let Some(voltage) = log.column(names::BATTERY_VOLTAGE) else {
         return;
@@ -212,7 +215,8 @@ pub(crate) fn with_drops(log: &mut FlightLog, detectors: &Detectors, rate_hz: f6
     log.columns.insert(names::BATTERY_VOLTAGE.to_owned(), mean);
 }
 
-/// The first seconds in the air without a gap: when they begin, s since the first row, their steps, and by how much the velocity down grew, m/s.
+/// The first seconds in the air without a gap: when they begin, s since the first row, their steps, and the increase of
+/// the downward velocity, m/s.
 fn first_seconds(
     log: &FlightLog,
     parts: &FlightParts,

@@ -1,5 +1,5 @@
-//! Logs of 200, 100 and 50 Hz of the independent generator's flights: every second, fourth, eighth row of 400 Hz, and nothing between; and uneven ones, as
-//! autopilots write them.
+//! Logs of 200, 100 and 50 Hz made from flights of the independent generator: every second, fourth, eighth row of 400
+//! Hz, and nothing in between; and uneven ones, as autopilots write them.
 
 use rotortwin_blind::bench::faults::{Class, End, FaultCase, FaultRow, draw_cases, fly_case, score};
 use rotortwin_blind::bench::sheet::Share;
@@ -11,7 +11,7 @@ use rotortwin_verdicts::log::judge;
 const VEHICLE: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../../config/vehicles/f550.toml");
 /// Lost share of every step.
 const LOSS: f64 = 0.05;
-/// A step is to be found within so many seconds.
+/// A step has to be found within this many seconds.
 const WITHIN_S: f64 = 5.0;
 
 fn detectors() -> Detectors {
@@ -30,7 +30,7 @@ fn cases(class: Class, n: usize, seed: u64) -> Vec<FaultCase> {
     cases
 }
 
-/// A log of some rows of a flight, with values of other rows: those that the row's own follow from.
+/// A log of some rows of a flight, with values of other rows: those from which the row's own values follow.
 struct Log<'a> {
     rows: Vec<&'a Row>,
     velocity: Vec<&'a Row>,
@@ -51,7 +51,8 @@ impl<'a> Log<'a> {
         }
     }
 
-    /// Rows of 100 Hz with up to 5 ms of jitter, the other values held: velocities at 10 Hz, attitudes at 50 Hz, the voltage at 2 Hz, as far as `causes` has them.
+    /// Rows at 100 Hz with up to 5 ms of jitter, the other values held: velocities at 10 Hz, attitudes at 50 Hz, the
+    /// voltage at 2 Hz, depending on `causes`.
     fn uneven(rows: &'a [Row], causes: [bool; 4]) -> Self {
         let [jitter, velocity, attitude, voltage] = causes;
         let late = if jitter { [0, 2, 1, 0, 1] } else { [0; 5] };

@@ -7,10 +7,10 @@ use rotortwin_verdicts::log::{LogReport, judge};
 
 const VEHICLES: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../../config/vehicles");
 
-/// c_L of the speeds in the log, N·s²: no detector is told.
+/// c_L of the speeds in the log, N·s²: unknown to the detectors.
 const LIFT: f64 = 9.4e-6;
 
-/// What a motion capture and ESC telemetry record of 40 s, in which rotor 2 loses `percent` at 20 s.
+/// Motion capture and ESC telemetry of 40 s, in which rotor 2 loses `percent` at 20 s.
 fn flown(percent: f64, seed: u64) -> FlightLog {
     let text = format!(
         "name = 'motors'\ndescription = ''\nvehicle = 'f550-motors.toml'\nduration_s = 40.0\n\
@@ -62,7 +62,7 @@ fn flown(percent: f64, seed: u64) -> FlightLog {
     FlightLog::from_columns("speeds", time_s, columns).expect("a good log")
 }
 
-/// Without what the detectors take where there are no speeds.
+/// Without the channels that the detectors use if there are no speeds.
 fn with_speeds_alone(mut log: FlightLog) -> FlightLog {
     log.columns.remove(names::BATTERY_VOLTAGE);
     for rotor in 1..=6 {

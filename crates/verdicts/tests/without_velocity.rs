@@ -1,4 +1,5 @@
-//! Logs without velocity and attitude, as a blackbox is, of the independent generator's flights: judged by the accelerometer.
+//! Logs without velocity and attitude, like a blackbox, from flights of the independent generator: judged by the
+//! accelerometer.
 
 use rotortwin_blind::bench::faults::{Class, End, FaultCase, FaultRow, draw_cases, fly_case, score};
 use rotortwin_blind::bench::faults_sheet;
@@ -47,7 +48,7 @@ fn val_a_loss_is_found_by_the_accelerometer_alone() {
         .iter()
         .filter(|(_, row)| row.first_s.is_some_and(|s| s <= 10.0))
         .count();
-    // Half of them hover: there the noise of the force was its own explanation, and a name had to stand for 2 s.
+    // Half of them hover: there the noise of the force was its own explanation, and a name had to persist for 2 s.
     let fast = rows
         .iter()
         .filter(|(_, row)| row.first_s.is_some_and(|s| s <= 1.0))

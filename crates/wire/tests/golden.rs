@@ -1,8 +1,8 @@
 //! Stored encodings of every message: they must always decode to the same values.
 //!
 //! A released file is never rewritten. After adding a message here,
-//! `ROTORTWIN_WRITE_GOLDEN=1 cargo nextest run -p rotortwin-wire golden` writes the missing files. A field added to a message
-//! later is absent from the old file and has its default here.
+//! `ROTORTWIN_WRITE_GOLDEN=1 cargo test --release -p rotortwin-wire --test golden` writes the missing files. A field
+//! added to a message later is absent from the old file and has its default here.
 
 use prost::Message;
 use rotortwin_proto::{

@@ -676,7 +676,7 @@ impl Endpoint for ZenohEndpoint {
     }
 }
 
-/// Closes in an orderly way: the others know at once that this end is gone.
+/// Closes in an orderly way: the others know immediately that this end is gone.
 impl Drop for ZenohEndpoint {
     fn drop(&mut self) {
         if let Some(token) = self.token.take()

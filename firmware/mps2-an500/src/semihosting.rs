@@ -16,7 +16,7 @@ const RUN_TIME_ERROR: u32 = 0x2_0023;
 #[expect(unsafe_code, reason = "the break point is what the emulator listens to")]
 fn call(operation: u32, argument: u32) -> u32 {
     let result;
-    // SAFETY: every caller hands over the block of numbers and the memory that the operation asks for.
+    // SAFETY: every caller passes the block of numbers and the memory that the operation requires.
     unsafe {
         asm!("bkpt 0xAB", inlateout("r0") operation => result, in("r1") argument, options(nostack));
     }

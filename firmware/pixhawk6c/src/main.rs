@@ -81,7 +81,7 @@ impl Pixhawk {
         register::output(GPIO_B, 0, false);
         let cause = read(RCC_RSR);
         modify(RCC_RSR, 0, 1 << 16);
-        // SAFETY: memory that nobody else uses; whatever it holds are numbers.
+        // SAFETY: memory without any other user; any content is a valid number.
         let [mark, fault @ ..] = unsafe {
             let place = addr_of_mut!(FAULT).cast::<[u32; 6]>();
             let record = read_volatile(place);
@@ -325,7 +325,7 @@ impl Links {
 /// Stores mark and registers, and restarts: the next report contains them.
 fn fault(pc: u32, lr: u32) -> ! {
     let record = [FAULT_MARK, pc, lr, read(CFSR), read(HFSR), read(BFAR)];
-    // SAFETY: memory that nobody else uses.
+    // SAFETY: memory without any other user.
     unsafe { write_volatile(addr_of_mut!(FAULT).cast::<[u32; 6]>(), record) };
     cortex_m::asm::dsb();
     SCB::sys_reset()

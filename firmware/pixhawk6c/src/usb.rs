@@ -84,7 +84,8 @@ impl Usb {
             (*addr_of_mut!(ALLOCATOR)).write(UsbBus::new(Otg2, memory))
         };
         let serial = SerialPort::new(allocator);
-        // Shared ids for serial ports (obdev), to be told apart by the words; PX4's would make QGroundControl open the port.
+        // Shared ids for serial ports (obdev), to be distinguished by their strings; PX4's would make QGroundControl
+        // open the port.
         let words = [StringDescriptors::default()
             .manufacturer("rotortwin")
             .product("rotortwin pixhawk6c")

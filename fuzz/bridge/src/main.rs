@@ -1,6 +1,7 @@
-//! What boards, autopilots and files of theirs may send: through each decoder of services/bridge and crates/board.
+//! Bytes and files that boards and autopilots may send: through each decoder of services/bridge and crates/board.
 //!
-//! The first byte says which decoder takes the rest. What is decoded is encoded to something that decodes to the same.
+//! The first byte selects the decoder for the rest. Everything decoded is re-encoded to something that decodes to the
+//! same.
 
 #![no_main]
 

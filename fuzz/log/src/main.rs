@@ -1,6 +1,6 @@
-//! Flight logs from strangers: any file through the reader, and what is read through the first things that are done with it.
+//! Untrusted flight logs: any file through the reader, and the result through the first operations on it.
 //!
-//! What stands behind the mark is the side file.
+//! The side file follows the mark.
 
 #![no_main]
 

@@ -1,5 +1,5 @@
-//! Tables from strangers: any text is drafted a mapping for, and read by the draft; what stands behind the mark is a mapping of the
-//! stranger's own, by which the table is read as well.
+//! Untrusted tables: a mapping is drafted for any text, and the text read with the draft; after the mark follows a
+//! mapping of the input's own, with which the table is read as well.
 
 #![no_main]
 

@@ -1,7 +1,8 @@
-//! Scenarios from strangers: whole documents, texts, and settings, until the flight could begin; then some steps of it.
+//! Untrusted scenarios: whole documents, texts, and settings, up to the start of the flight; then some steps of it.
 //!
-//! The first byte says what the rest is: a text of documents, instructions that change values of shipped documents, the text of a scenario,
-//! or settings. A text's paths are replaced: that they stay in the library is the server's check.
+//! The first byte says what the rest is: a text of documents, instructions that change values of shipped documents, the
+//! text of a scenario, or settings. Paths in a text are replaced: keeping them inside the library is checked by the
+//! server.
 
 #![no_main]
 

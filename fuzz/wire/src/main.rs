@@ -1,6 +1,6 @@
-//! Messages from strangers: bytes of any kind through the decoder, the conversions and the hand-shake.
+//! Untrusted messages: bytes of any kind through the decoder, the conversions and the hand-shake.
 //!
-//! The first byte says which message the rest is.
+//! The first byte selects the message type of the rest.
 
 #![no_main]
 
@@ -47,7 +47,7 @@ fn controller(setup: &proto::ControllerSetup) {
     drop(setup::controller_config(setup));
 }
 
-/// An engine that is made of what was accepted.
+/// An engine built from the accepted messages.
 fn fdi(setup: &proto::FdiSetup) {
     if let Ok(config) = setup::fdi_config(setup) {
         drop(rotortwin_flight_core::fdi::FdiEngine::new(config));

@@ -104,7 +104,7 @@ impl Artifacts {
         }
     }
 
-    /// Removes the files of an attempt that has ended from this host, if a bucket has what is kept of them.
+    /// Removes the files of an ended attempt from this host, if a bucket has those that are kept.
     pub(crate) fn leave(&self, key: &str) {
         if let Some((_, copies)) = &self.bucket {
             let place = self.place(key);

@@ -1,6 +1,7 @@
-//! Copies of a bucket's files on this host: how much they may take, and which go first.
+//! Copies of a bucket's files on this host: how much space they may take, and which are removed first.
 //!
-//! A file is a copy once the bucket has it: downloaded from there, or uploaded to it. Files that a job is still writing are none.
+//! A file is a copy once the bucket has it: downloaded from there, or uploaded to it. Files that a job is still writing
+//! are not copies.
 
 use std::collections::HashMap;
 use std::io;
@@ -11,7 +12,7 @@ use std::time::{Duration, Instant};
 /// Most that copies take, bytes, and the share of the disk.
 const MOST: u64 = 4 << 30;
 const SHARE_OF_DISK: u64 = 4;
-/// A copy that was asked for so recently may be in use.
+/// A copy that was requested this recently may be in use.
 const RECENT: Duration = Duration::from_secs(600);
 
 /// A copy.
@@ -122,7 +123,7 @@ mod tests {
         copies.note(&a, begin);
         copies.note(&b, later(1));
         copies.used(&a, later(700));
-        // 300 bytes, and only b has not been asked for lately.
+        // 300 bytes, and only b has not been requested lately.
         copies.note(&c, later(800));
         assert_eq!([a.exists(), b.exists(), c.exists()], [true, false, true]);
         // Too much, but all in use.

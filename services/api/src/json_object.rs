@@ -36,9 +36,10 @@ where
     }
 }
 
-/// JSON with whole numbers as digits alone: `7.0` and `70e-1` become `7`. To JSON Schema, and so to the OpenAPI document, all three are the
-/// integer 7, and clients in whose language numbers are floats write it so; serde takes the first and second for something else. Numbers
-/// with a fraction, of more than 20 digits, in strings, and what is no JSON stay as they are. Minus zero becomes zero.
+/// JSON with whole numbers as digits alone: `7.0` and `70e-1` become `7`. According to JSON Schema, and so in the
+/// OpenAPI document, all three are the integer 7, and clients in languages whose numbers are floats write them so;
+/// serde takes the first and second for something else. Numbers with a fraction, with more than 20 digits, in strings,
+/// and anything that is not JSON stay unchanged. Minus zero becomes zero.
 fn with_plain_whole_numbers(json: &[u8]) -> Cow<'_, [u8]> {
     let mut plain = Vec::new();
     // Up to here all is in `plain`; while that is empty nothing has changed.
@@ -75,7 +76,7 @@ fn with_plain_whole_numbers(json: &[u8]) -> Cow<'_, [u8]> {
     Cow::Owned(plain)
 }
 
-/// The digits of a whole number that is written otherwise; `None`: it is none, or is written so.
+/// The digits of a whole number in another notation; `None`: it is not one, or is already in digits.
 fn plain_whole_number(token: &str) -> Option<String> {
     /// `u64::MAX` has as many.
     const MOST_DIGITS: usize = 20;
@@ -138,7 +139,7 @@ mod tests {
         ] {
             assert_eq!(plain(written), digits, "{written}");
         }
-        // As they are, also what is no JSON.
+        // Unchanged, including what is not JSON.
         for same in [
             "7",
             "2.5",

@@ -1,8 +1,9 @@
-//! What the C library's allocator has, and how it keeps it.
+//! The memory of the C library's allocator, in use and kept.
 //!
-//! A server allocates and frees from many threads for weeks. glibc gives threads arenas of their own (eight for each processor), an arena
-//! returns memory to the system only from its end, and the first large block that is freed makes large blocks part of arenas: resident memory
-//! is then mostly what was freed. [`keep_together`] bounds that, and [`heap`] tells it from a leak.
+//! A server allocates and frees from many threads for weeks. glibc gives threads arenas of their own (eight for each
+//! processor), an arena returns memory to the system only from its end, and the first large block that is freed makes
+//! large blocks part of arenas: resident memory then consists mostly of freed memory. [`keep_together`] bounds that,
+//! and [`heap`] distinguishes it from a leak.
 
 /// Bytes of the heap.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

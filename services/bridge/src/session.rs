@@ -2,7 +2,6 @@
 //!
 //! ```text
 //!  open:      Hello ─▶ Identity;  Begin, Chunk …, Commit ─▶ Ready{hash}
-//!  open:      Hello ─▶ Identity;  Begin, Chunk …, Commit ─▶ Ready{hash}
 //!  exchange:  Sensors k ─▶ Reply k (repeated after `Line::retry` without an answer, until the time-out)
 //! ```
 //! One request is outstanding at a time. If the reply does not arrive, the same request is sent again, with the same sequence number,

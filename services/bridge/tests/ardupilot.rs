@@ -518,7 +518,7 @@ fn scenario_nobody_comes() {
         said.ends_with("has 12 bytes, expected 40 (16 channels) or 72 (32 channels)"),
         "{said}"
     );
-    // Port in use: an error message, at once.
+    // Port in use: an error message, immediately.
     let busy = ArduPilot::listen(to, map, patience()).unwrap_err();
     assert!(
         busy.starts_with(&format!("cannot open UDP {to} to wait for ArduPilot: ")),

@@ -326,8 +326,8 @@ fn scenario_a_peer_that_goes_away_in_flight_is_named() {
     );
 }
 
-/// Not lockstep: a peer that starts again is none that is new. Before it arms nothing is lost; in flight its motors stand, as those of the real one do
-/// until its arm switch has been off, and the flight goes to its end on the ground.
+/// Not lockstep: a peer that restarts is not a new one. Before it arms nothing is lost; in flight its motors stop, as
+/// those of the real one do until its arm switch has been off, and the flight runs to its end on the ground.
 #[test]
 fn scenario_a_restart_before_arming_is_harmless_and_in_flight_a_fall() {
     std::thread::scope(|scope| {
@@ -347,7 +347,7 @@ fn scenario_a_restart_before_arming_is_harmless_and_in_flight_a_fall() {
     });
 }
 
-/// It is no lockstep, and says so; nor is the autopilot's version known.
+/// It is not lockstep, and reports this; nor is the autopilot's version known.
 #[test]
 fn val_the_link_says_that_it_is_not_lockstep() {
     let (port, _states, _sticks) = ports();

@@ -8,7 +8,7 @@ use std::process::ExitCode;
 
 /// Exit code 0, 1 if the database fails, 2 for bad input.
 pub(crate) fn run(args: &Args) -> ExitCode {
-    // To ask about tokens makes no database: where there is none, another one is meant.
+    // Querying tokens creates no database: if there is none, another one is meant.
     let file = args.data.join("rotortwin.sqlite");
     let asks = !matches!(args.what, What::Create { .. });
     if asks && args.database_url.is_none() && !file.exists() {

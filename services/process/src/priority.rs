@@ -146,7 +146,7 @@ fn set_fifo(priority: u8) -> std::io::Result<()> {
     reason = "libc's call takes no pointer; rustix has it behind a feature that would build half of the tree again"
 )]
 fn lock_memory() -> std::io::Result<()> {
-    // SAFETY: no pointer; what is locked behaves as before.
+    // SAFETY: no pointer; locked memory behaves as before.
     match unsafe { libc::mlockall(libc::MCL_CURRENT | libc::MCL_FUTURE) } {
         0 => Ok(()),
         _ => Err(std::io::Error::last_os_error()),

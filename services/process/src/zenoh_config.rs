@@ -4,7 +4,7 @@
 //! space = "bench-1"                # first part of all keys; left out: rotortwin
 //!
 //! [tls]                            # for endpoints tls/HOST:PORT; files are PEM
-//! ca = "ca.pem"                    # certificates that are believed
+//! ca = "ca.pem"                    # certificate authorities to trust
 //! certificate = "plant.pem"        # own certificate: needed to listen, and where one is demanded
 //! private_key = "plant-key.pem"
 //!
@@ -12,11 +12,11 @@
 //! user = "plant"
 //! password_file = "plant.password"
 //!
-//! [listen]                         # for who listens: the plant, or a router
-//! demand_certificate = true        # let in only certificates that ca has signed (mTLS)
-//! users_file = "users"             # and only these users, user:password a line
+//! [listen]                         # for the process that listens: the plant, or a router
+//! demand_certificate = true        # accept only certificates signed by ca (mTLS)
+//! users_file = "users"             # and only these users, user:password per line
 //!
-//! [[listen.allow]]                 # none: whoever is let in may play any role of the space
+//! [[listen.allow]]                 # none: every accepted client may take any role of the space
 //! certificates = ["controller-1"]  # common names; and/or users = […]
 //! roles = ["controller"]           # plant, controller, fdi; left out: all
 //! space = "bench-1"                # left out: the one above

@@ -1,12 +1,15 @@
-//! The improved network over time as a detector of a run: it judges after the flight what was measured in it, and appears under its own name.
+//! The improved network over time as a detector of a run: it judges the measurements after the flight, and appears
+//! under its own name.
 //!
 //! ```text
 //!  telemetry ─▶ what was measured ─▶ FdiSession with a self-calibrating classifier ─▶ evidence of each rotor ─▶ a verdict per step
 //! ```
-//! The method is [`rotortwin_fdi_session::evidence`]; the same session stands behind `rotortwin fdi-log`, so that both say the same of a run. The engine of a run knows one network,
-//! the one of its scenario; a run with the paper's shows the improved one beside it in this way.
+//! The method is [`rotortwin_fdi_session::evidence`]; `rotortwin fdi-log` uses the same session, so both give the same
+//! verdicts on a run. The engine of a run has only one network, that of its scenario; in this way a run with the
+//! paper's network shows the improved one as well.
 //!
-//! Limits: a run without a network is not judged by itself (`rotortwin judge RUN --classifier NAME` does it), nor is one whose vehicle no self-calibrating classifier was trained for.
+//! Limits: a run without a network is not judged automatically (`rotortwin judge RUN --classifier NAME` does it), nor
+//! is one for whose vehicle no self-calibrating classifier was trained.
 
 use rotortwin_fdi_session::{Chunk, FdiSession, Sample};
 use rotortwin_flight::run_hash::model_hash;
@@ -116,7 +119,7 @@ impl Detector for NetworkOverTime {
                     };
                 }
             }
-            // A sample that is no number: a gap, as in a log.
+            // A NaN sample: a gap, as in a log.
             Err(_refused) => self.said = NOT_READY,
         }
         self.said

@@ -185,7 +185,8 @@ fn fly_over(
     session::fly(scenario, config, &mut link, folder, &mut print_event, &mut stop).map_err(|error| error.to_string())
 }
 
-/// One line of JSON on standard output. A missing reader is no reason to end the run: its death is noticed elsewhere.
+/// One line of JSON on standard output. A missing reader is not a reason to end the run: its death is noticed
+/// elsewhere.
 fn print_event(event: RunEvent) {
     let Ok(line) = serde_json::to_string(&event) else {
         return;

@@ -329,7 +329,7 @@ pub struct DeadPlant {
     pub wall: Duration,
 }
 
-/// Writes what is known of a run whose plant died: the rows that reached the spool, and which process is at fault.
+/// Writes what is known of a run whose plant died: the rows that reached the spool, and the process responsible.
 pub fn finalise_dead_plant(
     scenario: &Scenario,
     config: &SessionConfig,

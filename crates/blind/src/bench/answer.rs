@@ -1,4 +1,4 @@
-//! What a diagnosis says of one log, in the few words that a score needs.
+//! A diagnosis's answer for one log, reduced to what a score needs.
 
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
@@ -45,7 +45,7 @@ pub struct Finding {
     /// Start in mid-flight, s.
     #[serde(default)]
     pub onset_s: Option<f64>,
-    /// Ids that this log cannot tell from it.
+    /// Ids that cannot be distinguished from it with this log.
     #[serde(default)]
     pub also: Vec<String>,
 }
@@ -61,7 +61,7 @@ pub struct Answer {
     /// infinite where no size would.
     #[serde(default)]
     pub smallest: BTreeMap<String, f64>,
-    /// χ² per residual, before and after what was named was added.
+    /// χ² per residual, before and after the named effects were added.
     #[serde(default)]
     pub chi2: Option<[f64; 2]>,
 }

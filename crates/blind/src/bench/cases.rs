@@ -1,4 +1,4 @@
-//! Presets: which cases answer which claim.
+//! Presets: which cases test which claim.
 
 use crate::catalogue::{KINDS, Kind, Place, WITH_A_FAULT};
 use crate::draw::{draw_effect, same_group};
@@ -63,7 +63,7 @@ impl Preset {
     }
 }
 
-/// One case: what the generator is asked for, and what the score expects.
+/// One case: the request to the generator, and the answer that the score expects.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Case {
     /// From 0.

@@ -1,4 +1,4 @@
-//! Preset `faults`: damaged rotors of all kinds in the foreign world, judged window by window by the detectors.
+//! Preset `faults`: damaged rotors of all kinds in the independent world, judged window by window by the detectors.
 //!
 //! ```text
 //!  n, seed ─▶ FaultCase ─▶ flight (here) ─▶ log ─▶ `fdi-log LOG --model VEHICLE --windows --json` ─▶ windows ─▶ FaultRow ─▶ faults_sheet
@@ -6,14 +6,16 @@
 //! The detectors see the log and the vehicle document. Every case has the rotors' lift bias, the noise and the disturbances of the other
 //! presets; the classes `five …` have five unknown effects of the catalogue, wind and gusts on top.
 //!
-//! Definitions. *Right*: the verdict names the rotors that have lost at least [`SEEN`] of their thrust at that time, all and no others.
-//! *First*: end of the first right window, counted from when a loss passes [`SEEN`]. *Settled*: end of the last window before the end of the
-//! flight, or before the loss ends, that is not right. *Announced*: see [`is_announced`]. *Inside*: the truth at that time lies in the 95 % interval of each named rotor, at the
-//! end of the flight; *windows inside*, the same over all windows that name the rotors rightly, apart for those in which the loss moves.
-//! *Isolated* ([`ISOLATED_S`]): of a ramp, the first right window comes at most so long after the loss has passed what would be seen: `smallest_loss` of the last
-//! window that announced one. *Load named*: a window has a `load` that changed at that time; *false load*: at any other.
-//! *Healthy named*: a rotor without a loss is named, alone or in a pair, with a probability of 0.95 or more. *False alarm*: a verdict other
-//! than healthy begins while nothing has happened to any rotor or to the load, nor a quarter of a second before. *End*: the last verdict ([`End`]).
+//! Definitions. *Right*: the verdict names exactly the rotors that have lost at least [`SEEN`] of their thrust at that
+//! time. *First*: end of the first right window, counted from when a loss passes [`SEEN`]. *Settled*: end of the last
+//! window that is not right before the end of the flight, or before the loss ends. *Announced*: see [`is_announced`].
+//! *Inside*: the truth at that time lies in the 95 % interval of each named rotor, at the end of the flight; *windows
+//! inside*, the same over all windows that name the rotors correctly, separately for those in which the loss changes.
+//! *Isolated* ([`ISOLATED_S`]): of a ramp, the first right window comes at most this long after the loss has passed the
+//! detectable size: `smallest_loss` of the last window that announced one. *Load named*: a window has a `load` that
+//! changed at that time; *false load*: at any other. *Healthy named*: a rotor without a loss is named, alone or in a
+//! pair, with a probability of 0.95 or more. *False alarm*: a verdict other than healthy begins while nothing has
+//! happened to any rotor or to the load, nor a quarter of a second before. *End*: the last verdict ([`End`]).
 
 use super::cases::Preset;
 use super::run::{Program, run_process};
@@ -30,15 +32,15 @@ use serde::{Deserialize, Serialize};
 use serde_json::Value;
 use std::path::{Path, PathBuf};
 
-/// A loss below this share is not asked for.
+/// A loss below this share is not required to be found.
 pub const SEEN: f64 = 0.02;
 /// A verdict may be as old as a window and a bit when the truth changes, s.
 const GRACE_S: f64 = 0.25;
-/// A loss is to be found within so many seconds.
+/// Time within which a loss must be found, s.
 pub(super) const WITHIN_S: f64 = 10.0;
-/// A ramp is to be isolated within so many seconds of passing the announced size.
+/// Time after passing the announced size within which a ramp must be isolated, s.
 pub(super) const ISOLATED_S: f64 = 2.0;
-/// A load that is told changed within so many seconds of the truth.
+/// Largest error of the reported time of a load, s.
 const SAME_CHANGE_S: f64 = 1.0;
 /// A name with this probability is meant.
 const SURE: f64 = 0.95;
@@ -267,12 +269,13 @@ fn five_effects(rotors: usize, random: &mut Stream) -> Vec<Hidden> {
     effects
 }
 
-/// Healthy flights of the vehicle of a case on `n` other days: its effects without what happens to rotors or load in the case, weather drawn anew, kinds of flight in turn.
+/// Healthy flights of the vehicle of a case on `n` other days: its effects without those on rotors or load in the case,
+/// weather drawn anew, kinds of flight in turn.
 pub fn other_days(case: &FaultCase, n: usize) -> Vec<FaultCase> {
     let weather = |day: usize| {
         let mut random = Stream::new(case.seed, &format!("weather-{day}"));
         let drawn = ["wind", "gusts"].into_iter().filter_map(catalogue::kind);
-        // The last of each is the effect itself; what it acts through is the vehicle's.
+        // The last of each is the effect itself; the ones it acts through belong to the vehicle.
         let drawn: Vec<Hidden> = drawn
             .filter_map(|kind| draw_effect(kind, 1.0, 1, &mut random).pop())
             .collect();
@@ -298,7 +301,7 @@ pub fn other_days(case: &FaultCase, n: usize) -> Vec<FaultCase> {
         .collect()
 }
 
-/// What the last verdict is worth, next to what the rotors have lost or gained by then.
+/// The last verdict compared with the rotors' actual losses or gains at that time.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum End {
@@ -335,7 +338,7 @@ impl WindowCount {
 pub struct FaultRow {
     /// What was flown.
     pub case: FaultCase,
-    /// Why there is no score; the rest is empty then.
+    /// Why there is no score; the rest is then empty.
     pub failure: Option<String>,
     /// First right window after the loss has passed [`SEEN`], s.
     pub first_s: Option<f64>,
@@ -360,7 +363,8 @@ pub struct FaultRow {
     /// Of a single, sudden loss that was not found within [`WITHIN_S`]: that it might be missed was said ([`is_announced`]).
     #[serde(default)]
     pub announced: Option<bool>,
-    /// Of a ramp that passes the announced size: from then to the first right window, s, negative before; infinite where there is none.
+    /// For a ramp that passes the announced size: from then to the first correct window, s, negative before; infinite
+    /// if there is none.
     #[serde(default)]
     pub past_announced_s: Option<f64>,
     /// From the change of a load to the window that names it, s, and whether its mass is inside.
@@ -486,7 +490,7 @@ fn changed(effects: &[Hidden], time_s: f64) -> Vec<usize> {
     rotors
 }
 
-/// What the last window that says anything is worth.
+/// The score of the last window with a verdict.
 fn end_of(case: &FaultCase, windows: &[Window]) -> Option<End> {
     let last = windows.iter().rfind(|window| window.code != -2)?;
     let (now, before) = (
@@ -540,7 +544,7 @@ fn scored(case: &FaultCase, all: &[Window], window_s: f64) -> FaultRow {
         rotors.sort_unstable();
         rotors
     };
-    // A gain and a load that is dropped are no false alarms either.
+    // A gain and a dropped load are not false alarms either.
     let any = |time_s: f64| {
         let has_changed = |effect: &Hidden| effect.onset_s.is_some_and(|onset_s| time_s >= onset_s);
         !losses(&case.effects, time_s).is_empty()
@@ -659,7 +663,8 @@ fn empty(case: &FaultCase, failure: Option<String>) -> FaultRow {
     }
 }
 
-/// From when a growing loss of a rotor passes what would be seen to the first window that names the rotor, s; infinite without one, nothing where it does not pass it.
+/// From when a growing loss of a rotor passes the detectable size to the first window that names the rotor, s; infinite
+/// without one, none if it does not pass it.
 fn past_announced(case: &FaultCase, all: &[Window], rotor: usize) -> Option<f64> {
     let lost = |time_s: f64| {
         let of_rotor = losses(&case.effects, time_s)
@@ -711,7 +716,7 @@ fn score_loads(row: &mut FaultRow, all: &[Window]) {
     }
 }
 
-/// A bench of faults on disk; one that was stopped goes on there.
+/// A bench of faults on disk; a stopped one resumes there.
 pub struct FaultBench {
     /// Folder of the results.
     pub folder: PathBuf,
@@ -733,7 +738,7 @@ impl FaultBench {
     /// Its cases.
     ///
     /// # Errors
-    /// Nothing is asked for, flights are too short, a vehicle cannot be read.
+    /// Nothing is requested, flights are too short, a vehicle cannot be read.
     pub fn cases(&self) -> Result<Vec<FaultCase>> {
         let refuse = |place: &str, reason: String| Err(BlindError::input(place, reason));
         if self.n == 0 {
@@ -871,7 +876,7 @@ mod tests {
         }
     }
 
-    /// Windows from 10 s on with what a function says: code, probability, lower and upper end.
+    /// Windows from 10 s on with the values of a function: code, probability, lower and upper end.
     fn windows(say: impl Fn(f64) -> (i32, f64, f64, f64)) -> Vec<Window> {
         (160..960)
             .map(|k| {

@@ -162,7 +162,7 @@ fn pair(pair: Option<[f64; 2]>) -> String {
     pair.map_or("–".to_owned(), |[median, worst]| format!("{median:.2} / {worst:.0}"))
 }
 
-/// 95 % interval of a rate of so many events in so many hours, 1/h: Byar's approximation of the exact limits.
+/// 95 % interval of a rate for this many events in this many hours, 1/h: Byar's approximation of the exact limits.
 fn rate(events: usize, hours: f64) -> [f64; 2] {
     let limit =
         |count: f64, side: f64| count * (1.0 - 1.0 / (9.0 * count) + side * 1.96 / (3.0 * count.sqrt())).powi(3);

@@ -1,4 +1,4 @@
-//! Parts of one bench, done in folders of their own by whatever schedules them, put together: the result is that of one machine.
+//! Merges parts of one bench that any scheduler has run in folders of their own: the result is that of one machine.
 
 use super::cases::Case;
 use super::report;
@@ -19,10 +19,11 @@ pub struct Merged {
     pub sheet: Option<Sheet>,
 }
 
-/// Puts the cases of `folders` together in `out`, which may hold some already; each is taken once. With all of them the score is written.
+/// Merges the cases of `folders` in `out`, which may already contain some; each is taken once. Once all are there, the
+/// score is written.
 ///
 /// # Errors
-/// A folder is none of a bench, or of another one than the first; a file cannot be read or written.
+/// A folder is not one of a bench, or of another bench than the first; a file cannot be read or written.
 pub fn merge(folders: &[PathBuf], out: &Path) -> Result<Merged> {
     let Some(first) = folders.first() else {
         return Err(BlindError::input("merge", "expected folders with parts of a bench"));
@@ -67,7 +68,7 @@ pub fn merge(folders: &[PathBuf], out: &Path) -> Result<Merged> {
     Ok(merged)
 }
 
-/// Copies what `out` lacks; rows last, so that a row means that the rest of its case is there.
+/// Copies the cases that `out` lacks; rows last, so that a row means that the rest of its case is there.
 fn take_in(from: &Path, out: &Path) -> Result<()> {
     for part in PARTS {
         let source = from.join(part);

@@ -5,10 +5,11 @@
 //!                                     └───────────▶ truth/0007.json ───────────────────────────────────────────┴─▶ score
 //! ```
 //!
-//! The diagnosis is a command line that gets a log and a vehicle; it never sees `truth/`. Everything is on disk case by case, so a
-//! bench that was stopped goes on where it was. Nothing here knows physics.
+//! The diagnosis is a command line that gets a log and a vehicle; it never sees `truth/`. Everything is on disk case by
+//! case, so a bench that was stopped resumes. Nothing here knows physics.
 //!
-//! Damaged rotors ([`faults`]) are judged by the detectors over time instead, and have a sheet of their own ([`faults_sheet`]).
+//! Damaged rotors ([`faults`]) are instead judged by the detectors over time, and have a score sheet of their own
+//! ([`faults_sheet`]).
 
 pub mod answer;
 pub mod cases;

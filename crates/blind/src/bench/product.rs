@@ -91,7 +91,7 @@ pub fn read_diagnosis(json: &str) -> Result<Answer, String> {
     let verdict = match text(verdict, "kind")?.as_str() {
         "agrees" | "nothing-testable" => Verdict::Agrees,
         "cannot-tell" => {
-            // The group's other members are alternatives of what was found.
+            // The group's other members are alternatives of the named effect.
             for id in list(verdict, "group")?.iter().filter_map(Value::as_str) {
                 if let Some(first) = findings.first_mut() {
                     first.also.push(id.to_owned());
@@ -128,7 +128,7 @@ pub fn read_diagnosis(json: &str) -> Result<Answer, String> {
     })
 }
 
-/// χ² per residual over all channels, before and after what was named was added.
+/// χ² per residual over all channels, before and after the named effects were added.
 fn mean_chi2(value: &Value) -> Result<Option<[f64; 2]>, String> {
     let channels = list(field(value, "goodness")?, "channels")?;
     let mut sums = [0.0, 0.0];

@@ -1,4 +1,4 @@
-//! The score sheet as files: `score.json`, `rows.parquet`, `report.html` (stands alone).
+//! The score sheet as files: `score.json`, `rows.parquet`, `report.html` (self-contained).
 
 use super::run::Request;
 use super::score::Row;
@@ -116,7 +116,7 @@ struct Inside<'a> {
     rows: Vec<ReportRow<'a>>,
 }
 
-/// One case, with what was hidden as the generator is told it.
+/// One case, with its hidden effects as given to the generator.
 #[derive(Serialize)]
 struct ReportRow<'a> {
     hidden: String,

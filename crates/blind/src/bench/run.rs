@@ -25,12 +25,12 @@ use std::time::{Duration, Instant};
 const TIME_LIMIT: Duration = Duration::from_secs(120);
 /// Most flights of one case, if they are lost.
 const FLIGHTS: u64 = 8;
-/// Folders of a bench; the rows last, as what a case leaves last.
+/// Folders of a bench; the rows last, because they are written last.
 pub(super) const PARTS: [&str; 4] = ["logs", "truth", "answers", "rows"];
-/// What the generator says of a lost flight.
+/// The generator's message for a lost flight.
 const LOST: &str = "the flight was lost";
 
-/// What is asked for.
+/// The request.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Request {
     /// Version of the program.
@@ -117,7 +117,7 @@ impl Request {
 
 /// How a log becomes an answer.
 pub trait Diagnose: Sync {
-    /// Diagnoses one log against a vehicle document; files for output and errors stand at `stem`.json and `stem`.err.
+    /// Diagnoses one log with a vehicle document; output and errors are in the files `stem`.json and `stem`.err.
     fn diagnose(&self, log: &Path, vehicle: &Path, stem: &Path) -> std::result::Result<Answer, String>;
 }
 
@@ -129,7 +129,7 @@ pub struct Program {
     /// Its standard input stays open until it ends: it takes the closing for our death and ends, too, so that none outlives a bench that
     /// was killed. Otherwise its standard input is empty.
     pub held: bool,
-    /// Cores that it is told to take (`RAYON_NUM_THREADS`), so that several at a time do not take each all.
+    /// Number of cores it may use (`RAYON_NUM_THREADS`), so that parallel diagnoses do not each use all.
     pub cores: usize,
 }
 
@@ -326,8 +326,9 @@ impl Bench {
         Ok(row)
     }
 
-    /// Has the generator write the log and, apart, the truth. A flight that is lost (a reversed rotor in a gust of its own sensor
-    /// noise) leaves no log: the same case is flown again with another seed, which the truth file tells. False if all were lost.
+    /// Runs the generator, which writes the log and, separately, the truth. A lost flight (a reversed rotor in a gust
+    /// of its own sensor noise) leaves no log: the same case is flown again with another seed, which the truth file
+    /// states. False if all were lost.
     fn generate(&self, case: &Case, log: &Path) -> Result<bool> {
         for attempt in 0..FLIGHTS {
             match self.generate_with(case, case.seed ^ (attempt << 32), log) {
@@ -413,7 +414,7 @@ mod tests {
     #[test]
     fn val_only_a_held_process_keeps_its_standard_input() {
         let folder = tempfile::tempdir().unwrap();
-        // Ends with 0 at once if the input is empty; else `read` waits until it is stopped after a moment.
+        // Ends immediately with 0 if the input is empty; otherwise `read` waits until it is stopped after a moment.
         let script = "if timeout 0.3 cat >/dev/null; then echo empty; else echo held; fi";
         for (held, expected) in [(false, "empty"), (true, "held")] {
             let program = Program {

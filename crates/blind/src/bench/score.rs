@@ -60,7 +60,7 @@ pub struct Row {
     pub covered: Vec<bool>,
     /// s, of the onset.
     pub onset_error_s: Option<f64>,
-    /// χ² per residual, before and after what was named was added.
+    /// χ² per residual, before and after the named effects were added.
     pub chi2: Option<[f64; 2]>,
     /// s that the diagnosis took.
     pub seconds: f64,
@@ -187,7 +187,8 @@ pub fn failed(case: &Case, reason: String, seconds: f64) -> Row {
     }
 }
 
-/// Whether the answer itself says that none of these effects would show: every size of each is below the smallest that would.
+/// Whether the answer itself states that none of these effects is detectable: every size of each is below the smallest
+/// detectable one.
 fn would_not_show(hidden: &[Hidden], answer: &Answer) -> bool {
     hidden.iter().all(|h| {
         let Some(kind) = catalogue::kind(&h.id) else {

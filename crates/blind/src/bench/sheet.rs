@@ -180,7 +180,7 @@ fn group(name: String, rows: &[&Row]) -> Group {
     }
 }
 
-/// Row and column of the confusion matrix that a case is counted in: what was hidden, what was named.
+/// Row and column of the confusion matrix in which a case is counted: hidden effect, named effect.
 pub fn cell(row: &Row) -> (String, String) {
     let strip = |text: &str| {
         let ids: Vec<String> = text

@@ -1,11 +1,12 @@
-//! Windows of a campaign's flights as rows for training: what the network reads, and the truth.
+//! Windows of a campaign's flights as rows for training: the network's inputs, and the truth.
 //!
 //! ```text
 //!  plan ─▶ scenario and seed of flight i ─▶ paper::windows ─▶ one row a window ─▶ Parquet, one row group for every few flights
 //! ```
-//! Columns: `flight` (from 0), `seed`, `time_s` (end of the window), `ready` (0 until the calibration has ended; a network that calibrates itself says nothing there), `label` (0 healthy, i
-//! rotor i, the median over the window) and the 3 n_a window means `residual_1_arm_nms`, `residual_1_lever_nms`, `residual_1_yaw_nms`, …, N·m·s. Bit for bit those that `rotortwin train` makes
-//! of the same scenario and seed.
+//! Columns: `flight` (from 0), `seed`, `time_s` (end of the window), `ready` (0 until the calibration has ended; a
+//! network that calibrates itself has no verdict there), `label` (0 healthy, i rotor i, the median over the window) and
+//! the 3 n_a window means `residual_1_arm_nms`, `residual_1_lever_nms`, `residual_1_yaw_nms`, …, N·m·s. Bit-identical
+//! to those that `rotortwin train` computes from the same scenario and seed.
 //!
 //! Limits: our PID controller flies, whatever controller a run would have. Flights that end before their calibration, crash, or have several faulty rotors at a time are left out.
 
@@ -22,14 +23,14 @@ use std::path::Path;
 /// Flights of a row group.
 const GROUP: u64 = 32;
 
-/// What is asked for.
+/// The request.
 #[derive(Clone, Copy, Debug)]
 pub struct Wanted {
     /// Rotor model of the residual generators.
     pub model: NominalThrustModel,
     /// Subtract the mean over the calibration, as networks that calibrate themselves have it.
     pub self_calibrated: bool,
-    /// Only so many flights.
+    /// Maximum number of flights.
     pub limit: Option<u64>,
     /// Threads.
     pub threads: NonZeroUsize,

@@ -1,5 +1,5 @@
-//! How right the detectors were on a log whose truth is known, as JSON: what `rotortwin fdi-log --truth` prints and
-//! `POST /api/v1/fdi/scores` answers.
+//! Accuracy of the detectors on a log with known truth, as JSON: the output of `rotortwin fdi-log --truth` and `POST
+//! /api/v1/fdi/scores`.
 
 use super::score::DetectorScore;
 use serde::{Deserialize, Serialize};

@@ -7,8 +7,8 @@
 //! * [`document`]: the file. * [`plan`]: the parameters of flight i. * [`engine`], [`score`], [`record`]: its results.
 //! * [`runner`], [`folder`]: threads, progress, shards on disk. * [`totals`], [`intervals`]: sums over records, in the order of the
 //!   flights. * [`tables`], [`charts`], [`report`], [`results`]: for people and files.
-//! * [`features`]: windows of the flights, to train on. * [`log_score`]: the same counts of a log. [`merge`]: shards that were flown on other machines. [`hunt`]: flights where the detector
-//!   fails, shrunk to what matters.
+//! * [`features`]: windows of the flights, to train on. * [`log_score`]: the same counts for a log. [`merge`]: shards
+//!   flown on other machines. [`hunt`]: flights where the detector fails, reduced to what matters.
 
 pub mod cell;
 pub mod document;

@@ -1,21 +1,23 @@
-//! What stands behind a verdict: every explanation that is left, with its probability and sizes, and how fast a named loss moves.
+//! Details of a verdict: every remaining explanation, with its probability and sizes, and the rate of a named loss.
 //!
 //! Sizes of the named rotors are those of the filter that follows them; all others come from the lost wrench of this window alone
 //! ([`super::sets::sizes`]), with the same allowance for a model that has failed.
 //!
-//! The rate is the slope of a straight line through the losses of the last windows, for the shortest of [`SPANS`] that shows one:
+//! The rate is the slope of a straight line through the losses of the last windows, over the shortest of [`SPANS`] with
+//! a significant slope:
 //!
 //! b = Σ (t − t̄)(δ − δ̄) / Σ (t − t̄)²,   var b = 12 σ²/(n T²)
 //!
-//! T: span, s; σ²: mean variance of the losses in it; n: times [`CORRELATION_S`] in T, as errors of neighbouring windows are nearly the same.
+//! T: span, s; σ²: mean variance of the losses in it; n: number of [`CORRELATION_S`] in T, as errors of neighbouring
+//! windows are nearly the same.
 
 use std::collections::VecDeque;
 
 /// Spans of the line, s.
 const SPANS: [f64; 3] = [0.5, 2.0, 4.0];
-/// For so long the error of a loss stays about the same, s.
+/// Correlation time of the error of a loss, s.
 const CORRELATION_S: f64 = 0.5;
-/// A slope of so many standard deviations is a loss that moves.
+/// A slope of this many standard deviations is a changing loss.
 const MOVES_SIGMAS: f64 = 3.0;
 /// Half the width of a 95 % interval in standard deviations.
 const SIGMAS: f64 = 1.96;
@@ -49,14 +51,14 @@ pub enum ExplanationKind {
     LossWithDrag,
     /// One rotor gives more thrust than the model says.
     Gain,
-    /// A load was dropped or taken up.
+    /// A load was dropped or picked up.
     Load,
 }
 
-/// One of the explanations that are left.
+/// One of the remaining explanations.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Explained {
-    /// What.
+    /// Its kind.
     pub kind: ExplanationKind,
     /// Bit i: rotor i, from 0; 0 of a load.
     pub rotors: u32,
@@ -66,29 +68,29 @@ pub struct Explained {
     pub shares: Vec<Interval>,
     /// Change of the drag of the blade over its lift, a share; of [`ExplanationKind::LossWithDrag`].
     pub drag: Option<Interval>,
-    /// Taken up (dropped: negative), kg; of [`ExplanationKind::Load`].
+    /// Picked up (dropped: negative), kg; of [`ExplanationKind::Load`].
     pub mass_kg: Option<Interval>,
 }
 
-/// How fast the loss of a named rotor moves.
+/// Rate of the loss of a named rotor.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Motion {
-    /// It does: else the interval of the rate is that of a loss that stands.
+    /// It changes: otherwise the interval of the rate is that of a constant loss.
     pub moves: bool,
-    /// Share a second; above 0: it grows.
+    /// Share per second; above 0: it grows.
     pub rate_1_s: Interval,
 }
 
 /// See the module.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Details {
-    /// Likeliest first; none of them while nothing is wrong, or nothing is said.
+    /// Likeliest first; empty while nothing is wrong, or without a verdict.
     pub explanations: Vec<Explained>,
-    /// One entry a named rotor; empty until the name has stood for half a second.
+    /// One entry per named rotor; empty until the name has persisted for half a second.
     pub motion: Vec<Motion>,
 }
 
-/// Losses of the last windows with one name.
+/// Losses of the last windows with the same name.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Track {
     rotors: u32,
@@ -97,7 +99,7 @@ pub(super) struct Track {
 }
 
 impl Track {
-    /// Takes in the losses of a window in which these rotors are named.
+    /// Adds the losses of a window in which these rotors are named.
     pub(super) fn push(&mut self, rotors: u32, time_s: f64, losses: Vec<[f64; 2]>) {
         if self.rotors != rotors {
             self.clear();
@@ -119,7 +121,7 @@ impl Track {
         self.rotors = 0;
     }
 
-    /// How fast each of the named rotors' losses moves.
+    /// Rate of each named rotor's loss.
     ///
     /// * `relative`: standard deviation of the scale of a loss
     pub(super) fn motion(&self, relative: f64) -> Vec<Motion> {

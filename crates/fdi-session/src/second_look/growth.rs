@@ -1,22 +1,24 @@
-//! Tells a loss that grows so slowly that the engine does not find it: its filters take a ramp of a few tenths of a per cent a second for a drifting bias.
+//! Detects a loss that grows too slowly for the engine, whose filters take a ramp of a few tenths of a per cent per
+//! second for a drifting bias.
 //!
-//! The lost wrench has no moment of onset here, so the explanations of a window know nothing of how fast it came. A loss that nobody has found is taken as found
-//! once one rotor alone has explained the wrench for [`HOLD`] windows in a row (where the model has failed [`HOLD_CAREFUL`]), but for [`MISSES`] at a time, and it
-//! is larger than a sudden loss would have to be. It stays found until nothing is lost any more.
+//! The lost wrench here has no onset time, so the explanations of a window are independent of how fast it arose. A loss
+//! that the engine has not found counts as found once one rotor alone has explained the wrench for [`HOLD`] consecutive
+//! windows ([`HOLD_CAREFUL`] where the model has failed), with up to [`MISSES`] exceptions in a row, and it is larger
+//! than a sudden loss would have to be. It stays found until nothing is lost any more.
 
-/// What explains a window.
+/// Explanation of a window.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct Lone {
     /// Bit i: rotor i, from 0.
     pub rotor: u32,
-    /// More than a sudden loss that would be seen.
+    /// Larger than the detectable size of a sudden loss.
     pub is_large: bool,
 }
 
 /// Windows with the same rotor before it is found: 1 s; 10 s where the model has failed.
 const HOLD: usize = 16;
 const HOLD_CAREFUL: usize = 160;
-/// Windows in a row that may say otherwise.
+/// Consecutive windows that may disagree.
 const MISSES: usize = 4;
 
 /// See the module.
@@ -30,7 +32,7 @@ pub(super) struct GrowthWatch {
 }
 
 impl GrowthWatch {
-    /// Takes in a window; whether a loss is there.
+    /// Processes a window; returns whether there is a loss.
     ///
     /// * `lone`: the rotor that alone explains the wrench   * `is_trusted`: the model has explained the flight so far
     pub(super) fn take(&mut self, lone: Option<Lone>, is_trusted: bool) -> bool {
@@ -54,7 +56,7 @@ impl GrowthWatch {
         self.is_found
     }
 
-    /// A loss was found in this way, and is not over.
+    /// A loss was found in this way, and persists.
     pub(super) fn is_found(&self) -> bool {
         self.is_found
     }

@@ -3,12 +3,14 @@
 //! ```text
 //!  D_a' = w_a + b_a + g_a φ_own + s_a φ_second + t_a φ_lag + j_a φ_gyr − Σ_i F_ai f̂_i δ_i (+ F_ai f̂_i η_i, yaw)
 //! ```
-//! δ_i: lost share of the thrust f̂_i that the rotor is asked for, η_i: change of its blade's drag. The same states as in
-//! [`super::wrench`], but the axes share the loss: what roll and pitch know well tells the others what is theirs. Losses walk at one of
-//! [`SPEEDS`], as there. Starts from a snapshot of the wrench filter before the fault and is led to the present.
+//! δ_i: lost share of the thrust f̂_i commanded of the rotor, η_i: change of its blade's drag. The same states as in
+//! [`super::wrench`], but the axes share the loss: what roll and pitch determine well constrains the others. Losses
+//! perform a random walk at one of [`SPEEDS`], as there. The filter starts from a snapshot of the wrench filter before
+//! the fault and catches up to the present.
 //!
-//! Where the vehicle is not the model, innovations e are larger than their variance s says, and so is the error of a loss: its variance counts
-//! max(1, mean e²/s) times (Birge's ratio; R. T. Birge, Phys. Rev. 40 (1932) 207).
+//! Where the vehicle differs from the model, innovations e are larger than their variance s predicts, and so is the
+//! error of a loss: its variance is multiplied by max(1, mean e²/s) (Birge's ratio; R. T. Birge, Phys. Rev. 40 (1932)
+//! 207).
 
 use super::meter::{AXES, Block};
 use super::wrench::{AxisState, Noise, OWN, SPEEDS, STATES, chance, log_density};
@@ -16,13 +18,13 @@ use rotortwin_flight_core::MAX_ROTORS;
 
 const DEFECT: usize = 0;
 const GUST: usize = 1;
-/// A speed with a smaller chance adds nothing to a mixture.
+/// A speed with a smaller probability contributes nothing to a mixture.
 const NEGLIGIBLE: f64 = 1e-5;
 
-/// Blocks that the mean of e²/s goes back: 10 s.
+/// Blocks over which e²/s is averaged: 10 s.
 const SURPRISE_BLOCKS: f64 = 160.0;
 
-/// Variance of a loss that moves, in steps of its speed.
+/// Variance of a changing loss, in steps of its speed.
 const BEHIND: f64 = 3.0;
 
 /// Mean and covariance of all states at one speed.
@@ -87,7 +89,7 @@ impl JointFilter {
         }
     }
 
-    /// Takes in a block.
+    /// Processes a block.
     ///
     /// * `phi`: of each axis as in the wrench filter; its last entry is not used   * `noise`: of each axis
     pub(super) fn step(&mut self, block: &Block, phi: &[[f64; STATES]; AXES], noise: &[Noise; AXES]) {

@@ -1,65 +1,70 @@
-//! Tells a load that was dropped or taken up: the vertical force changes at once, alone but for the moment of a load that hangs beside the centre of mass,
-//! and stays changed.
+//! Detects a load that was dropped or picked up: the vertical force changes suddenly, alone except for the moment of a
+//! load beside the centre of mass, and stays changed.
 //!
-//! The engine knows losses of rotors only: an upward force is none, so it finds nothing when a load is dropped. Here the explanations of the lost wrench are
-//! weighed in every window in which the vertical force has changed. Gusts, sharp turns and curves of thrust that are not the model's imitate a load for up to
-//! two seconds, or grow slowly. A load
+//! The engine knows only losses of rotors, and an upward force is not one, so it finds nothing when a load is dropped.
+//! Here the explanations of the lost wrench are evaluated in every window in which the vertical force has changed.
+//! Gusts, sharp turns and thrust curves that differ from the model imitate a load for up to two seconds, or grow
+//! slowly. A load
 //!
-//! * is the explanation of [`HOLD`] windows (where the model has failed [`HOLD_CAREFUL`]) in a row, but for [`MISSES`] at a time;
-//! * was not there a second before the first of them, and all but there a second after it: at least [`SUDDEN`] of the force is new;
+//! * is the explanation of [`HOLD`] consecutive windows ([`HOLD_CAREFUL`] where the model has failed), with up to
+//!   [`MISSES`] exceptions in a row;
+//! * was absent a second before the first of them, and almost complete a second after it: at least [`SUDDEN`] of the
+//!   force is new;
 //! * is the same in the last half second as in the one before.
 
 use super::details::Interval;
 use std::collections::VecDeque;
 
-/// Probability from which on a window is explained by a load.
+/// Probability above which a window is explained by a load.
 const LIKELY: f64 = 0.75;
 /// Windows of a load before it is named: 3 s; 6 s where the model has failed.
 const HOLD: usize = 48;
 const HOLD_CAREFUL: usize = 96;
-/// Windows after which a load that has not been named is not any more, a minute: nothing is known of before it.
+/// Windows after which a load can no longer be named, a minute: nothing older is stored.
 const LONGEST: usize = 960;
-/// Windows in a row that may say otherwise.
+/// Consecutive windows that may disagree.
 const MISSES: usize = 4;
-/// Windows of a mean, half a second.
+/// Windows of an average, half a second.
 const MEAN: usize = 8;
-/// The force is free from so many windows before the first one with a load to so many after it.
+/// The force is free from this many windows before the first one with a load to this many after it.
 pub(super) const EARLIER: usize = 6;
 pub(super) const LATER: usize = 8;
-/// Windows before the first one with a load that the force before is taken from, and the first of them: a load is known a few windows after it changed.
+/// Windows before the first one with a load from which the force before is taken, and the first of them: a load is
+/// detectable only a few windows after the change.
 const BEFORE: usize = 16;
 /// Share of the force that has to be new.
 const SUDDEN: f64 = 0.7;
-/// Share of the force by which it may differ from what it was within a second.
+/// Largest change of the force within a second, as a share of it.
 const SOON: f64 = 0.3;
-/// Share of the force, beside two standard deviations, by which it may differ from half a second before.
+/// Share of the force, in addition to two standard deviations, by which it may differ from half a second before.
 const STEADY: f64 = 0.08;
 /// Smallest load, share of the mass.
 const LEAST: f64 = 0.025;
-/// Largest that may be dropped, and taken up, shares of the mass: few vehicles carry more than their own weight, and none drops it.
+/// Largest load that may be dropped, and picked up, shares of the mass: few vehicles carry more than their own weight,
+/// and none can drop it.
 const MOST_DROPPED: f64 = 0.7;
 const MOST_TAKEN_UP: f64 = 1.0;
 
-/// Whether a force down of this share of the weight can be that of a load.
+/// Whether a downward force of this share of the weight can be that of a load.
 pub(super) fn is_possible(share: f64) -> bool {
     (-MOST_DROPPED..=MOST_TAKEN_UP).contains(&share)
 }
 
-/// A load that was dropped or taken up.
+/// A load that was dropped or picked up.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct LoadChange {
-    /// From when it changed to the end of this window, s.
+    /// From the change to the end of this window, s.
     pub since_s: f64,
-    /// And to the end of the window that named it, s.
+    /// From the change to the end of the window that named it, s.
     pub named_after_s: f64,
-    /// Of a load, next to everything else that makes such a wrench; of the window that named it.
+    /// Of a load, against all other explanations of the same wrench; of the window that named it.
     pub probability: f32,
-    /// Taken up; negative: dropped; with its 95 % interval, kg.
+    /// Picked up; negative: dropped; with its 95 % interval, kg.
     pub mass_kg: Interval,
 }
 
 impl LoadChange {
-    /// Named in this window.
+    /// True if it was named in this window.
     pub fn is_new(&self) -> bool {
         self.since_s <= self.named_after_s
     }
@@ -82,7 +87,7 @@ impl std::fmt::Display for LoadChange {
     }
 }
 
-/// What a window says.
+/// Result of one window.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Seen {
     /// Force down, and its variance, N.
@@ -91,12 +96,12 @@ pub(super) struct Seen {
     pub probability: f64,
 }
 
-/// A load that is there.
+/// A load that is present.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Found {
-    /// Windows since it came or went.
+    /// Windows since it appeared or disappeared.
     pub windows: usize,
-    /// What is new of the force down, N.
+    /// Change of the downward force, N.
     pub force: f64,
     /// Mean of the last windows.
     pub probability: f64,
@@ -113,7 +118,7 @@ pub(super) struct LoadWatch {
 }
 
 impl LoadWatch {
-    /// Takes in a window.
+    /// Processes a window.
     ///
     /// * `weight`: of the model's vehicle, N   * `is_trusted`: the model has explained the flight so far
     pub(super) fn take(&mut self, seen: Seen, weight: f64, is_trusted: bool) -> Option<Found> {
@@ -209,7 +214,7 @@ mod tests {
         assert_eq!(found(true, 300, |window| 0.006 * window as f64), None);
         // More than there is to be dropped: 8 N of 10.
         assert_eq!(found(true, 300, |window| if window < 100 { 0.0 } else { -8.0 }), None);
-        // There from the beginning: the calibration has missed it, and nothing says when it came.
+        // Present from the beginning: the calibration missed it, and its time is unknown.
         assert_eq!(found(true, 300, |_| 1.0), None);
     }
 }

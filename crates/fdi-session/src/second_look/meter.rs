@@ -1,8 +1,9 @@
 //! Momentum that healthy rotors do not explain, block by block.
 //!
-//! The same quantity as the engine's own (`rotortwin_flight_core::fdi::sequential`), without the losses that the engine already knows: here a
-//! loss stays visible for as long as it lasts. Axes F_z, M_x, M_y, M_z, each divided by its longest lever, so that all are thrusts at a rotor.
-//! A block is a window of the engine; means over a block are compared with those of the block before.
+//! The same quantity as in the engine (`rotortwin_flight_core::fdi::sequential`), but without the losses that the
+//! engine already knows: here a loss stays visible as long as it lasts. Axes F_z, M_x, M_y, M_z, each divided by its
+//! longest lever, so that all are thrusts at a rotor. A block is a window of the engine; means over a block are
+//! compared with those of the previous block.
 
 use rotortwin_flight_core::MAX_ROTORS;
 use rotortwin_flight_core::fdi::FdiConfig;
@@ -13,7 +14,8 @@ use rotortwin_flight_core::signals::Measurement;
 /// F_z, M_x, M_y, M_z.
 pub(crate) const AXES: usize = 4;
 
-/// Integrals beside the defect: wrench (4), its sensitivity to ln τ (4), vertical path, time, gyroscopic torque (3), thrust of every rotor.
+/// Integrals in addition to the defect: wrench (4), its sensitivity to ln τ (4), vertical path, time, gyroscopic torque
+/// (3), thrust of every rotor.
 const INTEGRALS: usize = THRUST + MAX_ROTORS;
 const PATH: usize = 8;
 const TIME: usize = 9;
@@ -23,7 +25,7 @@ const THRUST: usize = 13;
 /// Axes of the two momenta whose product makes the gyroscopic torque about each body axis.
 const OTHER_AXES: [[usize; 2]; 3] = [[2, 3], [3, 1], [1, 2]];
 
-/// What one block of samples gives; of each quantity the change of its mean since the block before.
+/// Result of one block of samples; of each quantity the change of its mean since the previous block.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct Block {
     /// Momentum defect, N·s.
@@ -36,11 +38,12 @@ pub(crate) struct Block {
     pub lag_slope: [f64; AXES],
     /// ∫ vertical speed, m.
     pub path: f64,
-    /// ∫ specific force down along the rotors' axis, m/s: what a mass that the model does not know adds to the defect, per kg and negative.
+    /// ∫ downward specific force along the rotors' axis, m/s: the negative defect per kg of mass missing from the
+    /// model.
     pub specific: f64,
     /// ∫ √(J_b² + J_c²) ω_b ω_c of roll, pitch and yaw over the levers, N·s.
     pub gyroscopic: [f64; 3],
-    /// ∫ lagged thrust of each rotor as if it were healthy, N·s.
+    /// ∫ lagged thrust of each rotor if it were healthy, N·s.
     pub thrust: [f64; MAX_ROTORS],
     /// Mean square of the difference of neighbouring defects, (N·s)²: twice the noise of a sample.
     pub roughness: [f64; AXES],
@@ -126,7 +129,7 @@ impl Meter {
         }
     }
 
-    /// Takes in one sample that the engine has taken.
+    /// Processes one sample that the engine has accepted.
     pub(crate) fn step(&mut self, input: &Measurement) {
         let n = self.config.geometry.rotor_count();
         let body = BodyMomentum::from_nav(&self.body, &input.nav);
@@ -188,8 +191,8 @@ impl Meter {
         self.hold();
     }
 
-    /// The vehicle is heavier by this, kg, as of the middle of the last block, from which the next one counts. That a load changes the gyroscopic torque is left
-    /// out: its inertia is not known.
+    /// The vehicle is heavier by this, kg, as of the middle of the last block, at which the next one starts. The effect
+    /// of a load on the gyroscopic torque is ignored: its inertia is unknown.
     pub(crate) fn take_load(&mut self, mass: f64) {
         let weight = mass * f64::from(self.config.gravity);
         self.body.mass += mass as f32;
@@ -201,7 +204,7 @@ impl Meter {
         self.integral_rate[0] += weight / self.arm[0];
     }
 
-    /// One step at the rates of the last one: also what a sample does that was lost or rejected.
+    /// One step at the rates of the last one: also for a lost or rejected sample.
     pub(crate) fn hold(&mut self) {
         self.coasting[0] += self.period * self.coasting[1];
         for axis in 0..AXES {
@@ -212,7 +215,7 @@ impl Meter {
         }
     }
 
-    /// Means since the last block; `None` without a sample in between, then the block goes on.
+    /// Means since the last block; `None` without a sample in between, in which case the block continues.
     pub(crate) fn close(&mut self) -> Option<Block> {
         if self.samples < 1.0 {
             return None;

@@ -1,19 +1,22 @@
-//! A second look at what the engine names: how large the loss is now, and what else would explain it.
+//! A second look at the engine's findings: the current size of the loss, and its alternative explanations.
 //!
 //! ```text
 //!  Measurement ─▶ Meter ─block─▶ WrenchFilter ─lost wrench, variance─┬─▶ sets: probabilities of explanations ─▶ name, sets, or nothing
 //!  FdiOutput ────────────────────────────────────────────────────────┴─▶ severity of what is named
 //! ```
-//! Beside the engine, like [`super::validity`]: the engine finds a fault within a window or two, with a step of lost thrust as its only
-//! picture of one, and keeps its bits; a board has no room for more. Here nothing is decided before the engine has found something. Then
+//! In addition to the engine, like [`super::validity`]: the engine finds a fault within a window or two, with a step of
+//! lost thrust as its only model of one, and its bits must not change; a board has no room for more. Nothing is decided
+//! here before the engine has found something (except loads and slow losses). Then
 //!
-//! * severity comes from a lost wrench that may move (a ramp, a recovery), with the interval of the present, not of the moment of naming;
-//! * a name is given only as far as nothing else makes the same wrench: a gain of the opposite rotor, a blade that drags, two small losses, three
-//!   rotors, a changed load;
-//! * a load that was dropped or taken up is told by itself ([`load`]), and becomes part of the model;
-//! * what is named for a moment only was a disturbance ([`settling`]), and evidence counts as far as the model has explained the flight so far
-//!   ([`trust`]);
-//! * what stands behind a verdict is kept beside it: kinds, probabilities and sizes of all explanations, and how fast a loss moves ([`details`]).
+//! * severity comes from a lost wrench that may change (a ramp, a recovery), with the interval of the present, not of
+//!   the moment of naming;
+//! * a rotor is named only if nothing else makes the same wrench: a gain of the opposite rotor, a blade that drags, two
+//!   small losses, three rotors, a changed load;
+//! * a load that was dropped or picked up is reported as such ([`load`]), and becomes part of the model;
+//! * what is named only briefly was a disturbance ([`settling`]), and evidence counts only as far as the model has
+//!   explained the flight so far ([`trust`]);
+//! * the details of a verdict are kept with it: kinds, probabilities and sizes of all explanations, and the rate of a
+//!   loss ([`details`]).
 
 mod details;
 mod growth;
@@ -47,57 +50,60 @@ use wrench::{AtSpeed, WrenchFilter};
 
 /// Half the width of a 95 % interval in standard deviations.
 const SIGMAS: f64 = 1.96;
-/// What a severity may be wrong by: share of itself, and share of the rotor's thrust in hover.
+/// Model error of a severity: share of itself, and share of the rotor's hover thrust.
 const MODEL_ERROR: f64 = 0.008;
 const MODEL_FLOOR: f64 = 0.0005;
-/// Blocks between two snapshots, and snapshots that are kept: a severity starts from the oldest.
+/// Blocks between two snapshots, and number of snapshots kept: a severity starts from the oldest.
 const SNAPSHOT_BLOCKS: usize = 160;
 const SNAPSHOTS: usize = 3;
-/// Blocks that are kept while something is wrong: the snapshots stay, so that other rotors can be followed from before it.
+/// Blocks kept while something is wrong: the snapshots remain, so that other rotors can be followed from before the
+/// fault.
 const LONGEST_HISTORY: usize = 960;
-/// Sets of rotors that are followed at a time.
+/// Sets of rotors followed at a time.
 const TRACKED: usize = 3;
-/// Losses where it is not known what was before, share.
+/// Prior of losses whose past is unknown, share.
 const UNKNOWN_LOSS: f64 = 0.15;
-/// A set that was named stays named down to this.
+/// A set that was named stays named down to this probability.
 const STILL_NAMED: f64 = 0.4;
-/// Most probability that sets of rotors may leave to nothing, or to what is not listed; else nothing is said.
+/// Largest probability of nothing or of unlisted causes with which sets of rotors are still reported.
 const UNCLEAR: f64 = 0.1;
-/// A loss of so many standard deviations is found.
+/// A loss of this many standard deviations is found.
 const SEEN_SIGMAS: f64 = 8.0;
-/// Three rotors that make the wrench of a pair are twins of it from this probability on; then the pair is named only where it is sure.
+/// Three rotors that make the wrench of a pair count as its alternative from this probability on; then the pair is
+/// named only if it is certain.
 const TWIN: f64 = 0.02;
 const SURE: f64 = 0.95;
-/// A name is sure only after so many windows: the first ones hardly tell a loss from its neighbours.
+/// A name is certain only after this many windows: the first ones hardly distinguish a loss from its neighbours.
 const SURE_WINDOWS: u32 = 8;
 /// The same where the model has failed: 10 s.
 const SURE_WINDOWS_CAREFUL: u32 = 160;
-/// Its probability until then is at most this.
+/// Upper limit of its probability until then.
 const NOT_SURE: f64 = 0.94;
-/// Once the model has proved itself a name is told at once, sets at all, if χ² of the lost wrench over the surprise of the last quarter of a second is above this.
+/// Once the model has proved itself, a name is reported immediately, and sets are reported at all, if χ² of the lost
+/// wrench over the surprise of the last quarter of a second exceeds this.
 const STRONG: f64 = 32.0;
 const STRONG_SETS: f64 = 64.0;
-/// χ² over surprise from which on a rotor is watched whose loss may grow too slowly for the engine.
+/// χ² over surprise above which a rotor is watched for a loss that may grow too slowly for the engine.
 const GROWN: f64 = 16.0;
-/// Where a name has to stand before it is told, its loss has to be so many standard deviations.
+/// If a name must persist before it is reported, its loss must be this many standard deviations.
 const REAL_SIGMAS: f64 = 3.0;
-/// Standard deviation of the slope of the thrust curve, in units of the error of the thrust in hover: somewhere between none of it (the mass is
-/// off) and all of it (the thrust is), 1/√3.
+/// Standard deviation of the slope of the thrust curve, in units of the error of the hover thrust: somewhere between 0
+/// (the mass is wrong) and 1 (the thrust is wrong), 1/√3.
 const SLOPE_ERROR: f64 = 0.577;
 /// Standard deviation of the slope of a thrust curve that was learnt.
 const LEARNT_ERROR: f64 = 0.04;
-/// Share by which the force of a load may differ between the filter that begins before it and the present one.
+/// Share by which the force of a load may differ between the filter that starts before it and the present one.
 const SAME_LOAD: f64 = 0.25;
-/// Low-pass of the unexplained wrench, s: as the engine's residuals have.
+/// Low-pass of the unexplained wrench, s: the same as the engine's residuals.
 const UNEXPLAINED_TIME: f64 = 0.2;
-/// Low-pass of what each rotor is asked for over what all are, s.
+/// Low-pass of each rotor's demand relative to that of all rotors, s.
 const UNEVEN_TIME: f64 = 2.0;
-/// Probability of nothing above which a fault is over, and below which it is back.
+/// Probability of nothing above which a fault is over, and below which it has returned.
 const OVER: f64 = 0.7;
 const BACK: f64 = 0.01;
-/// An explanation that is less probable is not listed.
+/// Less probable explanations are not listed.
 const LISTED: f64 = 0.02;
-/// A single explanation that is more probable is named.
+/// A single explanation above this probability is named.
 const NAMED: f64 = 0.8;
 
 /// See the module.
@@ -113,19 +119,20 @@ pub struct SecondLook {
     filter: WrenchFilter,
     /// Filter as it was, and the blocks since.
     snapshots: VecDeque<(WrenchFilter, Vec<Block>)>,
-    /// Follows the losses of what is suspected most.
+    /// Follows the losses of the likeliest suspects.
     tracked: Vec<JointFilter>,
     /// N and N·m.
     unexplained: [f64; AXES],
-    /// Set that was named last, and windows in a row.
+    /// The set that was named last, and for how many consecutive windows.
     named: (u32, u32),
-    /// The engine has found something, and whether it is still there.
+    /// The engine has found something, and whether it persists.
     alarm: Option<bool>,
     settling: Settling,
     trust: Trust,
-    /// As the present episode began: factor of the variance of a severity, error of the thrust in hover as a share of it.
+    /// At the start of the present episode: factor of the variance of a severity, error of the hover thrust as a share
+    /// of it.
     caution: [f64; 2],
-    /// Standard deviation of the slope of a thrust curve that was learnt; 0 of a model's.
+    /// Standard deviation of the slope of a thrust curve that was learnt; 0 if it comes from a model.
     learnt_error: f64,
     /// Since the start, s.
     time_s: f64,
@@ -135,13 +142,14 @@ pub struct SecondLook {
     growth_watch: GrowthWatch,
     /// The last load that was named.
     load: Option<LoadChange>,
-    /// Of all rotors over that in hover, now.
+    /// Of all rotors relative to hover, now.
     thrust: f64,
-    /// Demand of each rotor over that of all, both over hover: mean and variance of the last seconds. The wrench filter knows that of all.
+    /// Demand of each rotor relative to that of all, both relative to hover: mean and variance of the last seconds. The
+    /// wrench filter knows the demand of all.
     uneven: [[f64; 2]; MAX_ROTORS],
 }
 
-/// What is lost, N and N², at the levers, and its explanations, likeliest first.
+/// Lost wrench, N and N², at the levers, and its explanations, likeliest first.
 struct Weighed {
     value: [f64; AXES],
     variance: [f64; AXES],
@@ -193,7 +201,8 @@ impl SecondLook {
         }
     }
 
-    /// The same for a vehicle of which earlier flights left gusts and white forces of these levels, N²: no calibration is calmer than that.
+    /// The same for a vehicle for which earlier flights left gusts and white forces of these levels, N²: no calibration
+    /// is calmer than that.
     #[must_use]
     pub(crate) fn with_noise(mut self, least: [[f64; 2]; AXES]) -> Self {
         self.filter.least = least;
@@ -201,7 +210,8 @@ impl SecondLook {
         self
     }
 
-    /// The same where the velocity down is integrated from the specific force: its noise is that of a force, not of a speed.
+    /// The same if the downward velocity is integrated from the specific force: its noise is that of a force, not of a
+    /// velocity.
     #[must_use]
     pub(crate) fn by_force(mut self, by_force: bool) -> Self {
         self.filter.by_force = by_force;
@@ -211,7 +221,7 @@ impl SecondLook {
         self
     }
 
-    /// Takes in a sample that the engine has taken.
+    /// Processes a sample that the engine has accepted.
     pub fn step(&mut self, input: &Measurement) {
         self.meter.step(input);
     }
@@ -223,7 +233,7 @@ impl SecondLook {
 
     /// After the last sample of a window.
     ///
-    /// * `calibrating`: the engine learns the disturbances   * `decides`: it gives verdicts
+    /// * `calibrating`: the engine learns the disturbances   * `decides`: it returns verdicts
     pub fn close(&mut self, calibrating: bool, decides: bool) {
         let Some(block) = self.meter.close() else {
             return;
@@ -291,7 +301,7 @@ impl SecondLook {
         }
     }
 
-    /// ∫ of the thrust that some rotors are asked for over that in hover, s.
+    /// ∫ of the demand of some rotors relative to hover, s.
     fn demand(&self, block: &Block, rotors: u32) -> f64 {
         let mut sums = [0.0; 2];
         for rotor in (0..self.rotor_count).filter(|rotor| rotors >> rotor & 1 == 1) {
@@ -301,7 +311,8 @@ impl SecondLook {
         sums[0] / sums[1].max(1e-6)
     }
 
-    /// Goes back to before the fault, and follows what these rotors lose; they are the first of those tracked then.
+    /// Goes back to before the fault, and follows the losses of these rotors, which become the first of the tracked
+    /// sets.
     fn track(&mut self, rotors: u32) {
         if let Some(place) = self.tracked.iter().position(|tracked| tracked.rotors == rotors) {
             self.tracked[..=place].rotate_right(1);
@@ -340,7 +351,7 @@ impl SecondLook {
         (value, variance)
     }
 
-    /// The lost wrench with what explains it; nothing where it is no number.
+    /// The lost wrench with its explanations; nothing if it is not finite.
     fn weighed(&self) -> Option<Weighed> {
         let (value, variance) = self.lost();
         let is_finite = value.iter().chain(&variance).all(|x| x.is_finite());
@@ -351,9 +362,10 @@ impl SecondLook {
         })
     }
 
-    /// Lost share of each tracked rotor now, and its standard deviation. It is not known better than to the disturbance that the calibration saw:
-    /// a loss that may move follows one that is as slow, whatever the filter says of its own variance. The variance counts as often as the model has
-    /// been worse than it may be, and a thrust that is off in hover is off in its slope.
+    /// Lost share of each tracked rotor now, and its standard deviation, bounded below by the disturbance that the
+    /// calibration saw: a changing loss follows a disturbance of the same speed, whatever the filter's own variance
+    /// says. The variance is scaled by how much worse than allowed the model has been, and an error of the hover thrust
+    /// is also an error of its slope.
     fn severity(&self) -> Vec<[f64; 2]> {
         let Some(tracked) = self.tracked.first() else {
             return Vec::new();
@@ -382,12 +394,12 @@ impl SecondLook {
             .hypot(self.learnt_error)
     }
 
-    /// What stands behind the last verdict; empty where nothing is said.
+    /// Details of the last verdict; empty without one.
     pub fn details(&self) -> &Details {
         &self.details
     }
 
-    /// The explanations that are left of these, with their sizes now.
+    /// The remaining explanations of these, with their current sizes.
     fn explained(
         &self,
         found: &[Explanation],
@@ -434,7 +446,7 @@ impl SecondLook {
             if let Some(followed) = named.filter(|_| is_loss && e.rotors == self.named.0) {
                 shares = followed.to_vec();
             }
-            // Torque beside that of the lost thrust, over what is left of it: (1 − δ)(1 + d) = 1 − δ + η.
+            // Torque in addition to that of the lost thrust, over the remaining thrust: (1 − δ)(1 + d) = 1 − δ + η.
             let drag = (kind == ExplanationKind::LossWithDrag).then(|| {
                 let [demand, uneven] = self.uneven[rotors[0]];
                 let left = self.hover_thrust[rotors[0]] * demand.max(0.1) * (1.0 - shares[0][0]).max(0.1);
@@ -466,7 +478,8 @@ impl SecondLook {
             .sum()
     }
 
-    /// Smallest lost share of each rotor that would be found within ten seconds now; empty while there is no verdict, or something is wrong.
+    /// Smallest lost share of each rotor that would be found within ten seconds now; empty without a verdict, or while
+    /// something is wrong.
     pub fn smallest_loss(&self) -> Vec<f32> {
         if !self.filter.is_ready() || self.alarm == Some(true) {
             return Vec::new();
@@ -482,7 +495,7 @@ impl SecondLook {
             .collect()
     }
 
-    /// The engine's report, looked at again, or why it means nothing.
+    /// The engine's report after the second look, or why it means nothing.
     pub fn revise(&mut self, report: FdiReport, output: &FdiOutput) -> Result<FdiReport, Obstacle> {
         self.details = Details::default();
         if !self.filter.is_ready() {
@@ -556,7 +569,7 @@ impl SecondLook {
         }
     }
 
-    /// A load that was dropped or taken up, once it is sure.
+    /// A load that was dropped or picked up, once it is certain.
     fn changed_load(&mut self, weighed: &Weighed) -> Option<Found> {
         let Weighed { value, variance, found } = weighed;
         let load = found.iter().filter(|e| e.kind == Kind::Load);
@@ -568,7 +581,7 @@ impl SecondLook {
         self.load_watch.take(seen, self.weight(), is_trusted)
     }
 
-    /// A loss is there that has grown too slowly for the engine to find it.
+    /// There is a loss that has grown too slowly for the engine.
     fn has_grown(&mut self, weighed: Option<&Weighed>) -> bool {
         if self.growth_watch.is_found() {
             return true;
@@ -604,7 +617,8 @@ impl SecondLook {
         self.hover * self.rotor_count as f64
     }
 
-    /// Makes a load part of the model: the mass of the momentum, the weight, and the moment as a bias. What was found was no rotor.
+    /// Makes a load part of the model: the mass of the momentum, the weight, and the moment as a bias. What the engine
+    /// found was not a rotor.
     fn take_load(&mut self, load: &Found) {
         let Some((filter, [force, variance], after_s)) = self.filter_with_load(load.windows) else {
             return;
@@ -637,8 +651,8 @@ impl SecondLook {
         });
     }
 
-    /// Goes back to before the load changed so many windows ago, and leads the filter to now with a load; also the force of the load,
-    /// N, down, with its variance, and the time since, s.
+    /// Goes back to this many windows before the load changed, and runs the filter to the present with a load; also
+    /// returns the downward force of the load, N, with its variance, and the time since, s.
     fn filter_with_load(&self, windows: usize) -> Option<(WrenchFilter, [f64; 2], f64)> {
         let mut count = 0;
         let first = self.snapshots.iter().rposition(|(_, since)| {
@@ -665,7 +679,7 @@ impl SecondLook {
         Some((filter, force, after_s))
     }
 
-    /// The last load that was dropped or taken up since the calibration.
+    /// The last load that was dropped or picked up since the calibration.
     pub fn load(&self) -> Option<LoadChange> {
         self.load
     }
@@ -683,14 +697,14 @@ impl SecondLook {
         }
     }
 
-    /// The loss of what is named is more than its own error, as far as that is asked for.
+    /// The loss of the named rotors exceeds its own error, where that is required.
     fn is_real(&self, is_strong: bool) -> bool {
         let is_asked = self.settling.is_careful() || !is_strong;
         let is_large = |[share, deviation]: &[f64; 2]| *share > REAL_SIGMAS * deviation;
         !is_asked || self.severity().first().is_some_and(is_large)
     }
 
-    /// What this window alone says.
+    /// Result of this window alone.
     fn said(
         &mut self,
         report: FdiReport,
@@ -806,7 +820,7 @@ impl SecondLook {
     }
 }
 
-/// A report in which the sequential detector says no more than a code.
+/// A report whose sequential detector returns only a code.
 pub(crate) fn with_sequential(report: FdiReport, code: i32) -> FdiReport {
     FdiReport {
         sequential: code,

@@ -1,14 +1,15 @@
-//! What explains a lost wrench: probabilities of nothing, of rotors that lost or gained thrust, alone, in pairs and threes, of a changed load,
-//! and of something else.
+//! Explanations of a lost wrench and their probabilities: nothing, rotors that lost or gained thrust, alone, in pairs
+//! and threes, a changed load, and something else.
 //!
-//! Each explanation says what wrenches it makes: a normal distribution with the covariance
+//! Each explanation predicts a normal distribution of wrenches with the covariance
 //!
 //! C = diag V + s² Σ_i F_i F_iᵀ (rotors)   + s_z² e_z e_zᵀ + s_m² (e_roll e_rollᵀ + e_pitch e_pitchᵀ) (load)   + s_y² e_yaw e_yawᵀ (a blade that drags)   + s² 1 (something else)
 //!
-//! so that p(û | explanation) is closed, an explanation with more rotors pays for its freedom by itself (Occam), and two that make the same
-//! wrench are as likely as their priors. Of two rotors on one axis each may be the other with a blade that drags, so there the drag of a blade
-//! is open in every explanation. Losses and gains are one-sided: the density counts with the posterior probability of the sides.
-//! V holds the filter's variance and what the model may be wrong by in proportion to the wrench ([`GAIN_ERROR`]).
+//! so p(û | explanation) has a closed form, an explanation with more rotors is penalised for its freedom automatically
+//! (Occam), and two that predict the same wrench are as likely as their priors. Of two coaxial rotors each may be the
+//! other one with a blade that drags, so there the drag of a blade is free in every explanation. Losses and gains are
+//! one-sided: the density is weighted with the posterior probability of the signs. V contains the filter's variance and
+//! the model error in proportion to the wrench ([`GAIN_ERROR`]).
 
 use super::meter::AXES;
 use rotortwin_flight_core::MAX_ROTORS;
@@ -17,12 +18,12 @@ use rotortwin_flight_core::MAX_ROTORS;
 const GAIN_ERROR: f64 = 0.03;
 /// Smallest error of a lost wrench, share of a rotor's thrust in hover.
 const FLOOR: f64 = 0.003;
-/// Sizes of losses and gains, share of a rotor's thrust in hover.
+/// Prior sizes of losses and gains, share of a rotor's hover thrust.
 const LOSS: f64 = 0.12;
 const GAIN: f64 = 0.08;
-/// A changed load, the same unit times the rotors.
+/// A changed load, in the same unit times the number of rotors.
 const LOAD: f64 = 0.1;
-/// Where a load hangs beside the centre of mass: standard deviation of its lever over that of the rotors.
+/// Position of a load off the centre of mass: standard deviation of its lever over that of the rotors.
 const BESIDE: f64 = 0.1;
 /// Change of a blade's drag, share of the rotor's torque.
 const DRAG: f64 = 0.2;
@@ -31,7 +32,7 @@ const OTHER: f64 = 0.1;
 /// Rotors whose columns differ by less in roll and pitch, levers taken out, share an axis.
 const SAME_AXIS: f64 = 1e-3;
 
-/// ln of the odds against each kind, next to one rotor that lost thrust.
+/// ln of the odds against each kind, relative to one rotor that lost thrust.
 const AGAINST_NOTHING: f64 = 0.0;
 const AGAINST_DRAG: f64 = 1.5;
 const AGAINST_GAIN: f64 = 2.6;
@@ -52,7 +53,7 @@ pub(super) enum Kind {
     LossWithDrag,
     /// One rotor gives more.
     Gain,
-    /// A load was dropped or taken up.
+    /// A load was dropped or picked up.
     Load,
     /// None of these.
     Other,
@@ -69,7 +70,7 @@ pub(super) struct Explanation {
 
 type Matrix = [[f64; AXES]; AXES];
 
-/// Weighs all explanations of a wrench, likeliest first.
+/// Evaluates all explanations of a wrench, likeliest first.
 ///
 /// * `column`: of each rotor, levers taken out   * `value`, `variance`: of the lost wrench at hover, N and N²   * `hover`: thrust of a rotor, N
 pub(super) fn weigh(
@@ -132,7 +133,7 @@ pub(super) fn weigh(
             probability: (log - most).exp() / sum,
         })
         .collect();
-    // At the centre or beside it: one load.
+    // At the centre or off it: one load.
     if let Some(second) = found.iter().rposition(|e| e.kind == Kind::Load)
         && let beside = found.remove(second)
         && let Some(load) = found.iter_mut().find(|e| e.kind == Kind::Load)
@@ -171,11 +172,12 @@ fn unit(axis: usize, size: f64, hover: f64) -> Part {
     (std::array::from_fn(|a| if a == axis { size } else { 0.0 }), hover)
 }
 
-/// How large the parts of an explanation are if it is true: mean and variance of each.
+/// Sizes of the parts of an explanation if it is true: mean and variance of each.
 ///
-/// With C as in the module a part x_k along d_k has the mean s_k² d_kᵀ C⁻¹ û and the variance s_k² − s_k⁴ d_kᵀ C⁻¹ d_k; that losses and gains
-/// are one-sided is left to who makes an interval of them. One entry a rotor, N of thrust lost (gained); behind those of
-/// [`Kind::LossWithDrag`] the additional torque of the blade over that of its thrust, N; of [`Kind::Load`] the force down, N.
+/// With C as in the module, a part x_k along d_k has the mean s_k² d_kᵀ C⁻¹ û and the variance s_k² − s_k⁴ d_kᵀ C⁻¹
+/// d_k; the caller has to account for losses and gains being one-sided when it forms an interval. One entry per rotor,
+/// N of thrust lost (gained); followed, for [`Kind::LossWithDrag`], by the additional torque of the blade over that of
+/// its thrust, N; for [`Kind::Load`], by the downward force, N.
 ///
 /// * `column`, `value`, `variance`, `hover`: as in [`weigh`]
 pub(super) fn sizes(
@@ -189,7 +191,7 @@ pub(super) fn sizes(
     let mut parts: Vec<Part> = match explanation.kind {
         Kind::Gain => rotors().map(|rotor| gain(&column[rotor], hover)).collect(),
         Kind::Losses | Kind::LossWithDrag => rotors().map(|rotor| loss(&column[rotor], hover)).collect(),
-        // As many rotors as may be: nothing else is known of its size.
+        // The maximum number of rotors: nothing else is known of its size.
         Kind::Load => {
             let beside = |axis: usize| unit(axis, BESIDE * value[0].abs() / hover, hover);
             vec![unit(0, LOAD * MAX_ROTORS as f64, hover), beside(1), beside(2)]
@@ -230,7 +232,7 @@ pub(super) fn sizes(
         _ => return sizes,
     };
     if explanation.kind == Kind::Load {
-        // Its moments are no size that is told.
+        // Its moments are not a size that is reported.
         sizes.truncate(1);
     }
     if let Some([mean, variance]) = sizes.last_mut() {
@@ -251,8 +253,8 @@ fn error(value: f64, variance: f64, hover: f64) -> f64 {
     variance + (GAIN_ERROR * value).powi(2) + (FLOOR * hover).powi(2)
 }
 
-/// ln p of a wrench that is the sum of `base` noise and of parts of a direction and a standard deviation each, the first of which are
-/// one-sided.
+/// ln p of a wrench that is the sum of `base` noise and of parts, each with a direction and a standard deviation, the
+/// first of which are one-sided.
 fn log_density(base: &Matrix, value: &[f64; AXES], parts: &[([f64; AXES], f64)], one_sided: usize) -> f64 {
     let mut c = *base;
     for (direction, size) in parts {
@@ -320,7 +322,7 @@ fn normal_below(x: f64) -> f64 {
 mod tests {
     use super::*;
 
-    /// A regular hexarotor: spins alternate, so that opposite rotors turn against each other.
+    /// A regular hexarotor: spins alternate, so opposite rotors have opposite spins.
     fn hexarotor() -> [[f64; AXES]; MAX_ROTORS] {
         std::array::from_fn(|rotor| {
             if rotor >= 6 {
@@ -344,7 +346,8 @@ mod tests {
         })
     }
 
-    /// A blade that drags by twice its loss turns the vehicle as a loss of the rotor above or below it does: neither is ruled out by the other.
+    /// A blade that drags by twice its loss turns the vehicle like a loss of the rotor above or below it: neither
+    /// excludes the other.
     #[test]
     fn val_of_two_rotors_on_one_axis_neither_is_named_before_its_loss_is_larger_than_drags_are() {
         let column = coaxial();
@@ -413,7 +416,7 @@ mod tests {
         assert!(opposite < 0.95 && gain > LEAST_LISTED, "{:?}", &found[..4]);
     }
 
-    /// As the second look lists them.
+    /// As listed by the second look.
     const LEAST_LISTED: f64 = 0.02;
 
     #[test]
@@ -445,7 +448,8 @@ mod tests {
         );
     }
 
-    /// Sizes of an explanation of what some losses make, plus `more` on the axes, with an error of 0.4 % of a thrust.
+    /// Sizes of the explanation of a wrench caused by some losses, plus `more` on the axes, with an error of 0.4 % of a
+    /// thrust.
     fn sized(kind: Kind, rotors: u32, losses: &[(usize, f64)], more: [f64; AXES]) -> Vec<[f64; 2]> {
         let column = hexarotor();
         let value = std::array::from_fn(|axis| {
@@ -478,7 +482,7 @@ mod tests {
         let pair = sized(Kind::Losses, 1 << 1 | 1 << 2, &[(1, 0.1), (2, 0.06)], [0.0; AXES]);
         is(pair[0], 0.1);
         is(pair[1], 0.06);
-        // A blade that drags: torque of 20 % of the thrust's beside a loss of 8 %.
+        // A blade with extra drag: torque of 20 % of the thrust's in addition to a loss of 8 %.
         let yaw = hexarotor()[2][3] * 0.2;
         let dragging = sized(Kind::LossWithDrag, 1 << 2, &[(2, 0.08)], [0.0, 0.0, 0.0, yaw]);
         is(dragging[0], 0.08);

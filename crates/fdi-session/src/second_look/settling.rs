@@ -1,27 +1,30 @@
-//! Tells a fault from a disturbance by what is said of it from window to window.
+//! Distinguishes a fault from a disturbance by how the findings develop from window to window.
 //!
-//! A gust that the calibration did not have makes a wrench that some loss explains for a window or two, another one in the next, and at last none.
-//! An *episode* begins when something is found and ends when it is over. Where the model has explained the flight so far ([`super::trust`]), a name
-//! with which it begins is told at once if the evidence is strong; other names, and sets, once they have stood for [`LASTING`]. Where it has not,
-//! names are told after [`LONG`] and sets after [`LONGEST`]: what the model lacks imitates a loss for as long as a manoeuvre lasts, a loss stays.
+//! A gust that the calibration did not have makes a wrench that some loss explains for a window or two, another one in
+//! the next, and in the end none. An *episode* begins when something is found and ends when it is over. Where the model
+//! has explained the flight so far ([`super::trust`]), a name with which it begins is reported immediately if the
+//! evidence is strong; other names, and sets, once they have persisted for [`LASTING`]. Where it has not, names are
+//! reported after [`LONG`] and sets after
+//! [`LONGEST`]: what the model lacks imitates a loss for as long as a manoeuvre lasts, whereas a loss stays.
 //!
-//! An episode that ends and never had one name for [`LASTING`] was a disturbance; for [`REMEMBERED_S`] after it the model counts as one that fails,
-//! and what a rotor seemed to have lost in it is no loss that would be seen ([`Settling::size`]).
+//! An episode that ends without having had one name for [`LASTING`] was a disturbance; for [`REMEMBERED_S`] after it
+//! the model counts as failing, and the apparent losses of its rotors count as undetectable ([`Settling::size`]).
 
 use super::meter::AXES;
 use rotortwin_flight_core::MAX_ROTORS;
 
-/// Windows in a row with one name, or with sets of rotors: a disturbance seldom leaves the same kind of answer for longer.
+/// Consecutive windows with one name, or with sets of rotors: a disturbance seldom leaves the same kind of answer for
+/// longer.
 const LASTING: u32 = 6;
 /// The same where the model fails, 2 s and 6 s: a name, sets.
 const LONG: u32 = 32;
 const LONGEST: u32 = 96;
-/// An episode begins with so many windows: the engine may be a window ahead.
+/// An episode begins with this many windows: the engine may be a window ahead.
 const FIRST: u32 = 3;
-/// A disturbance is followed by others of the same weather for so long, s.
+/// A disturbance is followed by others of the same weather for this long, s.
 const REMEMBERED_S: f64 = 60.0;
 
-/// What the second look would say of a window in which something is wrong.
+/// The second look's answer for a window in which something is wrong.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Answer {
     /// These rotors lost thrust.
@@ -38,7 +41,7 @@ pub(super) struct Settling {
     /// Since the last disturbance, s.
     since_disturbance: Option<f64>,
     episode: Option<Episode>,
-    /// Of the disturbances that are remembered: largest loss that each rotor seemed to have, N.
+    /// In the disturbances that are remembered: largest apparent loss of each rotor, N.
     size: [f64; MAX_ROTORS],
 }
 
@@ -48,7 +51,7 @@ struct Episode {
     is_careful: bool,
     windows: u32,
     last: Option<Answer>,
-    /// Windows in a row with the same kind of answer, of names with the same name.
+    /// Consecutive windows with the same kind of answer, of names with the same name.
     run: u32,
     /// Longest run of a name.
     longest: u32,
@@ -57,7 +60,7 @@ struct Episode {
 }
 
 impl Settling {
-    /// Time that went by, s.
+    /// Elapsed time, s.
     pub(super) fn pass(&mut self, elapsed: f64) {
         if let Some(since) = &mut self.since_disturbance {
             *since += elapsed;
@@ -68,7 +71,7 @@ impl Settling {
         }
     }
 
-    /// An episode goes on.
+    /// An episode is in progress.
     pub(super) fn is_open(&self) -> bool {
         self.episode.is_some()
     }
@@ -88,14 +91,14 @@ impl Settling {
         });
     }
 
-    /// The episode needs more than usual to be told.
+    /// The episode needs more than usual to be reported.
     pub(super) fn is_careful(&self) -> bool {
         self.episode.as_ref().is_some_and(|episode| episode.is_careful)
     }
 
-    /// Takes in the answer of a window of an episode that has begun; whether it may be told.
+    /// Processes the answer of a window in an episode; returns whether it may be reported.
     ///
-    /// * `is_strong`: so much evidence that a name need not stand first   * `column`: of each rotor, levers taken out
+    /// * `is_strong`: so much evidence that a name need not persist first   * `column`: of each rotor, levers taken out
     /// * `lost`: wrench, levers taken out, N
     pub(super) fn take(
         &mut self,
@@ -134,7 +137,7 @@ impl Settling {
         episode.is_told
     }
 
-    /// Nothing is wrong any more; whether a loss was.
+    /// Nothing is wrong any more; returns whether it was a loss.
     pub(super) fn over(&mut self) -> bool {
         let Some(episode) = self.episode.take() else {
             return false;
@@ -149,12 +152,13 @@ impl Settling {
         was_loss
     }
 
-    /// What was wrong was something else that is known by now: neither a loss nor a disturbance.
+    /// The cause is known by now to be something else: neither a loss nor a disturbance.
     pub(super) fn dismiss(&mut self) {
         self.episode = None;
     }
 
-    /// What each rotor seemed to have lost in the disturbances that are remembered, N: a loss of that size would be taken for one.
+    /// Apparent loss of each rotor in the disturbances that are remembered, N: a loss of that size would be mistaken
+    /// for one.
     pub(super) fn size(&self) -> &[f64; MAX_ROTORS] {
         &self.size
     }
@@ -167,7 +171,7 @@ mod tests {
     const COLUMN: [[f64; AXES]; MAX_ROTORS] = [[-1.0, 0.5, 0.0, 0.0]; MAX_ROTORS];
     const LOST: [f64; AXES] = [0.2, -0.1, 0.0, 0.0];
 
-    /// What is told in an episode.
+    /// What is reported in an episode.
     fn told(settling: &mut Settling, is_trusted: bool, is_strong: bool, answers: &[Answer]) -> Vec<bool> {
         settling.begin(is_trusted);
         answers
@@ -200,7 +204,7 @@ mod tests {
         assert_eq!(told(&mut settling, true, true, &name), from(1, 40));
         assert!(settling.over());
         assert_eq!(told(&mut settling, true, true, &name[..1]), [true]);
-        // That one was too short to tell.
+        // That one was too short to decide.
         assert!(!settling.over());
         assert_eq!(told(&mut settling, true, true, &name), from(LONG, 40));
         assert!(settling.over());

@@ -1,19 +1,21 @@
-//! How well the model has explained this flight so far: what evidence against a rotor is worth.
+//! How well the model has explained this flight so far, and thus what evidence against a rotor is worth.
 //!
-//! A vehicle that is not the model, or weather that the calibration did not have, shows before it imitates a loss: innovations e of the wrench
-//! filter are larger than their variance s says. The measure is their surprise q, the mean of e²/s over four axes and four blocks (1 where the
-//! model holds; up to 3.7 within a minute in 179 of 180 flights of a known vehicle), and of that the largest of the last minute. Surprise that a lasting
-//! loss explains, and of the second before it was found, does not count.
+//! A vehicle that differs from the model, or weather that the calibration did not have, shows before it imitates a
+//! loss: innovations e of the wrench filter are larger than their variance s predicts. The measure is their surprise q,
+//! the mean of e²/s over four axes and four blocks (1 where the model holds; up to 3.7 within a minute in 179 of 180
+//! flights of a known vehicle), and its maximum over the last minute. Surprise that a lasting loss explains, and that
+//! of the second before it was found, does not count.
 
 use std::collections::VecDeque;
 
-/// Blocks of a mean: a quarter of a second.
+/// Blocks per mean: a quarter of a second.
 const BLOCKS: usize = 4;
-/// Latest blocks, which may belong to what is about to be found: a second.
+/// Most recent blocks, which may belong to the fault about to be found: a second.
 const LATEST: usize = 16;
 /// Blocks that are remembered: a minute, and the latest.
 const REMEMBERED: usize = 960 + LATEST;
-/// The model has proved itself after so many blocks with verdicts, 5 s: a calibration seldom has the manoeuvres of the flight.
+/// The model has proved itself after this many blocks with verdicts, 5 s: a calibration seldom has the manoeuvres of
+/// the flight.
 const PROOF: usize = 80;
 /// Largest surprise of a model that holds.
 const MOST: f64 = 4.0;
@@ -32,7 +34,7 @@ pub(super) struct Trust {
 }
 
 impl Trust {
-    /// Of a calibration with these surprises.
+    /// Starts from a calibration with these surprises.
     pub(super) fn calibrated(surprises: &[f64]) -> Self {
         let mut trust = Self::default();
         for surprise in surprises {
@@ -42,7 +44,7 @@ impl Trust {
         trust
     }
 
-    /// Takes in the surprise of a block: mean of e²/s over the axes.
+    /// Adds the surprise of a block: mean of e²/s over the axes.
     pub(super) fn take(&mut self, surprise: f64) {
         self.blocks.push_back(surprise);
         self.decided += 1;
@@ -69,7 +71,7 @@ impl Trust {
         self.past.truncate(kept);
     }
 
-    /// What has been found for so many blocks was a load: the model did not fail.
+    /// What has been found for this many blocks was a load: the model did not fail.
     pub(super) fn forget(&mut self, blocks: usize) {
         let kept = self.past.len().saturating_sub(blocks + LATEST);
         self.past.truncate(kept);
@@ -85,18 +87,18 @@ impl Trust {
         self.worst() <= 1.0
     }
 
-    /// The model had explained the flight until so many blocks ago.
+    /// The model had explained the flight until this many blocks ago.
     pub(super) fn is_kept_before(&self, blocks: usize) -> bool {
         let counted = self.past.len().saturating_sub(blocks + LATEST);
         self.past.range(..counted).all(|q| *q <= MOST)
     }
 
-    /// The flight has been long enough to tell.
+    /// The flight has been long enough to decide.
     pub(super) fn is_proven(&self) -> bool {
         self.decided >= PROOF
     }
 
-    /// Largest surprise of the last minute over that of a model that holds.
+    /// Largest surprise of the last minute relative to that of a model that holds.
     pub(super) fn worst(&self) -> f64 {
         let counted = self.past.len().saturating_sub(LATEST);
         self.past.range(..counted).fold(0.0, |most: f64, q| most.max(*q)) / MOST

@@ -1,15 +1,17 @@
-//! The wrench that healthy rotors do not explain, as it is now, with its variance: one Kalman filter per axis and speed of change.
+//! The wrench that healthy rotors do not explain, at the present time, with its variance: one Kalman filter per axis
+//! and speed of change.
 //!
 //! ```text
 //!  D' = w + b + g φ_own + s φ_second + t φ_lag + j φ_gyr + u c    D: momentum defect, measured once per block
 //!  w' = −w/T + noise    u' = noise of one of four speeds          u: lost wrench at hover, c: thrust of all rotors over the weight
 //! ```
-//! b, s, t, j as in the engine's filters. φ_own is the wrench that *acted* (nominal and lost together: lagged rotors plus the measured defect), as an error of
-//! mass, inertia, arm or moment ratio scales both; in a steady hover after a loss it is zero, so that no such error is taken for a part of the
-//! loss. The lost wrench has no moment of onset: it walks, at one of [`SPEEDS`], and the speed is
-//! a Markov chain with the same speed on all axes (interacting multiple models). So a step, a loss that grows, one that comes and goes and one
-//! that heals are the same thing at different speeds. Level of the gusts and white force of each axis are those that make the calibration
-//! likeliest; afterwards their common scale follows the innovations slowly.
+//! b, s, t, j as in the engine's filters. φ_own is the wrench that *acted* (nominal and lost together: lagged rotors
+//! plus the measured defect), as an error of mass, inertia, arm or moment ratio scales both; in a steady hover after a
+//! loss it is zero, so that no such error is mistaken for a part of the loss. The lost wrench has no onset time: it
+//! performs a random walk at one of [`SPEEDS`], and the speed is a Markov chain with the same speed on all axes
+//! (interacting multiple models). So a step, a loss that grows, one that comes and goes and one that heals are the same
+//! thing at different speeds. Gust level and white force of each axis are those that maximise the likelihood of the
+//! calibration; afterwards their common scale follows the innovations slowly.
 
 use super::meter::{AXES, Block};
 use rotortwin_flight_core::fdi::FdiConfig;
@@ -25,27 +27,31 @@ const LOST: usize = 7;
 
 /// Standard deviation of the lost wrench's step in a block, share of a rotor's thrust in hover.
 pub(super) const SPEEDS: [f64; 4] = [1.5e-4, 2e-3, 1.2e-2, 7e-2];
-/// Chance per block to leave the slowest speed, to each of the others; to fall back from one of the others by one; to rise.
+/// Probability per block of leaving the slowest speed, to each of the others; of falling back from one of the others by
+/// one; of rising.
 const AWAKES: f64 = 2e-4;
 const CALMS: f64 = 0.06;
 const RISES: f64 = 0.01;
-/// Least correlation time of gusts where the momentum along z is an integral of the force itself, s. The engine has no white force and gets a shorter one at low
-/// rates; here there is one, and with 1 s instead of 2 s gusts became false alarms.
+/// Smallest correlation time of gusts if the momentum along z is an integral of the force itself, s. The engine has no
+/// white force and uses a shorter one at low rates; here there is one, and with 1 s instead of 2 s gusts became false
+/// alarms.
 pub(super) const LEAST_GUST_TIME: f64 = 2.0;
-/// Levels of gusts that are tried, share of a rotor's thrust in hover; each the √10-fold of the one before.
+/// Gust levels tried, share of a rotor's hover thrust; each √10 times the previous one.
 const LEAST_GUST: f64 = 3e-4;
 const GUST_LEVELS: i32 = 8;
 /// White force, standard deviation of its mean over a block in the same unit.
 const LEAST_WHITE: f64 = 3e-4;
 const WHITE_LEVELS: i32 = 7;
-/// Largest squared normalised innovation that counts for the scale of the noise; its mean if the model holds is 0.97 of one.
+/// Largest squared normalised innovation that counts towards the scale of the noise; its mean is 0.97 if the model
+/// holds.
 const LIMIT: f64 = 6.0;
 /// Weight of a block in the scale of the noise: half a minute.
 const SCALE_WEIGHT: f64 = 2e-3;
-/// Standard deviation of what a load changes in a block, where it may, share of a rotor's thrust in hover: of its force, and of its moments over the levers.
+/// Standard deviation of the change by a load in a block in which it may occur, share of a rotor's hover thrust: of its
+/// force, and of its moments over the levers.
 const FREE: f64 = 0.3;
 const FREE_MOMENT: f64 = 0.05;
-/// What the force of a load may be off by while the vehicle still climbs or sinks, share of it.
+/// Possible error of the force of a load while the vehicle still climbs or sinks, share of it.
 const LOAD_ERROR: f64 = 0.015;
 /// Degrees of freedom of the innovations' distribution.
 const FREEDOM: f64 = 8.0;
@@ -80,7 +86,7 @@ impl Filter {
         Self { x: [0.0; STATES], p }
     }
 
-    /// Moves on by a block and takes in its defect; innovation and its variance.
+    /// Advances by a block and processes its defect; returns innovation and variance.
     fn step(&mut self, phi: &[f64; STATES], noise: &Noise, walk: f64, defect: f64) -> (f64, f64) {
         let p = &mut self.p;
         p[LOST][LOST] += walk;
@@ -128,7 +134,7 @@ impl Filter {
 #[derive(Clone, Copy, Debug)]
 pub(super) struct AtSpeed {
     pub probability: f64,
-    /// N at the levers, at hover; what is lost has the opposite sign of the rotors' columns.
+    /// N at the levers, at hover; a loss has the opposite sign of the rotors' columns.
     pub value: [f64; AXES],
     /// N².
     pub variance: [f64; AXES],
@@ -146,7 +152,7 @@ pub(super) struct WrenchFilter {
     /// Of the calibration.
     blocks: Vec<Block>,
     noise: [Noise; AXES],
-    /// Least gusts and white force, N².
+    /// Lower limits of gusts and white force, N².
     pub(super) least: [[f64; 2]; AXES],
     /// The momentum along z is an integral of the force itself.
     pub(super) by_force: bool,
@@ -223,7 +229,7 @@ impl WrenchFilter {
         std::array::from_fn(|axis| self.phi(axis, block, 0.0))
     }
 
-    /// Takes in a block of the calibration.
+    /// Processes a block of the calibration.
     pub(super) fn calibrate(&mut self, block: Block) {
         self.blocks.push(block);
     }
@@ -233,7 +239,7 @@ impl WrenchFilter {
         !self.modes.is_empty()
     }
 
-    /// Ends the calibration; the surprise of each of its blocks, mean of e²/s over the axes.
+    /// Ends the calibration; returns the surprise of each of its blocks, mean of e²/s over the axes.
     pub(super) fn start(&mut self) -> Vec<f64> {
         let blocks = std::mem::take(&mut self.blocks);
         let mut surprise = vec![0.0; blocks.len()];
@@ -286,9 +292,9 @@ impl WrenchFilter {
         surprise
     }
 
-    /// Takes in a block after the calibration; its surprise, mean of e²/s over speeds and axes.
+    /// Processes a block after the calibration; returns its surprise, mean of e²/s over speeds and axes.
     ///
-    /// * `demand`: ∫ of what the lost thrust is proportional to, 1 in hover, s
+    /// * `demand`: ∫ of the quantity to which the lost thrust is proportional, 1 in hover, s
     pub(super) fn step(&mut self, block: &Block, demand: f64) -> f64 {
         let phis: [_; AXES] = std::array::from_fn(|axis| self.phi(axis, block, demand));
         let count = SPEEDS.len();
@@ -333,7 +339,7 @@ impl WrenchFilter {
         nis.iter().sum::<f64>() / AXES as f64
     }
 
-    /// As it is now.
+    /// At the present time.
     pub(super) fn noise(&self) -> [Noise; AXES] {
         std::array::from_fn(|axis| Noise {
             gust: self.noise[axis].gust * self.scale[axis],
@@ -342,9 +348,9 @@ impl WrenchFilter {
         })
     }
 
-    /// States of each axis but the lost wrench.
+    /// States of each axis except the lost wrench.
     ///
-    /// * `nothing_lost`: what it is now counts as bias; else it is forgotten
+    /// * `nothing_lost`: the present lost wrench counts as bias; otherwise it is discarded
     pub(super) fn healthy(&self, nothing_lost: bool) -> [AxisState; AXES] {
         let likeliest = (0..SPEEDS.len()).fold(0, |best, speed| {
             if self.probability[speed] > self.probability[best] {
@@ -372,9 +378,11 @@ impl WrenchFilter {
         })
     }
 
-    /// Leads the filter over blocks in the first of which a load has changed, and makes the load part of the vehicle; its force down at rest and the variance of it, N and N².
+    /// Runs the filter over blocks in the first of which a load has changed, and makes the load part of the vehicle;
+    /// returns its downward force at rest and the variance, N and N².
     ///
-    /// The load pulls with its mass times the specific force, and turns with a constant moment; no rotor loses anything meanwhile.
+    /// The load pulls with its mass times the specific force, and turns the vehicle with a constant moment; no rotor
+    /// loses anything meanwhile.
     /// * `free`: blocks in which it may have changed   * `weight`: of the vehicle before, N   * `gravity`: m/s²
     pub(super) fn take_load(&mut self, blocks: &[Block], free: usize, weight: f64, gravity: f64) -> [f64; 2] {
         let noise = self.noise();
@@ -402,7 +410,7 @@ impl WrenchFilter {
                 filter.p[LOST][LOST] += (LOAD_ERROR * change).powi(2);
                 force = [change, filter.p[LOST][LOST]];
             }
-            // b ← b + u, but for what is mass from now on.
+            // b ← b + u, except for what becomes mass from now on.
             let (x, p) = (&mut filter.x, &mut filter.p);
             x[BIAS] += if axis == 0 { 0.0 } else { change };
             x[LOST] = 0.0;
@@ -442,19 +450,19 @@ impl WrenchFilter {
         self.probability = std::array::from_fn(|speed| if speed == 0 { 0.97 } else { 0.01 });
     }
 
-    /// Bias of the vertical force over the weight: what the thrust of all rotors is off by, as far as it is not the mass that is.
+    /// Bias of the vertical force over the weight: error of the thrust of all rotors, unless the mass is wrong.
     pub(super) fn thrust_error(&self) -> f64 {
         let weight = self.hover * self.rotor_count;
         let [(vertical, _), ..] = self.healthy(true);
         vertical[BIAS] / weight
     }
 
-    /// Of the lost wrench at the highest speed: what it would be known to soon after a sudden loss, N².
+    /// Of the lost wrench at the highest speed: how well it would be known soon after a sudden loss, N².
     pub(super) fn variance_of_a_sudden_loss(&self) -> [f64; AXES] {
         std::array::from_fn(|axis| self.modes[SPEEDS.len() - 1][axis].p[LOST][LOST])
     }
 
-    /// What is lost now.
+    /// The present loss.
     pub(super) fn lost(&self) -> [AtSpeed; SPEEDS.len()] {
         std::array::from_fn(|speed| AtSpeed {
             probability: self.probability[speed],
@@ -464,7 +472,7 @@ impl WrenchFilter {
     }
 }
 
-/// Chance to go from one speed to another in a block.
+/// Probability of changing from one speed to another in a block.
 pub(super) fn chance(from: usize, to: usize) -> f64 {
     let others = SPEEDS.len() - 1;
     match (from, to) {
@@ -499,7 +507,7 @@ fn mix(modes: &[[Filter; AXES]], axis: usize, share: &[f64; SPEEDS.len()]) -> Fi
     out
 }
 
-/// Student's t, but for a constant.
+/// Student's t, up to a constant.
 pub(super) fn log_density(e: f64, variance: f64) -> f64 {
     -0.5 * variance.ln() - 0.5 * (FREEDOM + 1.0) * (1.0 + e * e / (variance * FREEDOM)).ln()
 }

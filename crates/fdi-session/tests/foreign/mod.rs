@@ -1,4 +1,4 @@
-//! Flights of the independent generator, and what a session says of them.
+//! Flights of the independent generator, and a session's verdicts on them.
 
 use rotortwin_blind::bench::faults::{Class, FaultCase, FaultRow, draw_cases, score};
 use rotortwin_blind::flight::Row;

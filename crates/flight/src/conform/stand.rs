@@ -37,7 +37,7 @@ const PERIOD_S: f64 = 0.8;
 const AT_LIMIT: f64 = 0.02;
 /// Share of the samples that must be left without those, to leave them out.
 const LEFT: f64 = 0.5;
-/// Share of a swing with motors at their limits that is told where nothing fits.
+/// Share of a swing with motors at their limits above which this is reported if nothing fits.
 const TOLD: f64 = 0.1;
 /// Pause between two axes, s.
 const REST_S: f64 = 1.5;

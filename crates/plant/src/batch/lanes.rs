@@ -1,8 +1,8 @@
 //! Plant states of several flights, quantity by quantity, and one step of all of them.
 //!
-//! The loops over lanes hold no branches and no calls, so that each becomes a run of vector instructions; what a lane computes is
-//! [`Dynamics::step`], [`Quaternion::to_euler_with`] and so on, the functions of the one-flight path. Where a lane leaves the range
-//! of a branch-free function it says so, and the caller repeats that lane alone.
+//! The loops over lanes hold no branches and no calls, so that each compiles to vector instructions; a lane computes
+//! [`Dynamics::step`], [`Quaternion::to_euler_with`] and so on, the functions of the one-flight path. A lane that
+//! leaves the range of a branch-free function is flagged, and the caller repeats that lane alone.
 
 use super::LANES;
 use crate::body::dynamics::{DynamicState, Dynamics};
@@ -226,7 +226,7 @@ impl<const N: usize> VectorWork for Integrate<N> {
     }
 }
 
-/// What the truth says beside the integrated state.
+/// The part of the truth that is not integrated state.
 #[derive(Debug, Clone)]
 pub(super) struct TruthRows {
     pub(super) attitude: [Row; 3],
@@ -250,7 +250,7 @@ impl TruthRows {
     };
 }
 
-/// Works out the truth of all flights.
+/// Computes the truth of all flights.
 pub(super) struct RecordTruth<const N: usize>;
 
 impl<const N: usize> VectorWork for RecordTruth<N> {
@@ -293,7 +293,7 @@ impl<const N: usize> VectorWork for RecordTruth<N> {
             for i in 0..N {
                 sum += now.thrust[i];
             }
-            // With a charge that is not a number the sum is none, either.
+            // If a charge is NaN, so is the sum.
             let finite = sum.abs() < f64::INFINITY;
             truth.lost[lane] = u64::from(!finite | (now.state_of_charge <= 0.0));
         }

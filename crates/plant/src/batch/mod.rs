@@ -9,8 +9,8 @@
 //! Flights in a batch may differ in everything but the number of rotors `N` and the substeps of the integrator. They need not start
 //! together: a lane whose flight has ended takes the next one while the others go on.
 //!
-//! What has no form for lanes ends a lane instead of being approximated: see [`NoLane`] before a flight, [`BatchSimulation::advance`]
-//! during it. Such a flight has to be flown by [`Simulation`] from its start.
+//! What cannot run in lanes ends a lane instead of being approximated: see [`NoLane`] before a flight,
+//! [`BatchSimulation::advance`] during it. Such a flight has to be flown by [`Simulation`] from its start.
 
 mod lanes;
 
@@ -47,7 +47,7 @@ struct Seat {
     simulation: Simulation,
 }
 
-/// What the sensors of all lanes say: a row for each number, a column for each lane.
+/// Sensor readings of all lanes: a row for each number, a column for each lane.
 #[derive(Debug, Clone)]
 pub struct SensedRows {
     /// Position (m, NED), velocity (m/s, NED), attitude (rad), body rates (rad/s), each with three rows; battery voltage (V).
@@ -56,7 +56,7 @@ pub struct SensedRows {
     pub reference: [[f32; LANES]; 7],
 }
 
-/// What changes with every step of one lane.
+/// The part of one lane's truth that changes with every step.
 #[derive(Debug, Clone, Copy)]
 pub struct LaneMotion<const N: usize> {
     /// Position (m, NED), velocity (m/s, NED), attitude (rad), body rates (rad/s).
@@ -177,12 +177,12 @@ impl<const N: usize> BatchSimulation<N> {
         self.seats[lane].take().map(|seat| seat.simulation)
     }
 
-    /// The flight in a lane, for what does not change with every step: its step number, faults, duration.
+    /// The flight in a lane, for values that do not change with every step: its step number, faults, duration.
     pub fn simulation(&self, lane: usize) -> Option<&Simulation> {
         self.seats[lane].as_ref().map(|seat| &seat.simulation)
     }
 
-    /// What the sensors say at the start of the current step of each lane. To be called once a step.
+    /// Sensor readings at the start of the current step of each lane. Call it once per step.
     pub fn sense(&mut self) -> &SensedRows {
         for lane in 0..LANES {
             if let Some(seat) = &mut self.seats[lane] {

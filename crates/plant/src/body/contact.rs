@@ -4,12 +4,13 @@
 //!
 //! F_n = k δ max(0, 1 + a δ̇),   F_t = k (x_a − x)_t − c v_t, at most µ F_n
 //!
-//! δ is the depth, x_a the anchor, the place where the point took hold. a and c make the wanted damping at rest. An anchor stays while
-//! friction holds, so a standing vehicle does not creep; it is dragged along at the end of each step in which µ F_n is exceeded. The
-//! force is never negative and the normal force takes out energy only (Hunt and Crossley 1975).
+//! δ is the depth, x_a the anchor, the place where the point took hold. a and c give the required damping at rest. An
+//! anchor stays while friction holds, so a standing vehicle does not creep; it is dragged along at the end of each step
+//! in which µ F_n is exceeded. The force is never negative, and the normal force only dissipates energy (Hunt and
+//! Crossley 1975).
 //!
-//! Points are the feet and the rotors' hubs, so that a vehicle that tips over comes to lie. Limits: the ground is a plane, points do
-//! not break, a rotor that strikes goes on turning.
+//! Points are the feet and the rotors' hubs, so a vehicle that tips over comes to rest on its side. Limits: the ground
+//! is a plane, points do not break, a rotor that strikes keeps turning.
 
 use crate::body::dynamics::Around;
 use crate::body::ground::{GroundContact, GroundEvent, Plane};
@@ -196,7 +197,7 @@ impl Contact {
         (force, torque)
     }
 
-    /// Takes a step from `before` to `after`: anchors follow, and what happened is noted.
+    /// Takes a step from `before` to `after`: anchors follow, and contact events are recorded.
     pub(crate) fn settle(&mut self, before: &RigidBodyState, after: &RigidBodyState) {
         let n = self.plane.normal;
         let near = self.plane.depth(after.position_ned) >= -self.reach;
@@ -292,7 +293,7 @@ impl Around for OnGround<'_> {
     }
 }
 
-/// Wind and disturbances, and what the ground adds at a state of the body.
+/// Wind and disturbances, and the ground's contribution at a state of the body.
 #[inline]
 pub(crate) fn around(surroundings: &Surroundings, contact: Option<&Contact>, body: &RigidBodyState) -> Surroundings {
     match contact {

@@ -32,7 +32,7 @@ fn two_seconds() -> f64 {
 }
 
 impl WindModel {
-    /// Refuses wind that is none, or that cannot have an effect; `linear_drag` of the vehicle, kg/s.
+    /// Rejects invalid wind, or wind that cannot have an effect; `linear_drag` of the vehicle, kg/s.
     pub fn check(&self, linear_drag: f64) -> Result<(), Refusal> {
         all_in_range("mean_ned_m_s", &self.mean_ned_m_s, -60.0, 60.0, "m/s")?;
         in_range("gust_rms_m_s", self.gust_rms_m_s, 0.0, 30.0, "m/s")?;

@@ -38,7 +38,7 @@ impl Default for GroundContact {
 }
 
 impl GroundContact {
-    /// Refuses a ground that is none, or that steps of 0.5 ms cannot resolve.
+    /// Rejects an invalid ground, or one that steps of 0.5 ms cannot resolve.
     pub fn check(&self) -> Result<(), Refusal> {
         in_range("friction", self.friction, 0.0, 2.0, "")?;
         in_range("sink_m", self.sink_m, 2e-4, 0.02, "m")?;

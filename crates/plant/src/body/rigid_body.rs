@@ -166,7 +166,7 @@ impl RigidBody {
         )
     }
 
-    /// From what [`RigidBody::parts`] gives.
+    /// From the result of [`RigidBody::parts`].
     #[inline(always)]
     pub(crate) fn from_parts(
         [per_mass, gravity, linear_drag, angular_drag]: [f64; 4],

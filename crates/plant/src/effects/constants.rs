@@ -388,7 +388,7 @@ impl Constants {
         readings.attitude[2] -= self.heading_offset_rad;
     }
 
-    /// True if the inertial sensors and the attitude read what is; their latencies aside.
+    /// True if the inertial sensors and the attitude read the truth; their latencies excluded.
     pub fn sensors_are_exact(&self) -> bool {
         self.accelerometer_bias_m_s2 == [0.0; 3]
             && self.accelerometer_scale == 0.0
@@ -470,7 +470,7 @@ impl Constants {
     }
 }
 
-/// Force and torque that each rotor makes of 1 N.
+/// Force and torque that each rotor produces per 1 N.
 #[derive(Debug, Clone, Copy)]
 pub struct Allocation {
     units: [[f64; 6]; MAX_ROTORS],

@@ -5,8 +5,8 @@
 
 use super::prelude::*;
 
-/// The twin takes the current from a smoothed specific force, as the thrusts are not known yet where it mends the heading: on flights of the
-/// independent simulator with fast changes of thrust the field came out up to 5 % off.
+/// The twin takes the current from a smoothed specific force, as the thrusts are not known yet where it corrects the
+/// heading: on flights of the independent simulator with fast changes of thrust the field was up to 5 % off.
 const BLUR: f64 = 0.08;
 
 /// Row 58 of the catalogue.

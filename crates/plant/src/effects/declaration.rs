@@ -1,4 +1,4 @@
-//! What an effect says of itself: equation, parameters with units and plausible sizes, channels, how to excite it.
+//! Declaration of an effect: equation, parameters with units and plausible sizes, channels, how to excite it.
 //!
 //! One declaration serves the simulator, the diagnosis, the command line and the documents.
 
@@ -8,13 +8,13 @@ use super::constants::Constants;
 use super::hooks::ActiveEffect;
 use super::search::Search;
 
-/// What kind of thing an effect is: physics is added to the model, a fault of sensor or timing is mended in the log.
+/// Kinds of effects: physics is added to the model, a fault of sensor or timing is corrected in the log.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum EffectClass {
     /// Dynamics that the nominal model lacks.
     Physics,
-    /// A sensor that reads something else than the truth.
+    /// A sensor whose readings differ from the truth.
     SensorFault,
     /// A channel of the log that is late.
     TimingFault,
@@ -59,9 +59,9 @@ pub enum Place {
     Wind,
     /// Battery.
     Battery,
-    /// What a sensor says.
+    /// The value of a sensor.
     Reading,
-    /// When a sensor says it.
+    /// The timing of a sensor.
     Timing,
 }
 
@@ -173,8 +173,9 @@ pub struct Correction {
     pub key: &'static str,
     /// How the parameter counts.
     pub scale: CorrectionScale,
-    /// Files are wrong about the constant by factors, not by per cents: an inertia that was taken from another frame, a lag that nobody has
-    /// measured, the thrust curve of another propeller. Such an error is no missing physics but a constant to calibrate.
+    /// Vehicle files are often wrong about the constant by a factor, not by per cents: an inertia taken from another
+    /// frame, a lag that was never measured, the thrust curve of another propeller. Such an error is not missing
+    /// physics but a constant to calibrate.
     #[serde(skip)]
     pub by_factors: bool,
 }

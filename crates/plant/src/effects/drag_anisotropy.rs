@@ -1,8 +1,8 @@
 //! Drag that differs between forward and sideways flight: a long fuselage, arms or a payload across.
 //!
-//! It is a share of whatever drag there is, because a difference of none cannot be: as a force of its own it would be fitted to whatever
-//! else turns with the body (a load on a rope, a tilted rotor). Height is left alone: that vertical drag differs from horizontal drag is
-//! told by rotor drag (horizontal) and linear friction (all three axes) together.
+//! It is a share of the existing drag: as a force of its own it would be fitted to anything else that turns with the
+//! body (a load on a rope, a tilted rotor). The vertical axis is left alone: a vertical drag that differs from the
+//! horizontal one is covered by rotor drag (horizontal) and linear friction (all three axes) together.
 
 use super::prelude::*;
 

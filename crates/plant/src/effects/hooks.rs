@@ -129,11 +129,11 @@ pub trait ActiveEffect: std::fmt::Debug + Send + Sync {
     fn command(&mut self, _at: &Moment<'_>, _duty: &mut [f64]) {}
     /// Changes the static lift, N, after Eq. 19 and before the lag.
     fn static_lift(&mut self, _at: &Moment<'_>, _lift: &mut [f64]) {}
-    /// Changes the thrust, N, after the lag: what acts on the body.
+    /// Changes the thrust, N, after the lag, as it acts on the body.
     fn rotor_thrust(&mut self, _at: &Moment<'_>, _thrust: &mut [f64]) {}
     /// Adds to force and torque on the body. Called once or several times a step: own states change in `advance` only.
     fn wrench(&mut self, _at: &Moment<'_>, _wrench: &mut Wrench) {}
-    /// Changes what the sensors say, before their noise.
+    /// Changes the readings of the sensors, before their noise.
     fn readings(&mut self, _at: &Moment<'_>, _readings: &mut Readings) {}
     /// Moves own states over one step that begins at `at`.
     fn advance(&mut self, _at: &Moment<'_>, _step_s: f64) {}

@@ -84,7 +84,7 @@ const fn entry(symbol: &'static str) -> ParameterDeclaration {
     )
 }
 
-/// What a slower or weaker thrust is taken for, and the other way round.
+/// Effects that a slower or weaker thrust is confused with, and vice versa.
 const OF_TILTING: &[&str] = &["rotor-thrust-scale", "air-density", "motor-time-constant"];
 
 pub(super) static ROLL: EffectDeclaration = moment::<0>(

@@ -11,7 +11,7 @@ use super::hooks::ActiveEffect;
 use super::user::EffectDocument;
 use crate::error::{Refusal, in_range};
 
-/// A value may lie outside of what is plausible by this factor, not more.
+/// Factor by which a value may exceed its plausible range.
 const PLAUSIBLE_MARGIN: f64 = 10.0;
 
 /// One `[[effect]]` of a scenario or model document.

@@ -1,9 +1,9 @@
 //! Mass that leaves over the flight: a sprayer's tank, fuel, a cargo that pours out. From the start, or from an onset.
 //!
-//! At the same duty the vehicle accelerates upwards ever more. A battery that sags, a thrust curve that falls and a fading motor do the
-//! opposite, and the rate has one sign. What a law of the voltage makes of a discharge can look alike; it scales the torques of the
-//! rotors, too, and follows the voltage through every punch, while what leaves at the centre of mass changes neither. Where a flight has
-//! neither punches nor torques, both are named.
+//! At the same duty the vehicle accelerates upwards more and more. A sagging battery, a falling thrust curve and a
+//! fading motor do the opposite, and the rate has one sign. A voltage law can look alike during a discharge; but it
+//! also scales the torques of the rotors, and follows the voltage through every punch, while mass that leaves at the
+//! centre of mass changes neither. Where a flight has neither punches nor torques, both are named.
 //!
 //! Inertia and centre of mass stay: the tank is near the centre.
 

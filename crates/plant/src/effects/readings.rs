@@ -2,7 +2,7 @@
 
 use crate::vector::Vector3;
 
-/// What the sensors say.
+/// Readings of the sensors.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct Readings {
     /// m, NED.

@@ -9,8 +9,8 @@ pub enum Strategy {
     Linear,
     /// The same, once an effect that it needs is at work, in the model or named before: a share of another effect is nothing without it.
     OfAnother,
-    /// Secants over these multiples of the plausible size: what acts on whole samples, such as a delay of a noisy command, is not its
-    /// derivative.
+    /// Secants over these multiples of the plausible size: an effect on whole samples, such as a delay of a noisy
+    /// command, differs from its derivative.
     Secants(&'static [f64]),
     /// A grid over shapes that have no column while the effect has no size.
     Shapes(Shapes),
@@ -20,7 +20,7 @@ pub enum Strategy {
     Covariance,
     /// Not searched: the covariance of this other effect is nearly the same.
     CovarianceOf(&'static str),
-    /// Each wiring at its whole size: a gross error is no small deviation.
+    /// Each wiring at its whole size: a gross error is not a small deviation.
     Wiring(Wiring),
     /// Fitted with every flight; never a finding.
     Nuisance,
@@ -105,7 +105,7 @@ impl Requirement {
     }
 }
 
-/// What an effect changes of the mean thrusts that the rotors are asked for: the hypotheses of a comparison with healthy flights.
+/// How an effect changes the rotors' mean commanded thrusts: the hypotheses of a comparison with healthy flights.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum TrimChange {
     /// The thrust of one rotor at its command.
@@ -125,9 +125,10 @@ pub struct Search {
     pub requires: &'static [Requirement],
     /// What it changes of the mean thrusts, if it is one of the hypotheses of a comparison with healthy flights.
     pub trim: Option<TrimChange>,
-    /// What it does grows in proportion to the time since it set in, as what leaves at a constant rate does.
+    /// Its influence grows in proportion to the time since its onset, as with a constant leak rate.
     pub grows: bool,
-    /// Share of its size that no log gives, however long: what the twin replaces by an approximation. A half of a 95 % interval.
+    /// Share of its size that no log determines, however long: an approximation error of the twin. Half of a 95 %
+    /// interval.
     pub blur: f64,
 }
 
@@ -152,7 +153,7 @@ impl Search {
         self
     }
 
-    /// The same for what grows in proportion to the time since it set in.
+    /// The same for an effect that grows in proportion to the time since its onset.
     pub const fn growing(mut self) -> Self {
         self.grows = true;
         self

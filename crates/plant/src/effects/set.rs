@@ -17,7 +17,7 @@ struct Member {
     hooks: Hooks,
     onset_s: f64,
     active: bool,
-    /// Id of an effect of the catalogue that acts on what sensors say or when.
+    /// Id of an effect of the catalogue that acts on the values or the timing of sensors.
     of_readings: Option<&'static str>,
 }
 
@@ -154,7 +154,7 @@ impl EffectSet {
         self.next_onset_s = f64::NEG_INFINITY;
     }
 
-    /// Id of the first effect of the catalogue that acts on what sensors say or when, if there is one.
+    /// Id of the first effect of the catalogue that acts on the values or the timing of sensors, if there is one.
     pub fn of_readings(&self) -> Option<&'static str> {
         self.members.iter().find_map(|member| member.of_readings)
     }

@@ -7,11 +7,12 @@
 
 use super::prelude::*;
 
-/// Least of the ratios that an exponent is put on: below, a rotor makes next to nothing and the curve is no power law.
+/// Smallest ratio to which an exponent is applied: below, a rotor has almost no thrust and the curve is not a power
+/// law.
 const LEAST_RATIO: f64 = 0.01;
 
-/// As good as none: a curve that somebody has measured has its law, and that of a vehicle from a log has the interval of the log. With 2 %
-/// of the size, as other effects have, a gain of the voltage sensor was no longer told from its offset.
+/// Practically none: a measured curve has its law, and that of a vehicle from a log has the interval of the log. With 2
+/// % of the size, as for other effects, a gain of the voltage sensor could no longer be distinguished from its offset.
 const CLUTTER: f64 = 1e-5;
 
 /// Row 55 of the catalogue.

@@ -189,7 +189,7 @@ pub(crate) struct ChartInterval {
     pub(crate) voltage: f64,
     /// To the next knot, V.
     pub(crate) rise: f64,
-    /// True once a charge outside of it has been asked for: what came of that has no meaning.
+    /// True once a charge outside this interval has been requested: the results are then meaningless.
     pub(crate) left: bool,
 }
 

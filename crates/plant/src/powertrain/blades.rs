@@ -46,7 +46,7 @@ impl Blade {
         (voltage - self.voltage_offset_v).max(0.0) * self.lift_per_volt(duty)
     }
 
-    /// The duty (fraction) that lifts `thrust` N at `voltage` V, to the last bit that bisection can tell; `None` where full duty
+    /// The duty (fraction) that lifts `thrust` N at `voltage` V, to the last bit of a bisection; `None` if full duty
     /// does not suffice or the lift cannot be inverted.
     pub fn duty(&self, thrust: f64, voltage: f64) -> Option<f64> {
         if !(thrust > 0.0 && thrust <= self.lift(1.0, voltage)) {

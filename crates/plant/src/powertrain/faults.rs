@@ -215,7 +215,7 @@ pub(crate) struct FaultSchedule {
     plan: FaultPlan,
     next: usize,
     ramps: Vec<Ramp>,
-    /// Mounted blade of each rotor: 0 nominal, else 1 + `BladeSet::code`.
+    /// Mounted blade of each rotor: 0 nominal, otherwise 1 + `BladeSet::code`.
     pub(crate) blade_code: [i32; MAX_ROTORS],
     /// Thrust loss of each rotor, fraction.
     pub(crate) thrust_loss: [f64; MAX_ROTORS],

@@ -1,8 +1,8 @@
 //! Sensor faults: bias, stuck, dropout and delay of one sensor over an interval of the flight.
 //!
-//! Applied to the noisy reading in the order delay, bias, dropout, stuck. A dropout is not NaN: as an estimator does, the sensor
-//! goes on giving its last good value, and `SensedSample::stale_sensors` says so; a stuck sensor gives its last value too, and
-//! says nothing.
+//! Applied to the noisy reading in the order delay, bias, dropout, stuck. A dropout is not NaN: like an estimator, the
+//! sensor keeps giving its last good value, and `SensedSample::stale_sensors` marks it; a stuck sensor also gives its
+//! last value, without a mark.
 
 use std::collections::VecDeque;
 
@@ -193,7 +193,7 @@ impl SensorFaultEntry {
     }
 }
 
-/// A planned fault and what it remembers.
+/// A planned fault and its state.
 #[derive(Debug, Clone)]
 struct RunningFault {
     plan: PlannedFault,

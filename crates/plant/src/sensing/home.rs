@@ -36,7 +36,7 @@ impl Default for Home {
 }
 
 impl Home {
-    /// Refuses what is no place for a flight; north and south of 85° east means little.
+    /// Rejects an invalid place for a flight; north and east lose their meaning beyond 85° of latitude.
     pub fn check(&self) -> Result<(), Refusal> {
         in_range("latitude_deg", self.latitude_deg, -85.0, 85.0, "degrees")?;
         in_range("longitude_deg", self.longitude_deg, -180.0, 180.0, "degrees")?;

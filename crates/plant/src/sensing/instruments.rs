@@ -1,10 +1,10 @@
-//! Instruments as a flight controller carries them, beside the estimator's output that controller and detectors get: accelerometer,
-//! gyroscope, magnetometer, barometer, satellite receiver, range finder.
+//! Instruments of a flight controller, in addition to the estimator's output that controller and detectors get:
+//! accelerometer, gyroscope, magnetometer, barometer, satellite receiver, range finder.
 //!
-//! They are made only where somebody asks ([`Instruments::new`]), with random streams of their own, and change nothing of the flight.
-//! Readings may be taken at any instants that follow each other. Noise of accelerometer and gyroscope is white with a density,
-//! so its deviation is density/√Δt over the time Δt since the last reading; their biases walk. The others have white noise per reading.
-//! All sit at the centre of mass. Not modelled: misalignment, temperature, multipath, wind on the barometer.
+//! They exist only if requested ([`Instruments::new`]), with random streams of their own, and do not affect the flight.
+//! Readings may be taken at any increasing times. Noise of accelerometer and gyroscope is white with a density, so its
+//! deviation is density/√Δt over the time Δt since the last reading; their biases walk. The others have white noise per
+//! reading. All sit at the centre of mass. Not modelled: misalignment, temperature, multipath, wind on the barometer.
 
 use std::collections::VecDeque;
 
@@ -100,7 +100,7 @@ impl InstrumentModel {
         }
     }
 
-    /// Refuses instruments that nobody builds.
+    /// Rejects implausible instruments.
     pub fn check(&self) -> Result<(), Refusal> {
         self.home.check().map_err(|r| r.under("home"))?;
         let ranges = [
@@ -175,7 +175,7 @@ impl InstrumentModel {
     }
 }
 
-/// What instruments look at.
+/// Input of the instruments.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct Scene {
     /// ns since the start of the plant.
@@ -209,7 +209,7 @@ pub struct GpsFix {
     pub velocity_ned_m_s: [f64; 3],
 }
 
-/// What the instruments say at one instant.
+/// Readings of the instruments at one instant.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct InstrumentSample {
     /// ns since the start of the plant.
@@ -312,7 +312,7 @@ impl Instruments {
         self.model.magnetic_field_ned_gauss
     }
 
-    /// What they say of `scene`, which must not be before the last one.
+    /// Readings of `scene`, which must not be before the last one.
     pub fn measure(&mut self, scene: &Scene) -> InstrumentSample {
         let interval = self.last_ns.map_or(FIRST_INTERVAL_S, |last| {
             (scene.time_ns.saturating_sub(last) as f64 * 1e-9).max(1e-6)

@@ -1,4 +1,4 @@
-//! What the sensors say of the state: noise and faults.
+//! Sensor readings of the state: noise and faults.
 
 pub mod faults;
 pub mod home;

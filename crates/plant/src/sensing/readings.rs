@@ -54,5 +54,5 @@ impl Sensor {
     }
 }
 
-/// Readings of all sensors, indexed by [`Sensor`]; the voltage stands in the first place of its row.
+/// Readings of all sensors, indexed by [`Sensor`]; the voltage is the first element of its row.
 pub(crate) type Readings = [Vector3; SENSORS];

@@ -1,8 +1,9 @@
 //! Sensors: the true state plus white Gaussian noise (Table 4), then the sensor faults of the scenario.
 //!
-//! The paper's sensors are the outputs of an estimator, so position, velocity, attitude and body rates are measured directly;
-//! the accelerometer of Table 4 is used by no algorithm of the paper and only simulated where a flight is recorded. Each sensor has its own noise stream; noise is drawn at
-//! every step, faulty or not, so that a sensor fault changes nothing but its own sensor.
+//! The paper's sensors are the outputs of an estimator, so position, velocity, attitude and body rates are measured
+//! directly; the accelerometer of Table 4 is used by no algorithm of the paper and only simulated where a flight is
+//! recorded. Each sensor has its own noise stream; noise is drawn at every step, faulty or not, so a sensor fault
+//! affects only its own sensor.
 
 use rotortwin_flight_core::frames::{EulerAngles, Vec3};
 use rotortwin_flight_core::signals::NavState;
@@ -188,7 +189,8 @@ impl SensorSuite {
         rows[3 * SENSORS - 3][lane] = if exact { 0.0 } else { self.noise[SENSORS - 1].sample() };
     }
 
-    /// What the sensors say of `truth` at `step`, which must be one after the step before; and the bit mask of stale sensors.
+    /// Readings of the sensors for `truth` at `step`, which must be one after the previous step; and the bit mask of
+    /// stale sensors.
     #[inline]
     pub(crate) fn measure(&mut self, step: u64, truth: &Readings) -> (NavState, f32, u32) {
         let mut readings = *truth;

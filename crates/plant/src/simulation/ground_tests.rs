@@ -197,7 +197,7 @@ fn val_it_lifts_off_where_thrust_is_weight() {
         // The feet spring back by 1 mm when they are relieved.
         let (below, above) = (lift(name, 0.999), lift(name, 1.001));
         assert!(below < 0.001, "{name}: {below} m at 99.9 % of the weight");
-        // ½ · 0.001 g · (2 s)² is 2 cm, less what the lag takes.
+        // ½ · 0.001 g · (2 s)² is 2 cm, less the effect of the lag.
         assert!(above > 0.008, "{name}: {above} m at 100.1 % of the weight");
     }
 }

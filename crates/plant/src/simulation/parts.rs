@@ -32,8 +32,8 @@ impl Simulation {
     /// Begins the time before the flight. To be called at step 0.
     ///
     /// # Errors
-    /// The scenario has no ground that carries the vehicle, does not begin on it, or has an effect on what sensors say or when: an autopilot
-    /// reads instruments of its own, on which such effects do not act.
+    /// The scenario has no ground that carries the vehicle, does not begin on it, or has an effect on the values or the
+    /// timing of sensors: an autopilot reads instruments of its own, on which such effects do not act.
     pub fn begin_prelude(&mut self) -> Result<(), Refusal> {
         if self.contact.is_none() || !self.on_ground() {
             let reason = "an autopilot arms on the ground: expected \"on-ground\", and `[ground.contact]`";
@@ -136,7 +136,7 @@ impl Simulation {
         self.reference.trajectory().pose(0.0).1
     }
 
-    /// What instruments say now.
+    /// Readings of the instruments now.
     pub fn measure(&self, instruments: &mut Instruments) -> InstrumentSample {
         let body = &self.state.body;
         let down = body.ned_from_body.down_axis();

@@ -1,13 +1,13 @@
-//! Mismatch: how far the true vehicle is from the document that controller and detector believe.
+//! Mismatch: how far the true vehicle is from the document that controller and detector assume.
 //!
-//! The preset `paper` draws the lift bias of each rotor and nothing else (§6). `realistic` adds what a workshop vehicle has
-//! outdoors; it is this project's own draw, not the paper's. Every magnitude can be overridden by a key of `[mismatch]`.
-//! Each parameter is uniform in ± its magnitude and comes from a random stream of its own.
+//! The preset `paper` draws the lift bias of each rotor and nothing else (§6). `realistic` adds typical errors of a
+//! vehicle outdoors; it is this project's own draw, not the paper's. Every magnitude can be overridden by a key of
+//! `[mismatch]`. Each parameter is uniform in ± its magnitude and comes from a random stream of its own.
 //!
 //! The presets are those of a vehicle of some kilograms. Their forces, torques, lengths and drag are bounded by shares of the
-//! vehicle's own weight and size ([`Size`]), so that a vehicle of some grams does not tumble on errors of another's size. The
-//! bounds are three and more times what the paper's hexarotor has (twice, for the lift bias), so no bit of its flights depends on
-//! them. What the scenario says itself is taken as it is.
+//! vehicle's own weight and size ([`Size`]), so that a vehicle of some grams does not tumble from errors of another's
+//! size. The bounds are three or more times the values of the paper's hexarotor (twice, for the lift bias), so no bit
+//! of its flights depends on them. Values given in the scenario are used unchanged.
 
 use rotortwin_flight_core::MAX_ROTORS;
 use serde::{Deserialize, Serialize};

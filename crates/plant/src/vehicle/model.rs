@@ -1,4 +1,4 @@
-//! Vehicle document: what controller and detector believe of the vehicle, and the plant starts from.
+//! Vehicle document: the vehicle as controller and detector assume it, from which the plant starts.
 //!
 //! `config/vehicles/*.toml`. A vehicle names its blade document by a path relative to its own.
 
@@ -67,12 +67,12 @@ pub struct Rotors {
     /// inertia of 2 c λ f_h/Ω_h. 0 where it is not known.
     #[serde(default, skip_serializing_if = "is_zero")]
     pub reaction_s: f64,
-    /// k_d, kg/s: drag of all rotors together across their axis, F_xy = −k_d (Σ Ω_i/(n Ω_h)) v_a,xy, beside the drag of the body, which acts
-    /// along all axes. 0 where the two are not told apart.
+    /// k_d, kg/s: drag of all rotors together across their axis, F_xy = −k_d (Σ Ω_i/(n Ω_h)) v_a,xy, in addition to the
+    /// drag of the body, which acts along all axes. 0 where the two are not distinguished.
     #[serde(default, skip_serializing_if = "is_zero")]
     pub drag_kg_s: f64,
-    /// ESC and motor, which turn the plant's rotors in place of Eq. 19 and its lag. Controllers, detectors and the twin believe Eq. 19 all the
-    /// same, as the paper's do.
+    /// ESC and motor, which turn the plant's rotors in place of Eq. 19 and its lag. Controllers, detectors and the twin
+    /// still assume Eq. 19, as the paper's do.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub motor: Option<MotorModel>,
     /// Where the rotors are.
@@ -138,7 +138,7 @@ pub enum SpinDirection {
     Cw,
 }
 
-/// One rotor in f64: what the plant uses where `flight-core` has its f32 `Rotor`.
+/// One rotor in f64: used by the plant where `flight-core` has its f32 `Rotor`.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct RotorPlacement {
     /// m, body.
@@ -279,7 +279,7 @@ impl VehicleModel {
         }
     }
 
-    /// Refuses what cannot fly with these blades; keys are those of the vehicle document.
+    /// Rejects what cannot fly with these blades; keys are those of the vehicle document.
     pub fn check(&self, blades: &BladeSet) -> Result<(), Refusal> {
         self.check_body().map_err(|r| r.under("body"))?;
         self.check_rotors(blades).map_err(|r| r.under("rotors"))?;

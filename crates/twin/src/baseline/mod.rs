@@ -1,20 +1,22 @@
-//! Trim: a flight compared with healthy flights of the same vehicle by the mean thrust that each rotor is asked for.
+//! Trim: a flight compared with healthy flights of the same vehicle by the mean commanded thrust of each rotor.
 //!
 //! ```text
 //! logs ─▶ thrust of the model from duties and voltage ─▶ mean of each rotor in flight ─▶ ln of it over the healthy mean
 //!      ─▶ likelihood under the spread of the healthy flights ─▶ posterior of: nothing, one rotor, two, mass, a load at a place
 //! ```
-//! A vehicle that does not tumble has no mean torque: whatever a rotor lost, its command makes good for. On a quadrotor a rotor with
-//! the gain 1 + s is asked for 1/(1 + s) of its thrust and the others for what they had; a load asks all of them. So neither rates nor
-//! accelerometer are needed, and errors of the model that every flight has (mass, thrust map, rotors that differ by 14 %) cancel.
+//! A vehicle that does not tumble has no mean torque: the command of a rotor compensates for its loss. On a quadrotor,
+//! a rotor with the gain 1 + s is commanded 1/(1 + s) of its thrust and the others what they had; a load affects all of
+//! them. So neither rates nor accelerometer are needed, and errors of the model that every flight has (mass, thrust
+//! map, rotors that differ by 14 %) cancel.
 //!
-//! The healthy flights differ, too: by a common factor (battery, air) and rotor by rotor. Both spreads are estimated from them, so the
-//! likelihood is Student's t. Several logs that are diagnosed together count as one flight: the spread between sessions is larger than
-//! within, and one session has one of it. Healthy flights of one day are one session, too: what another day is like they do not say, so
-//! against a flight of another day they get [`ANOTHER_DAY`] more.
+//! The healthy flights differ, too: by a common factor (battery, air) and rotor by rotor. Both spreads are estimated
+//! from them, so the likelihood is Student's t. Several logs that are diagnosed together count as one flight: the
+//! spread between sessions is larger than within one. Healthy flights of one day are also one session: they do not show
+//! how days differ, so against a flight of another day the spread is increased by [`ANOTHER_DAY`].
 //!
-//! Limits: an effect that moves no mean stays unseen; of more than four rotors it is assumed that commands are allocated by the
-//! pseudo-inverse; a common change of all rotors is called mass, be it air, voltage or propellers.
+//! Limits: an effect that changes no mean goes unnoticed; with more than four rotors, commands are assumed to be
+//! allocated by the pseudo-inverse; a common change of all rotors is called mass, whether it is air, voltage or
+//! propellers.
 
 mod posterior;
 
@@ -31,13 +33,14 @@ use crate::{LEAST_BASELINE, NAMED};
 
 use posterior::{Spread, Weighed};
 
-/// Prior odds of two damaged rotors against one: both at once are rarer.
+/// Prior odds of two damaged rotors against one: two together are rarer.
 const PAIR_PRIOR: f64 = 0.02;
-/// Spread, relative, of a rotor between days, of which healthy flights of a single day know nothing (batteries, propellers put on again, wind).
+/// Relative spread of a rotor between days, about which healthy flights of a single day carry no information
+/// (batteries, propellers reattached, wind).
 const ANOTHER_DAY: f64 = 0.03;
 /// Seconds of a day.
 const DAY_S: f64 = 86_400.0;
-/// How many times as many healthy flights are looked at for what more of them would show.
+/// Factors on the number of healthy flights for which the gain from more flights is computed.
 const MORE_FLIGHTS: [usize; 2] = [2, 4];
 /// Steps and largest share of the search for the smallest loss of a rotor that would be named.
 const LOSS_STEPS: usize = 60;
@@ -121,7 +124,7 @@ struct Balance<'a> {
 }
 
 impl Balance<'_> {
-    /// Part of a change of thrusts that changes force or torque, as the allocation makes good for it.
+    /// Part of a change of thrusts that changes force or torque, since the allocation compensates for it.
     fn seen(&self, change: &[f64]) -> Vec<f64> {
         let (mut force, mut torque) = (0.0, [0.0; 3]);
         for (i, x) in change.iter().enumerate() {
@@ -134,16 +137,16 @@ impl Balance<'_> {
         self.allocated(force, torque)
     }
 
-    /// Thrusts for a further force and torque.
+    /// Thrusts for an additional force and torque.
     fn allocated(&self, force: f64, torque: [f64; 3]) -> Vec<f64> {
-        // About a large thrust, where no rotor is held at 0.
+        // About a large thrust, so that no rotor is limited at 0.
         let total: f64 = 1e3 * self.healthy.iter().sum::<f64>();
         let allocate = allocation(self.constants);
         let (with, without) = (allocate(total + force, torque), allocate(total, [0.0; 3]));
         with.iter().zip(&without).map(|(a, b)| a - b).collect()
     }
 
-    /// Thrusts that are asked for where these rotors give 1 + s of theirs.
+    /// Commanded thrusts if these rotors give 1 + s of theirs.
     fn with_gains(&self, gains: &[(usize, f64)]) -> Vec<f64> {
         let mut asked = self.healthy.to_vec();
         for _ in 0..BALANCE_STEPS {
@@ -161,7 +164,7 @@ impl Balance<'_> {
         asked
     }
 
-    /// ln of thrust asked for over healthy thrust, rotor by rotor.
+    /// ln of commanded thrust over healthy thrust, rotor by rotor.
     fn signature(&self, kind: Kind, values: &[f64]) -> Vec<f64> {
         let total: f64 = self.healthy.iter().sum();
         let asked: Vec<f64> = match kind {
@@ -182,7 +185,7 @@ impl Balance<'_> {
     }
 }
 
-/// A candidate with the declared parameters that it moves.
+/// A candidate with the declared parameters that it varies.
 struct Candidate {
     kind: Kind,
     /// Prior odds against one rotor.
@@ -229,7 +232,7 @@ fn candidates(rotors: usize, size: &VehicleSize) -> Vec<Candidate> {
     all
 }
 
-/// Holds flights against healthy flights of the same vehicle.
+/// Compares flights with healthy flights of the same vehicle.
 ///
 /// # Errors
 /// One sentence: fewer than [`LEAST_BASELINE`] healthy flights, or a log without the inputs of the rotors.
@@ -273,7 +276,7 @@ pub fn trim(logs: &[FlightLog], healthy: &[FlightLog], model: &ModelVersion) -> 
     Ok(found)
 }
 
-/// True if all healthy flights are of one day, and a log is of another; where a date is not known: false.
+/// True if all healthy flights are of one day and a log is of another; false if a date is not known.
 fn is_another_day(logs: &[FlightLog], healthy: &[FlightLog]) -> bool {
     let day = |log: &FlightLog| log.report.flown.as_ref().map(|flown| (flown.unix_s / DAY_S).floor());
     let days: Option<Vec<f64>> = healthy.iter().map(day).collect();
@@ -283,28 +286,28 @@ fn is_another_day(logs: &[FlightLog], healthy: &[FlightLog]) -> bool {
     })
 }
 
-/// What one flight asked of each rotor, and what a loss of one would change in that: see [`rotor_loads`].
+/// What one flight commanded of each rotor, and how a loss of one would change that: see [`rotor_loads`].
 #[derive(Debug, Clone, PartialEq)]
 pub struct RotorLoads {
-    /// ln of the mean thrust that each rotor was asked for over what the model asks of it in hover.
+    /// ln of the mean commanded thrust of each rotor over the model's hover thrust of it.
     pub asked: Vec<f64>,
-    /// Standard error of that within the flight, from means of [`LOAD_PARTS`] equal parts.
+    /// Standard error of that within the flight, from means over [`LOAD_PARTS`] equal parts.
     pub deviation: Vec<f64>,
     /// Seconds in the air that count.
     pub seconds: f64,
-    /// For each rotor: change of `asked` per x, where the rotor alone has lost the share 1 − e⁻ˣ of its thrust.
+    /// For each rotor: change of `asked` per x if the rotor alone has lost the share 1 − e⁻ˣ of its thrust.
     pub signatures: Vec<Vec<f64>>,
 }
 
-/// Equal parts of a flight whose means tell how well its mean is known.
+/// Equal parts of a flight whose means give the error of its mean.
 pub const LOAD_PARTS: usize = 8;
-/// Loss at which the change of thrusts is taken for one per x: changes are linear in x to a thousandth there.
+/// Loss for which the change of thrusts per x is computed: changes are linear in x to a thousandth there.
 const SIGNATURE_LOSS: f64 = 0.05;
 
-/// Mean thrust that each rotor was asked for in a flight, by the model's thrust map from duty and voltage.
+/// Mean commanded thrust of each rotor in a flight, by the model's thrust map from duty and voltage.
 ///
 /// # Errors
-/// One sentence: the log cannot be held against the model, or a rotor does not lift in the mean.
+/// One sentence: the log cannot be compared with the model, or a rotor has no lift on average.
 pub fn rotor_loads(log: &FlightLog, model: &ModelVersion) -> Result<RotorLoads, PredictError> {
     let predictor = Predictor::new(&model.documents(), &model.instances(), &model.catalogue()?, log)?;
     let rows = predictor.thrust_in_flight()?;
@@ -361,7 +364,7 @@ fn log_mean(flights: &[Vec<f64>]) -> Vec<f64> {
         .collect()
 }
 
-/// What healthy flights say: mean of the logarithms of each rotor's thrust, the thrust, N, and the spread.
+/// Estimates from healthy flights: mean of the logarithms of each rotor's thrust, the thrust, N, and the spread.
 struct Healthy {
     centre: Vec<f64>,
     thrust: Vec<f64>,
@@ -447,7 +450,8 @@ fn weigh(
     trim
 }
 
-/// Posterior that nothing has changed, and each candidate's with its fit. Nothing has one half of the prior, the candidates the rest.
+/// Posterior that nothing has changed, and each candidate's with its fit. "Nothing" has one half of the prior, the
+/// candidates share the rest.
 fn weigh_all(data: &[f64], spread: &Spread, balance: &Balance<'_>, all: &[Candidate]) -> (f64, Vec<(f64, Weighed)>) {
     let nothing = spread.log_likelihood(data);
     let weighed: Vec<Weighed> = all
@@ -492,7 +496,7 @@ fn change(candidate: &Candidate, posterior: f64, weighed: &Weighed) -> Change {
     }
 }
 
-/// The fewest changes that together have [`NAMED`]; none if that nothing has changed is not improbable.
+/// The fewest changes that together have [`NAMED`]; none unless "nothing has changed" is improbable.
 fn named(unchanged: f64, ranking: &[Change]) -> Vec<Change> {
     if unchanged > 1.0 - NAMED {
         return Vec::new();
@@ -509,7 +513,7 @@ fn named(unchanged: f64, ranking: &[Change]) -> Vec<Change> {
     named
 }
 
-/// Smallest loss that would be named on every rotor, if all else is as in the healthy mean.
+/// Smallest loss that would be named on every rotor, everything else being as in the healthy mean.
 fn smallest_loss(spread: &Spread, balance: &Balance<'_>, all: &[Candidate]) -> Option<f64> {
     let shown = |rotor: usize, loss: f64| {
         let data = balance.signature(Kind::Rotor(rotor), &[-loss]);
@@ -517,7 +521,7 @@ fn smallest_loss(spread: &Spread, balance: &Balance<'_>, all: &[Candidate]) -> O
     };
     let rotors = balance.healthy.len();
     let all_shown = |step: usize| (0..rotors).all(|rotor| shown(rotor, step as f64 * LOSS_STEP));
-    // What is larger is shown more clearly, so that halving finds the smallest.
+    // A larger loss shows more clearly, so bisection finds the smallest.
     let (mut hidden, mut seen) = (0, LOSS_STEPS);
     if !all_shown(seen) {
         return None;

@@ -1,8 +1,8 @@
 //! Likelihood of a trim under the spread of healthy flights, and the evidence of a candidate.
 //!
-//! The deviation z of ln thrust of n rotors from the healthy mean is taken as a common part c (mean of z) and a rest d. With spreads
-//! s_c and s_d estimated from K flights (K − 1 and (K − 1)(n − 1) degrees of freedom), and the mean itself uncertain by a K-th, both
-//! are Student's t:
+//! The deviation z of ln thrust of n rotors from the healthy mean is split into a common part c (mean of z) and a rest
+//! d. With spreads s_c and s_d estimated from K flights (K − 1 and (K − 1)(n − 1) degrees of freedom), and the mean
+//! itself uncertain by 1/K, both are Student's t:
 //!
 //! ```text
 //! ln p = −(ν_c + 1)/2 ln(1 + n c²/(ν_c S_c²)) − (ν_d + n − 1)/2 ln(1 + |d|²/(ν_d S_d²)),   S² = s² (1 + 1/K)
@@ -72,7 +72,7 @@ impl Spread {
         }
     }
 
-    /// With a further deviation of each rotor and of what all have in common, relative.
+    /// With an additional relative deviation of each rotor and of the factor common to all.
     pub(super) fn wider(self, deviation: f64) -> Self {
         let variance = deviation * deviation;
         Self {
@@ -82,7 +82,7 @@ impl Spread {
         }
     }
 
-    /// The same spread, known from so many flights.
+    /// The same spread, known from this many flights.
     pub(super) fn of_flights(self, flights: usize) -> Self {
         Self {
             flights: flights as f64,
@@ -90,7 +90,7 @@ impl Spread {
         }
     }
 
-    /// Standard deviations of the common factor and of a rotor beside it.
+    /// Standard deviations of the common factor and of a rotor relative to it.
     pub(super) fn relative(&self) -> [f64; 2] {
         [(self.common / self.rotors).sqrt(), self.rest.sqrt()]
     }
@@ -200,7 +200,7 @@ pub(super) fn weigh(data: &[f64], spread: &Spread, sizes: &[f64], signature: &dy
                 sizes.iter().enumerate().map(deviation).collect(),
             )
         }
-        // Numbers that are not finite: told by the evidence, which is none.
+        // Non-finite numbers show up as missing evidence.
         None => (f64::INFINITY, vec![f64::INFINITY; sizes.len()]),
     };
     Weighed {

@@ -88,7 +88,7 @@ fn val_two_damaged_rotors_are_named_as_two() {
     let (mut named, mut wrong) = (0, 0);
     for round in 0..60 {
         let (first, second) = [(0, 1), (0, 2), (0, 3), (1, 2), (1, 3), (2, 3)][round % 6];
-        // By hand: a rotor with the gain 1 + s is asked for 1/(1 + s) of a quadrotor's thrust.
+        // By hand: a rotor with the gain 1 + s is commanded 1/(1 + s) of a quadrotor's thrust.
         let mut mean = HEALTHY_N.to_vec();
         mean[first] /= 0.7;
         mean[second] /= 0.75;
@@ -100,7 +100,7 @@ fn val_two_damaged_rotors_are_named_as_two() {
         let found = weigh(&flights(&mut draws, &mean, 1), &baseline, false, &constants, &size);
         let pair = (Some(first + 1), Some(second + 1));
         named += usize::from(matches!(found.named.as_slice(), [one] if (one.rotor, one.second_rotor) == pair));
-        // A load off the centre asks two neighbours for more, too: then both stand in the answer.
+        // A load off the centre requires more of two neighbours, too: then both are in the answer.
         wrong += usize::from(
             !found.named.is_empty() && !found.named.iter().any(|one| (one.rotor, one.second_rotor) == pair),
         );

@@ -4,8 +4,9 @@
 //! * curved: V = E₀ − k q − k₂ q² − R I
 //! * resistance and RC pair: V = E₀ − k q − R I − v₁, v₁' = (R₁ I − v₁)/T₁
 //!
-//! Limits: E₀ − k q stands for the open-circuit voltage over the charge that was drawn in this file, not for the chart of the cell; no
-//! temperature. A current that does not vary cannot tell R from E₀; a current that only drifts cannot tell R from k: both are said.
+//! Limits: E₀ − k q stands for the open-circuit voltage over the charge drawn in this file, not for the cell's chart;
+//! no temperature. A current that does not vary cannot distinguish R from E₀; a current that only drifts cannot
+//! distinguish R from k: both cases are reported.
 
 use super::fit::{Fit, FittedModel, HeldOut, Structure, fit};
 use super::table::{Role, Table};

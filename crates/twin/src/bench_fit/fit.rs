@@ -1,4 +1,4 @@
-//! Nonlinear least squares with intervals, and what a fit reports.
+//! Nonlinear least squares with intervals, and the report of a fit.
 //!
 //! Least squares of [`crate::estimation`] with a finite-difference Jacobian on scaled parameters; covariance s² (JᵀJ)⁻¹; 95 % by the
 //! normal quantile.
@@ -59,7 +59,7 @@ impl FittedModel {
     }
 }
 
-/// What was fitted to what: for tables and plots.
+/// Fitted data and curve: for tables and plots.
 #[derive(Debug, Clone)]
 pub struct Fit {
     /// "thrust", "battery", "lag".
@@ -114,7 +114,7 @@ pub struct Structure<'a> {
     pub bounds: Vec<[f64; 2]>,
 }
 
-/// How a fit goes on and ends: start values may be far off, so that it begins damped.
+/// How a fit proceeds and ends: start values may be far off, so it begins damped.
 const CONTROL: Control = Control {
     steps: 200,
     dampings: 12,
@@ -368,7 +368,7 @@ mod tests {
 
     fn line() -> (Vec<f64>, Vec<f64>) {
         let x: Vec<f64> = (0..40).map(f64::from).collect();
-        // A fixed pattern of errors ±0.1 without lag-one correlation worth the name.
+        // A fixed pattern of errors ±0.1 without appreciable lag-one correlation.
         let signs = [1.0, -1.0, -1.0, 1.0, 1.0, 1.0, -1.0, -1.0];
         let y = x
             .iter()

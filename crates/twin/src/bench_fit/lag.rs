@@ -4,8 +4,9 @@
 //! * second order: two equal lags, 1 − (1 + (t − t₀)/τ₂) exp(−(t − t₀)/τ₂)
 //! * first order seen through the averaging of a slow load cell: the mean of the first-order step over one sampling interval
 //!
-//! With a command column t₀ is the step of the command and a delay is fitted beside τ; without one t₀ is fitted and a delay cannot be
-//! told from it. Steps up and down are fitted apart, which shows an asymmetry. Limits: each step is taken from rest to rest.
+//! With a command column t₀ is the step of the command and a delay is fitted in addition to τ; without one t₀ is
+//! fitted, and a delay cannot be distinguished from it. Steps up and down are fitted separately, which shows an
+//! asymmetry. Limits: each step is assumed to start and end at rest.
 
 use super::fit::{Fit, FittedModel, HeldOut, Structure, fit};
 use super::table::{Role, Table};

@@ -5,7 +5,8 @@
 //! ```
 //! Every fit has rivals: the same data under several structures, ranked by AICc and by the error on points that the fit did not see.
 //! Intervals are 95 %: from the Gauss–Newton covariance where residuals look white, from a block bootstrap where they do not.
-//! Limits: ordinary least squares, so outliers count in full; a parameter that the data cannot tell is reported as such, not guessed.
+//! Limits: ordinary least squares, so outliers count in full; a parameter that the data cannot determine is reported as
+//! such, not guessed.
 
 pub mod battery;
 pub mod fit;
@@ -19,7 +20,7 @@ pub mod write;
 pub use fit::{Fit, FittedModel, FittedParameter};
 pub use table::{Mapping, Table};
 
-/// A refusal in one sentence: what, where, what was expected.
+/// A rejection in one sentence: what, where, what was expected.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct FitError(pub String);
 

@@ -1,4 +1,4 @@
-//! Fits as text for a terminal, as JSON, and as a page that stands alone, with data, fit and residual.
+//! Fits as text for a terminal, as JSON, and as a self-contained page with data, fit and residual.
 
 use super::fit::{Fit, FittedParameter};
 use rotortwin_page::{Report, rounded};

@@ -2,13 +2,14 @@
 //!
 //! Roles: time, command, thrust, voltage, current. A mapping names a column by its header or by its number (from 1) and may give a
 //! unit: `thrust=Thrust (gf)`, `thrust=2:kg`; a unit with a minus (`-kg`) turns the sign of a load cell. A column without a unit is taken as SI,
-//! and a note says so; a unit in brackets that is none of its role is refused. Text logs of ArduPilot are read one message at a time
-//! (`message`), with the columns of the message's FMT line. Everything becomes SI: s, duty 0…1, N, V, A, N·m, W.
+//! and a note says so; a unit in brackets that does not fit its role is rejected. Text logs of ArduPilot are read one
+//! message at a time (`message`), with the columns of the message's FMT line. Everything becomes SI: s, duty 0…1, N, V,
+//! A, N·m, W.
 
 use super::{FitError, refuse};
 use std::path::Path;
 
-/// Standard gravity, m/s²: what a gram-force is defined by.
+/// Standard gravity, m/s²: the definition of a gram-force.
 const STANDARD_GRAVITY: f64 = 9.806_65;
 
 /// What a column means.
@@ -54,12 +55,12 @@ impl Role {
         Self::Power,
     ];
 
-    /// Fits of thrust, battery and lag do without it: a column with holes is left out.
+    /// Fits of thrust, battery and lag work without it: a column with gaps is left out.
     fn is_extra(self) -> bool {
         matches!(self, Self::Torque | Self::Power)
     }
 
-    /// Words that a header may begin with, and the unit assumed without one.
+    /// Words that a header may begin with, and the default unit.
     fn headers(self) -> (&'static [&'static str], &'static str) {
         match self {
             Self::Time => (&["time", "t"], "s"),
@@ -131,14 +132,14 @@ impl Role {
     }
 }
 
-/// Which column is what; empty fields are found by the usual headers.
+/// Assignment of columns; empty fields are found by the usual headers.
 #[derive(Debug, Clone, Default)]
 pub struct Mapping {
     /// (role, header or number, unit) as given by the user.
     pub columns: Vec<(Role, String, Option<String>)>,
     /// Message name of a text log of ArduPilot.
     pub message: Option<String>,
-    /// s between rows, where there is no time column.
+    /// s between rows, if there is no time column.
     pub period_s: Option<f64>,
     /// Pulse at duty 0 and at duty 1, µs.
     pub pulse_us: Option<[f64; 2]>,
@@ -184,9 +185,9 @@ pub struct Table {
     pub torque: Vec<f64>,
     /// W; empty if unknown.
     pub power: Vec<f64>,
-    /// What was done, in sentences.
+    /// Notes on the conversion, in sentences.
     pub notes: Vec<String>,
-    /// Why a time column was left out, if it was: what needs a time says so.
+    /// Why a time column was left out, if it was: quoted by what requires a time.
     pub without_time: Option<String>,
 }
 
@@ -305,7 +306,7 @@ impl Table {
                 .push(format!("no time column: rows are taken as {period} s apart"));
         }
         table.leave_out_the_few_out_of_order();
-        // Points of a thrust curve need no clock, and RCbenchmark writes an averaging time in the place of the first ones.
+        // Points of a thrust curve need no clock, and RCbenchmark writes an averaging time instead of the first ones.
         if let Some(k) = table.time.windows(2).position(|pair| pair[1] <= pair[0]) {
             table.without_time = Some(format!(
                 "{name}, row {}: expected a time that increases, got {} after {}",
@@ -324,7 +325,7 @@ impl Table {
         Ok(table)
     }
 
-    /// Leaves out rows whose time is not after that of the rows before, where they are one in a hundred at most.
+    /// Leaves out rows whose time is not after that of the rows before, if they are at most one in a hundred.
     fn leave_out_the_few_out_of_order(&mut self) {
         const MOST_SHARE: f64 = 0.01;
         let mut latest = f64::NEG_INFINITY;
@@ -367,7 +368,7 @@ impl Table {
         }
     }
 
-    /// A column that must be there.
+    /// A required column.
     pub fn require(&self, role: Role) -> Result<&[f64], FitError> {
         let column = match role {
             Role::Time => &self.time,
@@ -391,8 +392,8 @@ impl Table {
         Ok(column)
     }
 
-    /// The table without the points of a motor that stands: less than a tenth of the current and a third of the thrust that a lower command gave.
-    /// Without a current in the table nothing says that the motor stood, and all points stay.
+    /// The table without the points of a stalled motor: less than a tenth of the current and a third of the thrust at a
+    /// lower command. Without a current in the table a stall cannot be detected, and all points are kept.
     #[must_use]
     pub fn without_stalls(&self) -> Self {
         const CURRENT_SHARE: f64 = 0.1;
@@ -599,8 +600,8 @@ fn find(
         .transpose()
 }
 
-/// The unit that a header names, if it names one. Nothing else stands in brackets: what is no unit of the role is refused, as the numbers
-/// would be taken for newtons.
+/// The unit that a header states, if it states one. Brackets contain units only: one that is not valid for the role is
+/// rejected, as the numbers would otherwise be taken for newtons.
 fn unit_of(name: &str, role: Role, header: &str) -> Result<Option<String>, FitError> {
     if role == Role::Command {
         return Ok(None);
@@ -658,7 +659,7 @@ mod tests {
         assert!((table.command[0] - 0.2).abs() < 1e-12);
     }
 
-    /// Grams under a header without a unit were taken as newtons without a word.
+    /// Grams under a header without a unit were silently taken as newtons.
     #[test]
     fn regress_a_unit_that_was_assumed_is_told() {
         let text = "throttle,Thrust,voltage [V],current_a\n20,100,11.1,1\n30,200,11.0,2\n";
@@ -701,7 +702,7 @@ mod tests {
                 "{sentence}"
             );
         }
-        // With a unit of one's own the header may say what it likes.
+        // With an explicit unit the header may contain anything.
         let mut mapping = Mapping::default();
         mapping.add("thrust=thrust (left):g").unwrap();
         let text = "throttle,thrust (left)\n20,100\n30,200\n";
@@ -724,7 +725,7 @@ mod tests {
             let sentence = Table::parse("cell.csv", text, &mapping).unwrap_err().to_string();
             assert!(sentence.contains(part), "{sentence}");
         }
-        // Only what needs a time is refused.
+        // Only a role that needs a time is rejected.
         let table = Table::parse("cell.csv", "0,0.8\n0,0.7\n", &mapping).unwrap();
         assert_eq!(table.thrust.len(), 2);
         assert!(
@@ -746,7 +747,7 @@ mod tests {
         );
     }
 
-    /// A motor that stalls at high commands was fitted as a thrust that falls with the duty.
+    /// A motor that stalls at high commands was fitted as a thrust that decreases with the duty.
     #[test]
     fn regress_a_motor_that_stands_gives_no_points() {
         let text = "pulse,thrust [g],current [A]\n1300,5.9,0.66\n1400,10,1.0\n1500,15,1.2\n1600,18.8,1.33\n1640,-0.9,0.02\n1660,2.5,0.017\n1000,0,0.01\n";
@@ -760,7 +761,7 @@ mod tests {
             "{:?}",
             table.notes
         );
-        // Without a current nobody knows.
+        // Without a current there is no way to tell.
         let whole = Table {
             current: Vec::new(),
             ..table.clone()
@@ -768,7 +769,7 @@ mod tests {
         assert_eq!(whole.without_stalls().command.len(), 5);
     }
 
-    /// `fit lag` refused 1000 rows of RCbenchmark for the second one, which `fit thrust` read.
+    /// `fit lag` rejected 1000 rows of RCbenchmark because of the second one, although `fit thrust` read them.
     #[test]
     fn regress_the_few_rows_out_of_order_are_left_out() {
         let rows: Vec<String> = (0..200)
@@ -791,7 +792,7 @@ mod tests {
             "{:?}",
             table.notes
         );
-        // Of few rows none is left out without its time being needed.
+        // With few rows, none is left out unless its time is needed.
         let table = Table::parse("few.csv", "time [s],weight[g]\n0,1\n0,2\n1,3\n", &Mapping::default()).unwrap();
         assert_eq!(table.thrust.len(), 3);
     }

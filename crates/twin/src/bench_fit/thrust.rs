@@ -163,7 +163,7 @@ mod tests {
                 let u = f64::from(k) * 0.05;
                 table.command.push(u);
                 table.voltage.push(v);
-                // A pattern of ±5 mN stands for the load cell.
+                // A pattern of ±5 mN in place of the noise of a load cell.
                 table
                     .thrust
                     .push(eq19(&truth, u, v) + if k % 2 == 0 { 0.005 } else { -0.005 });

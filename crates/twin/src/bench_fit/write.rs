@@ -1,4 +1,5 @@
-//! What was fitted into vehicle and blade documents: one value changed in place, comments kept, provenance beside it.
+//! Writes fitted values into vehicle and blade documents: one value changed in place, comments kept, provenance next to
+//! it.
 
 use super::fit::FittedModel;
 use super::{FitError, refuse};

@@ -26,7 +26,7 @@ pub struct Condition {
     pub values: Vec<f64>,
 }
 
-/// The conditions that a log can tell.
+/// The conditions that can be derived from a log.
 pub fn of(series: &Series) -> Vec<Condition> {
     let (raw, have) = (&series.smooth, series.available);
     let mut found = Vec::new();

@@ -161,10 +161,10 @@ pub struct Evaluated {
     pub residuals: ChannelResiduals,
 }
 
-/// Holds the model of `predictor` against its log.
+/// Compares the model of `predictor` with its log.
 ///
 /// # Errors
-/// The model's effects together make no vehicle.
+/// The model's effects together yield an invalid vehicle.
 pub fn evaluate(model: &str, predictor: &Predictor, conditions: &[Condition]) -> Result<Evaluated, PredictError> {
     let fitted = nuisances::fit(&LogState::new(predictor.clone()), &[], Reach::Plausible)?;
     let residuals = predictor.residuals(&fitted, &[])?;

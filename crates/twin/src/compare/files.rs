@@ -1,4 +1,4 @@
-//! What a comparison leaves behind: `comparison.json`, `residuals-LOG.parquet`, `report.html`.
+//! Files of a comparison: `comparison.json`, `residuals-LOG.parquet`, `report.html`.
 
 use std::path::{Path, PathBuf};
 
@@ -74,8 +74,9 @@ fn covariances(log: &super::LogComparison) -> Vec<[f64; 2]> {
     all.iter().map(|one| [one.variance, one.lag_one]).collect()
 }
 
-/// One row per sample: time, per channel the measurement and each model's residual, raw and whitened, then the flight conditions; NaN where
-/// nothing counts. The metadata say what pure noise does to each channel (`covariances`: variance and lag-one covariance of a sample).
+/// One row per sample: time, per channel the measurement and each model's residual, raw and whitened, then the flight
+/// conditions; NaN where nothing counts. The metadata contain the effect of pure noise on each channel (`covariances`:
+/// variance and lag-one covariance of a sample).
 fn residuals(path: &Path, log: &super::LogComparison, series: &LogSeries) -> Result<(), WriteError> {
     let fail = failed(path);
     let mut columns: Vec<(String, Vec<f32>)> =

@@ -7,15 +7,15 @@
 //!                             └▶ open loop: error after 0.1, 0.5, 1, 5 s                 (open_loop)
 //!                                        └▶ verdict, tables, Parquet, report.html
 //! ```
-//! Rotor biases and charge at take-off belong to a flight and are fitted to it first ([`crate::estimation`]); everything else is the
-//! model as it stands.
+//! Rotor biases and charge at take-off are properties of a flight and are fitted to it first ([`crate::estimation`]);
+//! everything else is the model as it is.
 //!
 //! "Agrees" means: no channel has a low-frequency error (0.25 s) beyond 1.5 times the noise variance (4 times in the
 //! kinematic channels, see `evaluate`) and beyond chance, nor a
 //! whole error beyond 1.25 times. Smaller disagreement is what diagnosis is for, which knows what to look for.
 //!
-//! Limits: the noise is estimated from the log, so an error that looks like white noise of a sensor cannot be seen; bins hide a
-//! dependence on two conditions at once.
+//! Limits: the noise is estimated from the log, so an error that looks like white sensor noise cannot be detected; bins
+//! hide a simultaneous dependence on two conditions.
 
 pub mod conditions;
 pub mod evaluate;

@@ -54,7 +54,7 @@ struct State {
 /// Open-loop errors of the predictor's model; empty where the log lacks what a start needs.
 ///
 /// # Errors
-/// The model's effects together make no vehicle.
+/// The model's effects together yield an invalid vehicle.
 pub fn errors(predictor: &Predictor, nuisances: &Nuisances) -> Result<Vec<OpenLoopError>, PredictError> {
     let series = predictor.series();
     let have = series.available;

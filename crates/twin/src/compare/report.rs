@@ -1,7 +1,8 @@
 //! `report.html` of a comparison: where, when, how much, what was assumed; the components of the web page, and this result.
 //!
-//! The plots over time are made from buckets of 0.1 s (longer for long logs): means, and for the residual the lowest and highest sample
-//! as well, so that no spike disappears. What a model predicts is what was measured less its residual, so it is not written down.
+//! The plots over time are made from buckets of 0.1 s (longer for long logs): means, and for the residual also the
+//! lowest and highest sample, so that no spike disappears. The prediction of a model is the measurement minus its
+//! residual, so it is not stored.
 
 use rotortwin_page::{Report, rounded};
 use serde::Serialize;
@@ -16,7 +17,7 @@ const BUCKET_S: f64 = 0.1;
 /// Most buckets of a plot.
 const MOST_BUCKETS: usize = 1800;
 
-/// A comparison with what a page draws of it.
+/// A comparison with the data that a page plots.
 #[derive(Serialize)]
 pub struct Drawn {
     comparison: Comparison,
@@ -24,7 +25,7 @@ pub struct Drawn {
 }
 
 impl Drawn {
-    /// Thins the series of a comparison to what a screen shows.
+    /// Decimates the series of a comparison to screen resolution.
     pub fn new(comparison: Comparison, series: &[LogSeries]) -> Self {
         let pictures = pictures_of(&comparison, series);
         Self { comparison, pictures }
@@ -51,7 +52,7 @@ struct LogPictures {
     conditions: Vec<ConditionMeans>,
 }
 
-/// A flight condition, bucket by bucket: the page shows only where it is within bounds, if it is asked to.
+/// A flight condition, bucket by bucket: on request the page shows only the buckets within bounds.
 #[derive(Serialize)]
 struct ConditionMeans {
     name: &'static str,

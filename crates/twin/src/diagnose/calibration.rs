@@ -1,11 +1,14 @@
-//! What was found and is no missing physics: a constant that was guessed, and that the flights want to have another value.
+//! Findings that are not missing physics: a constant that was guessed, and for which the flights indicate another
+//! value.
 //!
-//! A vehicle of which no log told the inertia has that of its class. A flight that then needs another inertia does not lack an
-//! effect; it calls for a calibration, and what else it seems to lack is told once that is made ([`set_apart`]).
+//! A vehicle whose inertia no log determined has that of its class. A flight that then needs another inertia does not
+//! lack an effect; it calls for a calibration, and anything else that seems to be missing is reported only after that
+//! ([`set_apart`]).
 //!
-//! A guess that is off by less is taken up by the small errors that every parameter is allowed, so that nothing is found; but the flights
-//! may know the constant far better than its class does, and then say so ([`learned`]): with all guesses open at once, each with the
-//! interval of its class as its prior, about a point that the first such fit has moved to.
+//! A guess with a smaller error is absorbed by the small errors that every parameter is allowed, so nothing is found;
+//! but the flights may determine the constant far better than its class does, and then report it ([`learned`]): with
+//! all guesses open at the same time, each with the interval of its class as its prior, about a point to which the
+//! first such fit has moved.
 
 use rotortwin_plant::effects::{ChannelGroup, CorrectionScale, EffectClass};
 
@@ -20,34 +23,38 @@ use crate::estimation::problem::Problem;
 use crate::model::ConstantInterval;
 use crate::predict::{CHANNELS, Nuisances, PredictError};
 
-/// Share of the prior's deviation below which flights know a guess "much better" than its class.
+/// Share of the prior's deviation below which the flights determine a guess "much better" than its class.
 const NARROWED: f64 = 0.5;
-/// Share of the prior's deviation by which a guess must be off to be worth a calibration.
+/// Share of the prior's deviation by which a guess must be off for a calibration to be worthwhile.
 const WORTH_TELLING: f64 = 0.25;
-/// Deviations of the flights' value by which the guess must be off it, to be called off: three in a thousand by chance.
+/// Distance of the guess from the flights' value, in deviations, from which it is reported as off: three in a thousand
+/// by chance.
 const CLEARLY_OFF: f64 = 3.0;
 
-/// Share of what was measured that must be explained where a constant which is far off shows most, once all is found.
+/// Share of the measured signal that must be explained, in the channel where a far-off constant shows most, once all is
+/// found.
 const PROOF: f64 = 0.5;
-/// The same while it is looked for: other constants may be wrong beside it.
+/// The same during the search: other constants may be wrong as well.
 pub(crate) const PROOF_SO_FAR: f64 = 0.3;
-/// Length of the means by which that is told, s.
+/// Length of the means used for that, s.
 const PROOF_MEAN_S: f64 = 0.1;
 
-/// What was found, parted by what it may be called.
+/// Findings, separated by what they may be reported as.
 pub(crate) struct Parted {
-    /// What no guess of a constant explains.
+    /// What no guessed constant explains.
     pub(crate) found: Vec<Finding>,
     /// Guesses that the flights contradict.
     pub(crate) calibrations: Vec<Calibration>,
-    /// Names of what may only make up for these guesses, and is not named before they are known.
+    /// Names of effects that may only compensate for these guesses; they are not named before the guesses are
+    /// calibrated.
     pub(crate) withheld: Vec<String>,
 }
 
-/// Takes the findings that are errors of guessed constants, or of constants that are far off, out of the others. Of several that are errors
-/// of one constant the first is told. With a constant that is contradicted no effect of the whole vehicle is named that shows only where
-/// such constants show: several wrong constants at once look like one of them, and like a density or a mass; where one is far off, so do
-/// faults of single rotors and of sensors. What acts through such a constant, as a wind through the drag, is named.
+/// Takes the findings that are errors of guessed constants, or of constants that are far off, out of the others. Of
+/// several that are errors of one constant, the first is reported. With a contradicted constant, no effect of the whole
+/// vehicle is named that shows only where such constants show: several wrong constants together look like one of them,
+/// and like a density or a mass; if one is far off, so do faults of single rotors and of sensors. An effect that acts
+/// through such a constant, as a wind through the drag, is named.
 pub(crate) fn set_apart(found: Vec<Finding>, library: &Library) -> Parted {
     let far_off = found.iter().any(|finding| far_off(finding, library).is_some());
     let mut calibrations: Vec<Calibration> = Vec::new();
@@ -71,7 +78,8 @@ pub(crate) fn set_apart(found: Vec<Finding>, library: &Library) -> Parted {
     let acts_through = |finding: &Finding, constant: &Calibration| {
         declared(finding).is_some_and(|d| d.needs.contains(&constant.correction.effect.as_str()))
     };
-    // A wind is no other value of the drag that it acts through: such a guess is fitted along, and blocks nothing as long as its class has the value.
+    // A wind is not another value of the drag that it acts through: such a guess is fitted as well, and blocks nothing
+    // as long as its class contains the value.
     for constant in &mut calibrations {
         let can_be = (constant.low..=constant.high).contains(&constant.wanted);
         constant.blocking = !(can_be && rest.iter().any(|finding| acts_through(finding, constant)));
@@ -107,10 +115,10 @@ pub(crate) fn set_apart(found: Vec<Finding>, library: &Library) -> Parted {
     }
 }
 
-/// Takes out constants that are far off by what was found, and do not [`prove`](proof) it; their names.
+/// Takes out constants that are far off according to a finding but do not [`prove`](proof) it; returns their names.
 ///
 /// # Errors
-/// The effects together make no vehicle.
+/// The effects together yield an invalid vehicle.
 pub(crate) fn without_proof(found: &mut Vec<Finding>, problem: &Problem) -> Result<Vec<String>, PredictError> {
     let library = &problem.library;
     if found.iter().all(|finding| far_off(finding, library).is_none()) {
@@ -129,9 +137,9 @@ pub(crate) fn without_proof(found: &mut Vec<Finding>, problem: &Problem) -> Resu
     Ok(without)
 }
 
-/// Share of what was measured that is explained in the channel where a candidate shows most. A regressor that says next to nothing of a
-/// channel has a factor near 0, whatever the constant is: a yaw that follows the rotors' acceleration, which the model lacks, seems to
-/// want four times the inertia.
+/// Share of the measured signal that is explained in the channel where a candidate shows most. A regressor that carries
+/// almost no information in a channel has a factor near 0, whatever the constant is: a yaw that follows the rotors'
+/// acceleration, which the model lacks, seems to require four times the inertia.
 pub(crate) fn proof(problem: &Problem, candidate: usize, explained: &[f64; CHANNELS]) -> f64 {
     let columns = problem.library.columns_of(candidate);
     let energy = |channel: usize| -> f64 {
@@ -146,11 +154,11 @@ pub(crate) fn proof(problem: &Problem, candidate: usize, explained: &[f64; CHANN
     strongest.map_or(0.0, |channel| explained[channel])
 }
 
-/// Share of what was measured that a point explains in each channel, by means over 0.1 s, about 0 and not about their mean: a mass is told
-/// by the mean of the force.
+/// Share of the measured signal that a point explains in each channel, with means over 0.1 s, about 0 and not about
+/// their mean: a mass is identified from the mean of the force.
 ///
 /// # Errors
-/// The effects together make no vehicle.
+/// The effects together yield an invalid vehicle.
 pub(crate) fn explained(
     problem: &Problem,
     active: &[Active],
@@ -177,7 +185,7 @@ pub(crate) fn explained(
     Ok(sums.map(|(left, all)| if all > 0.0 { 1.0 - left / all } else { 0.0 }))
 }
 
-/// Place of the candidate that a finding is of.
+/// Index of the candidate of a finding.
 fn candidate_of(finding: &Finding, library: &Library) -> Option<usize> {
     let instance = &finding.instance;
     library
@@ -186,13 +194,13 @@ fn candidate_of(finding: &Finding, library: &Library) -> Option<usize> {
         .position(|c| c.declaration.id == instance.effect && c.rotor == instance.rotor)
 }
 
-/// Place of the candidate that a finding is of, if it is the error of a constant that is off by factors.
+/// Index of the candidate of a finding, if it is the error of a constant that is off by factors.
 fn far_off(finding: &Finding, library: &Library) -> Option<usize> {
     let values: Vec<f64> = finding.parameters.iter().map(|p| p.value).collect();
     candidate_of(finding, library).filter(|&place| library.candidates[place].is_far_off(&values))
 }
 
-/// The constant that a finding is the error of, if it was guessed, or if a constant is `far_off`.
+/// The constant whose error a finding is, if it was guessed, or if a constant is `far_off`.
 fn calibration(finding: &Finding, library: &Library, far_off: bool) -> Option<Calibration> {
     let candidate = &library.candidates[candidate_of(finding, library)?];
     let guess = candidate.guess.as_ref().map(|guess| (guess.parameter, &guess.constant));
@@ -218,7 +226,7 @@ fn calibration(finding: &Finding, library: &Library, far_off: bool) -> Option<Ca
     Some(found)
 }
 
-/// What a constant should be, by the error that was found of it with half its 95 % interval.
+/// What a constant should be, from its error as found and half the 95 % interval of that.
 fn wanted(
     candidate: &Candidate,
     (parameter, constant): (usize, &ConstantInterval),
@@ -249,12 +257,14 @@ fn wanted(
     })
 }
 
-/// Exponents of a rotor's thrust over duty and over voltage that can be: 1 to 2 by momentum theory and ESC, with a margin for what a fit
-/// about a curved law finds. 13 motors on a thrust stand have 1.40 to 1.92 over voltage (docs/bench-fit.md).
+/// Possible exponents of a rotor's thrust over duty and over voltage: 1 to 2 by momentum theory and ESC, with a margin
+/// for what a fit about a curved law gives. 13 motors on a thrust stand have 1.40 to 1.92 over voltage
+/// (docs/bench-fit.md).
 const EXPONENTS: [(&str, std::ops::Range<f64>); 2] =
     [("rotors.thrust_slope", 0.5..3.0), ("rotors.voltage_slope", 0.2..3.0)];
 
-/// True unless no vehicle has such a value: an exponent of thrust near 0, or a negative value of what is above 0 in all vehicles of the class.
+/// False if no vehicle has such a value: an exponent of thrust near 0, or a negative value of a quantity that is
+/// positive in all vehicles of the class.
 pub(crate) fn can_be(calibration: &Calibration) -> bool {
     let exponent = EXPONENTS.iter().find(|(key, _)| *key == calibration.key);
     match exponent {
@@ -286,16 +296,16 @@ fn correction(candidate: &Candidate, parameter: usize, error: f64, interval_95: 
     }
 }
 
-/// A guess in the problem: its candidate and the place of its unknown.
+/// A guess in the problem: its candidate and the index of its unknown.
 struct Open {
     candidate: usize,
     unknown: usize,
-    /// Of the unknown, by the interval of the constant.
+    /// Deviation of the unknown, from the interval of the constant.
     deviation: f64,
     size: f64,
 }
 
-/// Guessed constants that are not errors of what was named, of each one parameter.
+/// Guessed constants that are not errors of what was named, with one parameter each.
 fn open_guesses(problem: &Problem) -> Vec<Open> {
     let (library, offset) = (&problem.library, problem.nuisances());
     let mut keys: Vec<&str> = Vec::new();
@@ -338,10 +348,11 @@ fn posterior(problem: &Problem, open: &[Open]) -> Result<Posterior, PredictError
     pulled(problem, problem.normal(|_| true), &prior).ok_or_else(not_finite)
 }
 
-/// Guesses within their class that nothing was named for, and that the flights nevertheless know much better, and otherwise.
+/// Guesses within their class for which nothing was named, but which the flights determine much better and with another
+/// value.
 ///
 /// # Errors
-/// One sentence: the model cannot be evaluated at the values that the flights want.
+/// One sentence: the model cannot be evaluated at the values that the flights indicate.
 pub(crate) fn learned(problem: &Problem) -> Result<Vec<Calibration>, PredictError> {
     let open = open_guesses(problem);
     if open.is_empty() {
@@ -357,7 +368,7 @@ pub(crate) fn learned(problem: &Problem) -> Result<Vec<Calibration>, PredictErro
     if narrow.is_empty() {
         return Ok(Vec::new());
     }
-    // A third of an inertia is no small step: told from where it leads to.
+    // A third of an inertia is not a small step: it is evaluated at the value it leads to.
     let mut there = problem.clone();
     there.active.extend(narrow.iter().map(|one| Active {
         candidate: one.candidate,

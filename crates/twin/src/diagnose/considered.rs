@@ -1,7 +1,8 @@
-//! What could not be considered: the effects that the logs or the model leave no room for, each with the column or setting that would.
+//! Effects that could not be considered, because of the logs or the model, each with the column or setting that would
+//! change that.
 //!
-//! An effect that was considered and does not show is another thing: a larger size, or another manoeuvre, would show it
-//! ([`super::ranking::detectable`]).
+//! This differs from an effect that was considered and does not show, for which a larger size, or another manoeuvre,
+//! would help ([`super::ranking::detectable`]).
 
 use rotortwin_plant::effects::{ChannelGroup, EffectClass, EffectDeclaration, Requirement, Strategy};
 
@@ -78,7 +79,8 @@ fn missing(problem: &Problem, diagnosis: &Diagnosis, entry: &EffectDeclaration) 
         let logs = problem.logs.iter();
         let mut have = logs.map(|log| holds(&log.predictor, *requirement));
         let assumed = || problem.logs.iter().any(|log| log.predictor.series().available.position);
-        // Without a height the ground is taken to be at the origin of NED: enough to find an effect of it, not to say that there is none.
+        // Without a height the ground is assumed at the origin of NED: enough to find an effect of it, not to rule one
+        // out.
         let testable = || diagnosis.not_testable.iter().all(|row| row.effect != entry.id);
         let taken = *requirement == Requirement::HeightAboveGround && assumed() && testable();
         if !have.any(|holds| holds) && !taken {
@@ -104,7 +106,7 @@ fn missing(problem: &Problem, diagnosis: &Diagnosis, entry: &EffectDeclaration) 
         .unwrap_or_default()
 }
 
-/// True if nothing of an effect shows in any channel of any log, beside what was named.
+/// True if an effect shows in no channel of any log, in addition to what was named.
 fn silent(problem: &Problem, entry: &EffectDeclaration) -> bool {
     if matches!(entry.search.strategy, Strategy::Wiring(_)) {
         // The wiring test looks at the torques.
@@ -136,7 +138,7 @@ fn acts(problem: &Problem, entry: &EffectDeclaration) -> bool {
         })
 }
 
-/// True if a log holds what is required.
+/// True if a log contains what is required.
 pub(crate) fn holds(predictor: &Predictor, requirement: Requirement) -> bool {
     let series = predictor.series();
     let have = series.available;
@@ -165,7 +167,7 @@ fn columns_of(problem: &Problem, requirement: Requirement) -> Vec<String> {
     absent(problem, columns)
 }
 
-/// What the residuals of a group of channels are computed from, as far as no log has it.
+/// The inputs of the residuals of a group of channels, as far as no log has them.
 fn columns_behind(problem: &Problem, group: ChannelGroup) -> Vec<String> {
     let texts = |names: &[&str]| names.iter().map(|name| (*name).to_owned()).collect::<Vec<_>>();
     let both = |a: &[&str], b: &[&str]| [texts(a), texts(b)].concat();
@@ -185,7 +187,8 @@ fn duties(problem: &Problem) -> Vec<String> {
     (1..=rotors).map(names::duty).collect()
 }
 
-/// Those of the columns that no log has. Where something else drives the rotors (rotor speeds, a wrench), the duties are still absent.
+/// Those columns that no log has. If the rotors are driven by something else (rotor speeds, a wrench), the duties are
+/// still absent.
 fn absent(problem: &Problem, columns: Vec<String>) -> Vec<String> {
     let has = |predictor: &Predictor, column: &str| {
         let series = predictor.series();

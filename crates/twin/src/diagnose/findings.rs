@@ -1,4 +1,4 @@
-//! What a search found as its result has it: findings with final values, how their rivals fared, and the verdict.
+//! The findings of a search in the form of its result: final values, the fate of their rivals, and the verdict.
 
 use rotortwin_plant::effects::{ChannelGroup, EffectClass, ParameterKind};
 
@@ -20,8 +20,9 @@ const LEAST_SHARE: f64 = 0.9;
 /// Evidence gap below which a rival counts as compatible.
 const COMPATIBLE_GAP: f64 = 5.0;
 
-/// Whether the sizes of an effect can be: within the plausible range of the vehicle, give or take a tenth of it, and not all of them
-/// less than their own deviation. A fit may leave the range with another effect beside it or with the clutter at another width.
+/// Whether the sizes of an effect are possible: within the plausible range of the vehicle, with a margin of a tenth of
+/// it, and not all of them less than their own deviation. A fit may leave the range with another effect present or with
+/// the clutter at another width.
 pub(crate) fn can_be(entry: &Candidate, values: &[f64], deviations: &[f64]) -> bool {
     let sizes: Vec<usize> = (0..entry.parameters.len())
         .filter(|&i| entry.parameters[i].kind == ParameterKind::Size)
@@ -78,7 +79,7 @@ pub(crate) fn findings(problem: &Problem, named: Vec<Named>, posterior: &Posteri
                     _ => lost.push(rival),
                 }
             }
-            // What fits as well comes before what is only not separable.
+            // Candidates that fit equally well come before those that are only not separable.
             let (near, lost): (Vec<Rival>, Vec<Rival>) = lost
                 .into_iter()
                 .partition(|rival| rival.outcome == Outcome::TooSmallToTell);
@@ -101,7 +102,8 @@ pub(crate) fn findings(problem: &Problem, named: Vec<Named>, posterior: &Posteri
                 picture: None,
             };
             if !can_be(entry, &values, &deviations) {
-                // Of what is known by approximation only such a size is the approximation's error, and no sign of something else.
+                // For effects known only approximately, such a size is an error of the approximation, not a sign of
+                // something else.
                 if entry.declaration.search.blur == 0.0 {
                     impossible.push(finding.label);
                 }
@@ -113,10 +115,10 @@ pub(crate) fn findings(problem: &Problem, named: Vec<Named>, posterior: &Posteri
     (found, impossible)
 }
 
-/// The constant that an effect is the error of, if that is one that the vehicle document has a number for, and what it should be.
+/// The constant whose error an effect is, if the vehicle document has a number for it, and what it should be.
 fn constant_of(entry: &Candidate, values: &[f64], deviations: &[f64], onset_s: Option<f64>) -> Option<ConstantWanted> {
     let (place, constant) = entry.constant.as_ref().filter(|_| onset_s.is_none())?;
-    // A share of a level without a unit is what the parameter says already.
+    // For a share of a level without a unit, the parameter already says everything.
     (!constant.unit.is_empty()).then(|| ConstantWanted {
         name: constant.name.clone(),
         unit: constant.unit.clone(),
@@ -126,7 +128,8 @@ fn constant_of(entry: &Candidate, values: &[f64], deviations: &[f64], onset_s: O
     })
 }
 
-/// How a rival fared against what was named; a look-alike of something that came out `too_small` did not lose.
+/// The result of a rival compared with the named effect; a look-alike of something that came out `too_small` did not
+/// lose.
 fn fared(problem: &Problem, named: &Candidate, rival: &RivalFit, too_small: bool) -> Rival {
     let other = &problem.library.candidates[rival.candidate];
     // Of channels that no log has, nothing is left or explained.
@@ -137,7 +140,7 @@ fn fared(problem: &Problem, named: &Candidate, rival: &RivalFit, too_small: bool
     let outcome = if rival.gap < COMPATIBLE_GAP && rival.implausible.is_none() {
         Outcome::AsGood
     } else if too_small && declared.confused_with.contains(&other.declaration.id) {
-        // What came out smaller than what would show is not known well enough to say of a look-alike that it lost.
+        // A size below the detectable one is not known well enough to conclude that a look-alike lost.
         Outcome::TooSmallToTell
     } else if let Some(quantity) = rival.implausible {
         Outcome::Implausible(quantity)
@@ -230,8 +233,8 @@ pub(crate) fn strongest(problem: &Problem, candidate: usize, position: &[f64]) -
     order.into_iter().map(|c| NAMES[c].to_owned()).collect()
 }
 
-/// True if three effects at work are each easily confused with one of the others: together they draw a curve through an error that
-/// is none of theirs.
+/// True if three active effects are each easily confused with one of the others: together they can follow the curve of
+/// an error that is none of theirs.
 pub(crate) fn look_alikes(problem: &Problem) -> bool {
     let named = |a: &Active| problem.library.candidates[a.candidate].declaration;
     let alike = problem.active.iter().filter(|a| {

@@ -9,15 +9,17 @@
 //! ```
 //! * Candidates are all effects of the catalogue on all rotors; each parameter of the library that is not the candidate's stays in
 //!   the model as clutter of 2 % of its plausible size.
-//! * An effect is named if its ln Bayes factor passes the threshold, its size the smallest that would have been seen, and its
-//!   values are plausible. A flight that hardly moves needs a ln Bayes factor of 20.
-//! * The evidence compares candidates; it does not say that any of them is true. That is what [`Goodness`] is for.
+//! * An effect is named if its ln Bayes factor exceeds the threshold, its size is at least the smallest detectable one,
+//!   and its values are plausible. A flight with hardly any motion needs a ln Bayes factor of 20.
 //!
-//! * What a ranking about zero cannot reach has starts of its own: wind with a drag, shapes that are not known (a wall, a rope), delays
-//!   of several samples, a battery at another charge, effects that set in late, swapped or reversed rotors.
-//! * An effect that a later one has made superfluous leaves; three that are easily confused with one another are not believed.
+//! * Effects that a ranking about zero cannot reach have starts of their own: wind with a drag, unknown shapes (a wall,
+//!   a rope), delays of several samples, a battery at another charge, effects that set in late, swapped or reversed
+//!   rotors.
+//! * An effect that a later one has made superfluous is removed; three that are easily confused with one another are
+//!   not accepted.
 //!
-//! Gusts are noise, not a column: where forces stay unexplained beside a drag, their covariance is tried (`strategies/covariance.rs`).
+//! Gusts are noise, not a column: where forces stay unexplained despite a drag, their covariance is tried
+//! (`strategies/covariance.rs`).
 
 mod calibration;
 mod considered;
@@ -54,15 +56,17 @@ pub const THRESHOLD_AT_REST: f64 = 20.0;
 pub struct Options<'a> {
     /// Effects of users that may be named besides those of the catalogue and of the model.
     pub effects: Vec<EffectDocument>,
-    /// Healthy flights of the same vehicle: what the logs have changed against them is told as well. None: no such answer.
+    /// Healthy flights of the same vehicle: changes of the logs relative to them are reported as well. None: no such
+    /// answer.
     pub baseline: Vec<FlightLog>,
     /// Most effects that are looked for one after the other.
     pub most_effects: usize,
-    /// Told what is being done and what share of it, 0 to 1.
+    /// Receives what is being done and what share of it, 0 to 1.
     pub progress: &'a (dyn Fn(&str, f64) + Sync),
     /// Seconds since some moment; the library reads no clock.
     pub clock: &'a dyn Fn() -> f64,
-    /// Seconds on that clock after which the search begins nothing further, and answers with what it has proved until then.
+    /// Seconds on that clock after which the search begins nothing further, and answers with what it has confirmed by
+    /// then.
     pub time_limit_s: f64,
 }
 
@@ -94,7 +98,8 @@ impl std::fmt::Debug for Options<'_> {
     }
 }
 
-/// Holds the model against the logs and says what is missing. Several logs share the vehicle; each has its own nuisances.
+/// Compares the model with the logs and reports what is missing. Several logs share the vehicle; each has its own
+/// nuisances.
 ///
 /// # Errors
 /// One sentence: a log cannot be compared with the model, or the model's effects are not valid.

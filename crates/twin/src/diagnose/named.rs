@@ -1,6 +1,6 @@
 //! An effect that was named, with what its round knew.
 
-/// A named effect with what its round knew.
+/// A named effect with the evidence of its round.
 pub(crate) struct Named {
     pub(crate) candidate: usize,
     pub(crate) log_bayes_factor: f64,
@@ -8,16 +8,16 @@ pub(crate) struct Named {
     pub(crate) minimum: f64,
     /// The others that were fitted in its round, best first.
     pub(crate) rivals: Vec<RivalFit>,
-    /// Found together with the effect through which it acts: its rivals have not been tried beside that.
+    /// Found together with the effect through which it acts: its rivals have not been tried with that.
     pub(crate) together: bool,
 }
 
 /// Another candidate that was fitted in the round of a named one.
 pub(crate) struct RivalFit {
     pub(crate) candidate: usize,
-    /// ln of the Bayes factor of what was named against it.
+    /// ln of the Bayes factor of the named effect against it.
     pub(crate) gap: f64,
-    /// What it would need, if that is outside of what real vehicles have.
+    /// The size it would need, if that is outside what real vehicles have.
     pub(crate) implausible: Option<Quantity>,
 }
 
@@ -29,5 +29,5 @@ pub(crate) struct Quantity {
     pub(crate) unit: &'static str,
 }
 
-/// Evidence gap below which the flight cannot tell.
+/// Evidence gap below which the flight cannot decide.
 pub(crate) const UNTOLD_GAP: f64 = 1.5;

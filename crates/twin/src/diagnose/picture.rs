@@ -1,9 +1,10 @@
-//! The picture that convinces: the residual of the channel in which an effect shows most against what the effect does to that channel,
-//! without the effect and with it.
+//! The decisive plot: the residual of the channel in which an effect shows most, over the effect's contribution to that
+//! channel, without the effect and with it.
 //!
-//! With r₀ the residual of the model with all that was found but this effect, and r₁ that with it, the effect does x = r₀ − r₁ to the channel.
-//! Binned means over 0.25 s of r₀ against x lie on the line through the origin with slope 1 if the effect is there as fitted, those of r₁ on
-//! zero (a component-plus-residual plot, Wood 1973). The band is where 95 % of such means of pure noise lie.
+//! With r₀ the residual of the model with everything that was found except this effect, and r₁ that with it, the effect
+//! contributes x = r₀ − r₁ to the channel. Binned means over 0.25 s of r₀ over x lie on the line through the origin
+//! with slope 1 if the effect is there as fitted, those of r₁ on zero (a component-plus-residual plot, Wood 1973). The
+//! band contains 95 % of such means of pure noise.
 
 use rotortwin_plant::effects::{EffectClass, EffectInstance};
 
@@ -14,10 +15,10 @@ use crate::compare::statistics::block_means;
 use crate::estimation::problem::Problem;
 use crate::predict::{NAMES, PredictError, UNITS};
 
-/// Draws each finding of physics, a sensor or a clock.
+/// Plots each finding of physics, a sensor or a clock.
 ///
 /// # Errors
-/// The effects without one of them make no vehicle.
+/// The effects without one of them yield an invalid vehicle.
 pub(super) fn draw(problem: &Problem, findings: &mut [&mut Finding]) -> Result<(), PredictError> {
     // Gusts are a covariance: they contribute no value.
     let all: Vec<EffectInstance> = findings
@@ -52,7 +53,8 @@ fn of_finding(problem: &Problem, all: &[EffectInstance], finding: &Finding) -> R
         if !predictor.has(channel) {
             continue;
         }
-        // Without this effect the others may make no vehicle, as two swapped rotors of which one is left: then there is no picture.
+        // Without this effect the others may yield an invalid vehicle, as two swapped rotors of which one is left: then
+        // there is no picture.
         let Ok(before) = predictor.residuals(&state.nuisances, &others) else {
             continue;
         };

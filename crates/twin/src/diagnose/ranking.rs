@@ -1,4 +1,4 @@
-//! The table of all candidates with held-out scores, and what the flight cannot show.
+//! The table of all candidates with held-out scores, and effects that the flight cannot show.
 
 use super::result::{NotTestable, Ranked};
 use crate::estimation::candidates::is_size;
@@ -8,7 +8,8 @@ use crate::estimation::problem::Problem;
 use crate::estimation::scores::{Scored, opened_mean, priors};
 use crate::predict::PredictError;
 
-/// The table of all candidates; held-out scores for the leading ones. The linear fit may ask for a mass below nothing: what can be comes first.
+/// The table of all candidates; held-out scores for the leading ones. The linear fit may require a negative mass:
+/// possible candidates come first.
 pub(crate) fn table(problem: &Problem, scored: &[Scored]) -> Result<Vec<Ranked>, PredictError> {
     const HELD_OUT_FOR: usize = 12;
     let folds: Vec<(Normal, Normal)> = [0, 1]

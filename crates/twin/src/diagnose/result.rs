@@ -1,4 +1,4 @@
-//! What a diagnosis says: the structure that JSON, terminal and report share.
+//! The result of a diagnosis: the structure behind JSON, terminal output and report.
 
 use rotortwin_plant::effects::{ChannelGroup, EffectClass, EffectInstance};
 use serde::Serialize;
@@ -65,23 +65,24 @@ pub struct Rival {
     pub evidence_gap: f64,
     /// Why it lost, or that it did not.
     pub reason: String,
-    /// How it fared; `reason` is that in words.
+    /// The result of the test; `reason` is that in words.
     #[serde(skip)]
     pub(crate) outcome: Outcome,
 }
 
-/// How a rival fared against what was named.
+/// The result of a rival compared with the named effect.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) enum Outcome {
     /// The flight fits it nearly as well.
     AsGood,
-    /// What was named is too small to be told from it.
+    /// The named effect is too small to be distinguished from it.
     TooSmallToTell,
     /// It needs a size that real vehicles do not have.
     Implausible(Quantity),
     /// It leaves the error where it is in these groups of channels.
     Leaves(Vec<ChannelGroup>),
-    /// It shows in the same channels, with another shape over the flight; what excites the named one tells them apart.
+    /// It shows in the same channels, with another shape over the flight; manoeuvres that excite the named one
+    /// distinguish them.
     OtherShape(&'static str),
 }
 
@@ -147,7 +148,7 @@ pub struct Finding {
     /// Size of the first parameter that would have been seen, in its unit; `None` where that means nothing.
     #[serde(skip)]
     pub(crate) seen_from: Option<f64>,
-    /// The constant that this is the error of, and what it should be; the sentence names it.
+    /// The constant whose error this is, and what it should be; the sentence names it.
     #[serde(skip)]
     pub(crate) constant: Option<ConstantWanted>,
     /// The residual against what the effect does, without it and with it; absent where there is nothing to draw.

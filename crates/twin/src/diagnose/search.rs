@@ -80,7 +80,7 @@ pub(crate) fn search(
     Ok(diagnosis)
 }
 
-/// The state before the first pass: the library without what the model has, nothing named.
+/// The state before the first pass: the library without the effects of the model, nothing named.
 fn begin<'a>(
     predictors: Vec<Predictor>,
     catalogue: &Catalogue,
@@ -92,7 +92,8 @@ fn begin<'a>(
     let mut library = Library::new(catalogue, rotors, &predictors[0].vehicle_size());
     // What the model has already is not looked for; its clutter stays as that of the others.
     library.retain(|c| model.iter().all(|m| m.effect != c.declaration.id || m.rotor != c.rotor));
-    // Without a measured voltage Eq. 19 takes that of an assumed charge: what acts through it would only be a level or a drift of the thrust.
+    // Without a measured voltage Eq. 19 uses that of an assumed charge: an effect that acts through it would only be a
+    // level or a drift of the thrust.
     let voltage = predictors.iter().any(|p| holds(p, Requirement::BatteryVoltage));
     library.retain(|c| voltage || !c.declaration.search.requires.contains(&Requirement::BatteryVoltage));
     library.take_priors(constants);
@@ -240,7 +241,7 @@ mod tests {
         Some(FlightLog::read(&file).unwrap())
     }
 
-    /// What a diagnosis fits to a log before all else, and what a comparison shows: biases (N) and charge at the start.
+    /// Fitted to a log before all else, and shown by a comparison: biases (N) and initial charge.
     fn both(log: &FlightLog, model: &ModelVersion) -> [(Vec<f64>, f64); 2] {
         let catalogue = model.catalogue().unwrap();
         let predictor = Predictor::new(&model.documents(), &model.instances(), &catalogue, log).unwrap();
@@ -296,7 +297,7 @@ mod tests {
         let [(biases, _), _] = both(&simulated("waypoint", "mass:share=0.1"), &f550);
         let body = f550.documents().vehicle.body;
         let most = 0.006 * body.mass_kg * body.gravity_m_s2 / 6.0;
-        // 10 % of the weight is asked of all rotors, and none gives more than its bound.
+        // All rotors are required to give 10 % of the weight more, and none gives more than its bound.
         assert!(
             biases.iter().all(|bias| bias.abs() <= most * (1.0 + 1e-9)),
             "{biases:?}"
@@ -321,7 +322,7 @@ mod tests {
                 all.position(|candidate| candidate.declaration.id == id)
             };
             assert_eq!(place("voltage-exponent").is_some(), held);
-            // A thrust that falls with a supply that nobody logged looks like a weight that sets in.
+            // A thrust that falls because of an unlogged supply looks like a weight that sets in.
             let gain = onset::least_gain(&state.problem, place("mass").unwrap());
             assert_eq!(gain.is_finite(), held, "{gain}");
         }

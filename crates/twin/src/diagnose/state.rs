@@ -1,4 +1,5 @@
-//! What the passes of a search work on: the point of the fit, what was named, and the diagnosis under way.
+//! The state of a search, on which its passes work: the point of the fit, the named effects, and the diagnosis in
+//! progress.
 
 use super::Options;
 use super::named::Named;
@@ -17,7 +18,7 @@ pub(crate) type Fits = Vec<[Option<ChannelFit>; CHANNELS]>;
 pub(crate) struct State<'a> {
     /// Logs, library, the effects at work and where they stand.
     pub(crate) problem: Problem,
-    /// What was named, with what its round knew.
+    /// Named effects, with the evidence of their rounds.
     pub(crate) named: Vec<Named>,
     /// Evidence of the best candidate that was not named, nats.
     pub(crate) left: f64,
@@ -25,9 +26,9 @@ pub(crate) struct State<'a> {
     pub(crate) plain: Vec<Nuisances>,
     /// Fits of the given model.
     pub(crate) before: Fits,
-    /// Gusts, if they explain what is left.
+    /// Gusts, if they explain the rest.
     pub(crate) weather: Option<Gusts>,
-    /// Why what was named must not be believed.
+    /// Why the named effects must not be trusted.
     pub(crate) doubts: Vec<Doubt>,
     /// Threshold on the ln Bayes factor.
     pub(crate) threshold: f64,
@@ -36,17 +37,17 @@ pub(crate) struct State<'a> {
     pub(crate) began_s: f64,
     /// True once something was left out because the time was up.
     pub(crate) stopped: bool,
-    /// What is known of the answer so far.
+    /// The answer so far.
     pub(crate) diagnosis: Diagnosis,
 }
 
 impl State<'_> {
-    /// Tells what is done, and what share of the search is behind it.
+    /// Reports what is being done, and what share of the search is complete.
     pub(crate) fn progress(&self, text: &str, share: f64) {
         (self.options.progress)(text, share);
     }
 
-    /// True if the time is up; what asks leaves out the rest of its search then.
+    /// True if the time is up; the caller then leaves out the rest of its search.
     pub(crate) fn time_is_up(&mut self) -> bool {
         let up = self.options.is_over(self.began_s);
         self.stopped |= up;
@@ -62,7 +63,7 @@ impl State<'_> {
     }
 }
 
-/// Why what was named must not be believed.
+/// Why the named effects must not be trusted.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) enum Doubt {
     /// The clutter had to stretch far beyond its prior: white residuals then say nothing.

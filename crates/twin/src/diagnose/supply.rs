@@ -1,4 +1,5 @@
-//! A supply that a log does not hold: where neither voltage nor rotor speed was logged, a battery that empties shows as thrust that falls.
+//! A supply that is not in the log: if neither voltage nor rotor speed was logged, a discharging battery shows as
+//! decreasing thrust.
 
 use super::result::Goodness;
 use crate::estimation::columns::{LogState, instances};
@@ -6,23 +7,23 @@ use crate::estimation::problem::Problem;
 use crate::predict::channels::F;
 use crate::predict::{Drive, NAMES, PredictError};
 
-/// Length of the means by which a fall is told, s: longer than what a vehicle does on its own.
+/// Length of the means in which a decline is detected, s: longer than a vehicle's own motion.
 const MEAN_S: f64 = 1.0;
 /// Standard deviations of a slope from which it counts. Means of a second are correlated, by up to 2.6 deviations of an independent one.
 const CERTAIN: f64 = 10.0;
-/// Least fall of the thrust over a log that is worth a word.
+/// Smallest decline of the thrust over a log that is reported.
 const LEAST_FALL: f64 = 0.005;
 
-/// True where duties drive the rotors at a voltage that nobody measured.
+/// True if duties drive the rotors at a voltage that was not measured.
 pub(crate) fn is_unknown(log: &LogState) -> bool {
     let series = log.predictor.series();
     series.drive == Drive::Duty && !series.available.voltage
 }
 
-/// Says where a force that stays unexplained falls with the time, as with a supply that empties.
+/// Reports an unexplained force that declines over time, as with a supply that empties.
 ///
 /// # Errors
-/// The effects together make no vehicle.
+/// The effects together yield an invalid vehicle.
 pub(crate) fn tell(problem: &Problem, goodness: &mut Goodness) -> Result<(), PredictError> {
     let down = F + 2;
     if !goodness

@@ -111,7 +111,8 @@ fn listed(columns: &[String]) -> String {
     }
 }
 
-/// What else an error that is not in the catalogue may be: the effects that could not be considered for want of a column or setting.
+/// Other explanations of an error that is not in the catalogue: the effects that could not be considered for lack of a
+/// column or setting.
 fn or_unconsidered(diagnosis: &Diagnosis) -> String {
     let would = diagnosis
         .not_considered
@@ -129,7 +130,7 @@ fn or_unconsidered(diagnosis: &Diagnosis) -> String {
     }
 }
 
-/// A doubt, as a part of what stays unexplained.
+/// A doubt, as a part of the unexplained rest.
 pub(crate) fn doubt(doubt: &Doubt) -> String {
     match doubt {
         Doubt::StretchedClutter => "what only implausible parameters would explain".to_owned(),
@@ -144,7 +145,7 @@ pub(crate) fn doubt(doubt: &Doubt) -> String {
     }
 }
 
-/// Puts what a diagnosis found into words: reasons first, the sentence last.
+/// Puts the findings of a diagnosis into words: reasons first, the sentence last.
 pub(crate) fn render(diagnosis: &mut Diagnosis) {
     for finding in diagnosis.effects.iter_mut().chain(&mut diagnosis.sensor_or_timing) {
         finding.reason = why_found(finding);
@@ -309,7 +310,7 @@ fn sentence(diagnosis: &Diagnosis) -> String {
 }
 
 impl Calibration {
-    /// What is guessed, and what the flights want.
+    /// The guess, and the value that the flights indicate.
     pub fn sentence(&self) -> String {
         let what = match self.source {
             Source::Class => "is a guess of its class",
@@ -333,7 +334,7 @@ impl Calibration {
             format!("; what tells it: {}", self.better)
         };
         let wants = format!("{} ± {}", number(self.wanted), number(self.wanted_interval_95));
-        // Which of a ratio is wrong no flight tells, as long as nobody has weighed or measured one of them.
+        // No flight determines which part of a ratio is wrong, as long as neither has been weighed or measured.
         let Some(ratio) =
             ratio_of(&self.key).filter(|_| !self.source.is_guess() && self.value > 0.0 && self.wanted > 0.0)
         else {
@@ -349,16 +350,17 @@ impl Calibration {
     }
 }
 
-/// What a flight tells instead of one constant.
+/// The quantity that a flight determines instead of one constant.
 struct Ratio {
     name: &'static str,
     /// The constant stands below the line.
     below: bool,
-    /// What must be right for the constant alone to be wrong.
+    /// The condition under which the constant alone is wrong.
     others: &'static str,
 }
 
-/// The ratio that a constant is told in: accelerometer and gyro see forces over the mass and torques over the inertia.
+/// The ratio in which a constant is reported: accelerometer and gyro measure forces over the mass and torques over the
+/// inertia.
 fn ratio_of(key: &str) -> Option<Ratio> {
     let (name, below, others) = match key {
         "body.mass_kg" => ("thrust over mass", true, "the thrust curve is right"),
@@ -378,7 +380,7 @@ fn ratio_of(key: &str) -> Option<Ratio> {
 /// What to do about ratios.
 const RATIOS: &str = " A flight determines mass, thrust, arms and inertia only as ratios: weigh the vehicle and measure its arms before trusting its other constants.";
 
-/// How a vehicle is calibrated, with what a user has to give.
+/// How to calibrate a vehicle, with the inputs required of the user.
 const HOW_TO_CALIBRATE: &str =
     "`rotortwin vehicle from-log LOG… --mass KG --arm M --out NAME.toml`, or type what is known into the vehicle";
 

@@ -149,7 +149,7 @@ impl Library {
             columns: Vec::new(),
         };
         for &declaration in catalogue.entries() {
-            // Noise has no column; a nuisance is no finding.
+            // Noise has no column; a nuisance is not a finding.
             if matches!(declaration.class, EffectClass::Nuisance | EffectClass::Noise) {
                 continue;
             }
@@ -217,7 +217,7 @@ impl Library {
         }
     }
 
-    /// Pulls the limits of every size in to where an effect alone still makes a vehicle, to 0.1 % of its range.
+    /// Tightens the limits of every size to where an effect alone still yields a valid vehicle, to 0.1 % of its range.
     pub(crate) fn tighten(&mut self, makes_a_vehicle: impl Fn(&EffectInstance) -> bool) {
         for candidate in &mut self.candidates {
             let neutral = candidate.neutral();

@@ -1,4 +1,5 @@
-//! Columns of a flight's Jacobian by finite differences: what a nuisance, a parameter, a wind changes in the whitened prediction.
+//! Columns of a flight's Jacobian by finite differences: the change of the whitened prediction with a nuisance, a
+//! parameter, a wind.
 //!
 //! A column is the change of the whitened prediction per plausible size, on smoothed kinematics; channels that an effect leaves alone
 //! have none, and stages of the pass that it leaves alone are not run. Columns are f32: they are whitened and of order 1 to 10³.
@@ -109,7 +110,7 @@ impl LogState {
         }
     }
 
-    /// Moves a nuisance by a step in prior deviations, as far as its bounds.
+    /// Moves a nuisance by a step in prior deviations, within its bounds.
     pub(crate) fn move_nuisance(&mut self, which: usize, step: f64) {
         let value = self.nuisance(which) + self.nuisance_step(which, step) * self.nuisance_size(which);
         self.set_nuisance(which, value);
@@ -260,7 +261,7 @@ impl LogState {
         }
         let mut made = self.stepped(library, &mut moved, place, parameter, (now, step));
         if made.is_err() {
-            // At the border of what makes a vehicle only the other side is left.
+            // At the limit of valid vehicles only the other side remains.
             step = -step;
             made = self.stepped(library, &mut moved, place, parameter, (now, step));
         }
@@ -289,7 +290,7 @@ impl LogState {
         Ok(Some((set, hooks)))
     }
 
-    /// Column of a steady wind along an axis of NED, per 1 m/s: what a gust of that moment does.
+    /// Column of a steady wind along an axis of NED, per 1 m/s: the influence of a gust at that moment.
     pub(crate) fn wind_column(
         &self,
         library: &Library,

@@ -1,4 +1,4 @@
-//! Symmetric matrices of a size that is known at run time: nalgebra's, seen through what the twin asks of them.
+//! Symmetric matrices of a size known at run time: nalgebra's, reduced to what the twin needs of them.
 //!
 //! Loops of nalgebra without `std` run in one thread and in one order, so that the bits are the same on any number of cores.
 

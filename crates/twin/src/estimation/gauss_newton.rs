@@ -25,7 +25,7 @@ const LEAST_GAIN: f64 = 0.1;
 /// Most halvings of a step.
 const MOST_HALVINGS: i32 = 3;
 
-/// Prior deviation of what is held where it is.
+/// Prior deviation of a parameter that is held at its value.
 const HELD: f64 = 1e-6;
 
 /// Prior deviations by which a step must leave a bound to be held there.
@@ -91,7 +91,7 @@ impl Problem {
             let normal = match self.moved(&start, &logs, &active, &free) {
                 Ok(normal) => normal,
                 Err(refused) => {
-                    // The step left what is a vehicle at all: half of it.
+                    // The step left the range of valid vehicles: take half of it.
                     let Some((from_logs, from_active, step)) = shortened(&best, &mut shorter) else {
                         if best.is_some() {
                             break;
@@ -113,8 +113,8 @@ impl Problem {
             };
             // The prior pulls towards the neutral value, not towards the point of linearisation.
             let shifted = normal.clone().pulled(&position, &prior);
-            // Whether a step was good is told where it arrived, with only the linear parameters following: the evidence about a
-            // point promises what the next step may not keep.
+            // Whether a step was good is evaluated at its end, with only the linear parameters following: the evidence
+            // about a point promises what the next step may not deliver.
             let weighed = Posterior::new(&shifted, &prior).zip(Posterior::log_evidence_of(&shifted, &held));
             let Some((mut posterior, arrived)) = weighed else {
                 match shortened(&best, &mut shorter) {
@@ -133,7 +133,7 @@ impl Problem {
             let (base_logs, base_active, step) = if better {
                 shorter = 0;
                 let evidence = posterior.log_evidence - 0.5 * shifted.square_sum;
-                // What wants to leave its limits explains nothing: as if it were not free.
+                // A parameter that is pushed beyond its limits explains nothing: it is treated as not free.
                 let mut pinned = hold_nuisances(&mut posterior, &logs);
                 let open = free.iter().map(|&j| (j, nuisances + j));
                 pinned.extend(
@@ -190,7 +190,7 @@ impl Problem {
             .ok_or_else(|| PredictError("the fit made no step".into()))
     }
 
-    /// True if an open parameter stands at a limit and wants further out by a step of its plausible size.
+    /// True if an open parameter is at a limit and is pushed further by a step of its plausible size.
     fn pinned(&self, active: &[Active], column: usize, step: f64) -> bool {
         let column = &self.library.columns[column];
         let entry = &self.library.candidates[column.candidate];

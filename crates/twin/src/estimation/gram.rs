@@ -18,8 +18,8 @@ pub(crate) fn gram(columns: &[&[f32]]) -> Vec<f64> {
     out
 }
 
-/// The same with products in f64: the innovations of rates with little disturbance remember a torque for a second, and columns that
-/// differ by little are then so large that sums in f32 are no squares any more.
+/// The same with products in f64: the innovations of rates with little disturbance remember a torque for a second, and
+/// columns that differ by little are then so large that sums in f32 are no longer positive.
 pub(crate) fn gram_wide(columns: &[&[f32]]) -> Vec<f64> {
     let rows = |i: usize| columns[..=i].iter().map(move |column| dot_wide(columns[i], column));
     (0..columns.len()).flat_map(rows).collect()

@@ -9,8 +9,8 @@
 //! its bounds is held there, and the others follow. A step that does not lower the cost is tried again with more damping λ
 //! (Marquardt 1963). A system with a pivot that is nothing but rounding is never solved without damping.
 //!
-//! Limits: a local minimum near the start. Evidence with spikes and slabs is [`super::normal`]; the fit of effects beside the clutter of
-//! a whole library is [`super::gauss_newton`].
+//! Limits: a local minimum near the start. For evidence with spikes and slabs see [`super::normal`]; for the fit of
+//! effects together with the clutter of a whole library, [`super::gauss_newton`].
 
 use super::dense::Matrix;
 use super::normal::Normal;
@@ -80,8 +80,8 @@ pub(crate) trait LeastSquares {
     /// Why a point cannot be evaluated.
     type Error;
 
-    /// rᵀr at a point, or what stands for it: twice the negative logarithm of a likelihood. A point that cannot be evaluated is not gone
-    /// to.
+    /// rᵀr at a point, or its counterpart: twice the negative logarithm of a likelihood. A point that cannot be
+    /// evaluated is avoided.
     fn cost(&mut self, at: &[f64]) -> Result<f64, Self::Error>;
 
     /// JᵀJ, Jᵀr and the cost about a point: always one whose cost was taken just before, but for the first.
@@ -102,7 +102,7 @@ impl Minimum {
         with_priors(&self.normal, unknowns)
     }
 
-    /// (H + P⁻¹)⁻¹; `None` if the data and the priors cannot tell all unknowns apart.
+    /// (H + P⁻¹)⁻¹; `None` if the data and the priors do not determine all unknowns.
     pub(crate) fn covariance(&self, unknowns: &[Unknown]) -> Option<Matrix> {
         Some(self.precision(unknowns).cholesky_above(LEAST_PIVOT)?.inverse())
     }
@@ -364,7 +364,7 @@ mod tests {
         assert!(minimum.covariance(&free).is_none());
         let mean = y.iter().sum::<f64>() / y.len() as f64;
         assert!((minimum.at[0] + minimum.at[1] - mean).abs() < 1e-4, "{:?}", minimum.at);
-        // With a prior on one they are told.
+        // With a prior on one they are determined.
         let pulled = [Unknown::unit(9.0), free[1]];
         assert!(minimum.covariance(&pulled).is_some());
     }

@@ -7,8 +7,9 @@
 //!                     └─▶ least_squares (priors, bounds, damping, pivots, covariance) ◀─ nuisances
 //!                              ▲ refits of a model, bench fits, trims against healthy flights
 //! ```
-//! `least_squares` is the iteration of small fits; `gauss_newton` that of effects beside the clutter of the whole library, whose steps are
-//! judged by their evidence. What has iterations of its own, and why: docs/decisions/0047.
+//! `least_squares` is the iteration of small fits; `gauss_newton` that of effects together with the clutter of the
+//! whole library, whose steps are judged by their evidence. For modules with iterations of their own, and the reasons,
+//! see docs/decisions/0047.
 
 pub(crate) mod candidates;
 pub(crate) mod columns;

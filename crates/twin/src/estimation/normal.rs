@@ -59,7 +59,7 @@ impl Normal {
     }
 }
 
-/// ln Z up to −½ rᵀr, and what it is made of.
+/// ln Z up to −½ rᵀr, and its parts.
 pub(crate) struct Weighed {
     /// ln Z.
     pub log_evidence: f64,
@@ -76,8 +76,8 @@ const ROUNDING: f64 = 1e-6;
 /// Evidence of a normal matrix under independent normal priors about 0 with these deviations. `None` if there are numbers in it that are
 /// not finite.
 ///
-/// Where a model is far off, columns are so large beside the priors that H + P⁻¹ is no sum of squares but for rounding. What rounding
-/// hides is then taken as noise of each parameter on its own.
+/// If a model is far off, columns are so large compared with the priors that rounding can make H + P⁻¹ indefinite. What
+/// rounding hides is then treated as independent noise of each parameter.
 pub(crate) fn weigh(matrix: &Matrix, gradient: &[f64], deviations: &[f64]) -> Option<Weighed> {
     let precision: Vec<f64> = deviations.iter().map(|d| 1.0 / (d * d)).collect();
     let sum = matrix.clone().plus_diagonal(&precision);

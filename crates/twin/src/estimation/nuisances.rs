@@ -1,8 +1,8 @@
-//! What every flight has and no model knows is fitted before anything is compared: constant lift errors of the rotors, and the
-//! charge at take-off. Gauss–Newton on the whitened residuals, with priors and bounds.
+//! Properties of each flight that no model knows are fitted before any comparison: constant lift errors of the rotors,
+//! and the charge at take-off. Gauss–Newton on the whitened residuals, with priors and bounds.
 //!
-//! One fit for all: `compare`, `diagnose` and `propose` start from the same nuisances of a flight. As everywhere in the twin, residuals
-//! are of raw data and sensitivities of smoothed kinematics, so that noise does not shrink the values.
+//! One fit for all: `compare`, `diagnose` and `propose` start from the same nuisances of a flight. As everywhere in the
+//! twin, residuals use raw data and sensitivities smoothed kinematics, so that noise does not shrink the values.
 
 use rotortwin_plant::effects::EffectInstance;
 
@@ -49,10 +49,10 @@ pub(crate) fn unknowns(log: &LogState, reach: Reach) -> Vec<Unknown> {
         .collect()
 }
 
-/// The most probable nuisances of a log under its model and `effects`, from where they are.
+/// The most probable nuisances of a log under its model and `effects`, starting from their present values.
 ///
 /// # Errors
-/// The effects together make no vehicle.
+/// The effects together yield an invalid vehicle.
 pub(crate) fn fit(log: &LogState, effects: &[EffectInstance], reach: Reach) -> Result<Nuisances, PredictError> {
     let start = log.position();
     let mut flight = Flight {

@@ -9,8 +9,8 @@
 //! | narrowed by the log, else of its class | the interval's deviation | the same |
 //! | a default of its class | the catalogue's clutter | the interval's deviation, or the plausible size |
 //!
-//! So a deviation within a measured interval is no missing physics, and a wrong guess is found for what it is: what is opened for a
-//! guess is a calibration that has not been made, not an effect ([`crate::diagnose`]).
+//! So a deviation within a measured interval is not missing physics, and a wrong guess is recognised as such: it is a
+//! calibration that has not been made, not an effect ([`crate::diagnose`]).
 //!
 //! Limits: intervals are taken as normal and independent of each other, about the value that the document has.
 
@@ -26,7 +26,7 @@ const SLAB: f64 = 3.0;
 /// How far beyond its interval a guess may turn out to be, in widths of the interval.
 const BEYOND: f64 = 0.5;
 
-/// The interval of the error that a parameter stands for, in the parameter's unit.
+/// The interval of the error that a parameter represents, in the parameter's unit.
 fn error(constant: &ConstantInterval, scale: CorrectionScale) -> Option<(f64, f64)> {
     let (low, high) = match scale {
         CorrectionScale::Share if constant.value != 0.0 => {
@@ -69,7 +69,7 @@ impl Library {
     pub(crate) fn take_priors(&mut self, constants: &[ConstantInterval]) {
         for candidate in &mut self.candidates {
             for (i, p) in candidate.parameters.iter_mut().enumerate() {
-                // What a user has weighed for an identification is believed.
+                // A value that a user measured for an identification is trusted.
                 let of = |key: &str| constants.iter().find(|c| c.key == key && c.source != Source::Entered);
                 if let Some(correction) = p.corrects.filter(|c| c.by_factors)
                     && let Some(constant) = of(correction.key)

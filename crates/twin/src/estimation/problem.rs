@@ -99,7 +99,7 @@ impl Problem {
         Ok(())
     }
 
-    /// Moves nuisances and effects by a mean of the linear parameters, as far as their limits.
+    /// Moves nuisances and effects by a mean of the linear parameters, within their limits.
     pub(crate) fn advance(&mut self, mean: &[f64]) {
         let mut at = 0;
         for log in &mut self.logs {
@@ -118,7 +118,7 @@ impl Problem {
     }
 }
 
-/// Does something for every log, two at a time, for the memory that they take; the results stand in the order of the logs.
+/// Does something for every log, two at a time because of the memory needed; the results are in the order of the logs.
 pub(crate) fn in_pairs<T: Send>(logs: &[LogState], each: impl Fn(usize, &LogState) -> T + Sync) -> Vec<T> {
     let mut all = Vec::with_capacity(logs.len());
     for (p, pair) in logs.chunks(2).enumerate() {

@@ -1,15 +1,17 @@
 //! The noise of the measured rates, estimated together with the parameters.
 //!
-//! A controller commands −K times the gyro's reading, noise and all. The angular acceleration that follows from differences of the same
-//! readings holds that noise, too, so that command and acceleration go together by K σ²/Δt with nothing missing in the model. Knowing only
-//! the past is no cure; innovations of a filter whose gain is the right one are, because no reading before predicts them. The gain is
-//! that of the most likely noise ([`RateNoise::most_likely`]): of the readings, of a white torque and of one that drifts, axis by axis.
+//! A controller commands −K times the gyro's reading, including its noise. The angular acceleration that follows from
+//! differences of the same readings contains that noise, too, so that command and acceleration correlate by K σ²/Δt
+//! even with a complete model. Using only past readings does not remove this; innovations of a filter with the correct
+//! gain do, because no earlier reading predicts them. The gain is that of the most likely noise
+//! ([`RateNoise::most_likely`]): of the readings, of a white torque and of a drifting one, axis by axis.
 //!
-//! Noise and parameters are estimated in turn: noise from the residual once all parameters have wide priors, parameters with that noise.
-//! What one takes over from the other is weighed where an effect is named ([`shift`]).
+//! Noise and parameters are estimated alternately: noise from the residual with wide priors on all parameters,
+//! parameters with that noise. When an effect is named, the possible exchange between the two is taken into account
+//! ([`shift`]).
 //!
-//! Limits: rates alone are filtered. Where the controller is fed an attitude that tells more of the rate than the gyro does, the
-//! innovations are predicted by that.
+//! Limits: only rates are filtered. Where the controller is fed an attitude with more information about the rate than
+//! the gyro has, it predicts the innovations.
 
 use std::sync::Arc;
 
@@ -42,7 +44,7 @@ fn rates(problem: &Problem, log: usize, mean: &[f64]) -> [Vec<f64>; 3] {
     })
 }
 
-/// The most likely noise of every log about every axis, and what it gains in ln likelihood over the present one.
+/// The most likely noise of every log about every axis, and its gain in ln likelihood over the present one.
 fn most_likely(problem: &Problem, mean: &[f64]) -> Vec<([RateNoise; 3], f64)> {
     (0..problem.logs.len())
         .into_par_iter()
@@ -68,7 +70,7 @@ fn most_likely(problem: &Problem, mean: &[f64]) -> Vec<([RateNoise; 3], f64)> {
 
 /// Estimates the noise of the rates, and whitens the angular accelerations anew.
 pub(crate) fn tune(problem: &mut Problem) {
-    // First what is most likely without any effect: a vehicle of which nothing is missing is at its noise at once.
+    // First the most likely noise without any effect: a vehicle that lacks nothing reaches its noise immediately.
     let Ok((spikes, _)) = posterior_of(problem) else {
         return;
     };

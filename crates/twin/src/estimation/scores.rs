@@ -1,4 +1,5 @@
-//! Evidence of candidates about the present point, by linear algebra: of those that are not at work, and of those that are.
+//! Evidence of candidates about the present point, by linear algebra: of those that are not in the model, and of those
+//! that are.
 
 use super::normal::{Opened, Posterior, open};
 use super::problem::{Problem, position_of};
@@ -74,7 +75,7 @@ pub(crate) fn weakest(problem: &Problem, posterior: &Posterior, prior: &[f64], k
         }
         let now: Vec<f64> = places.iter().map(|&i| prior[i]).collect();
         let at: Vec<f64> = places.iter().map(|&i| position[i]).collect();
-        // The posterior is about the point with the prior about 0: what the data alone say is asked for again.
+        // The posterior is about the point with the prior about 0: the evidence of the data alone is computed again.
         let Some(opened) = open(posterior, &places, &spikes, &now, &slabs, &at) else {
             continue;
         };

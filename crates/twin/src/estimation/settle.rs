@@ -17,7 +17,7 @@ const SETTLED_DEVIATIONS: f64 = 1.5;
 
 const MOST_SETTLINGS: usize = 2;
 
-/// Takes a fit over, linearises about it, and asks anew which channels to trust.
+/// Accepts a fit, linearises about it, and reassesses which channels to trust.
 pub(crate) fn move_to(problem: &mut Problem, fitted: &Fitted) -> Result<(), PredictError> {
     problem.accept(fitted);
     problem.linearise(&|_| ())?;
@@ -44,7 +44,7 @@ pub(crate) fn trust(problem: &mut Problem) {
     }
 }
 
-/// Posterior about a point that has settled: where the linearisation wants to move the effects or the nuisances further than their
+/// Posterior about a converged point: if the linearisation moves the effects or the nuisances further than their
 /// deviation, they are fitted and linearised anew.
 pub(crate) fn settled(problem: &mut Problem) -> Result<(Posterior, Vec<f64>), PredictError> {
     for _ in 0..MOST_SETTLINGS {
@@ -56,7 +56,7 @@ pub(crate) fn settled(problem: &mut Problem) -> Result<(Posterior, Vec<f64>), Pr
         });
         let beyond =
             |i: usize, step: f64| step.abs() > SETTLED_DEVIATIONS * posterior.covariance.at(i, i).max(0.0).sqrt();
-        // A nuisance at its bound moves no further, whatever it wants.
+        // A nuisance at its bound moves no further, whatever the gradient.
         let nuisances = problem
             .logs
             .iter()

@@ -1,4 +1,4 @@
-//! Errors on blocks that a fit did not see: what they are of, and whether they fall or rise by more than chance.
+//! Errors on held-out blocks: of which quantities, and whether they fall or rise by more than chance.
 
 use serde::Serialize;
 use utoipa::ToSchema;
@@ -6,7 +6,8 @@ use utoipa::ToSchema;
 use crate::predict::Predictor;
 use crate::predict::channels::{F, KA, KV, M, V};
 
-/// Part of the noise below which a change of the error is none: a log without noise leaves errors of rounding, which any fit moves.
+/// Share of the noise below which a change of the error is ignored: a log without noise leaves rounding errors, which
+/// any fit changes.
 const NEGLIGIBLE: f64 = 0.01;
 
 /// Squares of one quantity on one block, and how many.
@@ -16,8 +17,8 @@ pub(crate) struct Squares {
     pub(crate) count: f64,
 }
 
-/// Quantities that are scored, with their units. An accelerometer tells the force; where there is none, the velocity tells it by its
-/// derivative.
+/// Quantities that are scored, with their units. The accelerometer gives the force; without one, it comes from the
+/// derivative of the velocity.
 pub(crate) const QUANTITIES: [(&str, &str); 4] = [
     ("force", "N"),
     ("torque", "N·m"),
@@ -28,7 +29,7 @@ pub(crate) const QUANTITIES: [(&str, &str); 4] = [
 /// Place of the voltage among them.
 pub(crate) const VOLTAGE: usize = 2;
 
-/// The quantity that a channel is a part of, and what makes its residual one of that; `None` of what is not scored.
+/// The quantity that a channel belongs to, and the factor that converts its residual; `None` if it is not scored.
 pub(crate) fn kind_of(predictor: &Predictor, channel: usize) -> Option<(usize, f64)> {
     let c = &predictor.nominal;
     match channel {
@@ -56,12 +57,12 @@ pub struct HeldOutError {
     /// Standard deviation of `after − before`, from the scatter over the blocks.
     #[schema(value_type = Option<f64>)]
     pub change_deviation: f64,
-    /// Change that is none: a hundredth of what noise alone leaves.
+    /// Change that is ignored: a hundredth of what noise alone leaves.
     #[serde(skip)]
     pub negligible: f64,
 }
 
-/// Share of an error by which it must rise to count: what the sentence tells as a change.
+/// Share by which an error must rise to count, and for the sentence to report a change.
 const TOLD: f64 = 0.01;
 
 /// Rise in standard deviations from which an error counts as risen: one in a thousand by chance.
@@ -71,9 +72,9 @@ const RISEN: f64 = 3.0;
 const WORTH_NAMING: f64 = 0.1;
 
 impl HeldOutError {
-    /// True if the effects found make the error larger: by more than a trace of the noise, and by a hundredth or more than the blocks
-    /// scatter. The scatter alone is no excuse: what sets in on the last of n blocks changes one of them, which is one deviation of their
-    /// scatter however large it is.
+    /// True if the effects found make the error larger: by more than a trace of the noise, and either by a hundredth of
+    /// itself or by more than the scatter between blocks. The scatter alone is no excuse: an effect that sets in on the
+    /// last of n blocks changes one of them, which is one deviation of their scatter however large it is.
     pub fn rises(&self) -> bool {
         let rise = self.after - self.before;
         rise > self.negligible && (rise > TOLD * self.before || rise > RISEN * self.change_deviation)
@@ -85,7 +86,7 @@ impl HeldOutError {
         if ratio.is_finite() { 1.0 - ratio * ratio } else { 0.0 }
     }
 
-    /// True if the effects found make the error smaller by a part that is worth its name.
+    /// True if the effects found make the error substantially smaller.
     pub fn is_smaller(&self) -> bool {
         self.before - self.after > self.negligible && self.explained_share() > WORTH_NAMING
     }
@@ -116,7 +117,7 @@ pub(crate) fn change(
     let scatter: f64 = pairs
         .map(|(b, a)| (a.sum - b.sum - mean) * (a.sum - b.sum - mean))
         .sum();
-    // Of a mean square over the blocks; a single block has no scatter to tell by.
+    // Of a mean square over the blocks; a single block has no scatter.
     let variance = if blocks > 1.0 {
         scatter * blocks / (blocks - 1.0)
     } else {

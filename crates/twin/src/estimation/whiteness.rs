@@ -1,4 +1,4 @@
-//! Is what is left white? Sums of a whitened residual by channel, and the trust that follows from them.
+//! Is the rest white? Sums of a whitened residual by channel, and the trust that follows from them.
 //!
 //! Means over 0.25 s of white noise have the variance of the noise over their length. Slow model errors stand out in them a
 //! hundredfold. The noise level is taken from the median of the whitened residual, so that a wrong noise model does not count as
@@ -14,7 +14,8 @@ const MEAN_S: f64 = 0.25;
 /// Normal score above which a channel is not explained.
 pub(crate) const UNEXPLAINED_SCORE: f64 = 6.0;
 
-/// Least noise level, over what is assumed: a simulated battery without noise is not known better than its floor.
+/// Smallest noise level, relative to the assumed one: a simulated battery without noise is not known better than its
+/// floor.
 const LEAST_LEVEL: f64 = 0.5;
 
 /// Sums of one channel.

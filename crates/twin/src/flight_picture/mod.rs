@@ -1,7 +1,7 @@
-//! A flight as people look at it, whatever was found in it: where it went, its parts and events, what each motor was told, how it shook.
+//! A model-independent view of a flight: trajectory, parts and events, motor commands, vibration.
 //!
-//! Series are cut into at most [`BUCKETS`] buckets of equal numbers of rows; each has the mean of its values, and motor outputs the lowest
-//! and highest as well, so that no short saturation disappears. `null`: the bucket has no value.
+//! Series are divided into at most [`BUCKETS`] buckets of equal numbers of rows; each has the mean of its values, and
+//! motor outputs also the lowest and highest, so that no short saturation disappears. `null`: the bucket has no value.
 //!
 //! Frames: position north, east and up from where the log has its zero, m; attitude in degrees, ZYX. Nothing here depends on a model.
 

@@ -24,9 +24,9 @@ const SEGMENT_S: f64 = 1.0;
 const SAMPLES: [usize; 2] = [64, 1024];
 /// Segments, at most: those of a long flight are taken evenly over it.
 const MOST_SEGMENTS: usize = 400;
-/// Rows further apart than so many steps are not of one segment.
+/// Rows further apart than this many steps belong to different segments.
 const BREAK_STEPS: f64 = 1.5;
-/// Fewest samples of a rotor's speed that tell how fast it turns.
+/// Fewest samples of a rotor's speed from which it is determined.
 const FEWEST_SPEEDS: usize = 50;
 
 /// Vibration of a vehicle in the air.
@@ -229,7 +229,7 @@ fn fourier(values: &mut [[f64; 2]]) {
     }
 }
 
-/// How fast each rotor turned in the air, where the log tells.
+/// The speed of each rotor in the air, if the log contains it.
 fn rotor_speeds(log: &FlightLog, air: &[(f64, f64)]) -> Vec<RotorSpeed> {
     let flies = |time: f64| air.iter().any(|(from, to)| (*from..=*to).contains(&time));
     (1..=log.rotor_count())

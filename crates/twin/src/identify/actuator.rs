@@ -37,7 +37,7 @@ pub(crate) fn lagged(
     };
     let decay = |seconds: f64| (-seconds / lag_s).exp();
     let (first, second) = (decay(late_s), decay(step - late_s));
-    // ∫ over a span h of the lag's answer: T h + (f − T) τ (1 − e^(−h/τ)).
+    // Integral of the lag's response over a span h: T h + (f − T) τ (1 − e^(−h/τ)).
     let mut before = static_thrust(part.start as i64 - shift - 1);
     let mut thrust = before;
     let mut out = Lagged {

@@ -1,7 +1,8 @@
-//! Whether the two halves of a flight, and the class, leave a value its interval.
+//! Whether the two halves of a flight, and the class, are consistent with the interval of a value.
 //!
-//! The interval of a fit is made of its own errors and of the scatter of short parts about one linearisation. What neither says is told by fits
-//! of the halves alone: of a real quadrotor the gain of roll was 4.6 times larger in the second half, and ± 29 % were written for the whole.
+//! The interval of a fit is based on its own errors and on the scatter of short parts about one linearisation. Neither
+//! covers what fits of the halves alone can show: for a real quadrotor the roll gain was 4.6 times larger in the second
+//! half, although the interval of the whole was ± 29 %.
 
 use super::held_out::Score;
 use crate::Z95;
@@ -9,7 +10,7 @@ use crate::model::constants::Source;
 
 /// How many of their deviations halves that agree lie apart at most: one value in 400 by chance.
 const APART: f64 = 3.0;
-/// R² by which what was learnt may predict unseen seconds worse than the class does, by chance.
+/// R² by which what was learnt may, by chance, predict unseen seconds worse than the class does.
 const WORSE: f64 = 0.05;
 
 /// A value as it was found in the whole flight, in each half, and of the class, all on the same scale.
@@ -17,7 +18,7 @@ pub(super) struct Compared<'a> {
     pub(super) name: &'a str,
     pub(super) whole: f64,
     pub(super) class: f64,
-    /// Value and deviation by half, where both tell it.
+    /// Value and deviation by half, if both determine it.
     pub(super) halves: Option<[(f64, f64); 2]>,
     /// What one half gives, if that cannot be.
     pub(super) impossible: Option<f64>,
@@ -28,7 +29,8 @@ pub(super) struct Compared<'a> {
 }
 
 impl Compared<'_> {
-    /// Deviation and source, where nothing speaks against them; else a deviation that covers what does, with a note.
+    /// Deviation and source, if nothing contradicts them; otherwise a deviation that covers the contradiction, with a
+    /// note.
     pub(super) fn checked(&self, (mut deviation, mut source): (f64, Source), notes: &mut Vec<String>) -> (f64, Source) {
         if source == Source::Class {
             return (deviation, source);
@@ -100,7 +102,7 @@ mod tests {
         let mut notes = Vec::new();
         let found = |halves, notes: &mut Vec<String>| compared(halves, None).checked((0.05, Source::Log), notes);
         assert_eq!(found([(-0.1, 0.1), (0.1, 0.1)], &mut notes), (0.05, Source::Log));
-        // One half that hardly tells it does not speak against the other.
+        // A half that hardly determines it does not contradict the other.
         assert_eq!(found([(-1.5, 0.6), (0.0, 0.05)], &mut notes), (0.05, Source::Log));
         assert!(notes.is_empty());
         let (deviation, source) = found([(-0.7, 0.1), (0.8, 0.1)], &mut notes);

@@ -1,4 +1,4 @@
-//! Which outputs are rotors and where they are; and the list of values.
+//! Which outputs are rotors and where they are; and the list of identified values.
 
 use rotortwin_plant::effects::hover_rotor_speed_rad_s;
 use rotortwin_plant::vehicle::model::SpinDirection;
@@ -24,10 +24,11 @@ use crate::log::flight_parts::RotorPlace;
 use crate::log::{FlightLog, RotorOrder, SensorRate, SourceKind};
 use crate::model::constants::Source;
 
-/// Motor outputs that come more slowly than this contradict a frame only where the motion knows the right one: 15 Hz is what it takes.
+/// Motor outputs slower than this rule out a stated frame only if the motion identifies the right one: that takes 15
+/// Hz.
 const SURE_HZ: f64 = 15.0;
 
-/// What would tell the drag.
+/// The manoeuvre from which the drag could be identified.
 const STRAIGHT_RUN: &str = "a straight run at 4 m/s or more, there and back, with velocity in the log";
 
 /// Where the rotors are.
@@ -44,12 +45,13 @@ pub struct Airframe {
     pub how: String,
     /// What the motion says, where it was asked.
     pub motion: Option<Wiring>,
-    /// The motion contradicts it, and the user insists: torques by this frame tell no inertia.
+    /// The motion contradicts it, but the user insists: torques computed with this frame do not determine the inertia.
     #[serde(skip)]
     pub against_the_motion: bool,
 }
 
-/// Columns that are rotors, in the order of their motor numbers: all that the import took for rotors, else those that move.
+/// Columns that are rotors, in the order of their motor numbers: all that the import took for rotors, otherwise those
+/// that move.
 pub(crate) fn rotor_outputs(log: &FlightLog) -> Result<Vec<usize>, String> {
     let moving = moving_outputs(log);
     if moving.len() < 4 {
@@ -66,7 +68,7 @@ pub(crate) fn rotor_outputs(log: &FlightLog) -> Result<Vec<usize>, String> {
                 log.name
             )
         } else if found < 4 && moving.len() == found {
-            // They all move: what lacks is a rotor, not the flight.
+            // They all move: a rotor is missing, not the flight.
             let left_out = log.report.unused_columns.iter();
             let left_out: Vec<String> = left_out
                 .filter(|unused| unused.column.starts_with("outputs "))
@@ -91,7 +93,8 @@ pub(crate) fn rotor_outputs(log: &FlightLog) -> Result<Vec<usize>, String> {
     Ok((1..=log.report.rotor_outputs.len()).collect())
 }
 
-/// Frame, places of the motors in their order and how that is known, as far as the log's parameters or its format say it.
+/// Frame, places of the motors in their order, and the evidence, as far as the log's parameters or its format state
+/// them.
 pub(crate) fn stated_places(log: &FlightLog) -> Option<(String, Vec<Place>, String)> {
     let nothing_entered = Request {
         mass_kg: 0.0,
@@ -105,7 +108,7 @@ pub(crate) fn stated_places(log: &FlightLog) -> Option<(String, Vec<Place>, Stri
     Some((name, places, how))
 }
 
-/// Where the rotors are, as far as the log's parameters or its format say it; motion is not asked.
+/// Where the rotors are, as far as the log's parameters or its format state it; the motion is not used.
 pub fn known_rotor_places(log: &FlightLog) -> Option<Vec<RotorPlace>> {
     let (_, places, _) = stated_places(log)?;
     let outputs = rotor_outputs(log).ok()?;
@@ -142,7 +145,8 @@ pub(crate) fn find(log: &FlightLog, grids: &[Grid], request: &Request, class: &C
         }
         let stated_against = motion.as_ref().map(|motion| (motion, motion.against(&places)));
         let against_the_motion = matches!(stated_against, Some((_, Some(_))));
-        // Between two samples a controller moves its motors up and down again: the commands that are logged may be in antiphase to the motion that they damp.
+        // Between two samples a controller moves its motors up and down again: the logged commands may be in antiphase
+        // with the motion that they damp.
         let rate = log.duty_rate().filter(SensorRate::is_slower).map(|rate| rate.source_hz);
         let unsure = motion.as_ref().is_some_and(|motion| motion.best.doubt().is_some());
         let too_slow_hz = rate.filter(|hz| *hz < if unsure { SURE_HZ } else { LEAST_TO_CONTRADICT_HZ });
@@ -224,8 +228,9 @@ pub(crate) fn find(log: &FlightLog, grids: &[Grid], request: &Request, class: &C
     })
 }
 
-/// The quadrotor of Betaflight and INAV, whose logs number motors by the mixer, not by the connectors; the motion says which way they turn, as
-/// both are flown. `None` where the motion speaks against both, or the log is another's.
+/// The quadrotor of Betaflight and INAV, whose logs number motors by the mixer, not by the connectors; the motion
+/// decides which way they turn, as both directions are in use. `None` if the motion contradicts both, or the log is
+/// from another autopilot.
 fn betaflight(log: &FlightLog, rotors: usize, motion: Option<&wiring::Motion>) -> Option<Airframe> {
     if log.source.kind != SourceKind::Blackbox || rotors != 4 || log.report.rotor_order != RotorOrder::Logged {
         return None;
@@ -263,7 +268,7 @@ fn betaflight(log: &FlightLog, rotors: usize, motion: Option<&wiring::Motion>) -
     })
 }
 
-/// Why a stated frame is not believed, with the evidence.
+/// Why a stated frame is rejected, with the evidence.
 fn against(name: &str, how: &str, best: &Wiring, stated: &Contradiction) -> String {
     let three = |[roll, pitch, yaw]: [f64; 3]| format!("{roll:.2}, {pitch:.2}, {yaw:.2}");
     let other = match (best.doubt(), Frame::of_places(&best.places)) {
@@ -309,7 +314,7 @@ fn told(log: &FlightLog, request: &Request) -> Result<Option<Told>, String> {
         return Ok(of(frame, Source::Entered, "--frame".to_owned()));
     }
     if log.report.rotor_order != RotorOrder::Logged {
-        // The columns have not the numbers that parameters speak of.
+        // The columns do not have the numbers that the parameters use.
         return Ok(None);
     }
     if let Some((places, arm)) = frames::of_px4_allocation(&log.parameters) {
@@ -342,7 +347,7 @@ fn told(log: &FlightLog, request: &Request) -> Result<Option<Told>, String> {
     Ok(None)
 }
 
-/// Everything that the values are made of.
+/// Everything that the values are derived from.
 pub(crate) struct Findings<'a> {
     pub(crate) request: &'a Request,
     pub(crate) class: Class,
@@ -350,7 +355,7 @@ pub(crate) struct Findings<'a> {
     pub(crate) logs: &'a [FlightLog],
     pub(crate) fitted: &'a Fitted,
     pub(crate) yaw: Option<Yaw>,
-    /// What each half of the flights gives by itself, where they are long enough.
+    /// The estimates from each half of the flights, if they are long enough.
     pub(crate) halves: Option<&'a Halves>,
     pub(crate) voltage_slope: (f64, f64, Source),
     pub(crate) has_voltage: bool,
@@ -358,16 +363,16 @@ pub(crate) struct Findings<'a> {
     /// [`Airframe::against_the_motion`]
     pub(crate) against_the_motion: bool,
     pub(crate) excitation: Excitation,
-    /// What a bench says, where it is of this rotor and does not contradict the flight.
+    /// Bench results, if they are of this rotor and do not contradict the flight.
     pub(crate) bench: Option<&'a About>,
-    /// n that the flight indicates and no propeller has; the curve is then the class's.
+    /// n that the flight indicates but no propeller has; the curve is then the class's.
     pub(crate) impossible_slope: Option<f64>,
 }
 
-/// Deviation of the thrust level's logarithm where the accelerometer reads what it should: scale of an ordinary one.
+/// Deviation of the logarithm of the thrust level if the accelerometer is correct: scale error of an ordinary one.
 const LEVEL_LOG_DEVIATION: f64 = 0.01;
-/// … without one, where the attitude says how far the thrust leans from the weight that it carries in the mean: a flight that ends lower or slower
-/// than it began; and where nothing says it: 30° of lean.
+/// … without one, if the attitude tells how far the thrust leans from the weight that it carries on average: a flight
+/// that ends lower or slower than it began; and without either: 30° of lean.
 const LEVEL_BY_ATTITUDE: f64 = 0.05;
 const LEVEL_BY_WEIGHT: f64 = 0.15;
 /// Deviation of the centre of mass over the arm.
@@ -375,19 +380,19 @@ const CENTRE_DEVIATION: f64 = 0.01;
 /// Deviation of a healthy rotor's thrust: seven healthy flights of CrazyPAD.
 const EVENNESS_DEVIATION: f64 = 0.03;
 
-/// Deviation of the thrust at full duty, relative, where the curve only extrapolates.
+/// Deviation of the thrust at full duty, relative, if the curve only extrapolates.
 const TOP_DEVIATION: f64 = 0.05;
 /// Deviation of a dead zone, duty.
 const DEAD_ZONE_DEVIATION: f64 = 0.01;
 
-/// Share of the drag along the body that the drag of climbs must surely be below, for the difference to be that of rotors. A thrust curve
-/// fitted to the same flight can take half of a drag along all axes for its own.
+/// The drag of climbs must surely be below this share of the drag along the body for the difference to be attributed to
+/// the rotors. A thrust curve fitted to the same flight can absorb half of a drag that acts along all axes.
 const LITTLE_IN_CLIMBS: f64 = 0.3;
 
-/// Deviation of ln c/Jz from which on the flight tells nothing of it.
+/// Deviation of ln c/Jz above which the flight is not informative about it.
 const YAW_LOG_DEVIATION: f64 = 1.0;
 
-/// Whose the value is, by how much the log narrows the prior's deviation.
+/// Source of a value, by how much the log narrows the prior's deviation.
 fn whose(data: f64, prior: f64) -> Source {
     if data < 0.5 * prior {
         Source::Log
@@ -398,13 +403,13 @@ fn whose(data: f64, prior: f64) -> Source {
     }
 }
 
-/// The same of a value whose class is in it as a prior: what the log has moved, or made surer than the class, is no class default, also where the
-/// log alone, without what the class says of the other values, leaves it open.
+/// The same for a value with the class as a prior: if the log moved it, or made it more certain than the class, it is
+/// not a class default, even if the log alone, without what the class says about the other values, leaves it open.
 ///
-/// * `data`: deviation by the log alone · `posterior`: with the class in it · `prior`: the class's · `moved`: how far the value is from the
-///   class's, in its deviations
+/// * `data`: deviation by the log alone · `posterior`: with the class included · `prior`: the class's · `moved`: how
+///   far the value is from the class's, in the class's deviations
 fn whose_in_all(data: f64, (posterior, prior): (f64, f64), moved: f64) -> Source {
-    /// That of a value whose log is as unsure as twice the class.
+    /// Posterior over prior deviation of a value whose log is twice as uncertain as the class.
     const SURER: f64 = 0.894;
     const MOVED: f64 = 0.5;
     match whose(data, prior) {
@@ -413,7 +418,7 @@ fn whose_in_all(data: f64, (posterior, prior): (f64, f64), moved: f64) -> Source
     }
 }
 
-/// Deviation and source of a value whose channel may not be excited: it is then known no better than by its class.
+/// Deviation and source of a value whose channel may not be excited: it is then known no better than from its class.
 fn as_far_as_excited(excited: bool, (data, class): (f64, f64), source: Source) -> (f64, Source) {
     match (excited, source) {
         (true, _) | (false, Source::Class) => (data, source),
@@ -477,7 +482,7 @@ impl Findings<'_> {
         (numbers, values)
     }
 
-    /// A value and its deviation by the first and by the second half of the flights, where both excite it.
+    /// A value and its deviation from the first and from the second half of the flights, if both excite it.
     fn by_halves(
         &self,
         value: impl Fn(&Fitted) -> (f64, f64),
@@ -487,11 +492,12 @@ impl Findings<'_> {
         Some(halves.fitted.each_ref().map(value))
     }
 
-    /// That rotors at these places would turn the vehicle far more than it turns, with its own constants and with those of the class. Asked of six
-    /// rotors and more, whose orders the motion was not searched for or which may be none of those searched; not of outputs that come slowly, which are in no phase with the motion (R² of a right frame down to −20
-    /// at 10 Hz).
+    /// Whether rotors at these places would turn the vehicle far more than it turns, with its own constants and with
+    /// those of the class. Checked for six or more rotors, whose orders were not searched with the motion or may be
+    /// none of those searched; not for outputs at a low rate, which have no phase relation with the motion (R² of a
+    /// right frame down to −20 at 10 Hz).
     fn turns_otherwise(&self) -> Option<String> {
-        /// R² of a torque that has nothing to do with the motion and 1.4 times its size.
+        /// R² of a torque that is unrelated to the motion and 1.4 times its size.
         const NOTHING: f64 = -1.0;
         let is_slow = |log: &FlightLog| {
             let rate = log.duty_rate().filter(SensorRate::is_slower);
@@ -514,7 +520,7 @@ impl Findings<'_> {
         })
     }
 
-    /// Jx, Jy and the deviations of their logarithms; `is_its_frame`: the motion does not speak against the frame.
+    /// Jx, Jy and the deviations of their logarithms; `is_its_frame`: the motion does not contradict the frame.
     fn inertia(&self, is_its_frame: bool, values: &mut Vec<Estimate>, notes: &mut Vec<String>) -> [(f64, f64); 2] {
         let (mass, arm) = (self.request.mass_kg, self.request.arm_m);
         let fitted = self.fitted;
@@ -588,7 +594,8 @@ impl Findings<'_> {
             };
             let mut estimate = Estimate::log_normal(key, name, "kg·m²", value, deviation, source);
             if source == Source::Class {
-                // Towers of stacked rotors and batteries have what no flat vehicle of the class has: a published X8 0.78 arms.
+                // Towers of stacked rotors and batteries exceed every flat vehicle of the class: a published X8 has
+                // 0.78 arms.
                 estimate.high = estimate.high.max(mass * (GYRATION_OVER_ARM.end() * arm).powi(2));
             }
             values.push(
@@ -709,7 +716,8 @@ impl Findings<'_> {
             .exp()
             .min(0.999 * sum)
             .max(1.001 * (inertia[0].0 - inertia[1].0).abs());
-        // What Jx + Jy has above its class may be height, which adds nothing to Jz: a published X8 has 0.36 (Jx + Jy).
+        // Jx + Jy above the class value may come from height, which adds nothing to Jz: a published X8 has 0.36 (Jx +
+        // Jy).
         let of_its_class = share * self.class.inertia_ratio.iter().sum::<f64>() * mass * arm * arm;
         let least_inertia = (yaw_inertia / (Z95 * inertia_deviation).exp()).min(of_its_class);
         let flat = Estimate::log_normal(
@@ -742,7 +750,7 @@ impl Findings<'_> {
             ratio_deviation,
             ratio_source,
         );
-        // The flight tells c/Jz: where Jz may be less, so may c.
+        // The flight determines c/Jz: if Jz may be smaller, so may c.
         let least = if told.is_some() && ratio_source != Source::Bench {
             moment.low.min(ratio * least_inertia / yaw_inertia)
         } else {
@@ -787,10 +795,12 @@ impl Findings<'_> {
         Yaw { deviation, ..yaw }
     }
 
-    /// λ of the document, s; listed with the inertia of a rotor that it stands for at hover. Asks for c, m, and the deviation of ln Jz.
+    /// λ of the document, s; listed together with the inertia of a rotor that it corresponds to at hover. Needs c, m,
+    /// and the deviation of ln Jz.
     ///
-    /// J_r = 2 c λ f_h/Ω_h. The flight tells c λ/Jz, so that J_r is as good as Jz, whatever c is; Ω_h is that of a rotor of this thrust at the
-    /// tip speed of the F550's ([`hover_rotor_speed_rad_s`]), because no log here has it.
+    /// J_r = 2 c λ f_h/Ω_h. The flight determines c λ/Jz, so that J_r is as good as Jz, whatever c is; Ω_h is that of a
+    /// rotor of this thrust at the tip speed of the F550's ([`hover_rotor_speed_rad_s`]), because no log here contains
+    /// it.
     fn reaction(
         &self,
         reaction: Option<(Reaction, Source)>,
@@ -1169,12 +1179,12 @@ impl Findings<'_> {
             lag_source,
         )
         .how("the vehicle document has no delay: τ + d");
-        // The effect of the delay is another one: without it the lag is τ.
+        // A delay has a different effect: without it the lag is τ.
         both.low = both.low.min(fitted.lag_s / (Z95 * lag_deviation).exp());
         values.push(both);
     }
 
-    /// Fall of the thrust with the time, log by log.
+    /// Decline of the thrust over time, log by log.
     fn falls(&self, values: &mut Vec<Estimate>) {
         for grid in self.grids {
             let Some(fall) = slow::fall(grid, &self.fitted.curve) else {
@@ -1195,7 +1205,7 @@ impl Findings<'_> {
         }
     }
 
-    /// What the document takes for granted.
+    /// What the document assumes.
     fn assumed(&self, values: &mut Vec<Estimate>, voltage: f64, power: f64) {
         let centre = CENTRE_DEVIATION * self.request.arm_m;
         for (axis, name) in ["centre of mass, forward", "centre of mass, to the right"]
@@ -1219,7 +1229,8 @@ impl Findings<'_> {
             )
             .how("healthy rotors vary by 3 %"),
         );
-        // Punches and idling are beyond the duties that the curve was fitted to: what it lacks there looks like these three.
+        // Punches and idling are outside the duties that the curve was fitted to: its errors there look like these
+        // three.
         let full = self.full_thrust(voltage);
         let current = power * full.powf(1.5) / voltage;
         let resistance = TOP_DEVIATION * voltage / (class::VOLTAGE_SLOPE * current);
@@ -1288,7 +1299,7 @@ impl Findings<'_> {
             ))
             .better(if source == Source::Class { "--cells" } else { "" });
         if source == Source::Class {
-            // One more or one less; a battery has one at least.
+            // One more or one less; a battery has at least one.
             (counted.low, counted.high) = ((counted.value - 1.0).max(1.0), counted.value + 1.0);
         }
         values.push(counted);
@@ -1385,7 +1396,7 @@ impl Findings<'_> {
         let voltage = if mean.is_finite() && mean > 2.0 {
             mean
         } else {
-            // What the twin takes where the log has no voltage: three quarters charged, under load.
+            // What the twin assumes if the log has no voltage: three quarters charged, under load.
             let open = f64::from(cells) * 3.98;
             0.5 * (open + (open * open - 4.0 * resistance * hover_w).max(0.0).sqrt())
         };
@@ -1397,10 +1408,10 @@ impl Findings<'_> {
 mod tests {
     use super::*;
 
-    /// "CLASS DEFAULT" stood beside a value half of the class's, with an interval that excludes the class's.
+    /// "CLASS DEFAULT" was shown next to a value half of the class's, with an interval that excludes the class's.
     #[test]
     fn regress_what_the_log_has_moved_is_no_class_default() {
-        // By the log alone it is open (a ridge of inertia and lag); with what the class says of the lag it is not.
+        // By the log alone it is open (a ridge of inertia and lag); with the class's value for the lag it is not.
         assert_eq!(whose_in_all(0.9, (0.11, 0.3), -2.0), Source::LogAndClass);
         assert_eq!(whose_in_all(0.9, (0.28, 0.3), 0.8), Source::LogAndClass);
         assert_eq!(whose_in_all(0.9, (0.11, 0.3), 0.0), Source::LogAndClass);

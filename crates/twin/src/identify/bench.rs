@@ -1,14 +1,16 @@
-//! What a thrust bench, or a datasheet table at one voltage, says of the rotor in the air.
+//! What a thrust bench, or a datasheet table at one voltage, contributes to the identification of a rotor in flight.
 //!
 //! ```text
 //! bench_fit::Table ─▶ thrust over duty about the flight's mean duty: α, β of the curve ─▶ prior of the fit instead of the class's
 //!                  ─▶ torque over thrust · power over thrust^1.5 · exponent of the voltage (where the bench has several)
 //! ```
-//! The curve is T = T_h (z + α (z² − z) + β (√z − z)), z = u/u_h ([`super::curve`]): linear in T_h, T_h α, T_h β, so weighted least squares; the
-//! voltage's sag along the throttle is taken out by (V/V̄)^s. The level is not taken: the flight knows it, with the entered mass.
+//! The curve is T = T_h (z + α (z² − z) + β (√z − z)), z = u/u_h ([`super::curve`]): linear in T_h, T_h α, T_h β, so
+//! weighted least squares; the voltage sag along the throttle is corrected by (V/V̄)^s. The level is not used: the
+//! flight determines it, with the entered mass.
 //!
-//! As a prior with its own covariance the bench meets the flight by inverse variance. Where they lie more than three deviations apart nothing is
-//! averaged: the flight stays, and the note says both. Where the flight hardly moves, the bench alone says the shape.
+//! As a prior with its own covariance the bench is combined with the flight by inverse variance. Where they differ by
+//! more than three standard deviations nothing is averaged: the flight's values stay, and the note gives both. In a
+//! flight with hardly any motion, only the bench determines the shape.
 
 use std::path::PathBuf;
 
@@ -32,7 +34,7 @@ const SHAPE_DEVIATION: f64 = 0.04;
 const RATIO_DEVIATION: f64 = 0.05;
 /// Bench over flight at the mean duty, beyond which it is another rotor, or another range of pulses.
 const SAME_ROTOR: std::ops::Range<f64> = 0.7..1.4;
-/// Bench over flight beside 1 that is worth a word.
+/// Ratio of bench to flight that differs from 1 enough to be reported.
 const WORTH_A_WORD: f64 = 0.1;
 /// Deviations beyond which nothing is averaged.
 const APART: f64 = 3.0;
@@ -167,7 +169,7 @@ impl Bench {
         Ok(bench)
     }
 
-    /// About the mean duty of a flight; the error says why the bench tells nothing there.
+    /// About the mean duty of a flight; the error says why the bench is not informative there.
     pub(crate) fn about(&self, hover_duty: f64) -> Result<About, String> {
         let used: Vec<usize> = (0..self.thrust.len())
             .filter(|k| self.thrust[*k] > 0.0 && self.duty[*k] > 0.02)
@@ -280,7 +282,8 @@ impl About {
     }
 }
 
-/// What the bench says of this flight, if it is of the same rotor and does not contradict it; the notes say what was found.
+/// The bench's values for this flight, if it is of the same rotor and does not contradict it; the notes state the
+/// result.
 pub(crate) fn consult(
     bench: &Bench,
     flown: &Fitted,

@@ -1,7 +1,7 @@
-//! What is typical of a vehicle of this size: defaults and priors for what a flight cannot tell.
+//! Typical values for a vehicle of this size: defaults and priors for what a flight cannot determine.
 //!
-//! J = κ m l². From published vehicles and eleven public flights; the 5-inch inertias, and what is said of heavier vehicles, are
-//! judgement. Deviations are deliberately wide.
+//! J = κ m l². From published vehicles and eleven public flights; the 5-inch inertias, and the values for heavier
+//! vehicles, are judgement. Standard deviations are deliberately wide.
 
 use serde::Serialize;
 

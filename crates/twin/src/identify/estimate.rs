@@ -1,4 +1,4 @@
-//! One identified quantity: value, interval, where it came from.
+//! One identified quantity: value, interval, source.
 
 use crate::Z95;
 use crate::model::constants::Source;

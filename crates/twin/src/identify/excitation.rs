@@ -1,5 +1,5 @@
-//! Which channels a flight excites: where the vehicle moves by less than the noise of one reading, what the controller makes of that noise
-//! passes for torque or thrust, however many rows there are.
+//! Which channels a flight excites: where the vehicle moves by less than the noise of one reading, the controller's
+//! response to that noise is mistaken for torque or thrust, however many rows there are.
 //!
 //! In a hover of our own controller the 0.1 s means of the rates have 0.2 to 0.9 of the gyro's noise; c/Jz then came out twice too large and
 //! n = d ln thrust/d ln duty a quarter too small, each with an interval of a few per cent; on a helix with 1.2 in yaw and 0.95 in the vertical
@@ -10,12 +10,12 @@ use super::grid::{Grid, mean_deviation};
 
 /// Motion over noise from which a channel counts.
 const EXCITED: f64 = 2.0;
-/// Length of the means that tell motion from noise, s.
+/// Length of the means that separate motion from noise, s.
 const MEAN_S: f64 = 0.1;
 /// Median of the absolute value of a normal variable over its deviation.
 const MEDIAN_OF_NORMAL: f64 = 0.6745;
 
-/// What a flight tells: where it is false, a value is known no better than by its class.
+/// What a flight excites: where it is false, a value is known no better than from its class.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct Excitation {
     /// Vertical specific force.
@@ -25,7 +25,7 @@ pub(crate) struct Excitation {
 }
 
 impl Excitation {
-    /// Of all flights together; what is not logged is not excited.
+    /// Of all flights together; what is not logged counts as not excited.
     pub(crate) fn of(grids: &[Grid]) -> Self {
         let excites = |series: &dyn Fn(&Grid) -> Option<&[f64]>| motion_over_noise(grids, series) >= EXCITED;
         Self {

@@ -1,8 +1,10 @@
-//! Thrust curve, lag, delay and the gains of roll and pitch, together: they form ridges (a longer lag asks for a smaller inertia).
+//! Thrust curve, lag, delay and the gains of roll and pitch, jointly: they form ridges (a longer lag goes with a
+//! smaller inertia).
 //!
 //! Gauss–Newton on the prediction errors of lift, roll and pitch ([`super::observer`]), the observer's gains re-estimated on the way.
-//! Intervals: the errors' own information where the parts of the flight agree within it; else the spread of the parts. Then the
-//! class default enters as a prior, so that what the flight does not tell stays where it was, with its wide interval.
+//! Intervals: the errors' own information where the parts of the flight agree within it; otherwise the spread of the
+//! parts. Then the class default enters as a prior, so that what the flight does not determine keeps its class value,
+//! with its wide interval.
 
 use nalgebra::{SMatrix, SVector};
 use std::ops::Range;
@@ -27,25 +29,26 @@ pub(crate) const LAG: usize = 2;
 pub(crate) const DELAY: usize = 3;
 pub(crate) const GAIN: [usize; 2] = [4, 5];
 
-/// Seconds of a part; at least this many parts are made.
+/// Length of a part, s, and the minimum number of parts.
 const PART_S: f64 = 6.0;
 const FEWEST_PARTS: f64 = 8.0;
 /// Rows at the start of a part where filters and lag settle, s.
 const SETTLE_S: f64 = 0.6;
-/// Deviations that no length of flight removes, of α, β, ln τ, d, gains: rotors that differ, products of rates with another inertia, a curve
-/// with three terms. The errors of vehicles drawn at random are of this size where noise is not what limits.
+/// Deviations that no length of flight removes, of α, β, ln τ, d, gains: unequal rotors, products of rates with another
+/// inertia, a curve with three terms. The errors of randomly drawn vehicles are of this size when noise is not the
+/// limit.
 const FLOOR: [f64; PARAMETERS] = [0.01, 0.01, 0.007, 1e-4, 0.004, 0.004];
-/// How far a neighbour's correlation lies from 0 by chance alone is small; beyond this the errors are not white.
+/// Correlation of neighbouring errors that chance alone explains; beyond it the errors are not white.
 const WHITE: f64 = 0.1;
 
-/// What a bench says of α and β, and its information, in the place of the class's.
+/// Bench values of α and β, and their information, instead of the class's.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct ShapePrior {
     pub(crate) shape: [f64; 2],
     pub(crate) information: [[f64; 2]; 2],
 }
 
-/// What is fitted.
+/// Inputs of the fit.
 #[derive(Clone, Copy)]
 pub(crate) struct Problem<'a> {
     pub(crate) grids: &'a [Grid],
@@ -53,7 +56,7 @@ pub(crate) struct Problem<'a> {
     pub(crate) places: Option<&'a [Place]>,
     pub(crate) class: Class,
     pub(crate) voltage_slope: f64,
-    /// Shape of the thrust curve by a bench, in the place of the class's.
+    /// Shape of the thrust curve from a bench, instead of the class's.
     pub(crate) bench: Option<ShapePrior>,
 }
 
@@ -69,7 +72,7 @@ pub(crate) struct Fitted {
     pub(crate) delay_s: f64,
     /// Angular acceleration per lever of thrust over mass: l m/J, 1/m, with positions in units of the arm; roll, pitch.
     pub(crate) gain: [f64; 2],
-    /// Of α, β, ln τ, d, ln gains; the class default is in it.
+    /// Of α, β, ln τ, d, ln gains; the class default is included.
     pub(crate) covariance: Matrix,
     /// From the log alone.
     pub(crate) data_deviation: Vector,
@@ -127,7 +130,8 @@ pub(crate) fn hover_point(grids: &[Grid]) -> (f64, f64) {
     (mean(&Grid::mean_duty), voltage)
 }
 
-/// T_h/m so that the curve's mean thrust in the air is what the accelerometer says; without one, what carries the weight at the tilt in the log.
+/// T_h/m such that the curve's mean thrust in the air matches the accelerometer; without one, the thrust that carries
+/// the weight at the logged tilt.
 pub(crate) fn hover_level(grids: &[Grid], mut curve: Curve) -> f64 {
     curve.hover = 1.0;
     let (mut lift, mut shape) = (0.0, 0.0);
@@ -150,7 +154,7 @@ pub(crate) fn class_gain(class: &Class, arm_m: f64) -> [f64; 2] {
     class.inertia_ratio.map(|kappa| 1.0 / (kappa * arm_m))
 }
 
-/// Fits; `arm_m` only sets where the gains start and what their class default is.
+/// Fits; `arm_m` only sets the start values of the gains and their class default.
 pub(crate) fn fit(problem: &Problem<'_>, arm_m: f64) -> Fitted {
     let total: f64 = problem.grids.iter().map(Grid::airborne_s).sum();
     let part_s = PART_S.max(total / 40.0).min(total / FEWEST_PARTS).max(1.5);
@@ -190,7 +194,7 @@ pub(crate) fn fit(problem: &Problem<'_>, arm_m: f64) -> Fitted {
         }
     }
     state.hover = hover_level(problem.grids, state.curve());
-    // Wide while the search goes on: only so that what the log does not tell stays in place.
+    // Wide during the search: only so that what the log does not determine stays in place.
     let guard = prior_information * 0.02;
 
     let mut gains = Channels::first(problem);
@@ -232,10 +236,10 @@ pub(crate) fn fit(problem: &Problem<'_>, arm_m: f64) -> Fitted {
     finish(&state, &gains, &linear, prior, prior_information)
 }
 
-/// The fit itself; where its curve is none that a propeller has, one with the class's curve instead, so that lag and inertia are those of that
-/// curve, and the slope that the flight indicates.
+/// The fit itself; if its curve is one that no propeller has, a fit with the class's curve instead, so that lag and
+/// inertia belong to that curve, and the slope that the flight indicates.
 pub(crate) fn with_a_possible_slope(problem: &Problem<'_>, arm_m: f64, free: Fitted) -> (Fitted, Option<f64>) {
-    /// So that no flight moves it.
+    /// So large that no flight moves it.
     const HELD: f64 = 1e9;
     let slope = free.curve.slope();
     if SLOPES.contains(&slope) {
@@ -290,7 +294,7 @@ impl Channels {
         }
     }
 
-    /// The gains of least error, with the gain of the torque refitted to each.
+    /// The gains with the smallest error, with the gain of the torque refitted for each.
     fn estimate(&mut self, problem: &Problem<'_>, pieces: &[Piece<'_>], state: &State, noise: &mut [f64; 3]) {
         let series: Vec<Series> = pieces.iter().map(|piece| Series::of(problem, piece, state)).collect();
         let step_s = pieces.first().map_or(0.0025, |piece| piece.grid.step_s);
@@ -474,7 +478,8 @@ struct Linear {
 }
 
 impl Linear {
-    /// Variance of a channel's scores over what white errors give, mean over the parameters that it tells of.
+    /// Variance of a channel's scores over that of white errors, averaged over the parameters to which the channel is
+    /// sensitive.
     fn scatter(&self, channel: usize) -> f64 {
         let pieces = &self.channels[channel];
         let ratios: Vec<f64> = (0..PARAMETERS)
@@ -486,7 +491,7 @@ impl Linear {
             })
             .collect();
         let ratio = ratios.iter().sum::<f64>() / ratios.len().max(1) as f64;
-        // By chance alone it lies within a factor of three.
+        // By chance alone it is within a factor of three.
         if ratio > 3.0 { ratio } else { 1.0 }
     }
 }
@@ -551,7 +556,7 @@ fn mean_shape(piece: &Piece<'_>, curve: &Curve) -> f64 {
 fn finish(state: &State, channels: &Channels, linear: &Linear, prior: Vector, prior_information: Matrix) -> Fitted {
     let parts = linear.information.len();
     let total: Matrix = linear.information.iter().sum::<Matrix>();
-    // What no row tells must not make the matrix singular.
+    // A parameter that no row determines must not make the matrix singular.
     let floor = prior_information * 1e-4;
     let model = (total + floor)
         .try_inverse()
@@ -575,7 +580,8 @@ fn finish(state: &State, channels: &Channels, linear: &Linear, prior: Vector, pr
         let ratio = sandwich[(i, i)] / model[(i, i)];
         if ratio > threshold {
             uneven[i] = true;
-            // The mean's own error, and the spread of what the parts say beyond theirs: another part may be met tomorrow.
+            // The mean's own error, and the spread between the parts beyond their errors: the next flight may be like
+            // any of them.
             let spread = parts as f64 * (ratio - 1.0);
             inflation[i] = (ratio + spread).sqrt();
         }
@@ -624,7 +630,8 @@ mod tests {
     use super::*;
     use crate::log::FlightLog;
 
-    /// 40 s in the air at 100 Hz, the motors up and down by a fifth; `force` and pitch of a row by its duty.
+    /// 40 s in the air at 100 Hz, the motors up and down by a fifth; `force` and pitch of a row are functions of its
+    /// duty.
     fn grid(force: Option<fn(f64) -> f64>, pitch: f64) -> Grid {
         let time: Vec<f64> = (0..4000).map(|k| 0.01 * f64::from(k)).collect();
         let duty: Vec<f64> = time.iter().map(|t| 0.4 * (1.0 + 0.2 * (2.5 * t).sin())).collect();
@@ -634,7 +641,7 @@ mod tests {
             columns.push((name.to_owned(), vec![value; time.len()]));
         }
         if let Some(force) = force {
-            // A pattern stands for the accelerometer's noise.
+            // A pattern in place of the accelerometer's noise.
             let noisy = |(k, duty): (usize, &f64)| -force(*duty) + 0.01 * ((k * 7 % 11) as f64 - 5.0);
             columns.push(("accel_z_m_s2".to_owned(), duty.iter().enumerate().map(noisy).collect()));
         }
@@ -642,7 +649,7 @@ mod tests {
         Grid::new(&log, &[1, 2, 3, 4]).expect("a flight")
     }
 
-    /// n of 0.1 was written, with an interval of ±0.05.
+    /// An n of 0.1 used to be reported, with an interval of ±0.05.
     #[test]
     fn regress_a_slope_that_no_propeller_has_is_the_classs() {
         let class = Class::of(1.0, 0.15);
@@ -668,7 +675,7 @@ mod tests {
         );
     }
 
-    /// The level was m g, whatever the vehicle leaned against the wind.
+    /// The level used to be m g, however much the vehicle leaned into the wind.
     #[test]
     fn regress_the_level_without_an_accelerometer_is_that_of_the_tilt() {
         let pitch = 28.0_f64.to_radians();

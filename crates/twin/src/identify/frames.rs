@@ -1,8 +1,8 @@
 //! Frames: where the rotor of each motor number is, and how it turns.
 //!
 //! Angles in degrees from the nose, clockwise seen from above. Numbers are those of the autopilot: ArduPilot's frame classes and types
-//! (`AP_MotorsMatrix`), which PX4's fixed airframes share. Of two rotors on one axis (X8, Y6) it is not said which is the upper one: their
-//! columns of the effectiveness matrix have no height.
+//! (`AP_MotorsMatrix`), which PX4's fixed airframes share. Of two coaxial rotors (X8, Y6) it is not determined which is
+//! the upper one: their columns of the effectiveness matrix do not depend on height.
 
 use rotortwin_plant::vehicle::model::SpinDirection::{self, Ccw, Cw};
 use std::collections::BTreeMap;
@@ -395,7 +395,7 @@ impl Frame {
             8 => 3,
             _ => return None,
         };
-        // Plus, X, V, H; what came later was not known then.
+        // Plus, X, V, H; later ones were not known then.
         (0.0..=3.0).contains(&kind).then_some(())?;
         FRAMES
             .iter()
@@ -436,7 +436,7 @@ pub(crate) fn of_px4_allocation(parameters: &BTreeMap<String, f64>) -> Option<(V
         })
         .collect::<Option<_>>()?;
     let arm = rotors.iter().map(|[x, y, _]| x.hypot(*y)).fold(0.0, f64::max);
-    // Factory values that nobody entered are all zero.
+    // Factory values, never edited, are all zero.
     (arm > 0.0 && rotors.iter().all(|[x, y, km]| x.hypot(*y) > 0.0 && *km != 0.0)).then(|| {
         let places = rotors
             .iter()
@@ -504,7 +504,7 @@ mod tests {
         }
     }
 
-    /// ArduPilot's parameters of the coaxial frames; any kind of Y6 that it does not know is Y6A.
+    /// ArduPilot's parameters of the coaxial frames; an unknown kind of Y6 is treated as Y6A.
     #[test]
     fn val_coaxial_frames_are_pairs_on_three_or_four_arms() {
         let of = |class: f64, kind: f64| {
@@ -549,7 +549,7 @@ mod tests {
         }
     }
 
-    /// A log is read by this table, a flight goes by `config/autopilots`.
+    /// Logs are read with this table, flights use `config/autopilots`.
     #[test]
     fn val_logs_and_flights_of_a_frame_have_the_same_outputs() {
         use rotortwin_scenario::autopilot_frame::{AutopilotFrame, AutopilotKind};

@@ -1,4 +1,4 @@
-//! The log on a uniform grid, its rotors picked out, and the parts of it that are in the air.
+//! The log on a uniform grid, with its rotors selected, and its airborne parts.
 
 use std::ops::Range;
 
@@ -12,30 +12,31 @@ pub(crate) const GRAVITY: f64 = 9.81;
 const TILT_END_RAD: f64 = 1.22;
 /// Specific force above which it has, m/s².
 const FORCE_END: f64 = 35.0;
-/// Specific force of flight, means over a second, m/s².
+/// Specific force in flight, means over a second, m/s².
 const FORCE_FLIGHT: Range<f64> = 4.0..25.0;
-/// The same of an agile flight, whose pilot pulls and falls: the thrust curve holds there, too.
+/// The same for an agile flight with pull-ups and free falls: the thrust curve is valid there, too.
 const AGILE_FORCE: Range<f64> = 1.0..60.0;
 const AGILE_END: f64 = 80.0;
-/// A flight is agile where its motors reach so much more than their usual mean.
+/// A flight is agile if its motors exceed their usual mean by this factor.
 const AGILE: f64 = 1.25;
-/// A stretch without the force of flight that an agile flight comes back from within this is no ground, s.
+/// A stretch without the force of flight is not on the ground if an agile flight recovers from it within this, s.
 const EXCURSION_S: f64 = 5.0;
-/// … in an excursion of any flight the vehicle falls, or its motors carry it: means of the specific force over a second, m/s². What lies on the
-/// ground with its motors low feels its weight.
+/// … in an excursion of any flight the vehicle falls, or its motors carry it: means of the specific force over a
+/// second, m/s². A vehicle on the ground with its motors low measures its weight.
 const FALLS: f64 = 7.0;
-/// A hole of no more than this is bridged, s: rows of a log at 50 Hz are as far apart, and the motors lag by more.
+/// A gap up to this is bridged, s: rows of a log at 50 Hz are that far apart, and the motor lag is longer.
 const BRIDGED_S: f64 = 0.02;
-/// Rows that a vehicle's torques and lag can be told from, Hz: slower ones show where it was, not what turned it.
+/// Lowest row rate from which a vehicle's torques and lag can be identified, Hz: slower rows show where it was, not
+/// what turned it.
 const SLOWEST_HZ: f64 = 10.0;
-/// Left out at a take-off and before a landing, s; and at an end that is only the log's, s.
+/// Left out at a take-off and before a landing, s; and where only the log ends, s.
 const CUT_GROUND_S: f64 = 3.0;
 const CUT_LOG_S: f64 = 0.5;
-/// Left out instead where nothing long enough remains: a vehicle that is launched and caught by hand.
+/// Left out instead if nothing long enough remains: a vehicle that is launched and caught by hand.
 const CUT_SHORT_S: f64 = 1.0;
 /// Shortest part that is used, s.
 const SHORTEST_S: f64 = 3.0;
-/// Most seconds in the air that are fitted; a longer flight gives evenly spread pieces of it.
+/// Longest time in the air that is fitted, s; of a longer flight, evenly spread pieces are used.
 const MOST_SECONDS: f64 = 400.0;
 
 /// One log, ready to be fitted.
@@ -54,7 +55,7 @@ pub(crate) struct Grid {
     pub(crate) rates: Option<[Vec<f64>; 3]>,
     /// Specific force, body, m/s²; x and y may be missing.
     pub(crate) accel: [Option<Vec<f64>>; 3],
-    /// True where the force along z is made from the estimator's acceleration, for want of an accelerometer.
+    /// True if the force along z is derived from the estimator's acceleration, for lack of an accelerometer.
     pub(crate) accel_from_estimator: bool,
     pub(crate) voltage: Option<Vec<f64>>,
     pub(crate) current: Option<Vec<f64>>,
@@ -68,7 +69,7 @@ pub(crate) struct Grid {
     pub(crate) rest: Option<Range<usize>>,
     /// Measured |a| at rest over 9.81 m/s²; readings are divided by it.
     pub(crate) accel_scale: Option<f64>,
-    /// Logged above 600 Hz, and thinned out.
+    /// Logged above 600 Hz, and decimated.
     pub(crate) fast: bool,
     pub(crate) notes: Vec<String>,
 }
@@ -107,7 +108,7 @@ impl Grid {
         let log = if even {
             log
         } else {
-            // A recorder that is late drops a few rows every second.
+            // A recorder that falls behind drops a few rows every second.
             resampled = log.resampled_over(rate_hz, (GAP_FACTOR / rate_hz).max(BRIDGED_S))?;
             &resampled
         };
@@ -154,7 +155,8 @@ impl Grid {
         Ok(grid)
     }
 
-    /// What a vehicle does while a parameter keeps one of its motors from turning tells nothing of a vehicle whose motors all turn.
+    /// What a vehicle does while a parameter keeps one of its motors from turning is not representative of a vehicle
+    /// whose motors all turn.
     fn leave_out_motors_off(&mut self, log: &FlightLog) -> Result<(), String> {
         for event in log
             .report
@@ -188,8 +190,8 @@ impl Grid {
         Ok(())
     }
 
-    /// Above 600 Hz means of some rows are taken: vibration and the gyro's own filter are no part of the model, and the error between
-    /// neighbouring rows is all theirs.
+    /// Above 600 Hz, rows are averaged: vibration and the gyro's own filter are not part of the model, and they
+    /// dominate the error between neighbouring rows.
     fn decimate(&mut self) {
         const FASTEST_HZ: f64 = 600.0;
         const AIM_HZ: f64 = 250.0;
@@ -203,7 +205,7 @@ impl Grid {
             let means = running_mean(values, factor / 2);
             *values = (0..rows).map(|row| means[row * factor]).collect();
         };
-        // A duty holds from its row on: the mean of what the new row stands for.
+        // A duty holds from its row on: the mean over the interval of the new row.
         for duty in &mut self.duty {
             *duty = (0..rows)
                 .map(|row| duty[row * factor..(row + 1) * factor].iter().sum::<f64>() / factor as f64)
@@ -227,7 +229,7 @@ impl Grid {
             .push(format!("{}: {rate:.0} Hz, taken as means of {factor} rows", self.name));
     }
 
-    /// Rows of so many seconds, at least one.
+    /// Number of rows in this many seconds, at least one.
     pub(crate) fn rows_of(&self, seconds: f64) -> usize {
         ((seconds / self.step_s).round() as usize).max(1)
     }
@@ -297,7 +299,7 @@ impl Grid {
             return;
         };
         self.rest = Some(quiet[0].0..quiet[quiet.len() - 1].0 + block);
-        // A tenth of a per cent is what a good calibration leaves.
+        // A good calibration leaves a tenth of a per cent.
         if (scale - 1.0).abs() > 0.002 {
             for axis in self.accel.iter_mut().flatten() {
                 axis.iter_mut().for_each(|value| *value /= scale);
@@ -311,14 +313,14 @@ impl Grid {
         self.accel_scale = Some(scale);
     }
 
-    /// Duty below which the vehicle stands; 0 where the log has no time on the ground.
+    /// Duty below which the vehicle is on the ground; 0 if the log has no time on the ground.
     fn ground_level(&self) -> f64 {
         let (low, usual, high) = self.levels();
         let high = if high > AGILE * usual { usual } else { high };
         if low > 0.55 * high { 0.0 } else { 0.5 * (low + high) }
     }
 
-    /// A pilot who pulls and falls, not one who hovers and travels.
+    /// Whether the pilot flies pull-ups and falls rather than hover and cruise.
     fn is_agile(&self) -> bool {
         let (_, usual, high) = self.levels();
         high > AGILE * usual
@@ -351,7 +353,7 @@ impl Grid {
         let duty: Vec<f64> = smooth(&(0..self.rows).map(|k| self.mean_duty(k)).collect::<Vec<_>>());
         let lift = self.lift();
         let lift_mean = lift.as_deref().map(smooth);
-        // 20 Hz: vibration is no crash.
+        // 20 Hz: vibration is not a crash.
         let fast = self.rows_of(0.025);
         let shock = lift.as_deref().map(|lift| running_mean(lift, fast));
         let tilted = |k: usize| {
@@ -392,7 +394,7 @@ impl Grid {
             }
         }
         let excursion = self.rows_of(EXCURSION_S);
-        // A hole in the log, and what a pilot flies between two stretches of flight, is neither landing nor take-off.
+        // A gap in the log, or an excursion between two stretches of flight, is neither landing nor take-off.
         let stays_up = |apart: Range<usize>| {
             let short = apart.len() < excursion;
             apart.clone().all(|k| !has_values(k))
@@ -459,7 +461,7 @@ impl Grid {
         Ok(())
     }
 
-    /// Of a long flight evenly spread pieces.
+    /// Evenly spread pieces of a long flight.
     fn thin_out(&mut self) {
         let total = self.airborne_s();
         if total <= MOST_SECONDS {
@@ -516,7 +518,8 @@ pub fn running_mean(values: &[f64], half: usize) -> Vec<f64> {
 mod tests {
     use super::*;
 
-    /// In the air from end to end at 500 Hz, without rows where `dropped` says so; duty and force along the thrust of a time.
+    /// In the air from end to end at 500 Hz, without the rows that `dropped` selects; duty and force along the thrust
+    /// as functions of time.
     fn log(seconds: f64, dropped: impl Fn(f64) -> bool, flown: impl Fn(f64) -> (f64, f64)) -> FlightLog {
         let rows = (500.0 * seconds) as usize;
         let time: Vec<f64> = (0..rows).map(|k| 0.002 * k as f64).filter(|t| !dropped(*t)).collect();
@@ -541,21 +544,21 @@ mod tests {
             .collect())
     }
 
-    /// A recorder that drops 10 ms every 1.2 s: "no flight, the motors idle".
+    /// A recorder that drops 10 ms every 1.2 s used to give "no flight, the motors idle".
     #[test]
     fn regress_rows_that_a_recorder_drops_are_no_landing() {
         let hover = |_: f64| (0.5, 9.81);
         let found = airborne(&log(14.0, |t| t % 1.2 > 1.19, hover)).expect("a flight");
         assert_eq!(found.len(), 1, "{found:?}");
         assert!(found[0].0 < 0.6 && found[0].1 > 13.4, "{found:?}");
-        // A hole of half a second costs what an end of the log costs, on both sides.
+        // A gap of half a second costs as much as an end of the log, on both sides.
         let found = airborne(&log(14.0, |t| (6.0..6.5).contains(&t), hover)).expect("a flight");
         assert_eq!(found.len(), 2, "{found:?}");
         assert!(
             (found[0].1 - 5.5).abs() < 0.05 && (found[1].0 - 7.0).abs() < 0.05,
             "{found:?}"
         );
-        // Where holes leave nothing, the refusal says so.
+        // If gaps leave nothing, the refusal says so.
         let refusal = airborne(&log(14.0, |t| t % 2.0 > 1.8, hover)).expect_err("too short");
         assert!(
             refusal.contains("the longest stretch without a hole in the log is 1.8 s"),
@@ -563,7 +566,8 @@ mod tests {
         );
     }
 
-    /// A punch to full throttle and the free fall after it, as the documents ask for, ended the flight like a landing.
+    /// A punch to full throttle followed by free fall, as the documentation recommends, used to end the flight like a
+    /// landing.
     #[test]
     fn regress_a_throttle_pulse_and_its_fall_are_no_landing() {
         let pulsed = |ground: bool| {
@@ -577,7 +581,7 @@ mod tests {
         };
         let found = pulsed(false);
         assert!(found.len() == 2 && found[0].1 > 3.9 && found[1].0 < 7.6, "{found:?}");
-        // What feels its weight with its motors low stands on the ground.
+        // A vehicle that measures its weight with its motors low is on the ground.
         let found = pulsed(true);
         assert!(found.len() == 2 && found[1].0 > 9.3, "{found:?}");
     }

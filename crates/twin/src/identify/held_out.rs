@@ -1,4 +1,5 @@
-//! R² on data that no fit has seen: each half of the flight predicted by what the other half gave, beside the class default.
+//! R² on held-out data: each half of the flight predicted with the result of the other half, compared with the class
+//! default.
 
 use serde::Serialize;
 
@@ -168,7 +169,7 @@ impl Halves {
         })
     }
 
-    /// As it is shown, of a log with so many seconds in the air.
+    /// As displayed, for a log with this many seconds in the air.
     pub(crate) fn held_out(&self, log: &str, seconds: f64) -> HeldOut {
         let [first, second] = &self.fitted;
         HeldOut {

@@ -1,16 +1,16 @@
-//! A vehicle from flight logs: drop a log, say mass and arm.
+//! A vehicle from flight logs, mass and arm.
 //!
 //! ```text
 //! FlightLog ─▶ outputs, airborne parts (grid) ─▶ frame (parameters, or every wiring tried) ─▶ thrust curve, lag, gains (fit)
 //!                                                                      yaw ─ drag ─ voltage ─ battery ─ sensors ─▶ Identified
 //! Identified ─▶ vehicle, blades, intervals (write) · R² on data that no fit has seen (held_out)
 //! ```
-//! Each value has a 95 % interval, says where it came from and what would make it better. What the flight cannot tell stays a class
-//! default with a wide interval and is marked so. Mass and arm are never estimated: an IMU knows thrust over mass and torque over
-//! inertia, so every scale follows from what was entered.
+//! Each value has a 95 % interval, its source, and what would improve it. What the flight cannot determine stays a
+//! class default with a wide interval and is marked as such. Mass and arm are never estimated: an IMU measures thrust
+//! over mass and torque over inertia, so every scale follows from what was entered.
 //!
-//! Limits: equal rotors, also where one is in the wake of another (coaxial frames); one thrust curve; rotors' differences and the centre of mass are left to
-//! [`crate::compare`], which fits them to each log.
+//! Limits: equal rotors, even where one is in the wake of another (coaxial frames); one thrust curve; differences
+//! between rotors and the centre of mass are left to [`crate::compare`], which fits them to each log.
 
 mod actuator;
 mod agreement;
@@ -67,7 +67,7 @@ pub struct Request {
     pub mass_kg: f64,
     /// From the centre to the furthest rotor, m.
     pub arm_m: f64,
-    /// Frame by name ([`frames::FRAMES`]) instead of what the log says.
+    /// Frame by name ([`frames::FRAMES`]) instead of the log's.
     pub frame: Option<String>,
     /// The stated frame is taken even where the motion contradicts it.
     pub trust_frame: bool,
@@ -373,7 +373,7 @@ fn estimate_all(
     })
 }
 
-/// Levers in units of the arm, and their mean square: what a gain and a mass turn into an inertia with.
+/// Levers in units of the arm, and their mean square, which convert a gain and a mass into an inertia.
 pub(crate) fn lever_unit(places: &[Place]) -> f64 {
     places
         .iter()

@@ -1,11 +1,12 @@
-//! Prediction errors of a channel: what of a measured series its own past and a model input do not predict.
+//! Prediction errors of a channel: the part of a measured series that its own past and a model input do not predict.
 //!
 //! ```text
 //! lift:  e = y − x − d,                 d⁺ = d + L2 e                                      (slow drift d: sag, wind, trim)
 //! rate:  e = ω − ω̂,   ω̂⁺ = ω̂ + Δt (u + d) + L1 e,   d⁺ = d + (L2/Δt) e                  (d: unknown slow torque)
 //! ```
-//! Both are linear in (y, x) or (ω, u), so a sum of inputs can be filtered term by term. L1, L2 are those of the least error: with
-//! white errors that is maximum likelihood, which keeps noise that the controller feeds back from passing for torque.
+//! Both are linear in (y, x) or (ω, u), so a sum of inputs can be filtered term by term. L1, L2 minimise the error:
+//! with white errors that is maximum likelihood, which keeps noise that the controller feeds back from being mistaken
+//! for torque.
 
 /// Gains of a channel.
 #[derive(Debug, Clone, Copy, PartialEq)]

@@ -1,8 +1,9 @@
-//! A log read in the rotor order of a vehicle file: wherever a log is to be held against a vehicle, it goes through [`read_for`].
+//! A log read in the rotor order of a vehicle file: every comparison of a log with a vehicle goes through [`read_for`].
 //!
-//! Autopilots number their motors by their own tables, a vehicle file by its own. Where the log's parameters tell where its motors are
-//! (`CA_ROTORn_PX`, `FRAME_CLASS` …), each is found on the vehicle by its direction and the way it turns. Where they do not, the columns
-//! are taken as they are, and the gate ([`FlightLog::refusal_against`]) refuses what the motion contradicts.
+//! Autopilots number their motors by their own tables, a vehicle file by its own. Where the log's parameters give the
+//! positions of its motors (`CA_ROTORn_PX`, `FRAME_CLASS` …), each is matched to the vehicle by its direction and its
+//! spin. Where they do not, the columns are used unchanged, and the gate ([`FlightLog::refusal_against`]) rejects what
+//! the motion contradicts.
 
 use rotortwin_plant::vehicle::model::VehicleModel;
 use std::path::Path;
@@ -14,7 +15,8 @@ use crate::log::{FindingKind, FlightLog, ReadOptions, RotorOrder};
 /// A motor and a rotor that lie farther apart, seen from the middle, are not the same, degrees. Builders measure; tables are exact.
 const TOLERANCE_DEG: f64 = 15.0;
 
-/// Reads a log, or a part of it, that is to be held against a vehicle: its rotors come in the vehicle's order where the log tells theirs.
+/// Reads a log, or a part of it, for comparison with a vehicle: its rotors are put into the vehicle's order if the log
+/// states theirs.
 ///
 /// # Errors
 /// As [`FlightLog::read_part`].
@@ -22,9 +24,10 @@ pub fn read_for(text: &Path, options: &ReadOptions, vehicle: &VehicleModel) -> R
     FlightLog::read_part_with(text, options).map(|log| in_the_order_of(log, vehicle))
 }
 
-/// The log with its rotors in the vehicle's order, where its parameters tell; what was done is in [`RotorOrder::Vehicle`].
+/// The log with its rotors in the vehicle's order, if its parameters state it; what was done is in
+/// [`RotorOrder::Vehicle`].
 pub fn in_the_order_of(mut log: FlightLog, vehicle: &VehicleModel) -> FlightLog {
-    // Columns that are not in the autopilot's order have no parameters that speak of them.
+    // Columns that are not in the autopilot's order are not described by any parameters.
     if log.report.rotor_order != RotorOrder::Logged || log.report.rotor_outputs.is_empty() {
         return log;
     }
@@ -71,8 +74,9 @@ pub fn in_the_order_of(mut log: FlightLog, vehicle: &VehicleModel) -> FlightLog 
     log
 }
 
-/// Why a vehicle that was made of a log is not believed: frames of more rotors than every order can be tried for are held against the motion here,
-/// as whoever compares the log with the vehicle holds them. `None` where nothing speaks against it, or the motion was asked before.
+/// Why a vehicle identified from a log is rejected: frames with too many rotors to try every order are compared with
+/// the motion here, as in a later comparison of the log with the vehicle. `None` if nothing contradicts it, or the
+/// motion was used before.
 pub fn frame_contradiction(log: &FlightLog, vehicle: &VehicleModel, airframe: &Airframe) -> Option<String> {
     if airframe.motion.is_some() || airframe.against_the_motion {
         return None;

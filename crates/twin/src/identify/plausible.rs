@@ -1,4 +1,5 @@
-//! Whether mass and arm, inertias and torques can be those of a multirotor: a factor of ten or a wrong unit passes every fit, as all forces scale with the mass.
+//! Whether mass and arm, inertias and torques are plausible for a multirotor: a factor of ten or a wrong unit passes
+//! every fit, as all forces scale with the mass.
 //!
 //! The disc loading m g/(n π r²), with propellers as large as the arm allows, is 15 to 150 N/m² of vehicles from 27 g to 20 kg; racing
 //! quadrotors and heavy lifters reach 250.
@@ -39,7 +40,7 @@ pub(crate) fn has_possible_moment(yaw_gain: f64, gain: [f64; 2], arm_m: f64) -> 
 /// Torque over thrust that a propeller can have, over the arm. Propellers have 0.02 to 0.1 of their diameter, which is 0.3 to 1.7 arms.
 pub(super) const MOMENT_RATIO_OVER_ARM: std::ops::RangeInclusive<f64> = 0.004..=0.3;
 
-/// N/m² of a vehicle with so many rotors.
+/// N/m² of a vehicle with this many rotors.
 fn loading(mass_kg: f64, arm_m: f64, rotors: usize) -> f64 {
     let radius = largest_radius_m(rotors, arm_m);
     mass_kg * GRAVITY_M_S2 / (rotors as f64 * PI * radius * radius)

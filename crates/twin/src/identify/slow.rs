@@ -1,4 +1,4 @@
-//! What shows slowly: drag, the law of the voltage, the battery.
+//! Slow quantities: drag, the voltage law, the battery.
 
 use super::class;
 use super::curve::Curve;
@@ -7,17 +7,17 @@ use super::grid::{GRAVITY, Grid, mean_deviation};
 use crate::Z95;
 use crate::model::constants::Source;
 
-/// What a log says of the drag over the mass, 1/s.
+/// What a log reveals about the drag over the mass, 1/s.
 pub(crate) enum Drag {
     /// Value and deviation.
     Measured(f64, f64),
-    /// The same where it explains little of the force along the body, and that in words: what a drag at most can be.
+    /// The same if it explains little of the force along the body, and the reason in words: an upper bound of the drag.
     Weak(f64, f64, String),
-    /// Why nothing is told.
+    /// Why it could not be determined.
     Untold(String),
 }
 
-/// Fewest parts of a flight whose scatter bounds a drag.
+/// Fewest parts of a flight whose scatter bounds the drag.
 const FEWEST_PARTS: usize = 6;
 
 /// The velocity at row `k` in body axes, m/s; NED, and roll, pitch, yaw.
@@ -88,7 +88,7 @@ pub(crate) fn drag(grids: &[Grid]) -> Drag {
     }
     // Both axes share k; each has its own offset.
     let (mut kept, mut weak) = (Vec::new(), Vec::new());
-    // The reason is that of the axis that moves faster.
+    // The reason comes from the axis with the faster motion.
     let mut fastest = 0.0;
     for axis in 0..2 {
         let of = || fits.iter().filter(move |(a, ..)| *a == axis);
@@ -113,7 +113,7 @@ pub(crate) fn drag(grids: &[Grid]) -> Drag {
         let (xx, xy) = sums.iter().fold((0.0, 0.0), |s, p| (s.0 + p.0, s.1 + p.1));
         let k = -xy / xx;
         let count: usize = of().map(|(_, _, v, _)| v.len()).sum();
-        // A force along the motion is no drag.
+        // A force in the direction of motion is not a drag.
         let explained = if k > 0.0 {
             k * k * xx / (count as f64 * force * force)
         } else {
@@ -141,16 +141,18 @@ pub(crate) fn drag(grids: &[Grid]) -> Drag {
     }
 }
 
-/// k/m along the rotors' axis, 1/s, and its deviation: what the lift lacks of the thrust curve's as the vehicle climbs, below 1 Hz. None where
-/// it hardly climbs. The inflow of a climb, which takes thrust in the same way, is in it.
+/// k/m along the rotors' axis, 1/s, and its deviation: the deficit of the lift against the thrust curve as the vehicle
+/// climbs, below 1 Hz. None if it hardly climbs. It includes the inflow of a climb, which reduces thrust in the same
+/// way.
 pub(crate) fn drag_in_climbs(grids: &[Grid], curve: &Curve) -> Option<(f64, f64)> {
     const SLOWEST_M_S: f64 = 0.3;
     let low = Band {
         low_hz: 0.0,
         high_hz: 1.0,
     };
-    // By piece: each has its own offset, for the level of the thrust moves slowly. Beside the speed, the commanded lift itself is a regressor:
-    // a slope of the curve that is a little off would else be taken for drag, as who climbs commands more. Sums of u², u·l, l², u·m, l·m.
+    // By piece: each has its own offset, because the level of the thrust drifts slowly. In addition to the speed, the
+    // commanded lift is a regressor: otherwise a small error in the slope of the curve would be taken for drag, as a
+    // climb commands more. Sums of u², u·l, l², u·m, l·m.
     let mut sums: Vec<[f64; 5]> = Vec::new();
     let mut count = 0.0;
     for grid in grids {
@@ -192,7 +194,7 @@ pub(crate) fn drag_in_climbs(grids: &[Grid], curve: &Curve) -> Option<(f64, f64)
     if sums.len() < FEWEST_PARTS || (uu / count).sqrt() < SLOWEST_M_S {
         return None;
     }
-    // What of the speed the commanded lift does not say.
+    // The part of the speed that is not explained by the commanded lift.
     let share = ul / ll.max(f64::MIN_POSITIVE);
     let own = uu - share * ul;
     if own < 0.1 * uu {
@@ -208,7 +210,7 @@ pub(crate) fn drag_in_climbs(grids: &[Grid], curve: &Curve) -> Option<(f64, f64)
     Some((k, (meat * n / (n - 1.0)).sqrt() / own))
 }
 
-/// Weighted mean of values with deviations, and its deviation: no less than they lie apart.
+/// Weighted mean of values with deviations, and its deviation: no less than the distance between them.
 fn joined(values: &[(f64, f64)]) -> Option<(f64, f64)> {
     if values.is_empty() {
         return None;
@@ -219,7 +221,7 @@ fn joined(values: &[(f64, f64)]) -> Option<(f64, f64)> {
     Some((mean, (1.0 / weight).sqrt().max(apart)))
 }
 
-/// ln of measured over modelled lift at the mean voltage, by blocks: row in the middle of the block, and that.
+/// ln of measured over modelled lift at the mean voltage, by blocks: the rows of the block, and that.
 fn levels(grid: &Grid, curve: &Curve, block_s: f64) -> Vec<(std::ops::Range<usize>, f64)> {
     let Some(lift) = grid.lift() else { return Vec::new() };
     let flat = Curve {
@@ -235,11 +237,11 @@ fn levels(grid: &Grid, curve: &Curve, block_s: f64) -> Vec<(std::ops::Range<usiz
     blocks.filter(|(_, level)| level.is_finite()).collect()
 }
 
-/// Flights of one call that are not of one vehicle, or not with the same propellers or load: at the same duty and voltage one has much more
-/// thrust over its mass than another.
+/// Flights passed together that are not of one vehicle, or not with the same propellers or load: at the same duty and
+/// voltage one has much more thrust over its mass than another.
 pub(crate) fn unlike(grids: &[Grid], curve: &Curve) -> Option<String> {
     const BLOCK_S: f64 = 2.0;
-    /// Logarithm: pilots, temperatures and batteries make less.
+    /// Logarithm: differences between pilots, temperatures and batteries are smaller.
     const UNLIKE: f64 = 0.15;
     let mean_level = |grid: &Grid| {
         let logs = levels(grid, curve, BLOCK_S).into_iter().map(|(rows, level)| {
@@ -269,13 +271,13 @@ pub(crate) fn unlike(grids: &[Grid], curve: &Curve) -> Option<String> {
     })
 }
 
-/// Fall of the thrust with the time where no voltage was logged: most likely a supply that empties.
+/// Decline of the thrust over time if no voltage was logged: most likely a supply that empties.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct Fall {
     /// −d ln T/dt, 1/s.
     pub(crate) per_s: f64,
     pub(crate) deviation: f64,
-    /// Seconds of the grid at which the thrust is that of the curve: one log only.
+    /// Time on the grid at which the thrust equals that of the curve, s: one log only.
     pub(crate) from_s: f64,
 }
 
@@ -295,8 +297,8 @@ fn line(points: &[(f64, f64)]) -> (f64, f64, f64) {
     (mean_t, mean_y, slope)
 }
 
-/// The fall of the thrust of one log without a voltage; `None` where none shows: it must be three deviations from 0, and what half of the flight
-/// says must predict the other half better than a constant level does, both ways.
+/// The decline of the thrust of one log without a voltage; `None` if there is none: it must be three deviations from 0,
+/// and what one half of the flight gives must predict the other half better than a constant level does, both ways.
 pub(crate) fn fall(grid: &Grid, curve: &Curve) -> Option<Fall> {
     const BLOCK_S: f64 = 1.0;
     const FEWEST: usize = 8;
@@ -332,7 +334,7 @@ pub(crate) fn fall(grid: &Grid, curve: &Curve) -> Option<Fall> {
     })
 }
 
-/// s = d ln T/d ln V, with deviation, the class default in it, and what decides.
+/// s = d ln T/d ln V, with deviation, including the class default, and the source that dominates.
 pub(crate) fn voltage_slope(grids: &[Grid], curve: &Curve) -> (f64, f64, Source) {
     const BLOCK_S: f64 = 2.0;
     let default = (class::VOLTAGE_SLOPE, class::VOLTAGE_SLOPE_DEVIATION, Source::Class);
@@ -359,17 +361,17 @@ pub(crate) fn voltage_slope(grids: &[Grid], curve: &Curve) -> (f64, f64, Source)
     let errors: Vec<f64> = points.iter().map(|p| p.1 - mean_y - s * (p.0 - mean_x)).collect();
     let rho = super::observer::neighbour_correlation(&errors).clamp(0.0, 0.9);
     let variance = errors.iter().map(|e| e * e).sum::<f64>() / (points.len() as f64 - 2.0);
-    // Neighbours agree: fewer independent points. And voltage runs with time, as drift of anything else does.
+    // Neighbours are correlated: fewer independent points. And voltage varies with time, as any other drift does.
     let deviation = (variance / xx * (1.0 + rho) / (1.0 - rho)).sqrt().hypot(0.1);
     let prior = class::VOLTAGE_SLOPE_DEVIATION;
     if deviation_x > ENOUGH_DISCHARGE
         && s.abs() < Z95 * deviation.min(NO_SLOPE_DEVIATION)
         && s + Z95 * deviation < class::VOLTAGE_SLOPE - prior
     {
-        // Nothing of the class: speeds are controlled, or the autopilot makes up for the battery.
+        // No contribution of the class: speeds are controlled, or the autopilot compensates for the battery.
         return (s, deviation, Source::Log);
     }
-    // Outside of what motors have, something else that drifts is in it, and neither of the two is believed alone.
+    // Outside the range of motors, some other drift is included, and neither of the two is trusted alone.
     let beyond = (s - class::VOLTAGE_SLOPE).abs();
     let deviation = if beyond > 2.0 * prior {
         deviation.max(0.5 * beyond)
@@ -386,16 +388,16 @@ pub(crate) fn voltage_slope(grids: &[Grid], curve: &Curve) -> (f64, f64, Source)
     (combined, (1.0 / (a + b)).sqrt(), source)
 }
 
-/// Deviation of ln V from which a flight may say that the thrust does not follow the voltage at all.
+/// Deviation of ln V from which a flight may show that the thrust does not follow the voltage at all.
 const ENOUGH_DISCHARGE: f64 = 0.02;
-/// Deviation of s about 0 where a governor or the autopilot holds the thrust.
+/// Deviation of s about 0 if a governor or the autopilot keeps the thrust constant.
 const NO_SLOPE_DEVIATION: f64 = 0.15;
 
-/// Information of the log over that of the class from which on the log decides, and counts.
+/// Information of the log over that of the class from which the log alone decides.
 const LOG_DECIDES: f64 = 3.0;
 const LOG_COUNTS: f64 = 0.05;
 
-/// What the log says of the battery.
+/// What the log reveals about the battery.
 #[derive(Debug, Clone, Default)]
 pub(crate) struct Battery {
     pub(crate) cells: Option<u32>,
@@ -416,9 +418,9 @@ pub(crate) fn battery(grids: &[Grid], curve: &Curve) -> Battery {
             .first()
             .map_or(grid.rows, |part| part.start)
             .min(grid.rows);
-        // Of a log that begins in the air the highest of the whole flight: no cell has more when it is charged.
+        // For a log that begins in the air, the highest of the whole flight: no cell has more when it is charged.
         let first = if rest < grid.rows_of(1.0) { grid.rows } else { rest };
-        // Means over a second: motors that brake push the voltage up for a moment.
+        // Means over a second: braking motors push the voltage up for a moment.
         let start = voltage[..first]
             .chunks(grid.rows_of(1.0))
             .map(|second| mean_deviation(second.iter().copied().filter(|v| v.is_finite())).0)
@@ -428,7 +430,7 @@ pub(crate) fn battery(grids: &[Grid], curve: &Curve) -> Battery {
             found.start_v = Some(found.start_v.map_or(start, |v: f64| v.max(start)));
         }
         let Some(current) = &grid.current else { continue };
-        // Medians over a second hide what the sensor's delay smears.
+        // Medians over a second suppress the smear of the sensor's delay.
         let block = grid.rows_of(1.0);
         let mut rows: Vec<[f64; 3]> = Vec::new();
         let mut charge = 0.0;
@@ -487,8 +489,8 @@ fn cells(start_v: f64) -> Option<u32> {
     }
 }
 
-/// Deviation of a current sensor's scale: what a power module leaves after its own calibration. The resistance is wrong by as much, and no
-/// residual of the fit below shows it, nor that noise of the current flattens the slope.
+/// Deviation of a current sensor's scale: what remains after a power module's own calibration. The resistance is wrong
+/// by the same factor, and no residual of the fit below reveals it, nor that noise of the current flattens the slope.
 const CURRENT_SCALE: f64 = 0.02;
 
 /// R of V = V0 − R I − k Q, where the current varies; Ω with its deviation.
@@ -526,7 +528,7 @@ pub(crate) const CELL_CHART: [f64; 21] = [
     4.15, 4.20,
 ];
 
-/// Lift over the vehicle's mass in level flight differs from g by this where the accelerometer is not what it says.
+/// Lift over the vehicle's mass in level flight differs from g by this factor if the accelerometer is wrong.
 pub(crate) fn level_over_gravity(curve: &Curve, rotors: usize) -> f64 {
     curve.hover * rotors as f64 / GRAVITY
 }

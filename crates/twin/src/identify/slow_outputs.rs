@@ -1,7 +1,9 @@
-//! Motor outputs that are logged too slowly for roll and pitch: what cannot be known then, and the setting that would mend it.
+//! Motor outputs that are logged too slowly for roll and pitch: what cannot be determined then, and the autopilot
+//! setting that would help.
 //!
-//! PX4 and ArduPilot log their outputs at 10 Hz unless told otherwise. Between two samples a controller of attitude moves its motors up and
-//! down again, so that the torque which the vehicle answered to is not in the log: a fit then makes the vehicle sluggish, by any factor.
+//! PX4 and ArduPilot log their outputs at 10 Hz by default. Between two samples an attitude controller moves its motors
+//! up and down again, so the torque to which the vehicle responded is not in the log: a fit then makes the vehicle too
+//! sluggish, by any factor.
 
 use super::grid::Grid;
 use crate::log::{FlightLog, SensorRate, SourceKind};
@@ -36,7 +38,7 @@ impl Slow {
             .min_by(|a, b| a.hz.total_cmp(&b.hz))
     }
 
-    /// Says so before all other notes, and takes back what they blame instead.
+    /// Puts this before all other notes, and removes those that blame something else instead.
     pub(super) fn tell(&self, notes: &mut Vec<String>) {
         for note in notes.iter_mut() {
             if let Some(fact) = note.strip_suffix(ADVICE) {

@@ -1,8 +1,9 @@
 //! Which rotor each output drives, and how it turns, from the motion alone.
 //!
-//! For every order of the rotors on an even polygon (X, plus) and both senses: correlation ρ of the predicted torque with the measured
-//! angular acceleration, roll, pitch and yaw; score = −Σ ln(1 − ρ²), a negative ρ subtracts. With more than four rotors the mixer
-//! drives four directions only, so orders whose levers lie outside of the directions that the duties moved in are left out first.
+//! For every order of the rotors on an even polygon (X, plus) and both spin senses: correlation ρ of the predicted
+//! torque with the measured angular acceleration, roll, pitch and yaw; score = −Σ ln(1 − ρ²), a negative ρ subtracts.
+//! With more than four rotors the mixer drives four directions only, so orders whose levers lie outside the directions
+//! of the duties are excluded first.
 
 use nalgebra::SMatrix;
 use serde::Serialize;
@@ -17,11 +18,11 @@ use super::grid::Grid;
 
 /// Most rotors that all orders are tried of.
 const MOST: usize = 8;
-/// What must be there for an answer: seconds in the air, score, distance to the next order.
+/// Requirements for an answer: seconds in the air, score, distance to the next order.
 pub(crate) const ENOUGH_S: f64 = 10.0;
 const ENOUGH_SCORE: f64 = 0.3;
 const ENOUGH_MARGIN: f64 = 0.1;
-/// Share of the best order's score by which a stated one may be worse: a real frame is no even polygon.
+/// Share of the best order's score by which a stated one may be worse: a real frame is not a regular polygon.
 const WORSE_SHARE: f64 = 0.1;
 /// Share of a lever that must lie in the directions of the duties.
 const IN_SPACE: f64 = 0.9;
@@ -48,7 +49,7 @@ pub struct Wiring {
 }
 
 impl Wiring {
-    /// Why it is no answer, if it is none.
+    /// Why there is no answer, if there is none.
     pub(crate) fn doubt(&self) -> Option<String> {
         if self.seconds < ENOUGH_S {
             return Some(format!("{:.1} s in the air, {ENOUGH_S} s are needed", self.seconds));
@@ -129,8 +130,8 @@ impl Motion {
         score(correlations(&self.moments, places))
     }
 
-    /// How a stated order fares, if the motion speaks clearly against it: there was enough of it, and another order explains it better
-    /// by more than two right ones differ. Which of the others is the right one need not be known for that.
+    /// The result for a stated order, if the motion clearly contradicts it: there was enough of it, and another order
+    /// explains it better by more than two right ones differ. Which of the others is right need not be known for that.
     pub(crate) fn against(&self, stated: &[Place]) -> Option<Contradiction> {
         let correlation = correlations(&self.moments, stated);
         let score = score(correlation);

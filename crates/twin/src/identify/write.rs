@@ -1,4 +1,4 @@
-//! The identified vehicle as documents: vehicle, blades, and the intervals beside them.
+//! The identified vehicle as documents: vehicle, blades, and their intervals.
 
 use std::fmt::Write as _;
 

@@ -1,8 +1,9 @@
 //! Yaw: drag torque of the rotors, and the torque of their acceleration.
 //!
-//! Jz ṙ = c (X + λ Ẋ), X the signed sum of the thrusts. The flight tells c/Jz and λ; c and Jz never separate. λ is taken only where it
-//! shows in what was not fitted, and is far from 0 by the scatter of the flight's parts: in a quiet flight the controller's answer to gyro
-//! noise looks like it. The rest is a bound.
+//! Jz ṙ = c (X + λ Ẋ), X the signed sum of the thrusts. The flight determines c/Jz and λ; c and Jz never separate. λ is
+//! accepted only if it improves the prediction of held-out parts, and is far from 0 compared with the scatter of the
+//! flight's parts: in a quiet flight the controller's response to gyro noise looks like it. Otherwise only a bound is
+//! reported.
 
 use nalgebra::{Matrix2, Vector2};
 
@@ -14,7 +15,7 @@ use super::grid::Grid;
 use super::observer::{Gains, neighbour_correlation, rate_errors, rate_grid, rate_input_errors};
 use crate::Z95;
 
-/// What yaw tells.
+/// What is determined from yaw.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Yaw {
     /// c m/Jz, 1/m.
@@ -27,8 +28,9 @@ pub(crate) struct Yaw {
     pub(crate) band: Band,
 }
 
-/// R² from which the gain is believed, that of the drag. Of three flights of one Crazyflie only that with yaw steps has it; in roll and pitch
-/// excitation c/Jz came out 1.7 times too large with an interval that does not reach the others.
+/// R² from which the gain is trusted, the same as for the drag. Of three flights of one Crazyflie only the one with yaw
+/// steps reaches it; with roll and pitch excitation c/Jz came out 1.7 times too large with an interval that does not
+/// reach the others.
 pub(crate) const EXPLAINED: f64 = 0.6;
 /// Relative deviation of λ that no length of flight removes: rotors follow f' or (√f)', which at hover are the same, and in between. Sized on
 /// 200 vehicles drawn at random whose rotors follow the other law (seeds from 9000).
@@ -41,12 +43,12 @@ pub(crate) enum Reaction {
     Seen {
         value_s: f64,
         deviation_s: f64,
-        /// Relative deviation of λ c/Jz, which the flight tells better than either.
+        /// Relative deviation of λ c/Jz, which the flight determines better than either.
         product_deviation: f64,
     },
     /// None shows, and more than this would have.
     Below(f64),
-    /// The flight does not tell.
+    /// The flight does not determine it.
     Unknown,
 }
 
@@ -62,9 +64,10 @@ impl Reaction {
 
 const PART_S: f64 = 6.0;
 const SETTLE_S: f64 = 0.6;
-/// λ over its deviation from which it is believed.
+/// λ over its deviation from which it is trusted.
 const BELIEVED: f64 = 5.0;
-/// Correlation of neighbouring errors above which they are not white, and what their deviation is then widened by.
+/// Correlation of neighbouring errors above which they are not white, and the factor by which their deviation is then
+/// widened.
 const WHITE: f64 = 0.1;
 const COLOURED: f64 = 2.6;
 /// Longest λ that is one: beyond it the torque would be all reaction.
@@ -95,7 +98,7 @@ impl Normal {
         })
     }
 
-    /// Inverse of what is unknown; without λ its row and column are 0.
+    /// Inverse over the unknowns; without λ its row and column are 0.
     fn inverse(&self, with: bool) -> Option<Matrix2<f64>> {
         if with {
             return self.h.try_inverse();
@@ -110,7 +113,7 @@ impl Normal {
     }
 }
 
-/// One answer.
+/// A fit result.
 struct Solution {
     noise: f64,
     theta: Vector2<f64>,
@@ -122,7 +125,7 @@ struct Solution {
 }
 
 impl Solution {
-    /// Covariance as it is told: another part may be met tomorrow, and errors that are not white count less.
+    /// Covariance as reported: the next flight may differ, and errors that are not white count less.
     fn covariance(&self) -> Matrix2<f64> {
         let n = self.parts.len() as f64;
         let spread = 2.0 / (9.0 * (n - 1.0).max(1.0));
@@ -140,7 +143,7 @@ impl Solution {
         Matrix2::from_fn(|i, j| factors[i] * factors[j] * self.white[(i, j)])
     }
 
-    /// Deviation of the mean of λ c m/Jz: what decides whether there is one.
+    /// Deviation of the mean of λ c m/Jz, which decides whether there is one.
     fn deviation_of_the_mean(&self) -> f64 {
         let widen = if self.correlation.abs() > WHITE { COLOURED } else { 1.0 };
         (widen * self.white[(1, 1)].sqrt()).max(self.scattered[(1, 1)].sqrt())
@@ -169,7 +172,7 @@ struct Piece<'a> {
     fast: Vec<f64>,
 }
 
-/// The answer at these gains of the observer; `None` where nothing is told.
+/// The result with these gains of the observer; `None` if nothing is determined.
 fn solve(pieces: &[Piece<'_>], gains: Gains, with: bool) -> Option<Solution> {
     let (mut e, mut a, mut b) = (Vec::new(), Vec::new(), Vec::new());
     let mut parts = Vec::with_capacity(pieces.len());
@@ -254,7 +257,7 @@ pub(crate) fn fit(grids: &[Grid], places: &[Place], fitted: &Fitted) -> Option<Y
             });
         }
     }
-    // With and without λ: the gains of least error, then the answer.
+    // With and without λ: the gains with the smallest error, then the result.
     let choose = |with: bool| {
         rate_grid()
             .filter_map(|gains| solve(&pieces, gains, with))
@@ -274,7 +277,8 @@ pub(crate) fn fit(grids: &[Grid], places: &[Place], fitted: &Fitted) -> Option<Y
     let share = explained(&pieces, [gain, product]);
     let far = product > BELIEVED * with.deviation_of_the_mean();
     let believed = share >= EXPLAINED;
-    // Where most of what the yaw does is not the rotors', the errors are systematic, and no scatter of parts tells how large they are.
+    // If most of the yaw motion is not due to the rotors, the errors are systematic, and no scatter of parts reveals
+    // their size.
     let (least, least_s) = if believed {
         (0.0, 0.0)
     } else {

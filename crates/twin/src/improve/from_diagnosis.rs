@@ -1,7 +1,8 @@
 //! Effects that a diagnosis found, as terms of a model version with their provenance.
 //!
-//! Reads the JSON of a diagnosis (`rotortwin diagnose --json`), so that a file from yesterday serves as well as the answer just
-//! given. Faults of sensors and clocks (`sensor_or_timing`) are left alone: they are mended in the log, not in the model.
+//! Reads the JSON of a diagnosis (`rotortwin diagnose --json`), so that an older file works as well as the latest
+//! answer. Faults of sensors and clocks (`sensor_or_timing`) are ignored: they are corrected in the log, not in the
+//! model.
 
 use rotortwin_plant::effects::EffectDocument;
 use serde_json::Value;
@@ -109,11 +110,12 @@ pub fn proposal(diagnosis: &Value, logs: &[LogReference]) -> Result<(EffectDocum
     Ok((document.clone(), effect))
 }
 
-/// Refuses to add what a diagnosis found to another model than that on which it was made. `line` are the versions from the first to
-/// that which is added to. Versions in between may only hold what the same diagnosis found: its effects may be added one by one.
+/// Refuses to add the findings of a diagnosis to a model other than the one on which it was made. `line` are the
+/// versions from the first to the one being extended. Versions in between may only contain findings of the same
+/// diagnosis: its effects may be added one by one.
 ///
 /// # Errors
-/// One sentence with both models, or that the JSON does not say its own.
+/// One sentence with both models, or that the JSON does not state its own.
 pub fn check_base(diagnosis: &Value, line: &[ModelVersion]) -> Result<(), String> {
     let part = |key: &str| {
         diagnosis["model"][key].as_str().ok_or_else(|| {

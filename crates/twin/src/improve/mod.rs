@@ -1,18 +1,18 @@
-//! Improvement: the whole loop from a model that fails to one that agrees, version by version, on the logs that it is fitted to and
-//! on logs that it never sees.
+//! Improvement: the whole loop from a model that fails to one that agrees, version by version, on the logs that it is
+//! fitted to and on held-out logs.
 //!
 //! ```text
 //! version 0 ─▶ compare ─▶ diagnose ─▶ the best effect as a proposal ─ accepted ─▶ version 1 ─▶ compare ─▶ …
 //!                            └─ agrees · log at fault · cannot tell · nothing that unseen blocks prove · declined ─▶ end, with the reason
 //! ```
-//! * A diagnosis that names several effects adds them one after the other, so that each has a row of its own.
+//! * If a diagnosis names several effects, they are added one at a time, so that each has a row of its own.
 //! * The values of a row are those of the joint fit ([`refit`]): all effects and the nuisances of every fitted log together,
 //!   without clutter. The deviations are those of the diagnosis, which has the clutter in them.
-//! * The oracle is a model with the truth; its row is what no fit can beat but by chance.
+//! * The oracle is a model with the truth; no fit can beat its row except by chance.
 //!
-//! Limits: what a diagnosis calls a fault of the log is never put into a model. Where a part of the error stays unexplained, an effect
-//! is added only if blocks that no fit has seen prove its part. So is what a regression proposes ([`crate::propose`]): a correlation with a
-//! dimension, told as such.
+//! Limits: what a diagnosis calls a fault of the log is never put into a model. Where a part of the error stays
+//! unexplained, an effect is added only if held-out blocks confirm its part. The same holds for the proposal of a
+//! regression ([`crate::propose`]): a correlation with a dimension, reported as such.
 
 pub mod from_diagnosis;
 pub mod refit;
@@ -30,9 +30,9 @@ use crate::log::FlightLog;
 use crate::model::{LogReference, ModelEffect, ModelVersion, Provenance, Source, TOOL};
 use crate::predict::PredictError;
 
-/// Diagnoses at most: a vehicle that still lacks something then needs a human.
+/// Maximum number of diagnoses: a vehicle that still lacks something after that needs a human.
 const MOST_ROUNDS: usize = 4;
-/// Growth of an error of a held-out log, in noise, from which a row says so.
+/// Growth of an error of a held-out log, in noise, above which a row remarks on it.
 const WORSE: f64 = 0.1;
 
 /// A parameter as a row shows it.
@@ -141,12 +141,12 @@ pub struct Improvement {
     pub next_flight: Option<String>,
 }
 
-/// Who is asked before each step. An error ends the loop.
+/// Asked before each step. An error ends the loop.
 pub trait Guide {
-    /// A version was compared: look for what it lacks?
+    /// A version was compared: continue with a diagnosis?
     ///
     /// # Errors
-    /// The guide cannot go on.
+    /// The guide cannot continue.
     fn compared(&mut self, row: &Row) -> Result<bool, String>;
     /// An effect is proposed: `next` is the version with it. The label of the kept version, or `None` if it is declined.
     ///
@@ -161,7 +161,7 @@ pub trait Guide {
     ) -> Result<Option<String>, String>;
 }
 
-/// Takes every step without asking, and keeps no version: where nobody is there to be asked.
+/// Takes every step without asking and keeps no version: for use without a user.
 #[derive(Debug, Default)]
 pub struct Unasked {
     versions: u32,
@@ -184,7 +184,7 @@ impl Guide for Unasked {
     }
 }
 
-/// What the loop needs.
+/// Inputs of the loop.
 #[derive(Debug, Clone, Copy)]
 pub struct Request<'a> {
     /// Version to begin with.
@@ -197,21 +197,21 @@ pub struct Request<'a> {
     pub oracle: Option<&'a ModelVersion>,
 }
 
-/// Why the loop broke.
+/// Why the loop failed.
 #[derive(Debug, thiserror::Error)]
 pub enum ImproveError {
     /// A log or a model cannot be used.
     #[error(transparent)]
     Input(#[from] PredictError),
-    /// The guide could not go on.
+    /// The guide could not continue.
     #[error("{0}")]
     Guide(String),
 }
 
-/// Walks the loop.
+/// Runs the loop.
 ///
 /// # Errors
-/// A log that cannot be compared with the model, or a guide that cannot go on.
+/// A log that cannot be compared with the model, or a guide that cannot continue.
 pub fn improve(
     request: &Request<'_>,
     options: &diagnose::Options<'_>,
@@ -242,7 +242,7 @@ pub fn improve(
             break;
         }
         if let (Verdict::OutsideCatalogue, Some(part)) = (&diagnosis.verdict, proposed(diagnosis)) {
-            // A part that no fit of its blocks has seen, and that is in no catalogue, is a step like any other.
+            // A part that no fit of its blocks has seen and that is not in the catalogue is a step like any other.
             let next = with_proposal(&now.version, &part, request.fitted);
             let kept = guide
                 .proposed(&now.version, &next, &part.finding, diagnosis)
@@ -261,7 +261,7 @@ pub fn improve(
             continue;
         }
         let proposals: Vec<Finding> = diagnosis.effects.clone();
-        // All findings are fitted together: one alone would stand in for the others.
+        // All findings are fitted together: one alone would absorb the others.
         let full = proposals.iter().fold(now.version.clone(), |version, f| {
             with_finding(&version, f, request.fitted)
         });
@@ -340,7 +340,7 @@ struct Part {
     finding: Finding,
 }
 
-/// What a diagnosis proposes for an error that is in no catalogue, if blocks that no fit has seen prove it.
+/// The proposal of a diagnosis for an error that is not in the catalogue, if blocks that no fit has seen confirm it.
 fn proposed(diagnosis: &Diagnosis) -> Option<Part> {
     let proposal = diagnosis.proposal.as_ref()?;
     let document = proposal.document.clone()?;
@@ -364,7 +364,7 @@ fn proposed(diagnosis: &Diagnosis) -> Option<Part> {
         class: EffectClass::Physics,
         equation: proposal.sentence(),
         parameters,
-        // A regression weighs no evidence; what speaks for it is the error on unseen blocks.
+        // A regression computes no evidence; what supports it is the error on unseen blocks.
         ln_bayes_factor: f64::NAN,
         posterior: f64::NAN,
         channels: Vec::new(),

@@ -1,8 +1,8 @@
 //! The joint fit of a version's effects to the logs that they were found on: least squares on the whitened residuals
 //! ([`crate::estimation`]), nuisances of each log included, without clutter.
 //!
-//! The diagnosis fits with clutter on every other parameter of its library, which is right for deciding and for intervals. The model
-//! that is handed on has no clutter; its values are the best without.
+//! The diagnosis fits with clutter on every other parameter of its library, which is right for deciding and for
+//! intervals. The resulting model has no clutter; its values are the best without.
 //!
 //! As everywhere here, residuals are of raw data and sensitivities of smoothed kinematics, so that noise does not shrink the values.
 

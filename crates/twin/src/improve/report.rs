@@ -6,7 +6,7 @@ use rotortwin_page::Report;
 
 use super::{Improvement, OnLog, Value};
 
-/// Quantities of the waterfall, beside open loop.
+/// Quantities of the waterfall, in addition to open loop.
 pub const QUANTITIES: [&str; 3] = ["force", "torque", "voltage"];
 /// Horizon of the open-loop plot, s.
 pub const HORIZON_S: f64 = 1.0;

@@ -1,4 +1,4 @@
-//! The truth behind a log, where somebody knows it: the oracle that no fit can beat but by chance.
+//! The truth behind a log, if it is known: the oracle that no fit can beat except by chance.
 
 use std::path::Path;
 
@@ -7,10 +7,10 @@ use serde::Deserialize;
 
 use crate::model::{ModelEffect, ModelVersion, Provenance};
 
-/// The model with the truth in it: a version, a list of effects, or what the blind generator wrote.
+/// The model including the truth: a version, a list of effects, or the output of the blind generator.
 ///
 /// # Errors
-/// One sentence: not readable, none of these, an effect that the catalogue refuses.
+/// One sentence: not readable, none of these, or an effect that the catalogue rejects.
 pub fn truth(path: &Path, model: &ModelVersion) -> Result<ModelVersion, String> {
     let refuse = |reason: String| format!("{}: {reason}", path.display());
     let text = std::fs::read_to_string(path).map_err(|error| refuse(format!("expected a readable file: {error}")))?;

@@ -1,4 +1,4 @@
-//! From a table to a log: every refusal of the canonical format, Euler angles, the account of the import.
+//! From a table to a log: every refusal of the canonical format, Euler angles, the import report.
 
 use super::checks;
 use super::report::{Gap, ImportReport, MissingCells, UnusedColumn};
@@ -128,8 +128,8 @@ fn leave_out_runaway_estimates(log: &mut FlightLog) {
     leave_out(log, &[names::VELOCITY, names::POSITION].concat(), &reason);
 }
 
-/// A gyroscope or accelerometer that worked and then stands still for more than half of the log while the motors' commands change: a model
-/// would be blamed for what a frozen column does not follow.
+/// A gyroscope or accelerometer that worked and then freezes for more than half of the log while the motors' commands
+/// change: a model would be blamed for not following a frozen column.
 fn leave_out_what_stopped(log: &mut FlightLog) {
     let span_s = log.time_s.last().unwrap_or(&0.0) - log.time_s.first().unwrap_or(&0.0);
     let stopped: Vec<(&str, f64, f64)> = names::RATES
@@ -147,8 +147,8 @@ fn leave_out_what_stopped(log: &mut FlightLog) {
     }
 }
 
-/// A voltage that no number of LiPo cells has is another supply's, or that of a sensor which is not connected or not scaled: no model of the
-/// battery can be held against it.
+/// A voltage that no number of LiPo cells has comes from another supply, or from a sensor that is not connected or not
+/// scaled: no model of the battery can be compared with it.
 fn leave_out_other_voltages(log: &mut FlightLog) {
     let Some(values) = log.column(names::BATTERY_VOLTAGE) else {
         return;
@@ -169,8 +169,8 @@ fn leave_out_other_voltages(log: &mut FlightLog) {
     leave_out(log, &[names::BATTERY_VOLTAGE], &reason);
 }
 
-/// A current that flies nothing, in a log of a flight, is that of a sensor which is not connected or not scaled; and so is one that is smaller
-/// than what the autopilot itself takes.
+/// A current that is too small for the logged flight comes from a sensor that is not connected or not scaled; so does
+/// one that is smaller than what the autopilot itself draws.
 fn leave_out_currents_of_no_flight(log: &mut FlightLog) {
     let Some(current) = checks::idle_current(log) else {
         return;
@@ -207,8 +207,8 @@ fn leave_out(log: &mut FlightLog, columns: &[&str], reason: &str) {
         .push(format!("{} left out: {reason}", columns.join(", ")));
 }
 
-/// A column that is there without a value would take the place of what can be computed from others: an empty accelerometer that of the force
-/// which follows from the velocity.
+/// A column without any value would replace one that can be computed from others: an empty accelerometer the force
+/// computed from the velocity.
 fn drop_empty_columns(log: &mut FlightLog) {
     let empty = |values: &[f64]| !values.is_empty() && values.iter().all(|value| value.is_nan());
     let names: Vec<String> = log
@@ -318,7 +318,7 @@ fn limit_duties(path: &Path, columns: &mut BTreeMap<String, Vec<f64>>) -> Result
     Ok(())
 }
 
-/// Units that cannot be right, whatever flew.
+/// Units that cannot be right for any vehicle.
 fn refuse_units(path: &Path, columns: &BTreeMap<String, Vec<f64>>) -> Result<(), LogError> {
     let accel: Vec<&Vec<f64>> = names::ACCEL.iter().filter_map(|name| columns.get(*name)).collect();
     if accel.len() == 3 {

@@ -3,9 +3,10 @@
 //! ```text
 //! SourceLog ─▶ rows of the mapping that the log can serve ─▶ units, frames ─▶ time base ─▶ Table
 //! ```
-//! The time base is the stream that the mapping prefers, or else the fastest one in use. The others are brought onto it by straight
-//! lines (angles the short way round, quaternions normalised), commands by holding. No filter is applied: a stream that is faster
-//! than the base folds, one that is slower is correlated from row to row; the report says which is which.
+//! The time base is the stream that the mapping prefers, otherwise the fastest one in use. The others are interpolated
+//! linearly onto it (angles the short way round, quaternions normalised), commands are held. No filter is applied: a
+//! stream that is faster than the base aliases, one that is slower is correlated from row to row; the report says which
+//! is which.
 
 use super::mapping::{Frame, Level, MappingFile, Row, Target};
 use super::report::{Flown, ImportReport, Stream, UnusedColumn};
@@ -17,7 +18,7 @@ use super::{GAP_FACTOR, Origin, happenings, names, outputs, utc};
 use rotortwin_flight_core::MAX_ROTORS;
 use std::collections::BTreeSet;
 
-/// What [`assemble`] makes of a source.
+/// Result of [`assemble`].
 pub(crate) struct Assembled {
     pub(crate) table: Table,
     pub(crate) report: ImportReport,
@@ -32,7 +33,7 @@ struct Served<'a> {
     fields: Vec<usize>,
 }
 
-/// Mean radius of curvature is within 0.4 % of this everywhere on the ellipsoid, m.
+/// Mean radius of the Earth: the radius of curvature is within 0.4 % of it everywhere on the ellipsoid, m.
 const EARTH_RADIUS_M: f64 = 6_371_000.0;
 
 /// Puts a parsed log on one time base; the error is the reason without the file's name.
@@ -45,7 +46,7 @@ pub(crate) fn assemble(log: &SourceLog, mapping: &MappingFile, most_cells: usize
     let base = base_stream(log, mapping, &served).ok_or_else(|| nothing_served(log))?;
     let start_s = log.streams[base].time_s[0];
     let base_s = &log.streams[base].time_s;
-    // A column may be long where it is brought to the base's time, or of many rows that hold its fields.
+    // A column may be long if it is resampled to the base's time, or if its fields come from many mapping rows.
     let columns: usize = 1 + served.iter().map(|served| served.fields.len()).sum::<usize>();
     if base_s.len() > most_cells / columns {
         return Err(format!(
@@ -91,9 +92,10 @@ pub(crate) fn assemble(log: &SourceLog, mapping: &MappingFile, most_cells: usize
     Ok(Assembled { table, report, origin })
 }
 
-/// Why a log of which no row of the mapping takes a field is refused, and what helps: where its fields can be named.
+/// Why a log is refused in which no mapping row finds a field, and how to fix it: with the names of its fields if
+/// possible.
 fn nothing_served(log: &SourceLog) -> String {
-    /// Topics, and fields of each, that are named.
+    /// Topics, and fields of each, that are listed.
     const TOPICS: usize = 12;
     const FIELDS: usize = 8;
     if log.streams.is_empty() {
@@ -125,10 +127,10 @@ fn nothing_served(log: &SourceLog) -> String {
 fn serve<'a>(log: &SourceLog, mapping: &'a MappingFile, report: &mut ImportReport) -> Vec<Served<'a>> {
     let mut taken: BTreeSet<&str> = BTreeSet::new();
     let mut served: Vec<Served<'_>> = Vec::new();
-    // Motor outputs that stand still, of which another instance of the topic may be the one that flies the vehicle.
+    // Motor outputs that stand still; another instance of the topic may be the one that flies the vehicle.
     let mut still: Option<Served<'_>> = None;
     for row in &mapping.rows {
-        // Euler angles and quaternion say the same; the first one found is taken.
+        // Euler angles and quaternion carry the same information; the first one found is used.
         let key = if row.to == "quaternion" {
             "attitude"
         } else {
@@ -154,7 +156,7 @@ fn serve<'a>(log: &SourceLog, mapping: &'a MappingFile, report: &mut ImportRepor
             Target::Own(_) => fields.len() == 1,
             Target::Duty | Target::RotorSpeed => !fields.is_empty(),
         };
-        // A field that is 0 or empty from end to end was never written.
+        // A field that is 0 or empty throughout was never written.
         let written = fields.iter().any(|field| {
             stream.fields[*field]
                 .1
@@ -220,7 +222,8 @@ fn serve<'a>(log: &SourceLog, mapping: &'a MappingFile, report: &mut ImportRepor
     served
 }
 
-/// Numbers that stand for "not measured", in the unit of the source: of PX4's and MAVLink's current −1, of MAVLink's voltage all bits set.
+/// Numbers that mean "not measured", in the unit of the source: for PX4's and MAVLink's current −1, for MAVLink's
+/// voltage all bits set.
 fn is_unmeasured(row: &Row, value: f64) -> bool {
     match row.to.as_str() {
         names::BATTERY_CURRENT => value == -1.0,
@@ -329,10 +332,10 @@ fn convert(
     })
 }
 
-/// Rows over which a vibration averages out, so that gravity is left.
+/// Rows over which a vibration averages out, so that gravity remains.
 const RUN_ROWS: usize = 256;
 
-/// The unit of a row: as that of another field of its message, or else the first that the data allow.
+/// The unit of a row: that of another field of its message, otherwise the first that is consistent with the data.
 fn unit_of<'a>(row: &'a Row, stream: &RawStream, values: &[Vec<f64>]) -> Result<(&'a str, f64), String> {
     let place = row.unit_as.as_ref().and_then(|other| {
         let (_, values) = stream.fields.iter().find(|(name, _)| *name == other.field)?;
@@ -347,7 +350,7 @@ fn unit_of<'a>(row: &'a Row, stream: &RawStream, values: &[Vec<f64>]) -> Result<
     }
 }
 
-/// The first unit of a row that the data allow.
+/// The first unit of a row that is consistent with the data.
 pub(super) fn chosen_unit<'a>(row: &'a Row, values: &[Vec<f64>]) -> Result<(&'a str, f64), String> {
     fitting_unit(row.unit.list(), values).map_err(|found| {
         format!(
@@ -357,9 +360,10 @@ pub(super) fn chosen_unit<'a>(row: &'a Row, values: &[Vec<f64>]) -> Result<(&'a 
     })
 }
 
-/// The first of several units that the data allow, with its factor; else what the median would be in each.
+/// The first of several units that is consistent with the data, with its factor; otherwise the median in each unit.
 ///
-/// A vehicle may shake by more than gravity: where no unit fits the samples of an accelerometer, their means over [`RUN_ROWS`] decide.
+/// A vehicle may shake by more than gravity: if no unit fits the samples of an accelerometer, their means over
+/// [`RUN_ROWS`] decide.
 fn fitting_unit<'a>(units: &'a [String], values: &[Vec<f64>]) -> Result<(&'a str, f64), String> {
     let mut tried = Vec::new();
     for run in [1, RUN_ROWS] {
@@ -374,7 +378,7 @@ fn fitting_unit<'a>(units: &'a [String], values: &[Vec<f64>]) -> Result<(&'a str
             let Some(median) = median_size(values, factor, run) else {
                 return Ok((name, factor));
             };
-            // A battery that is not connected reads 0: that is no unit's fault.
+            // A battery that is not connected reads 0: this says nothing about the unit.
             if range.contains(&median)
                 || median == 0.0
                 || (dimension == Dimension::Voltage && median < 1.0 && units.len() == 1)
@@ -389,7 +393,7 @@ fn fitting_unit<'a>(units: &'a [String], values: &[Vec<f64>]) -> Result<(&'a str
     Err(format!("the median is {}", tried.join(", ")))
 }
 
-/// Median over runs of rows of the length of the mean vector.
+/// Median of the length of the mean vector over runs of rows.
 fn median_size(values: &[Vec<f64>], factor: f64, run: usize) -> Option<f64> {
     let samples = values.first().map_or(0, Vec::len);
     let size = |first: usize| {
@@ -440,7 +444,8 @@ pub(super) fn turn(to: &str, frame: Frame, values: &mut [Vec<f64>]) {
             negate(&mut values[3]);
         }
         (Frame::EnuFlu, _) => {
-            // R_ned_frd = P R_enu_flu D, P exchanges x and y and turns z, D turns y and z; P = half turn about (1, 1, 0)/√2.
+            // R_ned_frd = P R_enu_flu D, P exchanges x and y and negates z, D negates y and z; P = half turn about (1,
+            // 1, 0)/√2.
             let half = std::f64::consts::FRAC_1_SQRT_2;
             for sample in 0..values[0].len() {
                 let [w, x, y, z] = [0, 1, 2, 3].map(|part| values[part][sample]);
@@ -456,7 +461,7 @@ pub(super) fn turn(to: &str, frame: Frame, values: &mut [Vec<f64>]) {
         (Frame::Frd | Frame::Ned | Frame::NedFrd | Frame::Geodetic, _) => {}
     }
     if to == "quaternion" {
-        // Neighbours must not differ by the sign that a rotation does not have.
+        // Neighbours must not differ by the sign, which is arbitrary for a rotation.
         for sample in 1..values[0].len() {
             let same: f64 = (0..4).map(|part| values[part][sample] * values[part][sample - 1]).sum();
             if same < 0.0 {
@@ -513,13 +518,13 @@ fn level(log: &SourceLog, level: Option<&Level>, default: f64) -> f64 {
             .iter()
             .filter_map(|name| log.parameters.get(name))
             .copied()
-            // 0 means that the autopilot takes another one: MOT_PWM_MIN 0 is the range of the throttle channel.
+            // 0 means that the autopilot uses another one: MOT_PWM_MIN 0 is the range of the throttle channel.
             .find(|level| *level != 0.0)
             .unwrap_or(*default),
     }
 }
 
-/// Fields in the rotor order of the vehicle file; unused outputs at the end are left off.
+/// Fields in the rotor order of the vehicle file; unused trailing outputs are dropped.
 fn ordered(row: &Row, mut values: Vec<Vec<f64>>) -> Result<Vec<Vec<f64>>, String> {
     if let Some(order) = &row.order {
         return order
@@ -610,8 +615,8 @@ fn duties(log: &SourceLog, row: &Row, values: Vec<Vec<f64>>, report: &mut Import
 /// Longest pulse of a servo or an ESC, µs.
 const MOST_PULSE_US: f64 = 2500.0;
 
-/// The range of raw commands of ESCs on a CAN bus (`uavcan.equipment.esc.RawCommand`, 14 bits with a sign), where a range of pulses is asked for and
-/// the numbers are beyond any.
+/// The range of raw commands of ESCs on a CAN bus (`uavcan.equipment.esc.RawCommand`, 14 bits with a sign), if a range
+/// of pulses is requested and the numbers are outside any such range.
 fn raw_commands(values: &[Vec<f64>], low: f64, high: f64) -> Option<(f64, f64)> {
     const RAW: (f64, f64) = (0.0, 8191.0);
     let pulses = (700.0..1500.0).contains(&low) && (1500.0..=MOST_PULSE_US).contains(&high);
@@ -620,7 +625,7 @@ fn raw_commands(values: &[Vec<f64>], low: f64, high: f64) -> Option<(f64, f64)> 
     (pulses && most > MOST_PULSE_US && most <= RAW.1).then_some(RAW)
 }
 
-/// The outputs that drive rotors, in their order; says which those are and what is left out.
+/// The outputs that drive rotors, in their order; reports which those are and what is left out.
 fn only_rotors(
     row: &Row,
     mut values: Vec<Vec<f64>>,
@@ -663,7 +668,7 @@ fn normalise_quaternion(table: &mut Table) {
     if places.len() != 4 {
         return;
     }
-    // Interpolation shortens a quaternion a little; a length far from 1 must stay visible.
+    // Interpolation shortens a quaternion slightly; a length far from 1 must remain visible.
     const INTERPOLATED: std::ops::Range<f64> = 0.9..1.02;
     for row in 0..table.columns[*w].values.len() {
         let length = places
@@ -769,7 +774,7 @@ mod tests {
         assemble(log, &mapping::load(source, None).unwrap(), 1 << 20)
     }
 
-    /// Its attitude was "missing", though two estimators had logged it.
+    /// Its attitude was reported "missing", though two estimators had logged it.
     #[test]
     fn regress_an_ardupilot_log_without_att_has_the_attitude_of_its_estimator() {
         let angles = ["Roll", "Pitch", "Yaw"];
@@ -796,7 +801,7 @@ mod tests {
         assert!((of(&["AHR2"]) - 20.0).abs() < 1e-9);
     }
 
-    /// Three servos of an aeroplane were "3 rotors".
+    /// Three servos of an aeroplane were reported as "3 rotors".
     #[test]
     fn regress_outputs_of_an_aeroplane_are_no_rotors() {
         let outputs = ["output[0]", "output[1]", "output[2]", "output[3]"];
@@ -835,7 +840,7 @@ mod tests {
         );
     }
 
-    /// ESCs on a CAN bus: the pulse outputs were read, all zero, and the vehicle had "no flight in this log".
+    /// ESCs on a CAN bus: the pulse outputs were read, all zero, and "no flight in this log" was reported.
     #[test]
     fn regress_outputs_of_another_instance_are_read_where_the_first_stand_still() {
         let outputs = ["output[0]", "output[1]", "output[2]", "output[3]", "output[4]"];

@@ -1,18 +1,18 @@
-//! `rotortwin log map`: drafts the mapping of a CSV that somebody else's program wrote.
+//! `rotortwin log map`: drafts the mapping of a third-party CSV.
 //!
 //! ```text
 //! head of the file ─▶ separator, decimal sign, header ─▶ clock ─▶ columns by their names, units by name or by the numbers ─▶ TOML
 //! ```
-//! What the names and numbers say is written down; what they do not is asked in a sentence, above the row that it is about. The draft is
-//! a mapping that the import takes as it is: whoever knows better changes a word.
+//! What names and numbers reveal is filled in; the rest becomes a question above the row concerned. The draft is a
+//! mapping that the import accepts unchanged, or edited by the user.
 //!
-//! Cells that are lists are columns of their numbers (`v[0]`, `v[1]`, `v[2]`). A Parquet file of another program is drafted as well: of its columns,
-//! which are numbers already.
+//! Cells that are lists become columns of their numbers (`v[0]`, `v[1]`, `v[2]`). A Parquet file of another program can
+//! be drafted as well, from its columns, which are already numbers.
 //!
-//! Beside the file the draft is there in parts (layout, columns, rows, questions), so that a page can show it as a form.
+//! The draft is also available in parts (layout, columns, rows, questions), so that a page can show it as a form.
 //!
-//! Limits: a guess by names; columns in words that are not English, or numbered, stay out. The import's own checks (axes, units, clock)
-//! tell most wrong guesses.
+//! Limits: it guesses by names; columns with non-English names, or numbered ones, are left out. The import's own checks
+//! (axes, units, clock) detect most wrong guesses.
 
 use super::sources::csv_table::{Clock, Lists, cells, list_parts, number, plain};
 use super::{LogError, MAX_COLUMNS, mapping, names, parquet};
@@ -22,19 +22,19 @@ use std::collections::BTreeSet;
 use std::path::Path;
 use utoipa::ToSchema;
 
-/// Rows that are looked at.
+/// Rows that are examined.
 const ROWS: usize = 5000;
 /// Lines before a header, at most.
 const MOST_PREAMBLE: usize = 50;
-/// Rates beyond this are no rad/s of an ordinary flight.
+/// Rates above this are not rad/s of an ordinary flight.
 const FAST_RAD_S: f64 = 12.0;
-/// Rows per second that are assumed where no column is a time.
+/// Rows per second that are assumed if no column is a time.
 const GUESSED_HZ: f64 = 100.0;
-/// Numbers of a Parquet file that is drafted: 256 MiB.
+/// Size of the numbers of a Parquet file that can be drafted: 256 MiB.
 const MOST_CELLS: usize = 1 << 25;
 /// Fewest rotors of a multirotor.
 const FEWEST: usize = 3;
-/// Other groups of numbered columns that a question names.
+/// Other groups of numbered columns that a question mentions.
 const MOST_GROUPS: usize = 6;
 /// Cells of a column that are shown, and characters of each.
 const EXAMPLES: usize = 3;
@@ -130,12 +130,12 @@ pub struct DraftQuestion {
     pub sentence: String,
 }
 
-/// A column: name as a mapping's row names it, words, unit that the name states, numbers.
+/// A column: name as used in a mapping's row, words, unit that the name states, numbers.
 struct Column {
     name: String,
     words: Vec<String>,
     unit: Option<&'static str>,
-    /// Which number of a list it is: `v[2]`.
+    /// Index in a list: `v[2]`.
     part: Option<usize>,
     values: Vec<f64>,
     examples: Vec<String>,
@@ -173,13 +173,14 @@ impl Column {
         }
     }
 
-    /// `[0.1, 0.2, 0.3]` in one cell, as where lists differ in length.
+    /// `[0.1, 0.2, 0.3]` in one cell, as in tables whose lists differ in length.
     fn holds_lists(&self) -> bool {
         let list = |cell: &String| cell.trim_start().starts_with(['[', '(']) && cell.contains([',', ' ']);
         !self.examples.is_empty() && self.examples.iter().all(list)
     }
 
-    /// What is not measured but wanted: by a word of its name, or by `d` or `r` at its end (`v_d[0]`, desired; a reference).
+    /// A set point, not a measurement: by a word of its name, or by `d` or `r` at its end (`v_d[0]`, desired; a
+    /// reference).
     fn is_wanted(&self) -> bool {
         let ends = self
             .words
@@ -210,7 +211,7 @@ impl Column {
     }
 }
 
-/// The number of a part of a list, `v[2]`; none of a name with a unit, `Acc [g]`.
+/// The index of a list element, `v[2]`; none for a name with a unit, `Acc [g]`.
 fn part_of_list(header: &str) -> Option<usize> {
     let (stem, rest) = header.rsplit_once('[')?;
     let number = rest.strip_suffix(']')?;
@@ -219,7 +220,7 @@ fn part_of_list(header: &str) -> Option<usize> {
         .flatten()
 }
 
-/// Lower-case words of a name: parted at signs, at capitals, and between letters and digits.
+/// Lower-case words of a name: split at punctuation, at capitals, and between letters and digits.
 fn words(header: &str) -> Vec<String> {
     let header = header.split(['(', '[']).next().unwrap_or(header);
     let mut words: Vec<String> = Vec::new();
@@ -238,7 +239,7 @@ fn words(header: &str) -> Vec<String> {
         }
         last = character;
     }
-    // `gyrox`, `accy`: an axis glued to a word that is known.
+    // `gyrox`, `accy`: an axis appended to a known word.
     let glued: Vec<String> = words
         .iter()
         .flat_map(|word| {
@@ -257,7 +258,7 @@ fn words(header: &str) -> Vec<String> {
     glued
 }
 
-/// The unit that a header states: behind the name in brackets, or as its end.
+/// The unit that a header states: in brackets after the name, or as its suffix.
 fn unit_in(header: &str) -> Option<&'static str> {
     const SPELLINGS: [(&str, &str); 43] = [
         ("deg/s", "deg/s"),
@@ -314,7 +315,8 @@ fn unit_in(header: &str) -> Option<&'static str> {
     if let Some((_, rest)) = header.split_once(['(', '[']) {
         return known(rest.trim_end_matches([')', ']', ' ']));
     }
-    // `roll_rate_deg_s`, `alt_m`: the longest end that is a unit. A single letter may be a name (`a`, `v`) and counts behind `_` alone.
+    // `roll_rate_deg_s`, `alt_m`: the longest suffix that is a unit. A single letter may be a name (`a`, `v`) and
+    // counts only after `_`.
     let lower = header.to_lowercase();
     let ends = |spelling: &str| {
         lower
@@ -327,14 +329,14 @@ fn unit_in(header: &str) -> Option<&'static str> {
         .max_by_key(|(spelling, _)| spelling.len())
         .map(|(_, unit)| *unit)
         .or_else(|| {
-            // `vbatMV`: two capitals or more behind a small letter.
+            // `vbatMV`: two or more capitals after a small letter.
             let capitals = header.len() - header.trim_end_matches(|c: char| c.is_ascii_uppercase()).len();
             let (front, end) = header.split_at(header.len() - capitals);
             (capitals >= 2 && front.ends_with(|c: char| c.is_ascii_lowercase())).then(|| known(end))?
         })
 }
 
-/// The draft as it grows.
+/// The draft under construction.
 #[derive(Default)]
 struct Writer {
     text: String,
@@ -371,7 +373,7 @@ impl Writer {
     }
 }
 
-/// What a unit is based on: the header, or else a guess.
+/// The evidence for a unit: the header, otherwise a guess.
 fn evidence(stated: bool, unit: &str, guess: &str) -> String {
     if stated {
         format!("by name; the header says {unit}")
@@ -394,14 +396,14 @@ struct Table {
     skip_lines: usize,
     columns: Vec<Column>,
     clock: Option<FoundClock>,
-    /// Columns whose lists are parted.
+    /// Columns whose lists are split.
     lists: Vec<String>,
 }
 
 /// Drafts the mapping of a CSV.
 ///
 /// # Errors
-/// The file is no table of text: one sentence.
+/// The file is not a table of text: one sentence.
 pub fn draft(path: &Path, bytes: &[u8]) -> Result<Draft, LogError> {
     let as_it_is = || {
         LogError::format(
@@ -531,13 +533,13 @@ pub fn draft(path: &Path, bytes: &[u8]) -> Result<Draft, LogError> {
 fn text_of(bytes: &[u8]) -> Result<Cow<'_, str>, String> {
     match std::str::from_utf8(bytes) {
         Ok(text) => Ok(Cow::Borrowed(text)),
-        // No table holds a zero byte, and most binary formats do.
+        // No text table contains a zero byte, but most binary formats do.
         Err(bad) if bytes.contains(&0) => Err(format!("not UTF-8 text ({bad}); a table in CSV was expected")),
         Err(_) => Ok(String::from_utf8_lossy(bytes)),
     }
 }
 
-/// The lines that are looked at: the beginning, and lines from all over the rest.
+/// The lines that are examined: the beginning, and lines from all over the rest.
 fn lines_of(text: &str) -> Vec<&str> {
     const REST: usize = ROWS / 4;
     let mut lines: Vec<&str> = text.lines().take(MOST_PREAMBLE + ROWS).collect();
@@ -576,7 +578,7 @@ fn layout(body: &[&str]) -> Option<(char, char, usize)> {
         let (found, width) = numbers(separator, decimal)?;
         Some((found, (separator, decimal, width)))
     })
-    // The first of those that are as good.
+    // The first of equals.
     .fold(None, |best: Option<(usize, _)>, one| match best {
         Some(best) if best.0 >= one.0 => Some(best),
         _ => Some(one),
@@ -584,7 +586,7 @@ fn layout(body: &[&str]) -> Option<(char, char, usize)> {
     .map(|(_, layout)| layout)
 }
 
-/// Separator, header and numbers of the rows that are looked at.
+/// Separator, header and numbers of the examined rows.
 fn table(text: &str) -> Result<Table, String> {
     let lines = lines_of(text);
     let body = &lines[lines.len() / 2..];
@@ -651,7 +653,8 @@ fn table(text: &str) -> Result<Table, String> {
     })
 }
 
-/// A table whose columns are numbers already; rows from the beginning and from all over the rest are looked at, as of a text.
+/// A table whose columns are numbers already; rows from the beginning and from all over the rest are examined, as in a
+/// text.
 fn of_numbers(read: &super::table::Table) -> Result<Table, String> {
     let rows = read.columns.first().map_or(0, |column| column.values.len());
     if rows < 2 {
@@ -718,7 +721,8 @@ fn clock(columns: &mut [Column], raw: &[Vec<&str>], decimal: char) -> Option<Fou
     let mut order: Vec<usize> = (0..columns.len()).collect();
     order.sort_by_key(|index| !named(&columns[*index]));
     for index in order {
-        // A counter of rows rises as well; only a time of day or a date is taken from a column of another name.
+        // A counter of rows increases as well; a column with another name is used only if it holds a time of day or a
+        // date.
         let by_name = named(&columns[index]);
         for format in Clock::ALL {
             let of_day = !matches!(
@@ -753,7 +757,7 @@ fn clock(columns: &mut [Column], raw: &[Vec<&str>], decimal: char) -> Option<Fou
             });
         }
     }
-    // Of another name: the first column, if it rises like a clock. One that rises by 1 may count rows.
+    // Under another name: the first column, if it increases like a clock. One that increases by 1 may count rows.
     let first = columns.first_mut()?;
     let times: Vec<f64> = raw[0].iter().filter_map(|cell| number(cell, decimal)).collect();
     let rises = times.len() == raw[0].len() && times.windows(2).all(|pair| pair[1] > pair[0]);
@@ -772,7 +776,7 @@ fn clock(columns: &mut [Column], raw: &[Vec<&str>], decimal: char) -> Option<Fou
     })
 }
 
-/// Columns that always rise, as no clock was recognised.
+/// Columns that always increase, reported if no clock was recognised.
 fn rising(columns: &[Column]) -> Vec<&str> {
     let rises = |column: &&Column| column.values.len() > 1 && column.values.windows(2).all(|pair| pair[1] > pair[0]);
     columns
@@ -782,7 +786,7 @@ fn rising(columns: &[Column]) -> Vec<&str> {
         .collect()
 }
 
-/// Seconds, or parts of them, by the name, else by the usual step.
+/// Seconds, or fractions of them, by the name, otherwise by the usual step.
 fn unit_of_time(column: &Column, times: &[f64]) -> Clock {
     let lower = column.name.to_lowercase();
     let ends = |any: &[&str]| any.iter().any(|end| lower.ends_with(end));
@@ -804,7 +808,7 @@ fn unit_of_time(column: &Column, times: &[f64]) -> Clock {
         .filter(|step| *step > 0.0)
         .collect();
     let step = super::resample::median(&mut steps).unwrap_or(1.0);
-    // Between 2 Hz and 2 kHz in whichever it is.
+    // Between 2 Hz and 2 kHz in whichever unit it is.
     if step < 0.6 {
         Clock::Seconds
     } else if step < 600.0 {
@@ -823,15 +827,15 @@ const AXES: [[&str; 3]; 4] = [
     ["north", "east", "down"],
 ];
 
-/// Three columns along axes whose other words tell what they are; taken at once.
+/// Three columns along axes whose other words identify them; claimed together.
 fn triple(columns: &mut [Column], axes: &[[&str; 3]], what: &[&str], not: &[&str]) -> Option<[usize; 3]> {
     triple_of(columns, axes, |c| (what.is_empty() || c.has(what)) && !c.has(not))
 }
 
-/// Three columns along axes that fit; taken at once.
+/// Three matching columns along axes; claimed together.
 ///
-/// Of several such the one whose names have the fewest other words: `velocity x` before `user velocity x`. The other words of the three are alike,
-/// unless there are no such three.
+/// Of several such triples, the one whose names have the fewest other words: `velocity x` before `user velocity x`. The
+/// other words of the three are the same, unless there is no such triple.
 fn triple_of(columns: &mut [Column], axes: &[[&str; 3]], fits: impl Fn(&Column) -> bool) -> Option<[usize; 3]> {
     let usable = |c: &Column, axis: &str| {
         !c.taken && c.part.is_none() && c.has(&[axis]) && fits(c) && c.values.iter().any(|v| v.is_finite())
@@ -866,8 +870,8 @@ fn triple_of(columns: &mut [Column], axes: &[[&str; 3]], fits: impl Fn(&Column) 
     None
 }
 
-/// The numbers of a list of so many, whose name has one of some words and is not of what is wanted; taken at once. Of several lists the one
-/// whose name has the fewest words.
+/// The elements of a list of this length, whose name contains one of some words and is not a set point; claimed
+/// together. Of several lists, the one whose name has the fewest words.
 fn list_of(columns: &mut [Column], what: &[&str], not: &[&str], count: usize) -> Option<Vec<usize>> {
     let stem = |c: &Column| c.name.rsplit_once('[').map(|(stem, _)| stem.to_owned());
     let of = |first: usize| -> Option<Vec<usize>> {
@@ -890,7 +894,8 @@ fn list_of(columns: &mut [Column], what: &[&str], not: &[&str], count: usize) ->
     Some(found)
 }
 
-/// Three columns of one name and numbers from 0 or 1, as PX4's `sensor_combined` has them (`gyro_rad[0]`, `gyro_rad_1`); taken at once.
+/// Three columns with one name and numbers from 0 or 1, as in PX4's `sensor_combined` (`gyro_rad[0]`, `gyro_rad_1`);
+/// claimed together.
 ///
 /// With the unit that the name states before the number.
 fn numbered(columns: &mut [Column], what: &[&str]) -> Option<([usize; 3], Option<&'static str>)> {
@@ -920,12 +925,12 @@ fn numbered(columns: &mut [Column], what: &[&str]) -> Option<([usize; 3], Option
     })
 }
 
-/// As many as a vector has.
+/// As many as a vector has components.
 fn three_of(found: Vec<usize>) -> Option<[usize; 3]> {
     found.try_into().ok()
 }
 
-/// What is not measured but wanted.
+/// Words of set points: commanded, not measured.
 const WANTED: [&str; 21] = [
     "defined",
     "commanded",
@@ -981,7 +986,7 @@ fn map_columns(columns: &mut [Column], out: &mut Writer) {
         let down = columns[found[2]].median();
         let upwards = down > 0.0;
         let frame = if upwards { "flu" } else { "frd" };
-        // At rest an accelerometer reads gravity; an acceleration of the motion, or one that is asked for, reads nothing.
+        // At rest an accelerometer reads gravity; an acceleration of the motion, or a commanded one, reads zero.
         let weight = match unit {
             Some("g") => 1.0,
             Some("mg") => 1000.0,
@@ -1041,7 +1046,7 @@ fn map_columns(columns: &mut [Column], out: &mut Writer) {
         .or_else(|| triple(columns, &[["wx", "wy", "wz"]], &[], &WANTED))
         .or_else(|| triple(columns, &AXES[2..3], &[], &WANTED));
     let found = by_axis.map(|found| (found, columns[found[0]].unit)).or_else(|| {
-        // A gyroscope whose name says `rad` or `deg` means them per second.
+        // A gyroscope whose name contains `rad` or `deg` means them per second.
         let (found, unit) = numbered(columns, &gyro[..3])?;
         Some((
             found,
@@ -1119,7 +1124,8 @@ fn quaternion(columns: &mut [Column], out: &mut Writer) {
     quaternion_of_list(columns, out);
 }
 
-/// A list of four numbers: the scalar is the first of them or the last, by what is largest while a vehicle is upright and heads about north.
+/// A list of four numbers: the scalar is the first or the last, whichever is largest while a vehicle is upright and
+/// heads about north.
 fn quaternion_of_list(columns: &mut [Column], out: &mut Writer) {
     let what = ["q", "quat", "quaternion", "orientation", "attitude"];
     let Some(found) = list_of(columns, &what, &[], 4) else {
@@ -1257,7 +1263,7 @@ fn world(columns: &mut [Column], out: &mut Writer) {
                 Some((three_of(list_of(columns, &names, &not, 3)?)?, ""))
             })
             .or_else(|| {
-                // x, y, z and nothing else: what a motion capture writes.
+                // x, y, z and nothing else: the output of a motion capture.
                 let found = triple_of(columns, &AXES[..1], |c| to == "position" && c.words.len() == 1)?;
                 Some((found, ""))
             });
@@ -1294,7 +1300,7 @@ fn world(columns: &mut [Column], out: &mut Writer) {
     }
 }
 
-/// Columns that differ by a number alone, which counts up from the least.
+/// Columns whose names differ only in a number, which counts up from the lowest.
 #[derive(Debug, Clone, PartialEq)]
 struct Run {
     columns: Vec<usize>,
@@ -1303,8 +1309,9 @@ struct Run {
 }
 
 impl Run {
-    /// What makes a run of outputs the one that drives the rotors: it moves, most of it keeps its sign (torques and sticks do not), the first
-    /// number of its names counts, it is long, and its numbers are those of an output.
+    /// What makes a run of outputs the one that drives the rotors: it moves, most of it keeps its sign (torques and
+    /// sticks do not), the first number in its names is the one that counts, it is long, and its values are those of an
+    /// output.
     fn rank(&self, columns: &[Column]) -> (bool, bool, bool, usize, bool) {
         let ranges = || self.columns.iter().map(|index| columns[*index].range());
         let moves = ranges().filter(|(low, high)| high > low).count() >= FEWEST;
@@ -1314,9 +1321,9 @@ impl Run {
     }
 }
 
-/// Runs of columns whose names differ by a number alone, each once, in the order of the file.
+/// Runs of columns whose names differ only in a number, each once, in the order of the file.
 fn runs_of(columns: &[Column], fits: impl Fn(&Column) -> bool) -> Vec<Run> {
-    /// Numbers of a name that are looked at.
+    /// Numbers of a name that are examined.
     const NUMBERS: usize = 4;
     let number = |c: &Column, place: usize| -> Option<(u32, Vec<String>)> {
         if let Some(part) = c.part {
@@ -1329,7 +1336,7 @@ fn runs_of(columns: &[Column], fits: impl Fn(&Column) -> bool) -> Vec<Run> {
             .filter_map(|(i, word)| Some((i, word.parse().ok()?)))
             .nth(place)?;
         let mut rest = c.words.clone();
-        // What is left keeps its place, so that numbers of different places are not of one run.
+        // The rest keeps its place, so that numbers at different places do not form one run.
         rest[at] = "#".to_owned();
         Some((number, rest))
     };
@@ -1366,7 +1373,7 @@ fn best_of(columns: &[Column], runs: &[Run]) -> Option<Run> {
     best.cloned()
 }
 
-/// Motor outputs and rotor speeds: the run of numbered columns of one name that moves, the longest of several.
+/// Motor outputs and rotor speeds: the run of numbered columns with one name that moves, the longest of several.
 fn rotors(columns: &mut [Column], out: &mut Writer) {
     for (to, stems) in [
         ("rotor_speed", &["rpm", "erpm", "omega"][..]),
@@ -1396,10 +1403,10 @@ fn rotors(columns: &mut [Column], out: &mut Writer) {
             }
         }
         if to == "duty" && runs.is_empty() {
-            // The speeds that a controller asks for are its outputs.
+            // The speeds that a controller commands are its outputs.
             runs = runs_of(columns, |c| c.has(&speeds) && c.has(&WANTED));
         }
-        // Electrical turns are the rotor's times the pole pairs of its motor, which no table states.
+        // Electrical speeds are the rotor's times the pole pairs of its motor, which no table states.
         let electrical = |run: &Run| columns[run.columns[0]].has(&["erpm"]);
         if to == "rotor_speed" && !runs.is_empty() && runs.iter().all(electrical) {
             if let Some(run) = best_of(columns, &runs) {
@@ -1442,14 +1449,14 @@ fn rotors(columns: &mut [Column], out: &mut Writer) {
             .fold((f64::INFINITY, f64::NEG_INFINITY), |a, b| (a.0.min(b.0), a.1.max(b.1)));
         let (from, until) = match high {
             most if most <= 1.001 => (0.0, 1.0),
-            // No percent: the largest is as near to full as the rows show.
+            // No percent: the largest is as close to full as the rows show.
             most if most <= 2.0 => (0.0, most),
             most if most <= 100.5 => (0.0, 100.0),
             most if most <= 255.0 => (0.0, 255.0),
             most if most <= 1000.5 => (0.0, 1000.0),
             most if low >= 800.0 && most <= 2200.0 => (1000.0, 2000.0),
             most if most <= 2047.5 => (48.0, 2047.0),
-            // A commanded speed: its largest is as near to full as the rows show.
+            // A commanded speed: its largest is as close to full as the rows show.
             most if columns[best[0]].has(&["rpm", "erpm"]) => (0.0, most),
             _ => (0.0, 65_535.0),
         };
@@ -1562,7 +1569,7 @@ fn battery(columns: &mut [Column], out: &mut Writer) {
         columns[found].taken = true;
         let median = columns[found].median();
         let stated = columns[found].unit.filter(|unit| of(unit).is_some());
-        // 3848 is 38 V in hundredths, and a single cell in thousandths: of both, the small vehicle.
+        // 3848 is 38 V in hundredths, and a single cell in thousandths: of the two, the small vehicle is assumed.
         let cell = to == "battery_voltage_v" && (3000.0..4350.0).contains(&median);
         let likely = units
             .iter()
@@ -1612,7 +1619,7 @@ mod tests {
         text
     }
 
-    /// As a motion capture writes it; the three columns had been lost to the velocity, which has none.
+    /// As a motion capture writes it; the three columns were mistaken for the velocity, which has none.
     #[test]
     fn regress_three_bare_axes_are_a_position() {
         let rows: Vec<String> = (0..50)
@@ -1834,7 +1841,7 @@ mod tests {
         assert!(!four.contains("to = \"accel\""), "{four}");
     }
 
-    /// A broken propeller at 60 Hz: no sample is near gravity, their mean is.
+    /// A broken propeller at 60 Hz: no sample is near gravity, but their mean is.
     #[test]
     fn regress_a_vehicle_that_shakes_by_more_than_gravity_is_read() {
         let rows: Vec<String> = (0..4000)
@@ -1910,7 +1917,8 @@ mod tests {
 
     #[test]
     fn val_a_row_number_is_no_clock_and_a_body_rate_no_rotor_speed() {
-        // As pandas writes a frame of four time steps: an index without a name, which is shown in parts of a long file.
+        // As pandas writes a frame of four time steps: an index without a name, which is shown in parts for a long
+        // file.
         let mut text =
             ",omegax_0tx,omegax_1tx,omegax_2tx,omegax_3tx,m1pwm_0tu,m2pwm_0tu,m3pwm_0tu,m4pwm_0tu,vbat\n".to_owned();
         for row in 0..30_000 {
@@ -1952,7 +1960,7 @@ mod tests {
         let row = |to: &str| draft.rows.iter().find(|row| row.to == to).unwrap();
         assert_eq!(row("position").from, ["North", "East", "Down"]);
         assert_eq!(row("attitude").from, ["Euler_X", "Euler_Y", "Euler_Z"]);
-        // A position is there already: which of the two is meant, nobody asked for.
+        // There already is a position: the user is not asked which of the two is meant.
         assert_eq!(draft.left_out, ["p[0]", "p[1]", "p[2]"]);
         assert!(draft.toml.contains("# The cells of p are lists"), "{}", draft.toml);
     }
@@ -1999,7 +2007,8 @@ mod tests {
         assert!((log.column("duty_2").unwrap()[0] - 0.0805).abs() < 1e-9);
     }
 
-    /// A table of a data set of a small quadrotor: body rates `wx`, poses and set points beside the state, thrusts of the motors in no percent.
+    /// A table of a data set of a small quadrotor: body rates `wx`, poses and set points next to the state, thrusts of
+    /// the motors not in percent.
     #[test]
     fn regress_bare_body_rates_are_known_and_thrusts_are_asked_about() {
         let header = ",t,x,y,z,vx,vy,vz,wx,wy,wz,x_poses,y_poses,z_poses,m1_thrust,m2_thrust,m3_thrust,m4_thrust,wx_setpoint,wy_setpoint,wz_setpoint";
@@ -2021,7 +2030,7 @@ mod tests {
         assert_eq!((row("duty").low, row("duty").high), (Some(0.0), Some(1.076)));
         let asks = |part: &str| found.questions.iter().any(|question| question.sentence.contains(part));
         assert!(asks("by their name these are thrusts"), "{:?}", found.questions);
-        // What helps is said where the table is refused.
+        // The refusal of the table says what to do.
         let folder = tempfile::tempdir().unwrap();
         let file = folder.path().join("x.csv");
         std::fs::write(&file, &text).unwrap();
@@ -2032,8 +2041,9 @@ mod tests {
         );
     }
 
-    /// A logger of a vehicle with eight rotors: set points stood for the state, and the motors of another vehicle, all zero, for its own; then
-    /// the thrust and torques that its controller asks for, of which three change their sign.
+    /// A logger of a vehicle with eight rotors: set points were taken for the state, and the motors of another vehicle,
+    /// all zero, for its own; then the thrust and torques that its controller commands, of which three change their
+    /// sign.
     #[test]
     fn regress_the_state_goes_before_what_the_user_asks_for_and_motors_that_turn_before_those_that_do_not() {
         let mut names = vec!["Current time [s]".to_owned()];
@@ -2081,7 +2091,7 @@ mod tests {
         );
     }
 
-    /// `log show` sent the owner of a Parquet file to `log map`, and that sent back.
+    /// `log show` sent the owner of a Parquet file to `log map`, which sent them back.
     #[test]
     fn regress_a_parquet_file_of_another_program_is_drafted_and_imported() {
         let folder = tempfile::tempdir().unwrap();
@@ -2138,7 +2148,7 @@ mod tests {
         assert_eq!((log.rotor_count(), log.time_s.len()), (4, 200));
         assert!((log.column("roll_rate_rad_s").unwrap()[50] - 0.5_f64.sin()).abs() < 1e-6);
         assert!((log.time_s[50] - 0.5).abs() < 1e-5);
-        // What this program wrote itself is read as it is.
+        // Files written by this program itself are read as they are.
         let stored = folder.path().join("own.parquet");
         log.write_parquet(&stored).unwrap();
         let reason = draft(&stored, &std::fs::read(&stored).unwrap())
@@ -2147,7 +2157,8 @@ mod tests {
         assert!(reason.contains("reads the file as it is"), "{reason}");
     }
 
-    /// Electrical turns were written as the rotor's, without a question; a reference's acceleration was an accelerometer that "reads downwards".
+    /// Electrical speeds were taken for the rotor's without a question; a reference's acceleration was an accelerometer
+    /// that "reads downwards".
     #[test]
     fn regress_electrical_turns_and_an_acceleration_without_gravity_are_asked_about() {
         let table = |speeds: &str, z: f64| {

@@ -15,7 +15,7 @@ pub enum LogError {
         /// Why.
         source: std::io::Error,
     },
-    /// The file is not what it should be, as a whole.
+    /// The file as a whole is invalid.
     #[error("{}: {reason}", path.display())]
     Format {
         /// The file.

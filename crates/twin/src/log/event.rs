@@ -1,4 +1,4 @@
-//! What happened in a flight: of itself, by its autopilot, by its pilot.
+//! Events of a flight: of the vehicle, its autopilot, its pilot.
 
 use serde::{Deserialize, Serialize};
 
@@ -17,7 +17,7 @@ pub enum EventKind {
     EstimatorReset,
     /// No rows.
     Gap,
-    /// A blow at the end of a landing.
+    /// An impact at the end of a landing.
     HardLanding,
     /// Another flight mode; armed, disarmed.
     Mode,

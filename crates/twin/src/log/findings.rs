@@ -1,4 +1,4 @@
-//! What looks wrong in a log although it could be read: named, so that it is not mistaken for missing physics.
+//! Suspicious features of a log that could be read: named, so that they are not mistaken for missing physics.
 
 use serde::Serialize;
 use std::fmt;
@@ -49,7 +49,7 @@ pub enum FindingKind {
     Stuck,
     /// Columns that sit on a limit.
     Saturated,
-    /// Nothing beside the time, or one column only.
+    /// Nothing but the time, or one column only.
     OneColumn,
     /// A column without any value.
     AllMissing,

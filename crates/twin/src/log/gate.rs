@@ -1,7 +1,7 @@
-//! What must be mended in a log before a model may be compared with it.
+//! Faults of a log that must be fixed before a model may be compared with it.
 //!
-//! An error of axes, units, order or clock looks like missing physics, and a diagnosis would name some. The findings that block are
-//! those of the import and those against the vehicle; all of them in one sentence.
+//! An error of axes, units, order or clock looks like missing physics, and a diagnosis would name an effect for it. The
+//! blocking findings are those of the import and those against the vehicle; all of them are reported in one sentence.
 
 use rotortwin_plant::vehicle::model::VehicleModel;
 
@@ -34,8 +34,8 @@ impl FlightLog {
         self.refusal(&found)
     }
 
-    /// The same before detectors: of what blocks, rotors in another order make them see faults that are none, and without a flight a verdict
-    /// would be none; the rest is told beside.
+    /// The same for detectors: of the blocking findings, rotors in another order cause false faults, and without a
+    /// flight a verdict would be meaningless; the others are reported in addition.
     pub fn refusal_before_detection(&self, vehicle: &VehicleModel) -> Option<String> {
         let mut found = self.blocking_findings(vehicle);
         found.retain(|finding| matches!(finding.kind, FindingKind::SwappedMotors | FindingKind::NoFlight));

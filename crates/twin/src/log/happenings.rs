@@ -1,4 +1,4 @@
-//! What the autopilot and the pilot did in a log: changes of the flight mode, arming, changes of parameters, sticks.
+//! Actions of the autopilot and the pilot in a log: changes of the flight mode, arming, changes of parameters, sticks.
 //!
 //! | source | modes | parameters | sticks |
 //! |---|---|---|---|
@@ -7,7 +7,7 @@
 //! | MAVLink telemetry | `HEARTBEAT` | `PARAM_VALUE` | `RC_CHANNELS`, `RC_CHANNELS_RAW` |
 //! | Betaflight, INAV | – | – | `rcCommand` |
 //!
-//! They explain what a model cannot: a gain that changed, a pilot who pulled. Nothing is computed from them.
+//! They explain what a model cannot: a changed gain, a pilot input. Nothing is computed from them.
 
 use super::event::{EventKind, FlightEvent};
 use super::outputs::motor_of;
@@ -15,7 +15,7 @@ use super::sources::{MOST_CHANGES, ParameterChange, RawStream, SourceLog};
 
 /// A stick beyond this share of its travel is an input.
 const INPUT: f64 = 0.25;
-/// … for so long at least; two closer than the other are one, s.
+/// … for at least this long; two closer together than the other value are one, s.
 const LEAST_S: f64 = 0.3;
 const NEAR_S: f64 = 1.0;
 /// More inputs than this are one line: the pilot flies by hand.
@@ -38,7 +38,7 @@ pub(crate) fn of(log: &SourceLog, start_s: f64) -> Vec<FlightEvent> {
         event.end_s -= start_s;
     }
     found.sort_by(|a, b| a.start_s.total_cmp(&b.start_s));
-    // A mode that flickers from sample to sample is told by its first ten thousand changes.
+    // A mode that flickers from sample to sample is reported with its first ten thousand changes.
     found.truncate(MOST_CHANGES);
     found
 }
@@ -460,7 +460,7 @@ mod tests {
         assert_eq!(found[1].1, 10.0);
     }
 
-    /// Motor 4 of a hexarotor was made to stand by telemetry: its frame was blamed.
+    /// Motor 4 of a hexarotor appeared to stand still because of telemetry: its frame was blamed.
     #[test]
     fn val_a_motor_that_a_parameter_takes_away_is_told() {
         let change = |time_s: f64, name: &str, before: f64, after: f64| ParameterChange {

@@ -9,9 +9,9 @@
 //! unit = "rad/s"                                # or several: the first one that the data allow
 //! frame = "frd"                                 # frd flu (body), ned enu nwu (world), both for a quaternion: "enu-flu"
 //! ```
-//! Of several rows with the same `to` the first one whose fields are in the log wins: that is how a mapping survives renamed topics.
-//! A user's mapping is put before the built-in one, so it can override one row and leave the rest. Canonical files have no built-in mapping;
-//! [`super::remap`] puts their columns where a user's says.
+//! Of several rows with the same `to` the first one whose fields are in the log wins: this is how a mapping survives
+//! renamed topics. A user's mapping takes precedence over the built-in one, so it can override one row and leave the
+//! rest. Canonical files have no built-in mapping; [`super::remap`] applies a user's mapping to their columns.
 
 use super::sources::csv_table::Layout;
 use super::units::{self, Dimension};
@@ -52,7 +52,7 @@ pub(crate) enum SourceName {
     ArdupilotDataflash,
     CrazyflieUsdlog,
     Blackbox,
-    /// CSV and Parquet: columns that are not what their names say.
+    /// CSV and Parquet: columns that do not contain what their names say.
     Canonical,
     MavlinkTlog,
     Ros2,
@@ -95,7 +95,7 @@ pub(crate) struct Row {
     /// Axes of the source.
     #[serde(default)]
     pub(crate) frame: Option<Frame>,
-    /// Factor beside the unit: −1 turns a sign.
+    /// Factor in addition to the unit: −1 reverses a sign.
     #[serde(default)]
     pub(crate) factor: Option<f64>,
     /// Duty only: the number in the source that means 0 (a parameter of the log, or a number).
@@ -112,7 +112,8 @@ pub(crate) struct Row {
     pub(crate) valid: Option<String>,
 }
 
-/// A field of the same message, with the units that it can have: those of a voltage can be told apart by its size, those of a current not.
+/// A field of the same message, with its possible units: those of a voltage can be distinguished by its size, those of
+/// a current cannot.
 #[derive(Clone, Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(crate) struct UnitAs {
@@ -141,7 +142,7 @@ impl Units {
     }
 }
 
-/// A number, or the first of several parameters that the log has, or else a number.
+/// A number, or the first of several parameters that the log contains, with a number as the default.
 #[derive(Clone, Debug, Deserialize)]
 #[serde(untagged)]
 pub(crate) enum Level {
@@ -197,7 +198,7 @@ impl MappingFile {
     }
 }
 
-/// What a row's `to` stands for.
+/// Target of a row's `to`.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) enum Target {
     /// Fixed columns, with the dimension of all of them.
@@ -206,7 +207,7 @@ pub(crate) enum Target {
     Duty,
     /// `rotor_speed_1_rad_s` … as many as there are.
     RotorSpeed,
-    /// A name of one's own.
+    /// A custom name.
     Own(String),
 }
 
@@ -249,7 +250,7 @@ impl Target {
         }
     }
 
-    /// Dimension that the units of the row must have; `None` for a name of one's own.
+    /// Dimension that the units of the row must have; `None` for a custom name.
     fn dimension(&self) -> Option<Dimension> {
         match self {
             Self::Columns(_, dimension) => Some(*dimension),
@@ -388,7 +389,7 @@ fn parse(path: &Path, text: &str) -> Result<MappingFile, LogError> {
     Ok(mapping)
 }
 
-/// A mapping of one's own for a canonical file, which has no built-in one.
+/// A custom mapping for a canonical file, which has no built-in one.
 pub(crate) fn load_for_canonical(path: &Path) -> Result<MappingFile, LogError> {
     let text = std::fs::read_to_string(path).map_err(error::io(path, "cannot read the mapping"))?;
     let mapping = parse(path, &text)?;

@@ -7,10 +7,10 @@
 //! A log has one time base and columns of numbers: the canonical ones ([`names`]) in SI, NED and FRD, and whatever else the file
 //! holds under its own name. A cell without a value is NaN in memory and nowhere else.
 //!
-//! What cannot be right is refused with one sentence ([`LogError`]) before anything is kept; what looks wrong but could be read is
-//! a [`Finding`] in the [`ImportReport`].
+//! What cannot be correct is rejected with one sentence ([`LogError`]) before anything is stored; what looks wrong but
+//! could be read is a [`Finding`] in the [`ImportReport`].
 //!
-//! [`flight_parts`] finds what of it is on the ground, in the air, a crash.
+//! [`flight_parts`] finds which parts of it are on the ground, in the air, a crash.
 //!
 //! Limits: a log is held in memory as f64, 8 bytes a cell (90 s at 1 kHz and 40 columns: 29 MB); [`MAX_CELLS`] bounds it.
 
@@ -81,7 +81,7 @@ const RECORDING_METADATA: &str = "metadata.yaml";
 pub struct ReadOptions {
     /// Mapping file whose rows go before the built-in ones.
     pub mapping: Option<PathBuf>,
-    /// Of a simulated run, the truth (`true_…` columns) in the place of what was sensed.
+    /// For a simulated run, use the truth (`true_…` columns) instead of the sensed values.
     pub truth: bool,
     /// Import the readable part of a file whose checksum is wrong.
     pub accept_damaged: bool,
@@ -123,7 +123,7 @@ pub enum SourceKind {
 }
 
 impl SourceKind {
-    /// True for files that a vehicle, or what listens to it, wrote, in a format of its own.
+    /// True for files in a native format of a vehicle or its ground station.
     pub(crate) fn is_of_a_vehicle(self) -> bool {
         !matches!(
             self,
@@ -131,7 +131,7 @@ impl SourceKind {
         )
     }
 
-    /// True where position and velocity are what an autopilot's estimator makes of its sensors, at whatever rate they are logged.
+    /// True if position and velocity come from an autopilot's estimator, at whatever rate they are logged.
     pub fn is_of_an_estimator(self) -> bool {
         matches!(
             self,
@@ -285,7 +285,8 @@ fn accepted(
     Ok(log)
 }
 
-/// The file of a recording of ROS 2, which is a folder with `metadata.yaml` beside one file or several; `None` for anything else.
+/// The file of a recording of ROS 2, which is a folder with `metadata.yaml` and one or more files; `None` for anything
+/// else.
 fn recording_in(path: &Path) -> Result<Option<PathBuf>, LogError> {
     if !path.join(RECORDING_METADATA).is_file() {
         return Ok(None);
@@ -363,7 +364,7 @@ impl FlightLog {
         }
         let bytes = std::fs::read(&file).map_err(error::io(&file, "cannot read the log"))?;
         let content_hash = format!("{:032x}", xxhash_rust::xxh3::xxh3_128(&bytes));
-        // A mapping beside a table of whatever columns is no side file.
+        // A mapping next to a table of arbitrary columns is not a side file.
         let side = if options.mapping.as_deref() == Some(&file.with_extension("toml")) {
             None
         } else {
@@ -462,7 +463,7 @@ impl FlightLog {
             .collect()
     }
 
-    /// Number of rotors that the columns speak of (duties, else measured speeds); 0 if they speak of none.
+    /// Number of rotors according to the columns (duties, otherwise measured speeds); 0 if there are none.
     pub fn rotor_count(&self) -> usize {
         let most = |number: fn(&str) -> Option<usize>| self.columns.keys().filter_map(|name| number(name)).max();
         most(names::duty_rotor)

@@ -24,7 +24,7 @@ pub const BATTERY_VOLTAGE: &str = "battery_voltage_v";
 pub const BATTERY_CURRENT: &str = "battery_current_a";
 /// Height over the ground below, m.
 pub const HEIGHT_ABOVE_GROUND: &str = "height_above_ground_m";
-/// What the controller was asked for: position (m, NED) and yaw (rad).
+/// Set points of the controller: position (m, NED) and yaw (rad).
 pub const REFERENCE: [&str; 4] = [
     "reference_north_m",
     "reference_east_m",

@@ -1,29 +1,30 @@
 //! Which outputs of an autopilot drive rotors.
 //!
-//! An autopilot logs all of its outputs: motors, a camera's tilt, a buzzer, and those that nothing is connected to. Where `SERVOn_FUNCTION`
-//! says what each does, that decides, and the rotors come in the order of their motor numbers. PX4's `actuator_motors` holds motors only, as
-//! many as `CA_ROTOR_COUNT` says. A blackbox's `motor[n]` are motors, each of them; its servos have a name of their own. Else rotors are the
-//! outputs that move and that follow the collective: low on the ground, up in the air, or up by as much as the others wherever those go up.
-//! An output that is switched now and then and stands still in between is none; and of more than `MAV_TYPE` says (2 four, 13 six, 14 eight) the
-//! first so many are.
+//! An autopilot logs all of its outputs: motors, a camera's tilt, a buzzer, and unconnected ones. Where
+//! `SERVOn_FUNCTION` gives the function of each, that decides, and the rotors are in the order of their motor numbers.
+//! PX4's `actuator_motors` holds motors only, as many as `CA_ROTOR_COUNT` says. A blackbox's `motor[n]` are all motors;
+//! its servos have a name of their own. Otherwise rotors are the outputs that move and follow the collective: low on
+//! the ground, up in the air, or up by as much as the others whenever those go up. An output that is switched now and
+//! then and otherwise constant is not a rotor; and if there are more than `MAV_TYPE` says (2 four, 13 six, 14 eight),
+//! the first ones are taken.
 //!
-//! Outputs of an aeroplane, a rover or a boat are no rotors of a multirotor, whatever they do ([`other_vehicle`]).
+//! Outputs of an aeroplane, a rover or a boat are never rotors of a multirotor ([`other_vehicle`]).
 
 use std::collections::BTreeMap;
 
 use super::resample::median;
 use super::sources::SourceLog;
 
-/// An output that moves less than this is no motor.
+/// An output that varies less than this is not a motor.
 const MOVES: f64 = 0.01;
 /// Fewest rotors of a multirotor.
 const FEWEST: usize = 3;
 /// Mean on the ground over the mean in the air of a rotor, at most.
 const GROUND_SHARE: f64 = 0.6;
-/// … or its rise from there over that of the middle output, at least: what a pilot's throttle chops take for ground is none, and motors that idle
-/// in the air rise by less than 1/[`GROUND_SHARE`].
+/// … or its rise from there over that of the middle output, at least: throttle chops by a pilot may be taken for
+/// ground, and motors that idle in the air rise by less than 1/[`GROUND_SHARE`].
 const RISES_LIKE_OTHERS: f64 = 0.5;
-/// Mean in the air over that of the middle output: a rotor is not far off.
+/// Mean in the air over that of the middle output: a rotor is not far from it.
 const LIKE_OTHERS: std::ops::Range<f64> = 0.35..2.0;
 
 /// Outputs that drive rotors, from 0, in the order of the rotors, and why the others do not.
@@ -32,12 +33,12 @@ pub(super) struct Rotors {
     pub(super) why: &'static str,
 }
 
-/// Whether a field of a log holds motors by its name: `motor[]` of a blackbox.
+/// Whether a field of a log contains motors according to its name: `motor[]` of a blackbox.
 pub(super) fn are_motors(field: &str) -> bool {
     field.rsplit(':').next() == Some("motor[]")
 }
 
-/// All of some outputs, because the log says that each drives a rotor.
+/// All of some outputs, because the log states that each drives a rotor.
 pub(super) fn all(count: usize) -> Rotors {
     Rotors {
         outputs: (0..count).collect(),
@@ -101,8 +102,9 @@ fn by_function(count: usize, parameters: &BTreeMap<String, f64>) -> Vec<usize> {
     motors.into_iter().map(|(_, output)| output).collect()
 }
 
-/// `CA_ROTOR_COUNT` of a multirotor, where just so many outputs hold numbers: the others of such a message are no motors. A vehicle whose motor
-/// stands still or is at its limit throughout (propellers off, carried by hand) has it all the same.
+/// `CA_ROTOR_COUNT` of a multirotor, if exactly that many outputs hold numbers: the others of such a message are not
+/// motors. A vehicle has this even if a motor stands still or is at its limit throughout (propellers off, carried by
+/// hand).
 fn by_count(duties: &[Vec<f64>], parameters: &BTreeMap<String, f64>) -> Option<usize> {
     const MULTIROTOR: i64 = 0;
     let count = *parameters.get("CA_ROTOR_COUNT")? as usize;
@@ -117,8 +119,9 @@ fn by_count(duties: &[Vec<f64>], parameters: &BTreeMap<String, f64>) -> Option<u
     (multirotor && motors_only && (FEWEST..=duties.len()).contains(&count)).then_some(count)
 }
 
-/// Rotors of the vehicle that `MAV_TYPE` names, where the first so many outputs follow the collective and others do as well. Not where the
-/// number of the airframe says another count: a parameter that was left at its default names a quadrotor.
+/// Rotors of the vehicle that `MAV_TYPE` names, if the first outputs of that number follow the collective and others do
+/// as well. Not if the number of the airframe gives another count: a parameter that was left at its default names a
+/// quadrotor.
 fn by_type(following: &[usize], parameters: &BTreeMap<String, f64>) -> Option<usize> {
     let count = match *parameters.get("MAV_TYPE")? as i64 {
         2 => 4,
@@ -126,7 +129,7 @@ fn by_type(following: &[usize], parameters: &BTreeMap<String, f64>) -> Option<us
         14 => 8,
         _ => return None,
     };
-    // Of PX4's airframes: 4000 to 5999 have four rotors, 6000 to 7999 and 11000 six, 8000 to 9999 and 12000 eight.
+    // PX4's airframes: 4000 to 5999 have four rotors, 6000 to 7999 and 11000 six, 8000 to 9999 and 12000 eight.
     let airframe = match parameters.get("SYS_AUTOSTART").map_or(0, |number| *number as i64) / 1000 {
         4 | 5 => 4,
         6 | 7 | 11 => 6,
@@ -138,10 +141,10 @@ fn by_type(following: &[usize], parameters: &BTreeMap<String, f64>) -> Option<us
     (airframe == count && (rotors == 0 || rotors == count) && first && following.len() > count).then_some(count)
 }
 
-/// What the log's own account says that its vehicle is, where that is no multirotor: one clause.
+/// The kind of vehicle that the log states, if it is not a multirotor: one clause.
 ///
-/// PX4 by `MAV_TYPE`, unless its status says that it flies on rotors (an old default of the parameter was an aeroplane); ArduPilot by the functions
-/// of its servos, where none of them is a motor of a multirotor.
+/// PX4 by `MAV_TYPE`, unless its status says that it flies on rotors (an old default of the parameter was an
+/// aeroplane); ArduPilot by the functions of its servos, if none of them is a motor of a multirotor.
 pub(super) fn other_vehicle(log: &SourceLog) -> Option<String> {
     let rotary = |stream: &super::sources::RawStream| {
         let said = |field: &str, wanted: f64| {
@@ -183,8 +186,9 @@ pub(super) fn other_vehicle(log: &SourceLog) -> Option<String> {
     .or_else(|| first("a rover or boat", |function| matches!(function, 26 | 73 | 74)))
 }
 
-/// Outputs without those that are switched now and then: each of a hundredth of the changes of the third busiest, at most. The command of a motor
-/// changes from sample to sample in the air, that of a gripper or of an idle servo does not.
+/// Outputs without those that are switched occasionally: those with less than a hundredth of the changes of the third
+/// busiest. The command of a motor changes from sample to sample in the air, that of a gripper or of an idle servo does
+/// not.
 fn without_switched(duties: &[Vec<f64>], moving: Vec<usize>) -> Vec<usize> {
     const SHARE: f64 = 0.01;
     let changes = |output: &usize| {
@@ -210,7 +214,7 @@ fn moves(duty: &[f64]) -> bool {
     high - low > MOVES && high > 2.0 * MOVES
 }
 
-/// Of the outputs that move, those that follow the middle one from the ground into the air.
+/// Of the outputs that vary, those that follow the middle one from the ground into the air.
 fn following(duties: &[Vec<f64>], moving: &[usize]) -> Vec<usize> {
     let samples = moving.iter().map(|output| duties[*output].len()).min().unwrap_or(0);
     let middle: Vec<f64> = (0..samples)
@@ -255,8 +259,8 @@ fn following(duties: &[Vec<f64>], moving: &[usize]) -> Vec<usize> {
         .collect()
 }
 
-/// Five or seven outputs that follow the collective are four or six rotors and something that copies the throttle: the first ones, where the
-/// numbering says so.
+/// Five or seven outputs that follow the collective are four or six rotors and something that copies the throttle: the
+/// first ones, if the numbering confirms it.
 fn even(following: Vec<usize>) -> Vec<usize> {
     let rotors = following.len() - following.len() % 2;
     let first = following.iter().take(rotors).copied().eq(0..rotors);

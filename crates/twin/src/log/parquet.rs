@@ -15,15 +15,16 @@ use std::path::Path;
 /// How a Parquet file begins.
 pub(crate) const MAGIC: &[u8] = b"PAR1";
 
-/// Rows asked for at a time.
+/// Rows read at a time.
 const BATCH: usize = 16_384;
 
-/// Key of what a stored import keeps of its source.
+/// Key under which a stored import keeps information about its source.
 const KEPT: &str = "import";
 
-/// Reads the table of a Parquet file, and what a stored import kept of its source.
+/// Reads the table of a Parquet file, and the information that a stored import kept about its source.
 ///
-/// The decoder panics on some damaged pages (an index past the end in `byte_stream_split`, parquet 60.1); that is a refusal here.
+/// The decoder panics on some damaged pages (an index past the end in `byte_stream_split`, parquet 60.1); here that
+/// becomes an error.
 pub(crate) fn read(path: &Path, bytes: Vec<u8>, most_cells: usize) -> Result<(Table, Option<String>), LogError> {
     std::panic::catch_unwind(|| decode(path, bytes, most_cells)).unwrap_or_else(|_| {
         Err(LogError::format(
@@ -51,7 +52,7 @@ fn decode(path: &Path, bytes: Vec<u8>, most_cells: usize) -> Result<(Table, Opti
         ));
     }
     let promised = usize::try_from(metadata.file_metadata().num_rows()).unwrap_or(usize::MAX);
-    // Memory is taken by what the groups say of themselves.
+    // Memory is allocated according to the sizes that the groups state.
     let grouped = metadata.row_groups().iter().try_fold(0_usize, |sum, group| {
         usize::try_from(group.num_rows())
             .ok()

@@ -1,8 +1,9 @@
 //! A part of a log: some seconds, or a named segment.
 //!
-//! Written `LOG@35:65` (seconds of the log's own time) or `LOG@climb` (a segment of its side file), so that a flight with a launch by
-//! hand or a crash in it can be used where it is good. `LOG@order:2-5-6-3-1-4` reads the columns of its rotors in another order: rotor 1 of the
-//! vehicle file is `duty_2`. Parts may follow each other: `LOG@35:65@order:…`. Errors state the log's own clock beside ours, where it has one.
+//! Written `LOG@35:65` (seconds of the log's own time) or `LOG@climb` (a segment of its side file), so that the good
+//! part of a flight with a launch by hand or a crash can be used. `LOG@order:2-5-6-3-1-4` reads the columns of its
+//! rotors in another order: rotor 1 of the vehicle file is `duty_2`. Both kinds can be combined: `LOG@35:65@order:…`.
+//! Errors state the log's own clock as well as ours, where it has one.
 
 use std::path::Path;
 

@@ -1,4 +1,4 @@
-//! Columns of a canonical file (CSV, Parquet) put right by a mapping: exchanged, with other signs, units or axes.
+//! Columns of a canonical file (CSV, Parquet) corrected by a mapping: exchanged, with other signs, units or axes.
 //!
 //! ```toml
 //! source = "canonical"
@@ -7,8 +7,8 @@
 //! from = "file:pitch_rate_rad_s,roll_rate_rad_s,yaw_rate_rad_s"   # columns of the file; `file` is its one topic
 //! unit = "deg/s"
 //! ```
-//! Every row reads the file as it is, whatever other rows write; columns that no row writes stay. What is then not canonical is refused as
-//! for any file.
+//! Every row reads the original file, whatever other rows write; columns that no row writes are unchanged. A result
+//! that is not canonical is rejected as for any file.
 
 use super::assemble::{chosen_unit, scale, turn};
 use super::mapping::{Frame, MappingFile, Row, Target};
@@ -18,7 +18,8 @@ use super::table::{RawColumn, Table};
 /// The only topic of a canonical file.
 const TOPIC: &str = "file";
 
-/// Puts columns where the mapping says; what was done, one line for each row. The error is the reason without the file's name.
+/// Puts columns where the mapping says; notes what was done, one line per row. The error is the reason without the
+/// file's name.
 pub(crate) fn remap(table: &mut Table, mapping: &MappingFile) -> Result<Vec<String>, String> {
     let file = table.columns.clone();
     let mut done = Vec::new();

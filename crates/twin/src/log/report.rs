@@ -1,4 +1,4 @@
-//! What an import did: nothing of an accepted log is dropped silently.
+//! The import report: nothing of an accepted log is dropped silently.
 
 use super::event::FlightEvent;
 use super::findings::Finding;
@@ -21,7 +21,7 @@ pub struct ImportReport {
     /// When it was flown, where the file says so.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub flown: Option<Flown>,
-    /// What the vehicle is, where the log itself says that it is no multirotor; one clause.
+    /// The kind of vehicle, if the log itself states that it is not a multirotor; one clause.
     #[serde(skip)]
     pub other_vehicle: Option<String>,
     /// Whose numbers the rotors have.

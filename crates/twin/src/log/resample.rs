@@ -1,8 +1,8 @@
 //! Parts of a log and other sample rates.
 //!
-//! A duty is held until the next row, so it is resampled by holding; everything else is interpolated linearly, angles the short way
-//! round. A sample between two rows that are a gap apart, or beside an empty cell, has no value. There is no anti-alias filter:
-//! a lower rate folds what is above half of it.
+//! A duty is held until the next row, so it is resampled by holding; everything else is interpolated linearly, angles
+//! the short way round. A sample between two rows separated by a gap, or next to an empty cell, has no value. There is
+//! no anti-alias filter: a lower rate aliases what is above half of it.
 
 use super::{FlightLog, GAP_FACTOR, MAX_CELLS, names};
 use std::f64::consts::{PI, TAU};
@@ -51,7 +51,8 @@ pub(crate) fn wrapped(angle_rad: f64) -> f64 {
     if turn > PI { turn - TAU } else { turn }
 }
 
-/// Values at other times; both time bases increase. No value outside of the old time base, over gaps, beside empty cells.
+/// Values at other times; both time bases increase. No value outside the old time base, over gaps, or next to empty
+/// cells.
 pub(crate) fn at_times(old_s: &[f64], values: &[f64], new_s: &[f64], between: Between, gap_s: f64) -> Vec<f64> {
     // Times that differ by rounding are the same row.
     const SAME_S: f64 = 1e-9;
@@ -116,17 +117,17 @@ impl FlightLog {
         part
     }
 
-    /// The log at a constant rate from its first time on; a note of it goes into the report.
+    /// The log at a constant rate from its first time on; a note is added to the report.
     ///
     /// * `rate_hz`: 0 exclusive to 100 kHz
     ///
     /// # Errors
-    /// One sentence: it would have more than [`MAX_CELLS`] cells, as a log does whose clock jumps by years.
+    /// One sentence: it would have more than [`MAX_CELLS`] cells, as a log whose clock jumps by years would.
     pub fn resampled(&self, rate_hz: f64) -> Result<Self, String> {
         self.resampled_over(rate_hz, GAP_FACTOR / median_rate_hz(&self.time_s))
     }
 
-    /// The same with holes of up to `gap_s` bridged.
+    /// The same with gaps of up to `gap_s` bridged.
     ///
     /// # Errors
     /// As [`FlightLog::resampled`].
@@ -235,7 +236,7 @@ mod tests {
             assert!((log.columns["duty_1"][k] - (row + 1.5) / 100.0).abs() < 1e-12);
             assert_eq!(log.columns["yaw_rad"][k], wrapped(row));
         }
-        // At a run's ends of what there is.
+        // At the ends of a run, from the available samples.
         assert_eq!((rate[0], rate[5], rate[6]), (1.0, 19.5, 23.0));
     }
 

@@ -1,4 +1,4 @@
-//! Quiet seconds on the ground, and what the accelerometer reads in them.
+//! Quiet seconds on the ground, and the accelerometer readings in them.
 
 use std::ops::Range;
 
@@ -11,8 +11,8 @@ const READINGS: Range<f64> = 7.5..12.5;
 /// Fewer quiet seconds say nothing.
 const FEWEST: usize = 2;
 
-/// Mean size of the specific force over rows of which it is quiet; `None` where it is not, or where a value is missing: what is not known to be
-/// still is not.
+/// Mean size of the specific force over rows in which it is quiet; `None` if it is not, or if a value is missing: then
+/// stillness cannot be established.
 pub(crate) fn quiet_mean(accel: [&[f64]; 3], rates: Option<[&[f64]; 3]>, rows: Range<usize>) -> Option<f64> {
     let [x, y, z] = accel;
     let size = |k: usize| (x[k] * x[k] + y[k] * y[k] + z[k] * z[k]).sqrt();

@@ -9,10 +9,10 @@ pub(crate) const PREFIX: &str = "order:";
 /// Whose numbers the columns of the rotors have.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub enum RotorOrder {
-    /// The file's: of the autopilot's motors, or of whoever wrote the columns.
+    /// The file's: that of the autopilot's motors, or of the author of the columns.
     #[default]
     Logged,
-    /// Stated by whoever reads the log (`LOG@order:…`): the motion is not asked.
+    /// Stated by the user (`LOG@order:…`): the motion is not used.
     Stated,
     /// A vehicle's, by the log's own parameters: what was done, one sentence.
     Vehicle(String),
@@ -47,10 +47,10 @@ impl FlightLog {
         }
     }
 
-    /// The log with the order of rotors that the list of a part names, as `2-5-6-3-1-4`.
+    /// The log with the order of rotors that the list of a part gives, as `2-5-6-3-1-4`.
     ///
     /// # Errors
-    /// It is no order of this log's rotors: one sentence.
+    /// It is not an order of this log's rotors: one sentence.
     pub(crate) fn in_stated_order(mut self, list: &str) -> Result<Self, String> {
         let rotors = self.rotor_count();
         let order: Vec<usize> = list.split('-').map(|text| text.trim().parse().unwrap_or(0)).collect();

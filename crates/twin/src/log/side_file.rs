@@ -1,4 +1,4 @@
-//! The side file `NAME.toml` beside `NAME.csv`: vehicle, origin, licence, segments.
+//! The side file `NAME.toml` next to `NAME.csv`: vehicle, origin, licence, segments.
 
 use super::{LogError, Origin, Segment, error};
 use serde::Deserialize;
@@ -21,7 +21,7 @@ pub(crate) struct SideFile {
     pub(crate) segments: Vec<Segment>,
 }
 
-/// Reads `NAME.toml` beside the log, if it is there.
+/// Reads `NAME.toml` next to the log, if it exists.
 pub(crate) fn read_beside(log: &Path) -> Result<Option<SideFile>, LogError> {
     let path = log.with_extension("toml");
     let text = match std::fs::read_to_string(&path) {

@@ -1,4 +1,5 @@
-//! Whether a simulator wrote a log: it compares a model with another model, and nobody should take it for a flight.
+//! Whether a simulator wrote a log: then a comparison is between two models, and nobody should mistake it for a real
+//! flight.
 //!
 //! ArduPilot's simulator logs what it simulates (`SIM`) and has parameters `SIM_…`; PX4's publishes the truth (`…_groundtruth`); runs of
 //! this program have columns `true_…`. PX4's simulator build, on any plant, logs as rotor speeds its own commands times 6000 rpm. A simulator that leaves no trace of itself is not recognised.
@@ -12,7 +13,8 @@ const PARAMETER: &str = "SIM_";
 /// Fewest of them.
 const FEWEST_PARAMETERS: usize = 5;
 
-/// Rotor speeds that are a constant times the duty to this rms share are no measurement: a rotor lags, and its speed is no straight line of the duty.
+/// Rotor speeds that equal a constant times the duty to this rms share are not measured: a rotor lags, and its speed is
+/// not proportional to the duty.
 const SAME_SHARE: f64 = 5e-3;
 /// Standard deviation of the duty over its mean: at one duty every speed is a constant times it.
 const LEAST_SPREAD: f64 = 0.15;
@@ -103,7 +105,8 @@ mod tests {
         }
     }
 
-    /// Duties from standstill to hover, and what a rotor with a lag of `lag` rows makes of them, `full` rad/s at full duty.
+    /// Duties from standstill to hover, and the response of a rotor with a lag of `lag` rows, `full` rad/s at full
+    /// duty.
     fn with_speeds(lag: f64, full: f64) -> Table {
         let mut table = Table::default();
         table.push("time_s", (0..2000).map(|row| f64::from(row) * 0.004).collect());

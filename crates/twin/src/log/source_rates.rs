@@ -1,8 +1,9 @@
-//! Rates of the columns as they were measured: a column that is held or interpolated from a slower stream has the rate of its source,
+//! Rates of the columns as they were measured: a column that is held or interpolated from a slower stream has the rate
 //! and the noise of its source.
 //!
-//! Between two samples of its source such a column knows nothing: a straight line is off by what the signal bends, a held value by what it
-//! moves. Both count as noise here, beside what neighbouring samples of the source scatter.
+//! Between two samples of its source such a column has no information: linear interpolation misses the curvature of the
+//! signal, a held value its change. Both count as noise here, in addition to the scatter of neighbouring samples of the
+//! source.
 
 use serde::Serialize;
 
@@ -11,14 +12,14 @@ use super::{FlightLog, names};
 
 /// Below this share of the rows' rate a column is of a slower stream.
 const SLOWER: f64 = 0.7;
-/// Fewest new values that tell a rate.
+/// Fewest new values that determine a rate.
 const FEWEST: usize = 8;
-/// A new value that comes so many usual intervals after the last one tells of a gap in the log or of a value that did not change (a motor at
-/// its limit), not of the source.
+/// A new value that comes this many usual intervals after the last one indicates a gap in the log or a value that did
+/// not change (a motor at its limit), not the rate of the source.
 const LATE: f64 = 4.0;
 /// Median of absolute values over the deviation, of normal ones.
 const MEDIAN_OF_NORMAL: f64 = 0.6745;
-/// Root mean square over an interval of (1 − x) x/2: a straight line's error per second difference.
+/// Root mean square over an interval of (1 − x) x/2: the error of linear interpolation per second difference.
 const LINE_ERROR: f64 = 0.0913;
 /// Root mean square over an interval of x: a held value's error per difference.
 const HELD_ERROR: f64 = 0.5774;
@@ -46,14 +47,14 @@ impl SensorRate {
         self.source_hz < SLOWER * self.rows_hz
     }
 
-    /// Deviation of a row from what a sensor without noise would have said there.
+    /// Deviation of a row from what a noise-free sensor would have read at that time.
     pub fn deviation(&self) -> f64 {
         self.noise.hypot(self.between)
     }
 }
 
 impl FlightLog {
-    /// Rates of the state, inertial and battery columns, and of the motor outputs: that of the output which tells most.
+    /// Rates of the state, inertial and battery columns, and of the motor outputs: that of the most informative output.
     pub fn source_rates(&self) -> Vec<SensorRate> {
         names::POSITION
             .iter()
@@ -75,11 +76,12 @@ impl FlightLog {
             .max_by(|a, b| a.source_hz.total_cmp(&b.source_hz))
     }
 
-    /// Corrections that an estimator makes to its position beside its own velocity, as a random walk, m/√s; worst axis, 0 where unknown.
+    /// Corrections that an estimator makes to its position relative to its own velocity, as a random walk, m/√s; worst
+    /// axis, 0 if unknown.
     ///
-    /// A fix pulls position and velocity each by its own gain, so that the position of an estimator is no integral of its velocity. Between
-    /// two samples of a slow source a column only repeats the last correction: as noise of each row it would cancel over a quarter of
-    /// a second, which corrections do not.
+    /// A fix corrects position and velocity each with its own gain, so the position of an estimator is not the integral
+    /// of its velocity. Between two samples of a slow source a column only repeats the last correction: treated as
+    /// noise of each row it would cancel over a quarter of a second, which corrections do not.
     pub fn position_corrections(&self) -> f64 {
         let within = [(f64::NEG_INFINITY, f64::INFINITY)];
         (0..3)
@@ -90,9 +92,10 @@ impl FlightLog {
             .fold(0.0, f64::max)
     }
 
-    /// The same of its attitude beside its own angular rates within spans of time (s), rad/√s, axis by axis: η − ∫T(η)ω. An accelerometer and a compass pull an attitude that a
-    /// gyroscope carries on, and one that is logged at another time or rate than the gyroscope is no integral of what was logged. What
-    /// white noise of the rates adds to such an integral is theirs and is taken off.
+    /// The same for its attitude relative to its own angular rates within spans of time (s), rad/√s, axis by axis: η −
+    /// ∫T(η)ω. An accelerometer and a compass correct an attitude that a gyroscope propagates, and one that is logged
+    /// at another time or rate than the gyroscope is not the integral of the logged rates. The contribution of the
+    /// white noise of the rates to such an integral belongs to them and is subtracted.
     pub fn attitude_corrections(&self, within: &[(f64, f64)]) -> [f64; 3] {
         let (Some(attitude), Some(rates)) = (self.vector(names::ATTITUDE), self.vector(names::RATES)) else {
             return [0.0; 3];
@@ -115,9 +118,10 @@ impl FlightLog {
         })
     }
 
-    /// Random walk of `m = x − ∫ẋ` of a column beside its own derivative, unit/√s: over windows B of one sample of its source up to 2 s,
-    /// `q² = (⟨(m(t + B) − m(t))²⟩ − 2σ²)/B − σ_ẋ² h` about the median (a constant error of either cancels), less the white noise σ of a
-    /// reading and σ_ẋ of its derivative on rows h apart, the largest hundredth left out (resets). Worst window.
+    /// Random walk of `m = x − ∫ẋ` of a column relative to its own derivative, unit/√s: over windows B of one sample of
+    /// its source up to 2 s, `q² = (⟨(m(t + B) − m(t))²⟩ − 2σ²)/B − σ_ẋ² h` about the median (a constant error of
+    /// either cancels), less the white noise σ of a reading and σ_ẋ of its derivative on rows h apart, excluding the
+    /// largest hundredth (resets). Worst window.
     fn corrections(
         &self,
         column: &str,
@@ -239,8 +243,8 @@ fn in_time<'a>(time_s: &[f64], knots: &'a [usize]) -> Vec<&'a [usize]> {
     knots.windows(2).filter(|pair| apart(pair) <= LATE * usual).collect()
 }
 
-/// Rows with a new value: where a straight line through its neighbours breaks. A sample of the source between two rows breaks the line at
-/// both of them; such pairs count once.
+/// Rows with a new value: where linear interpolation through the neighbours has a kink. A sample of the source between
+/// two rows causes a kink at both of them; such pairs count once.
 fn knots(time_s: &[f64], values: &[f64]) -> Vec<usize> {
     let breaks: Vec<usize> = (1..values.len().saturating_sub(1))
         .filter(|&k| {
@@ -443,7 +447,7 @@ mod tests {
         // q = σ/√0.1 s.
         let truth = 0.0015 / 0.1_f64.sqrt();
         assert!((0.8..1.4).contains(&(roll / truth)), "{roll} {truth}");
-        // Pitch turns with the roll that it has; what is left of it is no correction.
+        // Pitch changes with the existing roll; the remaining part is not a correction.
         assert!(pitch < 0.3 * truth, "{pitch} {truth}");
         // Nothing outside of the time that counts.
         assert_eq!(log.attitude_corrections(&[(-10.0, -5.0)]), [0.0; 3]);

@@ -1,4 +1,4 @@
-//! A log as steps of constant rate, block by block, without holding the resampled log.
+//! A log as steps at a constant rate, block by block, without holding the resampled log in memory.
 
 use super::resample::{Between, at_times, median_rate_hz};
 use super::{FlightLog, GAP_FACTOR};
@@ -15,13 +15,14 @@ impl FlightLog {
         ((self.duration_s() * rate_hz + 1e-6).floor() as usize).saturating_add(1)
     }
 
-    /// Gives columns at a constant rate from the log's first time on, block by block: number of the first step, and the values of each
-    /// column, NaN where there is none. The values are those of [`FlightLog::resampled`]; a log that has this rate keeps its bits.
+    /// Passes on columns at a constant rate from the log's first time on, block by block: number of the first step, and
+    /// the values of each column, NaN where there is none. The values are those of [`FlightLog::resampled`]; a log that
+    /// already has this rate keeps its bits.
     ///
     /// * `columns`: those that the log lacks are NaN throughout   * `rate_hz`: 0 exclusive to 100 kHz
     ///
     /// # Errors
-    /// Those of `take`, at once.
+    /// Those of `take`, immediately.
     pub fn for_each_block<E>(
         &self,
         columns: &[&str],

@@ -1,4 +1,4 @@
-//! An imported log on disk: `NAME.parquet`, its side file `NAME.toml`, and the account of the import `NAME.import.json`.
+//! An imported log on disk: `NAME.parquet`, its side file `NAME.toml`, and the import report `NAME.import.json`.
 
 use super::flight_parts::{FlightEvent, FlightParts};
 use super::report::{Flown, ImportReport, Stream};
@@ -16,7 +16,7 @@ const MOST_HAPPENINGS: usize = 1 << 16;
 /// Streams of one log.
 const MOST_STREAMS: usize = 4096;
 
-/// What the Parquet file of an import keeps of its source: what the columns alone do not tell.
+/// What the Parquet file of an import keeps about its source beyond the columns.
 #[derive(Debug, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(crate) struct Kept {
@@ -52,7 +52,7 @@ impl Kept {
         serde_json::to_string(&kept).ok()
     }
 
-    /// Gives the log back what was kept; what cannot be read is said.
+    /// Restores in the log what was kept; reports what cannot be read.
     pub(crate) fn restore(text: &str, log: &mut FlightLog) {
         let read = if text.len() > MOST_KEPT_BYTES {
             Err(format!("{} bytes", text.len()))
@@ -176,7 +176,7 @@ impl FlightLog {
     }
 }
 
-/// A name of a file where a folder is asked for: `--out flight.parquet` made a folder of that name.
+/// A file name where a folder is expected: `--out flight.parquet` created a folder of that name.
 fn refuse_a_file_as_folder(folder: &Path) -> Result<(), LogError> {
     let ending = folder.extension().map(|ending| ending.to_string_lossy().to_lowercase());
     let of_a_log = ending.is_some_and(|ending| ["parquet", "csv"].contains(&ending.as_str()));
@@ -189,7 +189,7 @@ fn refuse_a_file_as_folder(folder: &Path) -> Result<(), LogError> {
     Ok(())
 }
 
-/// Writes beside the file and renames, so that nobody sees half of it.
+/// Writes a temporary file next to it and renames, so that readers never see half of it.
 fn whole(path: &Path, write: impl FnOnce(&Path) -> Result<(), LogError>) -> Result<(), LogError> {
     let mut partial = path.as_os_str().to_owned();
     partial.push(".partial");
@@ -197,7 +197,7 @@ fn whole(path: &Path, write: impl FnOnce(&Path) -> Result<(), LogError>) -> Resu
     let written =
         write(&partial).and_then(|()| std::fs::rename(&partial, path).map_err(error::io(path, "cannot write")));
     if written.is_err() {
-        // The first error is the one to tell.
+        // The first error is the one to report.
         drop(std::fs::remove_file(&partial));
     }
     written

@@ -54,7 +54,7 @@ impl Table {
         self.columns.push(column);
     }
 
-    /// Puts the truth of a simulated run (`true_NAME`) in the place of what was sensed (`NAME`).
+    /// Replaces sensed values (`NAME`) by the truth of a simulated run (`true_NAME`).
     pub(crate) fn take_truth(&mut self) -> Result<(), String> {
         const PREFIX: &str = "true_";
         let truths: Vec<String> = self

@@ -1,4 +1,4 @@
-//! Units that a mapping may name, and which of them the data allow.
+//! Units that a mapping may name, and which of them are consistent with the data.
 
 use super::names;
 

@@ -1,4 +1,4 @@
-//! When a flight was: the calendar's time that a log holds.
+//! Date of a flight: the calendar time contained in a log.
 //!
 //! | source | what says it |
 //! |---|---|
@@ -112,7 +112,7 @@ mod tests {
 
     #[test]
     fn val_a_receiver_says_when_its_log_began() {
-        // Before the fix the receiver says 0, which is no date.
+        // Before the fix the receiver reports 0, which is not a date.
         let ulog = with(
             "sensor_gps",
             &[("time_utc_usec", &[0.0, 1e6 * (NOON_S + 11.0), 1e6 * (NOON_S + 12.0)])],

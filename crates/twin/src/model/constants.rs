@@ -1,10 +1,10 @@
-//! How well the constants of a vehicle are known: intervals that an identification wrote beside the vehicle document.
+//! How well the constants of a vehicle are known: intervals that an identification wrote next to the vehicle document.
 //!
-//! `rotortwin vehicle from-log` writes `NAME.toml` and `NAME.intervals.toml`; who loads the first gets the second with it, and every
-//! version that is made from it keeps them as `[[constant]]`. A constant that was edited since is taken as exact: whoever typed a
-//! number knows it.
+//! `rotortwin vehicle from-log` writes `NAME.toml` and `NAME.intervals.toml`; loading the first also loads the second,
+//! and every version that is made from it keeps them as `[[constant]]`. A constant that was edited since is taken as
+//! exact: whoever typed a number is assumed to know it.
 //!
-//! In: the file beside a vehicle. Out: [`ConstantInterval`]s, which comparison and diagnosis take as priors.
+//! In: the file next to a vehicle. Out: [`ConstantInterval`]s, which comparison and diagnosis use as priors.
 
 use std::path::Path;
 
@@ -30,12 +30,12 @@ pub enum Source {
     LogAndClass,
     /// A parameter of the autopilot, stored in the log.
     Parameter,
-    /// Measured on a thrust bench, or of a datasheet; with what the log tells where both do.
+    /// Measured on a thrust bench, or from a datasheet; combined with the log if both determine it.
     Bench,
     /// Typical of vehicles of this size: a guess with a wide interval.
     Class,
-    /// What every vehicle document of this kind takes for granted and no flight is asked about: equal rotors, the centre of mass
-    /// amid them.
+    /// What every vehicle document of this kind assumes and no flight determines: equal rotors, the centre of mass in
+    /// their middle.
     Assumed,
 }
 
@@ -102,7 +102,7 @@ struct File {
 const SAME: f64 = 1e-3;
 
 impl ConstantInterval {
-    /// Refuses what is no interval.
+    /// Rejects an invalid interval.
     pub(super) fn check(&self) -> Result<(), Refusal> {
         let ordered = self.low <= self.value && self.value <= self.high;
         if ordered && self.low.is_finite() && self.high.is_finite() {
@@ -114,10 +114,11 @@ impl ConstantInterval {
     }
 }
 
-/// The intervals beside the vehicle document at `path`, without those of constants that were edited since; none if there is no file.
+/// The intervals next to the vehicle document at `path`, without those of constants that were edited since; none if
+/// there is no file.
 ///
 /// # Errors
-/// A file that is there is not what it should be: one sentence with file, line and key.
+/// An existing file is invalid: one sentence with file, line and key.
 pub(super) fn beside(path: &Path, vehicle: &VehicleModel) -> Result<Vec<ConstantInterval>, ConfigError> {
     let path = path.with_extension("intervals.toml");
     if !path.is_file() {
@@ -171,7 +172,7 @@ pub(crate) fn with_exact(vehicle: &VehicleModel, intervals: &[ConstantInterval])
     intervals.iter().cloned().chain(missing).collect()
 }
 
-/// What the vehicle document has for a key; `None` for what it has no single number for.
+/// The vehicle document's value for a key; `None` if it has no single number for it.
 fn written(vehicle: &VehicleModel, key: &str) -> Option<f64> {
     let (body, battery) = (&vehicle.body, &vehicle.battery);
     match key {
@@ -223,7 +224,7 @@ how = ""
 better = ""
 "#;
 
-    /// The F550 with these intervals beside it.
+    /// The F550 with a file of these intervals next to it.
     fn with(intervals: &str) -> Result<ModelVersion, ConfigError> {
         let config = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../config");
         let folder = tempfile::tempdir().unwrap();
@@ -238,7 +239,7 @@ better = ""
     #[test]
     fn regress_intervals_beside_a_vehicle_come_with_it_and_stay_in_its_versions() {
         let version = with(INTERVALS).unwrap();
-        // The lag of the F550 is 50 ms: whoever changed it from 30 ms knows it.
+        // The lag of the F550 is 50 ms: a user who changed it from 30 ms knows it.
         let keys: Vec<&str> = version.constant.iter().map(|c| c.key.as_str()).collect();
         assert_eq!(keys, ["body.inertia_body_kg_m2[0]"]);
         let back = ModelVersion::parse("own", &version.to_toml(), Path::new("")).unwrap();

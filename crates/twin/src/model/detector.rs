@@ -1,8 +1,9 @@
-//! A model version as the vehicle that the detectors assume: what of its effects their configuration can hold.
+//! A model version as the vehicle assumed by the detectors: those of its effects for which their configuration has a
+//! parameter.
 //!
 //! The detectors know mass, principal inertia, friction of Eq. 1, rotor positions about the centre of mass, c_D/c_L, one lag and
-//! one lift polynomial for all rotors. Constants of these kinds are folded into a vehicle document; every effect that leaves that
-//! document as it was is reported as not carried.
+//! one lift polynomial for all rotors. Constants of these kinds are folded into a vehicle document; every effect that
+//! does not change that document is reported as ignored.
 
 use rotortwin_plant::effects::{Catalogue, Constants, EffectInstance, EffectSet};
 use rotortwin_plant::error::Refusal;
@@ -23,10 +24,10 @@ pub struct DetectorVehicle {
 }
 
 impl ModelVersion {
-    /// The version as the detectors can believe it.
+    /// The version in the form that the detectors can assume.
     ///
     /// # Errors
-    /// The effects together make no vehicle.
+    /// The effects together yield an invalid vehicle.
     pub fn for_detectors(&self) -> Result<DetectorVehicle, Refusal> {
         let nominal = self.documents();
         let (mut carried, mut not_carried) = (Vec::new(), Vec::new());

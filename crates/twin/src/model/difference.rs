@@ -63,7 +63,7 @@ impl Difference {
         Self { parameters, keys }
     }
 
-    /// Whether nothing changed that a flight could tell.
+    /// Whether nothing changed that a flight could show.
     pub fn is_empty(&self) -> bool {
         self.parameters.is_empty() && self.keys.is_empty()
     }

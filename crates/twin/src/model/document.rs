@@ -1,4 +1,4 @@
-//! The file of a model version: TOML that people read and edit, checked as a whole, refused with file, line and key.
+//! The file of a model version: TOML that people read and edit, checked as a whole, rejected with file, line and key.
 //!
 //! ```toml
 //! model_format = 1
@@ -17,8 +17,9 @@
 //! [vehicle]                    # inline, or  [vehicle_file] path = "…", hash = "…"
 //! ```
 //!
-//! A file without `model_format` is read as a vehicle document: version 0, named after the file. If `NAME.intervals.toml` stands
-//! beside it, as `rotortwin vehicle from-log` writes it, the version holds its intervals ([`ModelVersion::constant`]).
+//! A file without `model_format` is read as a vehicle document: version 0, named after the file. If there is a
+//! `NAME.intervals.toml` next to it, as written by `rotortwin vehicle from-log`, the version holds its intervals
+//! ([`ModelVersion::constant`]).
 
 use std::fmt::Write as _;
 use std::path::Path;
@@ -97,7 +98,7 @@ impl ModelVersion {
         Err(ConfigError::new(document.name(), None, None, reason))
     }
 
-    /// As [`ModelVersion::load`] from a text; `name` is what errors call it, paths in it are relative to `directory`.
+    /// As [`ModelVersion::load`] from a text; `name` is used in errors, paths in it are relative to `directory`.
     pub fn parse(name: &str, text: &str, directory: &Path) -> Result<Self, ConfigError> {
         Self::from_document(&Document::from_text(name, text)?, directory)
     }

@@ -6,9 +6,9 @@
 //!                         └──── differences ───────┘                                     (difference)
 //! ```
 //!
-//! A [`ModelVersion`] is one small TOML file ([`document`]) that says everything: vehicle and blades, each effect with parameters,
-//! deviations and provenance (which log, which tool, what evidence), and the hash of its parent. It is what comparison, diagnosis,
-//! simulator and detector take as "the model". A plain vehicle document is version 0 of itself.
+//! A [`ModelVersion`] is one small self-contained TOML file ([`document`]): vehicle and blades, each effect with
+//! parameters, deviations and provenance (which log, which tool, what evidence), and the hash of its parent. It is what
+//! comparison, diagnosis, simulator and detector use as "the model". A plain vehicle document is version 0 of itself.
 //!
 //! A version is identified by its **content hash**: XXH3-128 of the canonical form, the JSON of [`ModelVersion`] with keys in
 //! declaration order and numbers in their shortest exact form. Comments, layout and the order of keys in the file do not count;
@@ -68,7 +68,7 @@ pub struct ModelVersion {
     pub blades: BladeSet,
 }
 
-/// `[[effect]]` of a version: what a scenario's `[[effect]]` says, with deviations and provenance.
+/// `[[effect]]` of a version: the keys of a scenario's `[[effect]]`, with deviations and provenance.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct ModelEffect {
@@ -190,7 +190,7 @@ impl ModelEffect {
 }
 
 impl ModelVersion {
-    /// Version 0: a vehicle and nothing else.
+    /// Version 0: only a vehicle.
     pub fn first(name: impl Into<String>, documents: VehicleDocuments) -> Self {
         Self {
             name: name.into(),

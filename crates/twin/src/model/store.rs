@@ -9,8 +9,8 @@
 //! *Undo* moves a branch back to the parent of its version; the file stays and can be named by its number. A version is named
 //! `f550` (its branch `main`), `f550@windy`, `f550@v1`, or by the path of its file.
 //!
-//! Each write is a new file that takes its name when it is complete. Two programs that add at once get two numbers; the branch then
-//! stands at the later of the two.
+//! Each write is a new file that gets its name when it is complete. Two programs that add at the same time get two
+//! numbers; the branch then points to the later of the two.
 
 use std::collections::BTreeMap;
 use std::io::{ErrorKind, Write as _};
@@ -25,10 +25,10 @@ use super::document::is_plain_name;
 /// Branch where none is named.
 pub const MAIN: &str = "main";
 
-/// Why a store does not do what it is asked.
+/// Why an operation of a store failed.
 #[derive(Debug, thiserror::Error)]
 pub enum StoreError {
-    /// A version's file is not what it should be.
+    /// A version's file is invalid.
     #[error("{0}")]
     Document(#[from] ConfigError),
     /// The request or the folder is wrong.
@@ -283,7 +283,7 @@ impl ModelStore {
         })
     }
 
-    /// Refuses a version that no store takes, and writes nothing.
+    /// Rejects a version that no store accepts, and writes nothing.
     ///
     /// # Errors
     /// A key and what is wrong with it.

@@ -117,7 +117,7 @@ impl Sensitivity {
             .ok_or_else(|| "the flight holds numbers that give no evidence".to_owned())
     }
 
-    /// What data with `truth` in them say about it, against `other` and against everything else.
+    /// The evidence of data that contain `truth` for it, against `other` and against everything else.
     ///
     /// # Errors
     /// One of them is not in the library.

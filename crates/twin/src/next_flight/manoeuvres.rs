@@ -17,7 +17,7 @@ pub struct Manoeuvre {
     pub description: &'static str,
     /// s, at most 30.
     pub duration_s: f64,
-    /// `[trajectory]` and what else the scenario needs.
+    /// `[trajectory]` and the other keys that the scenario needs.
     #[serde(skip)]
     pub document: &'static str,
 }
@@ -122,10 +122,10 @@ pub fn scenario_text(manoeuvre: &Manoeuvre, vehicle: &str, seed: u64) -> String 
 }
 
 impl Manoeuvre {
-    /// The manoeuvre flown by a model, with `hidden` effects in the plant that the model does not know.
+    /// The manoeuvre flown by a model, with `hidden` effects in the plant that are not in the model.
     ///
     /// # Errors
-    /// One sentence: the vehicle cannot fly it, or an effect cannot have an effect on it.
+    /// One sentence: the vehicle cannot fly it, or an effect cannot act on it.
     pub fn scenario(&self, model: &ModelVersion, hidden: &[EffectInstance], seed: u64) -> Result<Scenario, String> {
         let text = scenario_text(self, "vehicle.toml", seed);
         let mut scenario: ScenarioDocument =

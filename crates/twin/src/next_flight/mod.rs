@@ -1,4 +1,4 @@
-//! Next flight: which manoeuvre would tell two effects apart that the flights so far cannot.
+//! Next flight: which manoeuvre would distinguish two effects that the flights so far cannot.
 //!
 //! ```text
 //! manoeuvres (≤ 30 s) ─▶ flown with the model as it stands ─▶ Sensitivity of the whole library ─▶ expected evidence of the pair
@@ -36,7 +36,7 @@ impl Rival {
     /// Reads `rotor-drag` or `rotor-thrust-scale#3`; an effect of one rotor without a number means rotor 1.
     ///
     /// # Errors
-    /// One sentence: an id that the catalogue does not have, a rotor that makes no sense.
+    /// One sentence: an id that the catalogue does not have, or an invalid rotor.
     pub fn parse(text: &str, catalogue: &Catalogue) -> Result<Self, String> {
         let (id, rotor) = match text.split_once('#') {
             None => (text, None),

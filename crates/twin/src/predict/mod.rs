@@ -39,10 +39,10 @@ pub(crate) use vehicle_size::VehicleSize;
 
 use crate::log::FlightLog;
 
-/// Thrust over commanded thrust below which no mass, air or voltage that a vehicle may have explains a commanded wrench.
+/// Thrust over commanded thrust below which no plausible mass, air or voltage of a vehicle explains a commanded wrench.
 const COMMAND_SCALE_LOW: f64 = 0.75;
-/// Time constant of the observer of the rates at most, s: where the model is wrong by an angular acceleration, the rates that it
-/// predicts are wrong by this times that.
+/// Largest time constant of the observer of the rates, s: if the model is wrong by an angular acceleration, the
+/// predicted rates are wrong by this times that.
 const RATES_SETTLE_S: f64 = 0.01;
 
 /// Why a log cannot be compared with a model: one sentence.
@@ -56,7 +56,7 @@ impl From<Refusal> for PredictError {
     }
 }
 
-/// What every flight has and no model knows: constant errors of the rotors' lift, and the charge at the start.
+/// What every flight has and no model contains: constant errors of the rotors' lift, and the initial charge.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Nuisances {
     /// Added to the static lift of each rotor, N.
@@ -91,7 +91,7 @@ pub struct ChannelResiduals {
 #[derive(Debug, Clone)]
 pub(crate) struct CoarseVoltage {
     powers: Vec<Power>,
-    /// Rise of the mean powers with some of what a caller shifts.
+    /// Change of the mean powers with each of the shifts of a caller.
     slopes: Vec<(usize, Vec<f64>)>,
     stride: usize,
     places: Vec<usize>,
@@ -110,7 +110,7 @@ impl CoarseVoltage {
     }
 }
 
-/// A model, a log, and everything that one needs to hold the first against the second.
+/// A model, a log, and everything needed to compare the two.
 #[derive(Debug, Clone)]
 pub struct Predictor {
     pub(crate) plant: Plant,
@@ -121,7 +121,7 @@ pub struct Predictor {
     covariances: [Covariance; CHANNELS],
     // Shared, because fits keep copies of a log.
     whiteners: Arc<[Option<Whitener>; CHANNELS]>,
-    /// Of the angular accelerations with the noise that was assumed, once [`Self::tune`] has put others in place.
+    /// Of the angular accelerations with the assumed noise, once [`Self::tune`] has replaced it.
     assumed: Option<Arc<[Option<Whitener>; 3]>>,
     rate_noise: [RateNoise; 3],
     /// Name of the log.
@@ -132,7 +132,8 @@ impl Predictor {
     /// A vehicle with the effects of its model, and a log.
     ///
     /// # Errors
-    /// One sentence: the log is too short, has other rotors than the vehicle, or an effect of the model is not valid.
+    /// One sentence: the log is too short, has another number of rotors than the vehicle, or an effect of the model is
+    /// not valid.
     pub fn new(
         documents: &VehicleDocuments,
         effects: &[EffectInstance],
@@ -209,8 +210,9 @@ impl Predictor {
         Ok(predictor)
     }
 
-    /// Factor on a commanded wrench at which the model lifts what the accelerometer says, where it is further off than any effect of
-    /// plausible size: a controller that integrates flies with any thrust map, so newtons that were commanded are no measurement.
+    /// Factor on a commanded wrench at which the model's lift matches the accelerometer, if the command is further off
+    /// than any effect of plausible size: an integrating controller flies with any thrust map, so commanded newtons are
+    /// not a measurement.
     fn command_scale(&self, prediction: &Prediction) -> Option<f64> {
         let series = self.series();
         if series.drive != Drive::Wrench || !series.available.accel {
@@ -242,7 +244,7 @@ impl Predictor {
         &self.noise
     }
 
-    /// Size of the vehicle: what is plausible on it.
+    /// Size of the vehicle, which determines what is plausible on it.
     pub(crate) fn vehicle_size(&self) -> VehicleSize {
         VehicleSize::of(&self.nominal, &self.plant.battery_model)
     }
@@ -257,7 +259,7 @@ impl Predictor {
         &self.catalogue
     }
 
-    /// The same with other effects to name.
+    /// The same with another catalogue of effects.
     pub(crate) fn with_catalogue(&self, catalogue: &Catalogue) -> Self {
         Self {
             catalogue: catalogue.clone(),
@@ -270,7 +272,7 @@ impl Predictor {
         self.whiteners[channel].is_some()
     }
 
-    /// What was resampled or left out, and what that rules out.
+    /// What was resampled or left out, and the consequences.
     pub fn notes(&self) -> Vec<String> {
         let mut notes = self.plant.series.notes.clone();
         let have = self.plant.series.available;
@@ -300,7 +302,7 @@ impl Predictor {
         notes
     }
 
-    /// The model's effects and `extra` effects at work, on a vehicle with the nuisances.
+    /// The model's effects and `extra` effects together, on a vehicle with the nuisances.
     pub(crate) fn effect_set(
         &self,
         nuisances: &Nuisances,
@@ -309,7 +311,7 @@ impl Predictor {
         self.effect_set_in_wind(nuisances, extra, [0.0; 3])
     }
 
-    /// The same in a steady wind (m/s, NED) beside that of the effects.
+    /// The same in a steady wind (m/s, NED) in addition to that of the effects.
     pub(crate) fn effect_set_in_wind(
         &self,
         nuisances: &Nuisances,
@@ -324,7 +326,7 @@ impl Predictor {
             *bias += own;
         }
         vehicle.charge_offset += nuisances.charge;
-        // Noise is predicted by its mean, which is 0: a draw of its own would only add to the error.
+        // Noise is predicted by its mean, which is 0: an independent draw would only add to the error.
         let is_noise = |effect: &EffectInstance| {
             let declared = self.catalogue.find(&effect.effect);
             declared.is_some_and(|d| d.class == EffectClass::Noise)
@@ -346,7 +348,7 @@ impl Predictor {
         self.plant.run(set, source, base)
     }
 
-    /// Mean thrust of each rotor in flight as the model has it from the inputs, N, and the seconds that count.
+    /// Mean thrust of each rotor in flight, computed by the model from the inputs, N, and the seconds that count.
     pub(crate) fn mean_thrust(&self) -> Result<(Vec<f64>, f64), PredictError> {
         let rows = self.thrust_in_flight()?;
         Ok((mean_of(&rows, self.plant.series.rotors), self.seconds_of(&rows)))
@@ -362,7 +364,8 @@ impl Predictor {
         Ok(rows.flat_map(|(row, _)| row.iter().copied()).collect())
     }
 
-    /// Thrust of each rotor as the model has it from the inputs, at times of one's own by straight lines between its steps, N; rotor by rotor.
+    /// Thrust of each rotor, computed by the model from the inputs, at arbitrary times by linear interpolation between
+    /// its steps, N; rotor by rotor.
     pub(crate) fn thrust_at(&self, time_s: &[f64]) -> Result<Vec<Vec<f64>>, PredictError> {
         let series = &self.plant.series;
         let set = self.effect_set(&Nuisances::default(), &[])?;
@@ -381,7 +384,7 @@ impl Predictor {
             .collect())
     }
 
-    /// Time that rows of [`Self::thrust_in_flight`] make up, s.
+    /// Duration that rows of [`Self::thrust_in_flight`] represent, s.
     pub(crate) fn seconds_of(&self, rows: &[f64]) -> f64 {
         (rows.len() / self.plant.series.rotors) as f64 * self.plant.series.step_s
     }
@@ -425,7 +428,7 @@ impl Predictor {
         self.rate_noise[axis]
     }
 
-    /// Whitens the angular acceleration about an axis with the innovations of a filter of the rate from now on.
+    /// From now on, whitens the angular acceleration about an axis with the innovations of a filter of the rate.
     pub(crate) fn tune(&mut self, axis: usize, noise: RateNoise) {
         let step_s = self.plant.series.step_s;
         let own = &self.whiteners;
@@ -437,7 +440,8 @@ impl Predictor {
         }
     }
 
-    /// A whitened residual with the noise that was assumed: what a tuned noise takes over as torques of its own must not pass for explained.
+    /// A whitened residual with the assumed noise: what a tuned noise attributes to random torques must not count as
+    /// explained.
     pub(crate) fn as_assumed(&self, channel: usize, whitened: &[f64]) -> Option<Vec<f64>> {
         let axis = channel.checked_sub(channels::M).filter(|&axis| axis < 3)?;
         let (assumed, tuned) = (self.assumed.as_ref()?[axis].as_ref()?, self.whitener(channel)?);
@@ -447,7 +451,7 @@ impl Predictor {
         Some(residual)
     }
 
-    /// Charge at the start that the first second of flight tells, fraction.
+    /// Initial charge determined from the first second of flight, fraction.
     pub(crate) fn initial_charge(&self) -> f64 {
         self.plant.charge
     }
@@ -476,8 +480,8 @@ impl Predictor {
         }
     }
 
-    /// Prediction of the means of the voltage, thrust and motion as in `base`; the powers as far from there as the shifts times their
-    /// slopes.
+    /// Prediction of the means of the voltage, with thrust and motion as in `base`; the powers differ from those by the
+    /// shifts times their slopes.
     pub(crate) fn coarse_prediction(
         &self,
         set: &EffectSet,
@@ -504,7 +508,7 @@ impl Predictor {
     /// Residuals of the model with nuisances and further effects.
     ///
     /// # Errors
-    /// The effects together make no vehicle.
+    /// The effects together yield an invalid vehicle.
     pub fn residuals(&self, nuisances: &Nuisances, extra: &[EffectInstance]) -> Result<ChannelResiduals, PredictError> {
         let set = self.effect_set(nuisances, extra)?;
         let prediction = self.predict(&set, Source::Raw, None);
@@ -534,7 +538,7 @@ fn rate_gain(covariance: Covariance, step_s: f64) -> f64 {
     covariance.gain().max(1.0 - libm::exp(-step_s / RATES_SETTLE_S))
 }
 
-/// A refusal as a sentence.
+/// A rejected effect as a sentence.
 fn told(refusal: &Refusal) -> String {
     format!("{}: {}", refusal.key, refusal.reason)
 }
@@ -577,8 +581,8 @@ pub(crate) fn allocation(c: &Constants) -> impl Fn(f64, Vector3) -> Vec<f64> {
     }
 }
 
-/// Voltage at the start under the load of hovering, V: what Eq. 19 gets where no voltage was logged. The open-circuit voltage would lift a
-/// small vehicle a tenth too much.
+/// Initial voltage under the load of hovering, V: the input of Eq. 19 if no voltage was logged. With the open-circuit
+/// voltage a small vehicle would lift a tenth too much.
 ///
 /// V = (V_o + √(V_o² − 4 R P_h))/2, P_h = n k_P f_h^1.5
 fn under_hover_load(plant: &Plant, nominal: &Constants) -> f64 {
@@ -591,7 +595,8 @@ fn under_hover_load(plant: &Plant, nominal: &Constants) -> f64 {
     0.5 * (open + root)
 }
 
-/// Charge at which the resting voltage, less the drop of hovering, is the voltage that was measured in the first second of flight.
+/// Charge at which the resting voltage less the drop of hovering equals the voltage measured in the first second of
+/// flight.
 fn initial_charge(plant: &Plant, nominal: &Constants) -> f64 {
     let series = &plant.series;
     let first = ((1.0 / series.step_s) as usize).max(10).min(series.voltage.len());

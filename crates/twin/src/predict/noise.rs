@@ -1,9 +1,11 @@
 //! Noise of the readings, estimated from the log itself, and the covariance of each channel that follows.
 //!
-//! The m-th difference of a smooth signal with white noise of deviation σ has the deviation σ √(2m over m); the median of its absolute
-//! values is robust against steps, and the smallest of several orders against motion. A column that is held or interpolated from a slower
-//! stream has the noise of its source ([`super::series::SlowNoise`]): its rows look smooth and know no more. Below stand floors: quantisation, and a white
-//! disturbance of 0.33 % of the weight and 0.12 % of weight times arm on every step, which no real flight is without.
+//! The m-th difference of a smooth signal with white noise of standard deviation σ has the standard deviation σ √(2m
+//! over m); the median of its absolute values is robust against steps, and the smallest of several orders against
+//! motion. A column that is held or interpolated from a slower stream has the noise of its source
+//! ([`super::series::SlowNoise`]): its rows look smooth but contain no more information. There are lower bounds:
+//! quantisation, and a white disturbance of 0.33 % of the weight and 0.12 % of weight times arm in every step, which
+//! every real flight has.
 
 use rotortwin_plant::Vector3;
 use rotortwin_plant::effects::Constants;
@@ -42,10 +44,12 @@ pub struct NoiseModel {
     /// V.
     #[schema(value_type = Option<f64>)]
     pub voltage_v: f64,
-    /// Corrections of an estimator's position beside its velocity, a random walk, m/√s; 0 where every row is measured.
+    /// Corrections of an estimator's position relative to its velocity, a random walk, m/√s; 0 if every row is
+    /// measured.
     #[serde(skip)]
     pub corrections_m_s05: f64,
-    /// Corrections of an estimator's attitude beside its rates, a random walk axis by axis, rad/√s; 0 where every row is measured.
+    /// Corrections of an estimator's attitude relative to its rates, a random walk axis by axis, rad/√s; 0 if every row
+    /// is measured.
     #[serde(skip)]
     pub corrections_rad_s05: Vector3,
     /// White disturbance of the angular acceleration in a step, rad/s², body.

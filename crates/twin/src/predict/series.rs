@@ -1,8 +1,8 @@
-//! A flight log on a uniform grid: measured kinematics as they are and smoothed, what is missing, where the vehicle flies.
+//! A flight log on a uniform grid: measured kinematics raw and smoothed, missing samples, airborne parts.
 //!
 //! Residuals use the raw values, sensitivities the smoothed ones: raw noise in a regressor biases its coefficient towards 0 and
 //! invents scale errors (errors in variables). The smoother is a Hann window of 0.15 s in all, symmetric, so that it has no phase.
-//! Torques are told with the rates of an observer in both (`pass/body.rs`).
+//! Torques use the rates of an observer in both (`pass/body.rs`).
 
 use std::sync::Arc;
 
@@ -16,14 +16,14 @@ use crate::log::{FlightLog, SensorRate, names};
 
 /// Whole length of the Hann window, s.
 pub const SMOOTHING_S: f64 = 0.15;
-/// Seconds without weight at either end: filters and the unknown thrust at the start settle there.
+/// Seconds without weight at either end, where filters and the unknown initial thrust settle.
 pub const EDGE_S: f64 = 0.4;
 /// Share of the weight that the rotors must lift for a sample to count as flight.
 const FLYING_SHARE: f64 = 0.3;
 /// Jitter of the intervals above which the log is resampled.
 const JITTER: f64 = 0.02;
 
-/// A vector at every sample, shared between all that has the same.
+/// A vector at every sample, shared between all users of the same values.
 pub type Vectors = Arc<Vec<Vector3>>;
 
 /// Measured motion of the vehicle.
@@ -41,7 +41,7 @@ pub struct Kinematics {
     pub angular_acceleration: Vectors,
     /// Specific force, m/s², body.
     pub accel: Vectors,
-    /// Specific force, smoothed twice over ([`twiced`]): what drives effects. Of raw readings empty; a pass fills it.
+    /// Specific force, smoothed twice over ([`twiced`]): the input of effects. Empty for raw readings; a pass fills it.
     pub driving_accel: Vectors,
     /// Rates as measured, which the torques' observer follows; a pass fills it.
     pub observed_rates: Vectors,
@@ -49,7 +49,7 @@ pub struct Kinematics {
     pub ned_from_body: Arc<Vec<[Vector3; 3]>>,
 }
 
-/// What of a log is there.
+/// Which signals the log contains.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Available {
     /// Position.
@@ -64,7 +64,7 @@ pub struct Available {
     pub accel: bool,
     /// Battery voltage.
     pub voltage: bool,
-    /// Height above ground; where it is not, the ground is taken to be at the origin of NED.
+    /// Height above ground; without it the ground is assumed at the origin of NED.
     pub height_above_ground: bool,
 }
 
@@ -86,13 +86,13 @@ pub enum Drive {
 pub struct SlowNoise {
     /// m.
     pub position: f64,
-    /// Corrections of a slow position beside its velocity, a random walk: m/√s.
+    /// Corrections of a slow position relative to its velocity, a random walk: m/√s.
     pub corrections: f64,
     /// m/s.
     pub velocity: f64,
     /// rad.
     pub attitude: f64,
-    /// Corrections of an estimator's attitude beside its rates, a random walk, axis by axis: rad/√s.
+    /// Corrections of an estimator's attitude relative to its rates, a random walk, axis by axis: rad/√s.
     pub turns: [f64; 3],
     /// rad/s.
     pub rates: f64,
@@ -134,14 +134,14 @@ impl SlowNoise {
             mean_duty: 1.0,
         };
         if slow.position > 0.0 || log.source.kind.is_of_an_estimator() {
-            // An estimator's position is no integral of its velocity: fixes correct it.
+            // An estimator's position is not the integral of its velocity: fixes correct it.
             slow.corrections = log.position_corrections();
         }
         if slow.attitude > 0.0 || slow.rates > 0.0 || log.source.kind.is_of_an_estimator() {
             slow.turns = log.attitude_corrections(air);
         }
         if let Some(rate) = log.duty_rate().filter(SensorRate::is_slower) {
-            // An error that lasts for n rows counts √n times as much over many as one of each row.
+            // An error that persists for n rows has √n times the effect over many rows of one that is new on each.
             slow.duty = rate.between * (rate.rows_hz / rate.source_hz).sqrt();
             let duties = log.duties();
             let values = || {
@@ -192,10 +192,10 @@ pub struct Series {
     pub len: usize,
     /// Number of rotors.
     pub rotors: usize,
-    /// As measured; NaN where nothing was.
+    /// As measured; NaN where there is no measurement.
     pub raw: Kinematics,
-    /// The same with gaps bridged by straight lines, if there are any: what has states of its own must not meet NaN. Such samples do not
-    /// count.
+    /// The same with gaps bridged by linear interpolation, if there are any: models with states of their own must not
+    /// encounter NaN. Such samples do not count.
     pub bridged: Option<Kinematics>,
     /// Smoothed with [`SMOOTHING_S`].
     pub smooth: Kinematics,
@@ -209,9 +209,9 @@ pub struct Series {
     pub height: Vec<f64>,
     /// Which columns there are.
     pub available: Available,
-    /// Noise of what is held or interpolated from slower streams; 0 where every row is new.
+    /// Noise of readings that are held or interpolated from slower streams; 0 where every row is new.
     pub slow: SlowNoise,
-    /// In the air, upright and clear of the ground, from and to, s: nothing else is judged.
+    /// In the air, upright and clear of the ground, from and to, s: only this is judged.
     pub air: Vec<(f64, f64)>,
     /// What was left out or done, in words.
     pub notes: Vec<String>,
@@ -221,7 +221,7 @@ impl Series {
     /// Puts a log on a uniform grid. `allocate` turns a commanded wrench (thrust, torque) into rotor thrusts.
     ///
     /// # Errors
-    /// One sentence if the log holds nothing that a vehicle with `rotors` rotors could be tested with.
+    /// One sentence if the log contains nothing with which a vehicle with `rotors` rotors could be tested.
     pub fn new(log: &FlightLog, rotors: usize, allocate: impl Fn(f64, Vector3) -> Vec<f64>) -> Result<Self, String> {
         let rate = log.sample_rate_hz();
         if !(rate.is_finite() && rate > 0.0) {
@@ -229,7 +229,7 @@ impl Series {
         }
         let mut notes = Vec::new();
         if let RotorOrder::Vehicle(note) = &log.report.rotor_order {
-            // Whoever shows the notes says of which log they are.
+            // The notes are shown elsewhere with the name of their log.
             let of_this = format!("{}: ", log.name);
             notes.push(note.strip_prefix(&of_this).unwrap_or(note).to_owned());
         }
@@ -366,7 +366,7 @@ impl Series {
         })
     }
 
-    /// Multiplies a commanded wrench, and says so.
+    /// Multiplies a commanded wrench, and adds a note.
     pub(crate) fn scale_command(&mut self, scale: f64) {
         for input in &mut self.input {
             *input *= scale;
@@ -388,7 +388,7 @@ impl Series {
         self.start_s + k as f64 * self.step_s
     }
 
-    /// True if what the prediction of a channel takes from the log at sample `k` was measured, not bridged.
+    /// True if everything that the prediction of a channel takes from the log at sample `k` was measured, not bridged.
     pub(crate) fn known(&self, channel: usize, k: usize) -> bool {
         let measured = |x: &[Vector3]| is_finite(&x[k]);
         let raw = &self.raw;
@@ -412,7 +412,7 @@ impl Series {
             .collect();
         let mut parts = self.air.iter().peekable();
         for (k, flying) in flying.iter_mut().enumerate() {
-            // Half a step for what resampling moves.
+            // Half a step of margin for the shift by resampling.
             let time = self.time(k);
             while parts.next_if(|part| part.1 + 0.5 * self.step_s < time).is_some() {}
             *flying &= parts.peek().is_some_and(|part| part.0 <= time + 0.5 * self.step_s);
@@ -430,13 +430,14 @@ impl Series {
 
 /// What an accelerometer at rest must read, m/s².
 const GRAVITY_M_S2: f64 = 9.81;
-/// Seconds before take-off that are no rest.
+/// Seconds before take-off that do not count as rest.
 const BEFORE_TAKE_OFF_S: f64 = 1.0;
-/// Error of the scale from which readings are divided by it: smaller ones are an effect that a diagnosis looks for.
+/// Error of the scale from which readings are divided by it: smaller ones are an effect for a diagnosis to find.
 const LEAST_SCALE_ERROR: f64 = 0.02;
 
-/// Mean size of the specific force in the quiet seconds before take-off over gravity, if two seconds or more are quiet and it is off by
-/// more than what sensors ordinarily are. `vehicle from-log` takes out the same, so that its vehicle would be judged by other readings.
+/// Mean size of the specific force in the quiet seconds before take-off over gravity, if at least two seconds are quiet
+/// and it is off by more than sensors ordinarily are. `vehicle from-log` corrects for the same, so the diagnosis of its
+/// vehicle must use the same readings.
 fn rest_scale(log: &FlightLog, take_off_s: f64) -> Option<f64> {
     let accel = log.vector(names::ACCEL)?;
     let rates = log.vector(names::RATES)?;
@@ -455,7 +456,7 @@ fn rest_scale(log: &FlightLog, take_off_s: f64) -> Option<f64> {
     ((scale - 1.0).abs() > LEAST_SCALE_ERROR).then_some(scale)
 }
 
-/// Rows of a fast log that are taken one by one.
+/// Up to this many rows, a fast log is used row by row.
 const MOST_FAST_ROWS: usize = 80_000;
 
 /// How many rows of a long and fast log become one, so that some 250 a second remain.
@@ -465,7 +466,7 @@ fn thinning(rows: usize, rate_hz: f64) -> Option<usize> {
     (rows > MOST_FAST_ROWS && factor > 1).then_some(factor)
 }
 
-/// Seconds of a log in which a model is judged; says what is left out.
+/// Seconds of a log in which a model is judged; notes what is left out.
 fn in_the_air(log: &FlightLog, notes: &mut Vec<String>) -> Result<Vec<(f64, f64)>, String> {
     let parts = log.flight_parts(None);
     let air = parts.in_the_air();
@@ -593,7 +594,7 @@ fn rotations(attitude: &[Vector3]) -> Arc<Vec<[Vector3; 3]>> {
     Arc::new(attitude.iter().map(|&attitude| rotation(attitude)).collect())
 }
 
-/// NaN bridged by straight lines between what was measured, held at the ends; all 0 where nothing ever was.
+/// NaN bridged by linear interpolation between measurements, held at the ends; all 0 where nothing was ever measured.
 fn bridged(x: Vec<Vector3>) -> Vec<Vector3> {
     let known: Vec<usize> = (0..x.len()).filter(|&k| is_finite(&x[k])).collect();
     if known.len() == x.len() {
@@ -615,7 +616,7 @@ fn bridged(x: Vec<Vector3>) -> Vec<Vector3> {
     out
 }
 
-/// Euler angles without jumps of a turn.
+/// Euler angles without jumps of a full turn.
 fn unwrapped(mut attitude: Vec<Vector3>) -> Vec<Vector3> {
     let turn = std::f64::consts::TAU;
     let mut before: Option<Vector3> = None;
@@ -644,7 +645,7 @@ fn derivative(x: &[Vector3], step_s: f64) -> Vec<Vector3> {
         .collect()
 }
 
-/// Hann-weighted mean over `half` samples to either side; shorter, still symmetric, at the ends; NaN is left out.
+/// Hann-weighted mean over `half` samples to either side; shorter, still symmetric, at the ends; NaN is ignored.
 pub fn hann(x: &[Vector3], half: usize) -> Vec<Vector3> {
     if half == 0 {
         return x.to_vec();
@@ -675,8 +676,8 @@ pub fn hann(x: &[Vector3], half: usize) -> Vec<Vector3> {
         .collect()
 }
 
-/// 2x − Hx of a smoothed x = Hy: the window's loss at low frequencies squared, 1 − (1 − H)². A pendulum of 2 s that is driven by a
-/// signal 0.4 % too small shows a rope 0.04 % too short, many times its interval.
+/// 2x − Hx of a smoothed x = Hy: squares the window's loss at low frequencies, 1 − (1 − H)². For a pendulum of 2 s, a
+/// driving signal that is 0.4 % too small makes the rope 0.04 % too short, many times its interval.
 fn twiced(x: &[Vector3], half: usize) -> Vec<Vector3> {
     let again = hann(x, half);
     let twice = |(once, again): (&Vector3, &Vector3)| [0, 1, 2].map(|i| 2.0 * once[i] - again[i]);

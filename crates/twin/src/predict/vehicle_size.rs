@@ -1,10 +1,11 @@
-//! Plausible sizes for a vehicle of another size than the one that the catalogue's numbers come from.
+//! Plausible sizes for a vehicle of a different size from the one that the catalogue's numbers refer to.
 //!
-//! The catalogue's sizes are those of a hexarotor of 1.55 kg. A payload of 150 g, a plausible one there, is five times the weight of a
-//! Crazyflie: taken over as they stand, the clutter alone (2 % of a size) would hide all that such a vehicle can carry. So a size with
-//! the dimension of a force (or of a force over a speed) goes with the weight, of a torque with weight and arm, of a length with the
-//! arm, of an inertia with the inertia, of a voltage with the pack's, of a resistance with voltage over current in hover. Fractions,
-//! angles, times, speeds and accelerations stay; so do shapes (a rope, a wall's distance) and the effects of users.
+//! The catalogue's sizes are those of a hexarotor of 1.55 kg. A payload of 150 g, a plausible one there, is five times
+//! the weight of a Crazyflie: used unchanged, the clutter alone (2 % of a size) would hide everything that such a
+//! vehicle can carry. So a size with the dimension of a force (or of a force over a speed) goes with the weight, of a
+//! torque with weight and arm, of a length with the arm, of an inertia with the inertia, of a voltage with the pack's,
+//! of a resistance with voltage over current in hover. Fractions, angles, times, speeds and accelerations stay; so do
+//! shapes (a rope, a wall's distance) and the effects of users.
 
 use rotortwin_plant::effects::{Constants, EffectDeclaration, ParameterDeclaration, ParameterKind};
 use rotortwin_plant::powertrain::battery::{Battery, BatteryModel};

@@ -2,7 +2,7 @@
 //!
 //! A difference quotient (x_{k+1} − x_k)/h of samples with white noise has the tridiagonal covariance c₀ on the diagonal, c₁ beside
 //! it. With its Cholesky factor L (two diagonals) the whitened residual is w = L⁻¹ r: the innovation form of the Kalman filter,
-//! w_k = (r_k − l_{k,k−1} w_{k−1})/l_{kk}. A masked sample is left out and the recursion starts anew behind it.
+//! w_k = (r_k − l_{k,k−1} w_{k−1})/l_{kk}. A masked sample is left out and the recursion restarts after it.
 
 /// Covariance of one channel's noise: white (`lag_one` 0) or a first-order moving average.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -65,7 +65,7 @@ impl Covariance {
 pub struct RateNoise {
     /// Deviation of a reading n, rad/s.
     pub reading: f64,
-    /// Deviation of what a white torque changes the rate by in a step, w, over that of a reading.
+    /// Deviation of a step's change of the rate by a white torque, w, over that of a reading.
     pub white: f64,
     /// Deviation of a step of the drifting torque, v, as rate by step, over that of a reading.
     pub drift: f64,
@@ -134,9 +134,9 @@ impl RateNoise {
         (with(own), with(best), best.sqrt())
     }
 
-    /// The noise that makes residuals h r (rad/s; NaN where masked) most likely: the gain of the predictor is estimated, not assumed.
-    /// A gain that is wrong leaves innovations that the readings before predict; the controller answers to these readings, and what it
-    /// commands then seems to explain them.
+    /// The noise that makes residuals h r (rad/s; NaN where masked) most likely: the gain of the predictor is
+    /// estimated, not assumed. A wrong gain leaves innovations that are predictable from earlier readings; the
+    /// controller responds to these readings, and its commands then seem to explain them.
     pub fn most_likely(self, residual: &[f64]) -> Self {
         const WHITE: (f64, f64) = (1e-3, 30.0);
         const DRIFT: (f64, f64) = (1e-8, 1.0);
@@ -352,7 +352,7 @@ impl Whitener {
                 .collect();
         }
         if let Some(gain) = self.white() {
-            // Without a recursion several samples are taken at once.
+            // Without a recursion several samples are processed together.
             let scaled = a.iter().zip(b).zip(&self.place);
             return scaled
                 .map(|((&x, &y), &place)| {
@@ -483,7 +483,8 @@ mod tests {
         }
     }
 
-    /// A yaw loop that answers to nothing but the noise of its gyro: (h r with the rates as read, lagged command), rad/s and rad/s².
+    /// A yaw loop that responds only to the noise of its gyro: (h r with the rates as read, lagged command), rad/s and
+    /// rad/s².
     fn loop_of_noise(gain: f64, noise: f64, disturbance: f64, seed: u64) -> (Vec<f64>, Vec<f64>) {
         let (h, lag) = (0.0025, 0.05);
         let mut draws = NormalStream::new(seed, "loop");
@@ -531,8 +532,8 @@ mod tests {
             most = most.max(false_gain(likely, &differences, &torques).abs());
             assumed_least = assumed_least.min(false_gain(assumed, &differences, &torques).abs());
         }
-        // With the gain that was assumed every seed shows an effect that is not there; with the most likely one none of eight is beyond
-        // what one in two thousand would be.
+        // With the assumed gain every seed shows an effect that is not there; with the most likely one none of eight
+        // exceeds the one-in-two-thousand level.
         assert!(assumed_least > 4.0, "{assumed_least}");
         assert!(most < 3.5, "{most}");
     }

@@ -3,7 +3,7 @@
 use crate::predict::channels::{F, KA, KV, M};
 use rotortwin_plant::effects::{EffectDocument, ParameterEntry, TermEntry, factor_unit};
 
-/// A term: what acts at each place is its expression times one factor.
+/// A term: its expression times one common factor acts at each place.
 #[derive(Debug, Clone)]
 pub(super) struct Candidate {
     pub(super) acts: Vec<(String, String)>,
@@ -19,8 +19,8 @@ impl Candidate {
         }
     }
 
-    /// True for what shifts the mean of a channel while the vehicle flies: so much thrust more or less, and a thrust that acts beside the
-    /// centre of mass or turns the vehicle.
+    /// True for a term that shifts the mean of a channel in flight: a constant addition to the thrust, and a thrust
+    /// that acts off the centre of mass or turns the vehicle.
     pub(super) fn is_level(&self) -> bool {
         let [(place, what)] = self.acts.as_slice() else {
             return false;

@@ -5,13 +5,13 @@
 //! residual of the model, means of 0.1 s ─┐
 //! each term as an effect with factor c ──┴▶ gain on blocks that its fit did not see ─▶ the best, again, until none gains
 //! ```
-//! Each candidate ([`terms`]) is an effect like those that users write, so its unit is checked like theirs, and the predictor says what
-//! it would do to every channel: a force shows in the accelerometer, a gyro error in two channels. Terms on several axes may share one
-//! factor, as a drag does.
+//! Each candidate ([`terms`]) is an effect like a user effect, so its unit is checked in the same way, and the
+//! predictor computes its contribution to every channel: a force shows in the accelerometer, a gyro error in two
+//! channels. Terms on several axes may share one factor, as in a drag.
 //!
-//! Limits: still air; a term is an instantaneous function of the motion or of time, so a pendulum or a backlash is at best hinted at.
-//! A proposal is a correlation with a dimension, not yet physics. Only terms with which the model predicts unseen blocks better are proposed
-//! ([`proof`]), levels of thrust and torque first.
+//! Limits: still air; a term is an instantaneous function of the motion or of time, so a pendulum or a backlash is at
+//! best hinted at. A proposal is a correlation with a dimension, not yet physics. Only terms that improve the model's
+//! prediction of held-out blocks are proposed ([`proof`]), constant offsets of thrust and torque first.
 
 mod candidate;
 mod proof;
@@ -35,7 +35,7 @@ use regression::{Gram, Regression};
 
 /// Id of a proposed effect; the next ones of a model are numbered.
 const ID: &str = "proposed-effect";
-/// A factor may become so many times larger before its value counts as implausible.
+/// Factor by which a value may grow before it counts as implausible.
 const RANGE: f64 = 3.0;
 
 /// One proposed term: what acts, where, and on what evidence.
@@ -86,7 +86,7 @@ pub struct Proposal {
     /// Errors of the quantities on blocks that the fit did not see, without and with the terms.
     #[serde(skip)]
     pub held_out: Vec<HeldOutError>,
-    /// What is left of each channel that fails, in words.
+    /// What remains of each channel that fails, in words.
     #[serde(skip)]
     pub left: Vec<String>,
 }
@@ -164,7 +164,7 @@ impl Proposal {
     }
 }
 
-/// What a term most likely is, in words, where there are such.
+/// The most likely meaning of a term, in words, if there is one.
 fn gloss(term: &ProposedTerm) -> Option<String> {
     let [only] = term.acts.as_slice() else {
         let damps = term
@@ -208,7 +208,7 @@ fn gloss(term: &ProposedTerm) -> Option<String> {
         _ => {}
     }
     let linear = only.starts_with("force_z: thrust * (time - ") && only.ends_with("[s])");
-    // Down is positive: the thrust, upwards, loses what acts downwards.
+    // Down is positive: a force that acts downwards reduces the upward thrust.
     linear.then(|| {
         let share = 100.0 * term.factor.abs();
         if term.factor > 0.0 {

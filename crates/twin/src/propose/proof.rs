@@ -1,10 +1,11 @@
-//! Proof of proposed terms by prediction: each is kept only if the model that holds it predicts blocks better that its fit did not see,
-//! with the errors that a comparison shows.
+//! Confirmation of proposed terms by prediction: each is kept only if the model with it predicts held-out blocks
+//! better, by the errors that a comparison shows.
 //!
-//! The regression gives every channel an offset of its own. A model has none, so that a term whose mean the offset took up makes a
-//! prediction worse: such a term is found here, and not proposed. Factors come from the even blocks for the odd ones, and the other way
-//! round. Kept is a term with which the error of a quantity or channel falls by more than its blocks scatter, and with which that of no
-//! quantity or channel rises. With a factor that is the same on all blocks, half of that scatter is enough.
+//! The regression gives every channel an offset of its own. A model has none, so a term whose mean the offset absorbed
+//! makes a prediction worse: such a term is detected here, and not proposed. Factors come from the even blocks for the
+//! odd ones, and vice versa. A term is kept if the error of a quantity or channel falls by more than its blocks
+//! scatter, and that of no quantity or channel rises. With a factor that is the same on all blocks, half of that
+//! scatter is sufficient.
 
 use rotortwin_plant::effects::{Catalogue, EffectDocument, EffectInstance};
 
@@ -16,7 +17,7 @@ use crate::predict::{CHANNELS, NAMES, PredictError};
 /// Terms that may be refused before the search ends.
 const MOST_REFUSED: usize = 10;
 
-/// Deviations over the blocks by which a factor is no chance.
+/// Deviations over the blocks from which a factor is not chance.
 const CERTAIN: f64 = 5.0;
 /// Deviations of the blocks' scatter by which an error must fall even then.
 const LEAST_DEVIATIONS: f64 = 1.5;
@@ -46,10 +47,10 @@ pub(super) struct Proof<'a> {
 }
 
 impl Proof<'_> {
-    /// Levels first, then the terms that the regression takes, one after the other: of all these those which hold.
+    /// Levels first, then the terms that the regression selects, one after the other: those that hold.
     ///
     /// # Errors
-    /// The terms together make no vehicle.
+    /// The terms together yield an invalid vehicle.
     pub(super) fn run(&self) -> Result<Proved, PredictError> {
         let nothing = self.blocks(&[])?.unwrap_or_default();
         let mut proved = Proved {
@@ -64,7 +65,7 @@ impl Proof<'_> {
         let levels = proved.kept.len();
         let mut refused = self.levels.to_vec();
         while refused.len() < self.levels.len() + MOST_REFUSED {
-            // The offsets of the regression stand for the levels.
+            // The offsets of the regression represent the levels.
             let Some(term) = self.gram.next(&proved.kept[levels..], &refused) else {
                 break;
             };
@@ -75,7 +76,7 @@ impl Proof<'_> {
         self.without_trifles(&nothing, proved)
     }
 
-    /// Drops the terms that a later one has left without a size: what may be 0 is no finding.
+    /// Drops the terms that a later one has left without a size: a term that may be 0 is not a finding.
     fn without_trifles(&self, nothing: &Blocks, proved: Proved) -> Result<Proved, PredictError> {
         let mut kept = proved.kept.clone();
         loop {
@@ -112,7 +113,7 @@ impl Proof<'_> {
         Ok(rest)
     }
 
-    /// Takes a term if the model that holds it, beside what is kept, predicts unseen blocks better.
+    /// Accepts a term if the model that contains it, in addition to what is kept, predicts unseen blocks better.
     fn keep_if_it_holds(
         &self,
         term: usize,
@@ -127,8 +128,8 @@ impl Proof<'_> {
         let channels = self.of_channels(before, &after);
         let quantities = self.of_quantities(before, &after);
         let all = || channels.iter().chain(&quantities);
-        // The trend of a supply shows at the ends of a flight, so that its blocks scatter as much as they gain. It is believed if its factor
-        // is the same on all of them.
+        // The trend of a supply shows at the ends of a flight, so its blocks scatter as much as they gain. It is
+        // accepted if its factor is the same on all of them.
         let certain = self.is_certain(&trial);
         let falls = |error: &HeldOutError| {
             error.falls()
@@ -154,7 +155,7 @@ impl Proof<'_> {
             .is_some_and(|last| last.factor.abs() > CERTAIN * last.deviation && last.deviation > 0.0)
     }
 
-    /// With a level among the terms, no offset stands in its place.
+    /// With a level among the terms, no offset replaces it.
     pub(super) fn offsets(&self, terms: &[usize]) -> Offsets {
         if terms.iter().any(|term| self.levels.contains(term)) {
             Offsets::None
@@ -202,7 +203,7 @@ impl Proof<'_> {
         Ok(Some(all))
     }
 
-    /// Mean square of what noise leaves of a channel, over the logs that have it.
+    /// Mean square of what noise alone leaves of a channel, over the logs that have it.
     fn noise_square(&self, channel: usize) -> Option<f64> {
         let of = |r: &Regression| r.noise_of(channel);
         let all: Vec<f64> = self.regressions.iter().filter_map(of).map(|n| n * n).collect();

@@ -19,21 +19,22 @@ use crate::predict::{CHANNELS, Nuisances, PredictError, Predictor, Source, Stage
 const MEAN_S: f64 = 0.1;
 /// Length of a block, s.
 const BLOCK_S: f64 = 5.0;
-/// Terms at most.
+/// Maximum number of terms.
 const MOST_TERMS: usize = 3;
-/// Share of the excess in the channels of a term that it must remove on unseen blocks.
+/// Share of the excess in the channels of a term that the term must remove on unseen blocks.
 const LEAST_SHARE: f64 = 0.1;
 /// Fall of chi² on unseen blocks that a term must bring: chance brings about 1.
 const LEAST_FALL: f64 = 30.0;
-/// Of terms that fall short of the best by no more than this share, the earliest is taken.
+/// Of terms within this share of the best, the earliest is chosen.
 const NEARLY: f64 = 0.005;
-/// Share of what failed at first that each further term must remove on unseen blocks.
+/// Share of the initial failure that each further term must remove on unseen blocks.
 const LEAST_OF_ALL: f64 = 0.02;
-/// Excess of the means of a channel over noise, in variances, from which it fails.
+/// Excess of the means of a channel over noise, in variances, above which the channel fails.
 const FAILS: f64 = 1.3;
-/// Least share of its square that a term must have beside the others.
+/// Least share of its square that a term must have independently of the others.
 const LEAST_OF_OWN: f64 = 1e-6;
-/// Step of the difference that tells what a term does, in the noise of one mean of the channel where it shows most.
+/// Step of the difference quotient for the effect of a term, in the noise of one mean of the channel where it shows
+/// most.
 const STEP_NOISES: f64 = 10.0;
 
 /// Residual of one log, in means.
@@ -102,7 +103,7 @@ impl Regression {
         (BLOCK_S / self.predictor.series().step_s).round() as usize
     }
 
-    /// Blocks of this log, with those of which nothing counts.
+    /// Blocks of this log, including those in which nothing counts.
     pub(super) fn block_count(&self) -> usize {
         self.starts.last().map_or(0, |last| last / self.block_rows() + 1)
     }
@@ -112,10 +113,10 @@ impl Regression {
         (!self.residual[channel].is_empty()).then_some(self.noise[channel])
     }
 
-    /// Tells block, channel and mean of every residual beside some effects, in the unit of the channel.
+    /// Passes block, channel and mean of every residual with some effects, in the unit of the channel, to the caller.
     ///
     /// # Errors
-    /// The effects together make no vehicle.
+    /// The effects together yield an invalid vehicle.
     pub(super) fn squares(
         &self,
         catalogue: &Catalogue,
@@ -138,10 +139,10 @@ impl Regression {
         Ok(())
     }
 
-    /// What is left of forces, torques and voltage beside some effects, of the channels that fail.
+    /// What remains of forces, torques and voltage with some effects, in the channels that fail.
     ///
     /// # Errors
-    /// The effects together make no vehicle.
+    /// The effects together yield an invalid vehicle.
     pub(super) fn left(&self, catalogue: &Catalogue, effects: &[EffectInstance]) -> Result<Vec<Rest>, PredictError> {
         let mut means = vec![Vec::new(); CHANNELS];
         self.squares(catalogue, effects, |_, channel, mean| means[channel].push(mean))?;
@@ -213,7 +214,8 @@ impl Regression {
                         .collect()
                 }))
             };
-            // A tiny factor finds the size, a factor of that size the effect: readings are not linear for long.
+            // A tiny factor determines the size, a factor of that size the effect: readings are linear only over a
+            // short range.
             let probe = column(1e-9)?;
             let largest =
                 probe.iter().flatten().fold(
@@ -306,16 +308,16 @@ pub(super) struct Gram {
     blocks: Vec<Block>,
 }
 
-/// What a fit makes of the mean of a channel.
+/// What a fit does with the mean of a channel.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Offsets {
-    /// Each channel has an offset of its own.
+    /// Each channel has its own offset.
     Free,
     /// None, as in a model: for terms that are levels themselves.
     None,
 }
 
-/// A term that was taken.
+/// A chosen term.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Chosen {
     pub(super) candidate: usize,
@@ -384,7 +386,7 @@ impl Gram {
         all
     }
 
-    /// Factors of terms by some blocks; `None` where these leave one open.
+    /// Factors of terms from some blocks; `None` if these leave one undetermined.
     pub(super) fn factors(
         &self,
         chosen: &[usize],
@@ -426,7 +428,7 @@ impl Gram {
             }
             means.push((r / count, x.iter().map(|x| x / count).collect()));
         }
-        // None: a term that never moves, or that the others give already.
+        // None: a term that never varies, or that the others determine already.
         let factors = matrix.cholesky_above(LEAST_OF_OWN)?.solve(&gradient);
         let offsets = std::array::from_fn(|channel| {
             let (r, x) = &means[channel];
@@ -475,7 +477,8 @@ impl Gram {
         Some(all)
     }
 
-    /// The term that explains most on unseen blocks beside those that were taken, if it explains enough; none of the refused.
+    /// The term that explains most on unseen blocks in addition to those chosen, if it explains enough; none of the
+    /// rejected ones.
     pub(super) fn next(&self, taken: &[usize], refused: &[usize]) -> Option<usize> {
         let all: Vec<usize> = (0..CHANNELS).collect();
         if taken.len() >= MOST_TERMS {
@@ -505,7 +508,7 @@ impl Gram {
         (now - after >= least).then_some(best)
     }
 
-    /// Terms with factors and deviations by all blocks.
+    /// Terms with factors and deviations from all blocks.
     pub(super) fn fitted(&self, terms: &[usize], offsets: Offsets) -> Vec<Chosen> {
         let Some(fit) = self.fit(terms, &|_| true, offsets) else {
             return Vec::new();
@@ -555,7 +558,7 @@ impl Gram {
         (xx * rr > 0.0).then(|| xr / (xx * rr).sqrt())
     }
 
-    /// The candidate that a channel's residual follows most, of those that are asked for.
+    /// The candidate most correlated with a channel's residual, among those requested.
     pub(super) fn best_correlate(&self, channel: usize, asked: impl Fn(usize) -> bool) -> Option<(usize, f64)> {
         (0..self.candidates)
             .filter(|&i| asked(i))

@@ -1,4 +1,4 @@
-//! What is left of a channel, in words: how large, how fast, and what it goes with.
+//! Description of the rest of a channel: how large, how fast, and with what it correlates.
 
 use crate::estimation::parameters::number;
 use crate::predict::{NAMES, Predictor};
@@ -6,7 +6,7 @@ use crate::predict::{NAMES, Predictor};
 /// Means of such lengths part an error by how fast it changes, s.
 const SLOW_S: f64 = 10.0;
 const MIDDLE_S: f64 = 1.0;
-/// Least correlation that is worth a word.
+/// Smallest correlation that is reported.
 const WORTH_TELLING: f64 = 0.3;
 
 /// What is left of a channel.
@@ -22,7 +22,7 @@ pub(super) struct Rest {
 }
 
 impl Rest {
-    /// * `means`: of consecutive stretches of `mean_s`; what stands between two parts of a flight is left out
+    /// * `means`: of consecutive stretches of `mean_s`; intervals between two parts of a flight are left out
     pub(super) fn of(channel: usize, means: &[f64], noise: f64, mean_s: f64) -> Self {
         let square = |x: &[f64]| x.iter().map(|v| v * v).sum::<f64>() / x.len().max(1) as f64;
         let joined = |length_s: f64| -> Vec<f64> {

@@ -1,7 +1,8 @@
 //! The terms that a proposal is made of: places and expressions that share one factor.
 //!
-//! Simple ones first: of two that explain nearly the same, the earlier one is taken. What a channel measures is no regressor of its own
-//! residual: the specific force contains the missing force, the angular acceleration the missing torque.
+//! Simple ones first: of two that explain nearly the same, the earlier one is chosen. The measured quantity of a
+//! channel is not a regressor of its own residual: the specific force contains the missing force, the angular
+//! acceleration the missing torque.
 
 use std::f64::consts::TAU;
 
@@ -15,7 +16,7 @@ const RATES: [&str; 3] = ["roll_rate", "pitch_rate", "yaw_rate"];
 const THRESHOLDS_M_S: [f64; 5] = [1.5, 2.0, 2.5, 3.0, 4.0];
 /// Lengths from which a tether may pull, m.
 const SLACKS_M: [f64; 5] = [1.0, 2.0, 3.0, 4.0, 6.0];
-/// Frequencies that are searched, Hz: up to what means of 0.1 s resolve.
+/// Frequencies that are searched, Hz: up to the resolution of means of 0.1 s.
 const FREQUENCY_STEP_HZ: f64 = 0.02;
 const LOWEST_HZ: f64 = 0.1;
 const HIGHEST_HZ: f64 = 4.5;

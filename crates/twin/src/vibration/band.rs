@@ -1,22 +1,25 @@
-//! Vibration of a vehicle as a whole, where nothing says how fast its rotors turn: what the sensor shakes by above the vehicle's own motion.
+//! Vibration of a vehicle as a whole, if rotor speeds are unknown: the sensor's vibration above the frequencies of the
+//! vehicle's own motion.
 //!
 //! ```text
 //! P = median over half seconds of  Σ_k Σ_axes 4 |Σ w y e^(−2πi f_k t)|² / (N Σ w²),   f_k = 2 Hz k from 25 Hz to 0.45 of the rate
 //! ```
-//! with Hann's weights, so that a single line of amplitude A gives A². The median leaves out what is short: a landing, a knock. Lines
-//! above half of the sensor's rate fold into the band as far as the sensor's own filter lets them through; they count, too.
+//! with Hann's weights, so that a single line of amplitude A gives A². The median ignores short events: a landing, a
+//! knock. Lines above half of the sensor's rate alias into the band as far as the sensor's own filter lets them
+//! through; they count, too.
 //!
-//! It says nothing of single rotors, and it does not refer to a rotor speed: heavier or faster flights may shake more without a damage.
+//! It cannot identify single rotors, and it does not refer to a rotor speed: heavier or faster flights may vibrate more
+//! without damage.
 
 use super::orders::{BLOCK_S, Shaken, hann};
 use super::speeds::{FASTEST, SLOWEST_HZ};
 use crate::predict::noise::median;
 use std::f64::consts::TAU;
 
-/// The band reaches at least so many times its lower end.
+/// The upper end of the band is at least this many times its lower end.
 const LEAST_WIDTH: f64 = 2.0;
 
-/// Vibration of all rotors and whatever else shakes.
+/// Vibration of all rotors and everything else.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Whole {
     /// a² + b² of one line that would shake as much, over all axes.

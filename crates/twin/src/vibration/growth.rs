@@ -1,4 +1,4 @@
-//! Lines of a flight against those of healthy flights: which rotor shakes more than it did.
+//! Lines of a flight against those of healthy flights: which rotor vibrates more than before.
 //!
 //! ```text
 //! x_r = ln(amplitude/Ω²) of rotor r,  less its mean over the healthy flights,  less the median over the rotors (the whole vehicle)
@@ -35,7 +35,7 @@ pub(super) struct Change {
     pub(super) posterior: f64,
 }
 
-/// Mean and variance per rotor over flights that count as one; `None` for a rotor that a flight cannot tell apart.
+/// Mean and variance per rotor of several flights combined; `None` for a rotor that some flight cannot distinguish.
 pub(super) fn together(flights: &[Vec<Option<Level>>]) -> Vec<Option<Level>> {
     let count = flights.len() as f64;
     (0..flights[0].len())
@@ -51,9 +51,9 @@ pub(super) fn together(flights: &[Vec<Option<Level>>]) -> Vec<Option<Level>> {
         .collect()
 }
 
-/// What has changed in `flown` against `healthy`, rotor by rotor.
+/// Change of `flown` relative to `healthy`, rotor by rotor.
 ///
-/// Rotors that some flight cannot tell apart have none.
+/// Rotors that some flight cannot distinguish have none.
 pub(super) fn changes(flown: &[Option<Level>], healthy: &[Vec<Option<Level>>]) -> Vec<Option<Change>> {
     let flights = healthy.len() as f64;
     let rotors: Vec<usize> = (0..flown.len())

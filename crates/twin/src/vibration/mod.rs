@@ -1,16 +1,19 @@
-//! Vibration by rotor: how strongly the inertial sensor shakes at the speed of each rotor, in a flight and against healthy flights.
+//! Vibration by rotor: vibration of the inertial sensor at the speed of each rotor, in a flight and compared with
+//! healthy flights.
 //!
 //! ```text
 //! log ─▶ speeds (ESC telemetry; or duty and voltage, scaled to the lines) ─▶ orders: a line for each rotor ─▶ growth over healthy flights
 //!     └▶ neither speeds nor a model: band: the vehicle as a whole ──────────────────────────────────────────▶ growth over healthy flights
 //! ```
-//! A chipped or bent propeller is out of balance and pulls the vehicle round once in each turn, long before it costs thrust that a
-//! model would miss. The amplitude is that of the sensor at the reference speed; it grows with Ω², so that flights at other speeds
-//! compare. What a sensor's place and the frame's own resonances make of it is the same in all flights of a vehicle, which is why
-//! healthy flights decide and not the amplitude itself: new propellers differ, too.
+//! A chipped or bent propeller is out of balance and shakes the vehicle once per revolution, long before it costs
+//! thrust that a model would miss. The amplitude is that of the sensor at the reference speed; it grows with Ω², so
+//! that flights at other speeds can be compared. The influence of the sensor's position and the frame's resonances is
+//! the same in all flights of a vehicle, which is why the comparison with healthy flights decides and not the amplitude
+//! itself: new propellers differ, too.
 //!
-//! Limits: a sensor that is sampled slower than some 2.2 times a turn shows nothing of it; two rotors that always turn alike are not told
-//! apart; filters of the autopilot before the log (notches at rotor speed above all) take away what is looked for.
+//! Limits: a sensor sampled at less than some 2.2 times per revolution shows nothing of it; two rotors that always turn
+//! at the same speed cannot be distinguished; filters of the autopilot before logging (notches at rotor speed above
+//! all) remove the signal.
 
 mod band;
 mod growth;
@@ -29,13 +32,13 @@ use utoipa::ToSchema;
 
 /// Slowest rotor that counts as turning, rad/s.
 const TURNING_RAD_S: f64 = 60.0;
-/// A line is there if its power is so many standard errors above nothing.
+/// A line exists if its power is this many standard errors above zero.
 const LEAST_LINE: f64 = 3.0;
 /// Passes over the rotors that look for the scale of each one's speed.
 const SCALE_PASSES: usize = 2;
 /// Share of the strongest line's power that another rotor may explain at most, if the rotor is to be named.
 const MOST_RIVAL: f64 = 0.9;
-/// Half seconds that are looked at for the vibration of a vehicle as a whole.
+/// Half seconds that are evaluated for the vibration of a vehicle as a whole.
 const MOST_WHOLE_BLOCKS: usize = 400;
 /// Bands whose upper ends differ by no more, Hz, are the same.
 const SAME_BAND_HZ: f64 = 2.0;

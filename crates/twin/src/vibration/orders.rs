@@ -5,10 +5,10 @@
 //! ```text
 //! y(t) = c₀ + c₁ t + c₂ t² + Σ_r (Ω_r(t)/Ω_ref)² (a_r cos φ_r(t) + b_r sin φ_r(t)) + e(t),   φ_r(t) = ∫ Ω_r dt
 //! ```
-//! fitted to all rotors at once with Hann's weights, because rotors that turn almost alike share a line and only the fit of all says how
-//! well they are told apart. An unbalanced rotor pulls with m r Ω², hence the square. Phases are not carried from block to block: the
-//! speed of a rotor is not known well enough for that. So the power a² + b² of the blocks is averaged, less what noise alone would give,
-//! which is measured beside the lines, where no rotor turns.
+//! fitted to all rotors at once with Hann's weights, because rotors at nearly the same speed share a line and only the
+//! joint fit shows how well they can be separated. An unbalanced rotor pulls with m r Ω², hence the square. Phases are
+//! not carried from block to block: the speed of a rotor is not known well enough for that. So the power a² + b² of the
+//! blocks is averaged, minus the contribution of noise, which is measured next to the lines, where no rotor turns.
 //!
 //! Source of the idea: Ghalamchi and Mueller, *Vibration-Based Propeller Fault Diagnosis for Multicopters*, ICUAS 2018 (rotors turn at
 //! different speeds in manoeuvres, so the spectrum isolates them); the joint fit is that of Vold and Kalman's order tracking without its
@@ -18,7 +18,8 @@ use nalgebra::{DMatrix, DVector};
 use std::f64::consts::TAU;
 use std::ops::Range;
 
-/// Length of a block, s: two lines 4 Hz apart are told apart in it, and a speed that is 0.5 % off turns 100 Hz by a quarter.
+/// Length of a block, s: it resolves two lines 4 Hz apart, and a speed error of 0.5 % rotates the phase at 100 Hz by a
+/// quarter turn.
 pub(super) const BLOCK_S: f64 = 0.5;
 /// Least share of the rows that a block must have.
 const LEAST_ROWS: f64 = 0.8;
@@ -28,7 +29,7 @@ const SLOW: usize = 3;
 const BESIDE: [f64; 10] = [0.62, 0.70, 0.78, 0.86, 0.93, 1.07, 1.14, 1.22, 1.30, 1.38];
 /// Least distance of such a place from every line, in widths of a block's line (1/T).
 const CLEAR: f64 = 3.0;
-/// A rotor counts in a block if the fit of all rotors makes its line at most so much noisier than it would be alone.
+/// A rotor counts in a block if the fit of all rotors makes its line at most this much noisier than it would be alone.
 const MOST_INFLATION: f64 = 6.0;
 /// Step between speeds that are tried, in widths of a block's line.
 const LINE_SHARE: f64 = 0.1;
@@ -56,7 +57,7 @@ pub(super) struct Power {
     pub(super) mean: f64,
     /// Standard error, from the spread over the blocks.
     pub(super) error: f64,
-    /// Blocks in which the rotor is told apart from the others.
+    /// Blocks in which the rotor is distinguished from the others.
     pub(super) blocks: usize,
 }
 
@@ -261,7 +262,7 @@ impl Lines {
         self.residuals.iter().map(at).collect()
     }
 
-    /// The signal of one rotor with what no rotor explains, on an axis.
+    /// The signal of one rotor plus what no rotor explains, on an axis.
     fn with_rotor(&self, axis: usize, rotor: usize) -> Vec<f64> {
         let (a, b) = (
             self.coefficients[axis][SLOW + 2 * rotor],
@@ -283,7 +284,7 @@ impl Shaken<'_> {
         self.speeds.iter().map(mean).collect()
     }
 
-    /// Power of each rotor's line; `None` for one that is told apart in fewer than [`LEAST_BLOCKS`].
+    /// Power of each rotor's line; `None` for one that is distinguished in fewer than [`LEAST_BLOCKS`].
     pub(super) fn powers(&self) -> Vec<Option<Power>> {
         let mut found: Vec<Vec<(f64, f64)>> = vec![Vec::new(); self.speeds.len()];
         for rows in &self.blocks {
@@ -419,7 +420,8 @@ pub(super) struct Pursuit {
     pub(super) scales: Vec<f64>,
     /// Rotor with the strongest line, from 0.
     pub(super) first: usize,
-    /// Power of that line as the best of the other rotors explains it, over its own: near 1 where nothing tells them apart.
+    /// Power of that line as the best of the other rotors explains it, over its own: near 1 if they cannot be
+    /// distinguished.
     pub(super) rival: f64,
     /// Power of all lines together, less noise, a² + b² over all axes.
     pub(super) power: f64,

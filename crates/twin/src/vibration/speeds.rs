@@ -1,4 +1,5 @@
-//! Speeds of the rotors for order tracking: as the ESCs tell them, or from duty and voltage with the scale that the vibration shows.
+//! Speeds of the rotors for order tracking: from ESC telemetry, or from duty and voltage with the scale that the
+//! vibration shows.
 
 use super::orders::{Comb, Shaken};
 use crate::log::{FlightLog, names};
@@ -11,16 +12,16 @@ use std::f64::consts::TAU;
 pub(super) const SLOWEST_HZ: f64 = 25.0;
 /// Fastest that a sensor shows, in shares of its rate.
 pub(super) const FASTEST: f64 = 0.45;
-/// Neighbours of a scale that it is held against, and scales that are one and the same, in its logarithm.
+/// Neighbours of a scale with which it is compared, and scales that count as the same, in its logarithm.
 const NEIGHBOURS: f64 = 0.25;
 const SAME_SPEED: f64 = 0.016;
-/// Blocks that are looked at in a search.
+/// Blocks that are used in a search.
 pub(super) const SEARCH_BLOCKS: usize = 40;
 /// How far the power of the best scale must stand above the median of all, in median absolute deviations.
 const LEAST_PEAK: f64 = 12.0;
 /// Least part of the best scale's peak (in ln power) that a half or a third of it must have to be the speed.
 const LEAST_SLOWER: f64 = 0.2;
-/// A rotor's own scale beside the common one: telemetry, and a thrust map of which each motor differs.
+/// A rotor's own scale relative to the common one: telemetry, and a thrust map from which each motor differs.
 pub(super) const OWN_SCALE_TOLD: f64 = 0.003;
 pub(super) const OWN_SCALE_FROM_DUTY: f64 = 0.04;
 
@@ -68,11 +69,12 @@ pub(super) fn mean_in(time_s: &[f64], speeds: &[Vec<f64>], air: &[(f64, f64)]) -
     sum / count
 }
 
-/// The common scale, rad/s, at which the lines of rotors stand out most, of speeds that are known but for it; `None` where none does.
+/// The common scale, rad/s, at which the lines of rotors stand out most, for speeds that are known up to it; `None` if
+/// none does.
 ///
-/// Every scale is tried; its power is held against the median of its neighbours, because vibration without a line falls with the
-/// frequency. Blades pass twice or three times in a turn, and often louder than the imbalance: where a half or a third of the best scale stands out
-/// as well, that is the speed.
+/// Every scale is tried; its power is compared with the median of its neighbours, because vibration without a line
+/// decreases with the frequency. Blades pass two or three times per turn, often louder than the imbalance: if a half or
+/// a third of the best scale stands out as well, that is the speed.
 pub(super) fn scale_of(shaken: &Shaken<'_>, rate_hz: f64) -> Option<f64> {
     let comb = Comb::between(TAU * SLOWEST_HZ, TAU * FASTEST * rate_hz);
     if comb.count < 2 {

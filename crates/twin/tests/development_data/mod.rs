@@ -1,4 +1,4 @@
-//! Where the development data are, if they are there.
+//! Location of the development data, if present.
 
 #[expect(unreachable_pub, reason = "public in the crate that the file is of")]
 #[path = "../../../../tests/src/skip.rs"]
@@ -6,7 +6,8 @@ mod skip;
 
 use std::path::{Path, PathBuf};
 
-/// The folder of `ROTORTWIN_SHARED`, else `../shared` beside the repository; `None` is noted for `./test` to count.
+/// The folder of `ROTORTWIN_SHARED`, otherwise `../shared` next to the repository; `None` is noted for `./test` to
+/// count.
 pub(crate) fn shared(inside: &str) -> Option<PathBuf> {
     let beside = || Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../shared");
     let folder = std::env::var_os("ROTORTWIN_SHARED")

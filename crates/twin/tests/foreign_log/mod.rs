@@ -1,4 +1,4 @@
-//! Logs of the foreign simulator as an autopilot without a position writes them.
+//! Logs of the independent simulator as an autopilot without a position writes them.
 
 use rotortwin_blind::error::BlindError;
 use rotortwin_blind::flight::{FlightPlan, Row, fly};

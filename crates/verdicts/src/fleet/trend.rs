@@ -17,8 +17,9 @@
 //!
 //! A claim is made only if the best rotor's t exceeds what one healthy vehicle in 1/[`FALSE_CLAIMS`] shows over all rotors and shapes
 //! tried, and if the loss is at least [`LEAST_LOSS`]; a rotor is named if its sets have [`NAMED`] of the posterior. A named loss is
-//! subtracted, and the remainder is searched again, without that rotor. A step that ends, because somebody has put on another propeller and told nobody, is taken
-//! for one as soon as its end explains more than chance does over all ends.
+//! subtracted, and the remainder is searched again, without that rotor. A step that ends, because a propeller was
+//! replaced without a record, is recognised as such as soon as its end explains more than chance does over all possible
+//! ends.
 //!
 //! Limits: a thrust gain of a rotor looks like a loss of the opposite one (of six rotors), but propellers do not gain; equal losses of
 //! opposite rotors change only the common component; flights are assumed independent and equally spaced.
@@ -43,7 +44,7 @@ const PAIR_PRIOR: f64 = 0.02;
 const LARGEST_LOSS: f64 = 0.3;
 /// Lower bound of the spread between flights, ln of thrust.
 const LEAST_SPREAD: f64 = 0.001;
-/// Fraction of lasting losses that are told as over.
+/// Fraction of lasting losses that are reported as over.
 const FALSE_ENDS: f64 = 0.01;
 /// Minimum number of flights of a loss that is over, and after it.
 const LEAST_EPISODE: usize = 2;

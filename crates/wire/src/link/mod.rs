@@ -5,7 +5,7 @@
 //!
 //! * [`in_process`]: a function call;
 //! * iceoryx2: shared memory between processes of one host (crate `rotortwin-links`);
-//! * zenoh: TCP between hosts, with or without a router (the same crate).
+//! * zenoh: TCP between hosts, with or without a router (crate `rotortwin-zenoh`).
 //!
 //! # The protocol
 //! ```text

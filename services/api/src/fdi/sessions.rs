@@ -231,14 +231,14 @@ impl FdiSessions {
         self.news.subscribe()
     }
 
-    /// What is new of the caller's sessions since `told`: ids, and the version of each. Looking keeps none alive.
+    /// Changes of the caller's sessions since `told`: ids, and the version of each. Looking keeps none alive.
     pub(crate) fn changed_since(&self, caller: &Caller, told: &BTreeMap<String, u64>) -> Changed {
         let entries = self.of(caller);
         let open = |id: &String| entries.binary_search_by(|entry| entry.id.cmp(id)).is_ok();
         let gone = told.keys().filter(|id| !open(id)).cloned().collect();
         let mut changed = Vec::new();
         for entry in &entries {
-            // Read before the session: a chunk that comes between is told again.
+            // Read before the session: a chunk that arrives in between is reported again.
             let version = entry.version.load(Ordering::Acquire);
             if told.get(&entry.id) != Some(&version) {
                 changed.push((version, self.look_at(entry)));

@@ -20,9 +20,9 @@ use tokio::sync::watch;
 use tokio_stream::Stream;
 use utoipa::{IntoParams, ToSchema};
 
-/// Events asked of the database at a time.
+/// Events requested from the database at a time.
 const BATCH: i64 = 500;
-/// Another process may have written, or an event may have waited for a transaction beside its own.
+/// Another process may have written, or an event may have waited for a transaction concurrent with its own.
 const LOOK: Duration = Duration::from_secs(1);
 
 /// Which events.
@@ -74,7 +74,7 @@ pub(crate) async fn events(
         Some(value) => Some(value.to_str().unwrap_or("(unreadable)").to_owned()),
         None => query.after,
     };
-    // Subscribed before the first look: what comes between is seen by one or the other.
+    // Subscribed before the first look: an event in between is seen by one or the other.
     let news = app.database.hub.watch_any();
     let (place, opened) = match last {
         Some(text) => (text.parse().map_err(Problem::bad_request)?, None),

@@ -1,4 +1,4 @@
-//! What a request names: flights, and a model. How they are found is said in [`super::tasks`].
+//! The flights and models named in a request. For how they are found see [`super::tasks`].
 
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;

@@ -1,4 +1,4 @@
-//! Autopilots that operators have listed: who is there, who is busy, and whether a run can be flown with one.
+//! Autopilots that operators have listed: which are available, which are busy, and whether a run can be flown with one.
 
 use super::jobs::Shared;
 use crate::App;

@@ -1,4 +1,4 @@
-//! Blind benches: submit. The cases are done in parts by all workers, and then put together.
+//! Blind benches: submit. The cases are executed in parts by all workers, and then merged.
 
 use super::documents::checked_name;
 use super::facts::{BlindBenchFacts, BlindBenchPartFacts, JobFacts};
@@ -39,7 +39,7 @@ super::collection!(
 const MOST_CASES: usize = 10_000;
 /// A bench has at most this many vehicles.
 const MOST_VEHICLES: usize = 32;
-/// Where a job finds the library: rows name their vehicle as a bench does that is run beside `config/`.
+/// Where a job finds the library: rows name their vehicle like a bench that runs next to `config/`.
 const LAID_OUT: &str = "config";
 /// Taken where no vehicle is named, as by the command.
 const USUAL_VEHICLE: &str = "f550";
@@ -211,7 +211,7 @@ pub(crate) async fn submit(
     submit_in_parts(&app, &caller, &headers, &body, cases as u64, draft).await
 }
 
-/// The vehicles that are asked for, each once by its name.
+/// The requested vehicles, each once by its name.
 fn chosen(asked: &[BenchVehicle]) -> Result<Vec<BenchVehicle>, Problem> {
     if asked.len() > MOST_VEHICLES {
         return Err(Problem::unprocessable(format!(
@@ -246,7 +246,7 @@ fn chosen(asked: &[BenchVehicle]) -> Result<Vec<BenchVehicle>, Problem> {
     Ok(asked.to_vec())
 }
 
-/// What the bench is asked for, with vehicles as they are laid out.
+/// The request of the bench, with the paths of the vehicles as they are laid out.
 fn checked(body: &BlindBenchSubmission, vehicles: &[BenchVehicle], longest_s: f64) -> Result<Request, Problem> {
     let path = |vehicle: &BenchVehicle| format!("{LAID_OUT}/vehicles/{}.toml", vehicle.vehicle);
     let request = Request {

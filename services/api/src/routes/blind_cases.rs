@@ -1,11 +1,13 @@
-//! The cases of a blind bench: which of them are in a cell of the confusion matrix, and each with its truth, its answer and its log.
+//! The cases of a blind bench: those in a cell of the confusion matrix, and each with its truth, its answer and its
+//! log.
 //!
 //! ```text
 //!  confusion matrix ─ hidden, named ─▶ GET  …/cases             rows of the score there
 //!                                      GET  …/cases/{n}         what was hidden, and the diagnosis in full
 //!                                      POST …/cases/{n}/log ──▶ a log job: the generator flies case n again, with its seed
 //! ```
-//! The logs themselves are not kept: they would be a hundred times as large as all else, and the generator writes the same one again.
+//! The logs themselves are not kept: they would take a hundred times as much space as everything else, and the
+//! generator can write the same one again.
 
 use super::facts::{ExampleFacts, JobFacts};
 use super::jobs::{self, JobView, Shared, Terms};
@@ -319,7 +321,7 @@ fn flown_again(bench: &Job, row: Row, truth: &Truth) -> Result<Draft, Problem> {
     })
 }
 
-/// The key that the log of a case is submitted under: asked for twice, it is the same log.
+/// The key under which the log of a case is submitted: requested twice, it is the same log.
 fn key(bench: &str, case: usize) -> String {
     format!("blind-benches/{bench}/cases/{case}/log")
 }

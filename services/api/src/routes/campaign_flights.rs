@@ -1,4 +1,4 @@
-//! The flights of a campaign: which of them have windows in a cell of the confusion matrix, and each as a run.
+//! The flights of a campaign: those with windows in a cell of the confusion matrix, and each as a run.
 //!
 //! ```text
 //!  confusion matrix ─ truth, verdict ─▶ GET  …/flights              rows of the shards with windows there
@@ -29,12 +29,12 @@ use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use utoipa::{IntoParams, ToSchema};
 
-/// A page looks at so many flights and no more: a rare cell of a large campaign would keep the caller waiting.
+/// Maximum number of flights that a page examines: a rare cell of a large campaign would keep the caller waiting.
 const MOST_LOOKED_AT: u64 = 20_000;
 /// Runs of one campaign that a page can name.
 const MOST_RUNS: i64 = 20_000;
 
-/// Verdicts that a page can be asked for: more than there are of eight rotors.
+/// Maximum number of verdicts on a page: more than exist for eight rotors.
 const MOST_VERDICTS: usize = 100;
 
 /// A detector of a campaign.
@@ -294,7 +294,7 @@ async fn runs_of(app: &App, caller: &Caller, campaign: &str) -> Result<BTreeMap<
     Ok(keyed.collect())
 }
 
-/// The key that the run of a flight is submitted under: asked for twice, it is the same run.
+/// The key under which the run of a flight is submitted: requested twice, it is the same run.
 fn key(campaign: &str, flight: u64) -> String {
     format!("campaigns/{campaign}/flights/{flight}")
 }

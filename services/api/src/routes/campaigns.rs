@@ -1,4 +1,4 @@
-//! Campaigns: submit. A large one is flown in parts by all workers, and then put together.
+//! Campaigns: submit. A large one is flown in parts by all workers, which are then merged.
 
 use super::facts::{CampaignFacts, CampaignPartFacts, JobFacts};
 use super::jobs::{self, JobView, Shared, Terms};
@@ -211,7 +211,7 @@ fn find(library: &Library, body: &CampaignSubmission) -> Result<String, Problem>
     Ok(text)
 }
 
-/// Reads and tries a campaign as if it stood in the library.
+/// Reads and tries a campaign as if it were in the library.
 fn read(library: &Library, text: &str) -> Result<Campaign, Problem> {
     Campaign::parse(text, &library.root().join("campaigns").join(SUBMITTED)).map_err(|error| library.refusal(&error))
 }

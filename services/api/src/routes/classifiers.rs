@@ -218,7 +218,7 @@ pub(crate) async fn evaluate(
     super::campaigns::accept(&app, &caller, &headers, &(&id, &body), library, text, Some(&id), terms).await
 }
 
-/// The protocol of the paper as a campaign: `@` stands for what is asked for.
+/// The protocol of the paper as a campaign: `@` marks the requested values.
 const EVALUATION: &str = r#"
 name = "@NAME"
 description = "fresh flights of the protocol, judged with a classifier that was trained on others"

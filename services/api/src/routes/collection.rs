@@ -1,5 +1,5 @@
-//! Lists, states, events and files of jobs that are no runs: the same for every kind. What is particular, the submission, has a file of its
-//! own.
+//! Lists, states, events and files of jobs other than runs: the same for every kind. The submission, which differs, has
+//! a file of its own.
 
 /// Makes the routes of a kind of jobs.
 macro_rules! collection {

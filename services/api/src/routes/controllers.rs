@@ -1,4 +1,4 @@
-//! Controllers compared: runs of one scenario that different controllers have flown, a row each.
+//! Controllers compared: runs of one scenario with different controllers, one row each.
 
 use super::jobs::Shared;
 use super::telemetry::{blocking, file_of, names};

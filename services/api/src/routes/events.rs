@@ -19,7 +19,7 @@ use tokio::sync::watch;
 use tokio_stream::Stream;
 use utoipa::ToSchema;
 
-/// Events asked of the database at a time.
+/// Events requested from the database at a time.
 const BATCH: i64 = 500;
 
 /// An event of a stream.
@@ -70,7 +70,7 @@ pub(super) fn of(app: &Arc<App>, job: &Job, headers: &HeaderMap) -> Result<Respo
             .ok_or_else(|| Problem::bad_request("Last-Event-ID: expected the number of an event"))?,
     };
     let watcher = Watcher {
-        // Subscribed before the first look: what comes between is seen by one or the other.
+        // Subscribed before the first look: an event in between is seen by one or the other.
         news: app.database.hub.watch(&job.id),
         ending: app.context.ending.subscribe(),
         app: Arc::clone(app),

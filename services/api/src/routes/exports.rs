@@ -1,8 +1,9 @@
 //! Whole runs in one file of a format that other programs read.
 //!
-//! MCAP and Parquet are files of the run. ULog and CSV are written into a file of the data folder's `exports`, which loses its name as soon as it
-//! is open for sending: it goes with the answer. What a server that was killed left there is removed by a later export. Its time is that at
-//! which the run ended: the same run has the same entity tag each time, so that a download that broke off goes on.
+//! MCAP and Parquet are files of the run. ULog and CSV are written to a file in the data folder's `exports`, which is
+//! unlinked as soon as it is open for sending, so it disappears with the response. Files left there by a killed server
+//! are removed by a later export. Its modification time is the end of the run: the same run has the same entity tag each
+//! time, so that an interrupted download can be resumed.
 
 use crate::App;
 use crate::access::Caller;
@@ -24,7 +25,7 @@ use std::time::{Duration, SystemTime};
 use tower_http::services::ServeFile;
 use utoipa::{IntoParams, ToSchema};
 
-/// No export takes so long: what is older was left by a server that died.
+/// No export takes this long: older files were left by a server that died.
 const LEFT_BEHIND: Duration = Duration::from_secs(3600);
 
 /// What to write.

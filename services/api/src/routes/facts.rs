@@ -1,4 +1,4 @@
-//! What was asked for, in short: of each kind of job that is no run. It is written when a job is accepted, and shown in lists.
+//! Summary of the request of each kind of job other than runs. Written when a job is accepted, and shown in lists.
 
 use super::asked::{Flights, ModelChoice};
 use rotortwin_blind::bench::cases::Preset;

@@ -1,4 +1,4 @@
-//! FDI as a service: sessions that are opened, fed in chunks, looked at and closed.
+//! FDI as a service: sessions that are opened, fed in chunks, read and closed.
 
 use crate::App;
 use crate::access::Caller;

@@ -1,4 +1,4 @@
-//! The caller's FDI sessions as they change, for those who watch and do not feed.
+//! Changes of the caller's FDI sessions, for clients that watch but do not feed them.
 
 use super::fdi::OpenSessions;
 use crate::App;
@@ -18,7 +18,7 @@ use std::time::Duration;
 use tokio::sync::{mpsc, watch};
 use utoipa::{IntoParams, ToSchema};
 
-/// Pause after what was told: a session that is fed 400 times a second changes as often, and its watcher is a screen.
+/// Pause after a report: a session that receives 400 samples per second changes as often, and its watcher is a screen.
 const PAUSE: Duration = Duration::from_millis(100);
 /// A session that ends because it is idle tells nobody.
 const LOOK: Duration = Duration::from_secs(1);
@@ -59,7 +59,7 @@ pub(crate) async fn events(
     let Query(query) = query?;
     let (sender, receiver) = mpsc::channel(64);
     let watcher = Watcher {
-        // Subscribed before the first look: what comes between is seen by one or the other.
+        // Subscribed before the first look: a change in between is seen by one or the other.
         news: app.fdi.watch(),
         ending: app.context.ending.subscribe(),
         app,
@@ -80,7 +80,7 @@ struct Watcher {
     app: Arc<App>,
     caller: Caller,
     sender: mpsc::Sender<Result<Event, Infallible>>,
-    /// Sessions that were told, and which version of each.
+    /// Sessions that were reported, and which version of each.
     told: BTreeMap<String, u64>,
     news: watch::Receiver<u64>,
     ending: watch::Receiver<bool>,

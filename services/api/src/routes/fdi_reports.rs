@@ -1,4 +1,4 @@
-//! FDI over a whole flight log that is uploaded: judged by a process of its own, as every file of a stranger is read.
+//! FDI over an uploaded flight log: evaluated in a separate process, like every untrusted file.
 
 use super::uploads::Upload;
 use crate::App;
@@ -295,7 +295,7 @@ pub(super) async fn stored_as(app: &App, caller: &Caller, kind: JobKind, id: &st
     };
     let key = job.folder.unwrap_or_default();
     let mut found = None;
-    // The table last: with a bucket, what it is read together with is a local file by then.
+    // The table last: with a bucket, the other inputs are local files by then.
     for name in [beside, table] {
         let file = app.artifacts.file(&key, &name).await;
         found = file.map_err(|error| Problem::of_files(&error))?;

@@ -1,8 +1,9 @@
-//! FDI as a service over a WebSocket: measurements in, verdicts out as they come.
+//! FDI as a service over a WebSocket: measurements in, verdicts out as they arise.
 //!
-//! A text message is one JSON object, `{"first_step": N, "after_gap": false, "samples": [{…}, …]}`; its answer is the object that the
-//! HTTP route gives, or `{"refusal": "…", "next_step": N}`. A binary message is an encoded `FdiMeasurements`, its answer an
-//! `FdiVerdicts`. One answer a message, in order. A session may be fed through several ways; they share its steps.
+//! A text message is one JSON object, `{"first_step": N, "after_gap": false, "samples": [{…}, …]}`; its answer is the
+//! object that the HTTP route returns, or `{"refusal": "…", "next_step": N}`. A binary message is an encoded
+//! `FdiMeasurements`, its answer an `FdiVerdicts`. One answer per message, in order. A session may be fed over several
+//! connections; they share its steps.
 
 use crate::App;
 use crate::access::Caller;
@@ -56,7 +57,7 @@ async fn serve(app: Arc<App>, entry: Arc<Entry>, mut socket: WebSocket) {
                     Ok(None) => continue,
                     Ok(Some(reply)) => match socket.send(reply).await {
                         Ok(()) => continue,
-                        // Nobody is there to be told.
+                        // There is no client to reply to.
                         Err(_) => return,
                     },
                     Err(closing) => closing,
@@ -85,7 +86,7 @@ async fn ended(ending: &mut watch::Receiver<bool>) {
     drop(ending.wait_for(|ends| *ends).await);
 }
 
-/// The answer to a message, nothing if it wants none; or why the stream ends.
+/// The reply to a message, none if it requires none; or why the stream ends.
 fn answer(app: &App, entry: &Entry, message: Message) -> Result<Option<Message>, (u16, &'static str)> {
     let reply = match message {
         Message::Text(_) | Message::Binary(_) if !app.fdi.has(&entry.id) => {

@@ -1,4 +1,5 @@
-//! A flight as people look at it: trajectory, parts and events, motor outputs, vibration; of an imported log or of a run.
+//! Model-independent view of a flight: trajectory, parts and events, motor outputs, vibration; of an imported log or of
+//! a run.
 
 use super::fdi_reports::stored_as;
 use super::jobs::Shared;

@@ -1,4 +1,4 @@
-//! What a vehicle looks like: rotors with places and spins, what each of them does, and its hover. For pictures.
+//! Geometry of a vehicle: rotors with positions and spins, the effect of each of them, and its hover. For drawings.
 
 use super::jobs::Shared;
 use crate::access::Caller;

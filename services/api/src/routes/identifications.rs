@@ -1,4 +1,4 @@
-//! A vehicle from flight logs, mass and arm: submitted as a job, and kept in the library once it was looked at.
+//! A vehicle from flight logs, mass and arm: submitted as a job, and saved in the library after review.
 
 use super::asked::Flights;
 use super::documents::{self, checked_name};
@@ -254,7 +254,7 @@ pub(crate) async fn keep(
     for (kind, text) in [(DocumentKind::Blades, &texts.blades), (DocumentKind::Vehicle, &vehicle)] {
         documents::put(&app, &caller, kind, &name, &headers, text).await?;
     }
-    // With them the diagnosis knows what is a guess.
+    // With them the diagnosis knows which values are guesses.
     if let Some(intervals) = intervals_of(&app, &folder, &name).await? {
         let database = &app.database;
         let written = database

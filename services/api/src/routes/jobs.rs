@@ -1,4 +1,4 @@
-//! What all kinds of jobs share: accept, find, list, cancel, delete.
+//! Operations common to all kinds of jobs: accept, find, list, cancel, delete.
 
 use super::facts::{JobFacts, UploadFacts};
 use crate::App;
@@ -195,10 +195,12 @@ pub(super) fn idempotency_key(headers: &HeaderMap) -> Result<Option<String>, Pro
     }
 }
 
-/// The answer to a submission that was accepted before under its key: 200 with the job that is there, or 409 if the body is another one.
-/// Asked before limits and documents are looked at: what the job was made of may have changed or gone since, and it is there all the same.
+/// The answer to a submission that was already accepted under its key: 200 with the existing job, or 409 if the body
+/// differs. Checked before limits and documents: the inputs of the job may have changed or gone since, but the job
+/// exists.
 ///
 /// # Errors
+/// 400, 409, 503.
 /// 400, 409, 503.
 pub(super) async fn before<V: Serialize>(
     app: &App,

@@ -1,11 +1,11 @@
-//! Live telemetry: a WebSocket on which samples come while a run flies.
+//! Live telemetry: a WebSocket that sends samples while a run flies.
 //!
 //! ```text
 //!  rotortwin job ─ lines ─▶ worker ─▶ hub ─ broadcast ─▶ one task a watcher ─▶ WebSocket
 //! ```
-//! The flight waits for nobody: a watcher that is too slow loses samples and is told how many. With `from_s` it gets first what is kept of the
-//! flight ([`crate::jobs::live`]), and again what it was too slow for: there is no hole. Nothing of it is on disk; what was recorded is in the
-//! telemetry once the run has ended.
+//! The flight does not wait: a watcher that is too slow loses samples and is told how many. With `from_s` it first gets
+//! the stored part of the flight ([`crate::jobs::live`]), and again what it was too slow for: there is no gap. Nothing
+//! is stored on disk; the recording is in the telemetry once the run has ended.
 
 use crate::App;
 use crate::access::Caller;
@@ -30,20 +30,20 @@ use tokio::sync::broadcast::{Receiver, error::RecvError};
 use tokio::time::Instant;
 use utoipa::{IntoParams, ToSchema};
 
-/// Samples a second, if nobody asks for another number.
+/// Default number of samples per second.
 const DEFAULT_RATE_HZ: f64 = 20.0;
 /// A sample in 100 s.
 const LOWEST_RATE_HZ: f64 = 0.01;
-/// The flight tells no more.
+/// The flight has no more data.
 const HIGHEST_RATE_HZ: f64 = 100.0;
 /// What a client says is not longer.
 const LONGEST_MESSAGE: usize = 64 << 10;
-/// How often it is looked whether the run has ended, should nobody tell.
+/// How often to check whether the run has ended, in case no notification arrives.
 const LOOK: Duration = Duration::from_secs(2);
 
 /// Samples that came late count as on time if they are not later than this.
 const CREDIT: Duration = Duration::from_millis(500);
-/// Rows of a message with what was before.
+/// Rows of a message with those before.
 const ROWS: usize = 1000;
 
 /// What to send; a client may also say it later, as a JSON message.
@@ -144,7 +144,7 @@ impl Selection {
         }
     }
 
-    /// Takes what a client wants; if that makes no sense, nothing of it.
+    /// Applies a client's settings; if they are invalid, none of them.
     fn change(&mut self, wish: &Subscription) -> Result<(), String> {
         let rate_hz = wish.rate_hz.unwrap_or(self.rate_hz);
         if !(LOWEST_RATE_HZ..=HIGHEST_RATE_HZ).contains(&rate_hz) {
@@ -264,7 +264,7 @@ struct Watcher {
     lost: u64,
     /// Earlier samples are passed over; the first one that comes starts the clock.
     due: Option<Instant>,
-    /// For a client that wants no hole: the simulated time up to which it has everything, s.
+    /// For a client that wants no gap: the simulated time up to which it has everything, s.
     seen_s: Option<f64>,
 }
 
@@ -332,7 +332,7 @@ impl Watcher {
         }
     }
 
-    /// Sends what is kept and was not seen, to a client that wants no hole.
+    /// Sends the buffered samples not yet seen to a client that wants no gap.
     async fn catch_up(&mut self, socket: &mut WebSocket, past: &Past) -> Result<(), Gone> {
         let Some(seen) = self.seen_s else { return Ok(()) };
         let unseen = past.samples.partition_point(|sample| sample.sim_time_s <= seen);
@@ -351,7 +351,8 @@ impl Watcher {
             return Ok(());
         }
         let period = Duration::from_secs_f64(1.0 / self.selection.rate_hz);
-        // In step with the rate; samples that come late and all at once are passed on as if they had come in time.
+        // In step with the rate; samples that arrive late and all together are passed on as if they had arrived in
+        // time.
         let earliest = now.checked_sub(CREDIT).unwrap_or(now);
         self.due = Some(due.max(earliest) + period);
         self.sent += 1;
@@ -370,7 +371,7 @@ impl Watcher {
         }
     }
 
-    /// Nothing more will come of this run.
+    /// Nothing more will come from this run.
     async fn has_ended(&mut self) -> bool {
         match self.app.database.get(&self.run.id).await {
             Ok(Some(run)) => {

@@ -1,4 +1,5 @@
-//! Example logs for a first visit: flown by the independent simulator in a process of its own, with the truth kept apart.
+//! Example logs for a first visit: flown by the independent simulator in a process of its own, with the truth kept
+//! separate.
 
 use super::facts::{ExampleFacts, JobFacts};
 use super::jobs::{self, JobView, Shared, Terms};

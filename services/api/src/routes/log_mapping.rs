@@ -1,4 +1,5 @@
-//! The draft of a mapping for an uploaded table of another program: what its columns may be, and what only its owner knows.
+//! The draft of a mapping for an uploaded third-party table: what its columns may be, and questions that only its owner
+//! can answer.
 
 use super::facts::UploadFacts;
 use super::jobs::{self, Shared};

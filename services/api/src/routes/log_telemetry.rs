@@ -1,4 +1,4 @@
-//! What an imported log holds: channels, and samples decimated so that a picture shows the same, as runs have them.
+//! Contents of an imported log: channels, and samples decimated so that a plot looks the same, as for runs.
 
 use super::jobs::Shared;
 use super::tasks::{STEM, done};

@@ -37,7 +37,7 @@ super::collection!(
 const MAPPING: &str = "mapping.toml";
 /// Bytes.
 const LONGEST_MAPPING: usize = 64 << 10;
-/// Endings by which the import knows what a file is.
+/// Suffixes by which the import recognises the type of a file.
 const ENDINGS: [&str; 12] = [
     "csv", "tsv", "parquet", "ulg", "bin", "log", "tlog", "bbl", "bfl", "txt", "mcap", "usd",
 ];
@@ -299,7 +299,7 @@ fn check_rate(rate_hz: Option<f64>) -> Result<(), Problem> {
     }
 }
 
-/// `log`, with the ending of what was sent.
+/// `log`, with the suffix of the uploaded file.
 pub(super) fn file_name(name: &str) -> Result<String, Problem> {
     let plain = |c: char| c.is_ascii_alphanumeric() || "._- ()+".contains(c);
     if name.is_empty() || name.len() > 200 || !name.chars().all(plain) {
@@ -333,7 +333,7 @@ async fn receive(app: &App, body: Body, file: &str) -> Result<(Incoming, u64, St
         broken: "the file arrived incomplete",
         full,
     };
-    // A disk that is full is told once the body has come, also where no mark can be written.
+    // A full disk is reported after the body has arrived, even if no mark can be written.
     let (mut incoming, target) = match Incoming::begin(&app.artifacts, &app.config.work.data) {
         Err(error) => (None, Err(error)),
         Ok(incoming) => {

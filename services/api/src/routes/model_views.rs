@@ -1,4 +1,4 @@
-//! Models and their versions as answers show them.
+//! Models and their versions as shown in responses.
 
 use crate::library::versions::StoredModel;
 use crate::problem::Problem;

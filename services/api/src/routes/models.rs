@@ -1,4 +1,5 @@
-//! Models that grow: history, additions, undo, branches, differences, exports. What a version is stands in [`rotortwin_twin::model`].
+//! Versioned models: history, additions, undo, branches, differences, exports. Versions are defined in
+//! [`rotortwin_twin::model`].
 
 use super::asked::ModelChoice;
 use super::documents::{checked_name, precondition};

@@ -1,4 +1,4 @@
-//! What to fly next: the manoeuvre that would tell two effects apart.
+//! The next flight: the manoeuvre that would distinguish two effects.
 
 use super::asked::ModelChoice;
 use super::facts::{JobFacts, NextFlightFacts};

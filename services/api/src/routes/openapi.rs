@@ -1,5 +1,5 @@
-//! What the OpenAPI document says of every route alike, and the derive macros cannot: refusals of access, forms of headers, results of jobs
-//! that are not done.
+//! Parts of the OpenAPI document that apply to every route and that the derive macros cannot express: access errors,
+//! header formats, results of jobs that are not done.
 
 use super::stated::whole;
 use utoipa::Number;
@@ -12,7 +12,7 @@ use utoipa::openapi::{Content, OpenApi, PathItem, Ref, RefOr, Response, Response
 
 /// What a header has to look like; everything else is 400.
 const FORMS_OF_HEADERS: [(&str, &str); 3] = [
-    // Spaces at either end are no part of a header.
+    // Leading and trailing spaces are not part of a header.
     ("Idempotency-Key", "^[!-~]([ -~]{0,198}[!-~])?$"),
     ("If-Match", "^\"[0-9A-Za-z]{1,64}\"$"),
     ("If-None-Match", "^\\*$"),

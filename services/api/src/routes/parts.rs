@@ -1,5 +1,5 @@
-//! For nodes of another cluster to which parts are handed: what they fetch, and deliver. Not for people, and in no document: both ends are of one
-//! build ([`crate::worker::handed`]).
+//! For nodes of an external cluster that execute parts: what they fetch, and deliver. Not for users, and undocumented:
+//! both ends come from one build ([`crate::worker::handed`]).
 
 use crate::App;
 use crate::json_object::JsonObject;

@@ -1,4 +1,5 @@
-//! SQL over the files of jobs, while the caller waits: answered by a process of `rotortwin query`, which reaches those files and no others.
+//! SQL over the files of jobs, while the caller waits: answered by a process of `rotortwin query`, which can read those
+//! files and no others.
 
 use super::jobs::Shared;
 use crate::App;
@@ -29,7 +30,7 @@ const LONGEST_ANSWER: u64 = 32 << 20;
 const PATIENCE: Duration = Duration::from_secs(30);
 /// Most that a query puts onto the disk, MB.
 const MOST_SPILLED_MB: u64 = 4000;
-/// What a query may take beside what Python takes, MB, if jobs may take four times as much.
+/// Memory that a query may use in addition to Python's own, MB, if jobs may use four times as much.
 const MEMORY_MB: u64 = 512;
 /// How the sentence begins that says that this host has no engine (`MISSING` of the command).
 const NO_ENGINE: &str = "SQL over results needs";
@@ -135,7 +136,7 @@ pub(crate) async fn query(
         // The command itself says it first.
         wall: longest + Duration::from_secs(10),
     };
-    // Below the root, where paths are keys: what the engine says of files tells nothing of this host.
+    // Below the root, where paths are keys: the engine's messages about files reveal nothing about this host.
     let root = app.artifacts.place("");
     let said = Said::by(&app.config.work.program, words, patience, Some(&root)).await?;
     let complaint = said.complaint();

@@ -1,7 +1,7 @@
-//! What a comparison found, sample by sample: measured, predicted and residual of a channel, and the flight conditions, as means and
-//! extremes of buckets.
+//! Results of a comparison, sample by sample: measured, predicted and residual of a channel, and the flight conditions,
+//! as means and extremes of buckets.
 //!
-//! The child that compared has written the residuals of each log into a file; it is read here, never compared again.
+//! The comparison's process has written the residuals of each log to a file; it is read here, never recomputed.
 
 use super::jobs::Shared;
 use super::tasks::done;
@@ -20,7 +20,7 @@ use serde::{Deserialize, Serialize};
 use std::path::PathBuf;
 use utoipa::{IntoParams, ToSchema};
 
-/// Buckets of an answer, if nobody asks for another number.
+/// Default number of buckets of an answer.
 const USUAL_POINTS: usize = 900;
 /// Buckets of an answer, at most.
 const MOST_POINTS: usize = 20_000;
@@ -234,7 +234,7 @@ impl Interval {
     }
 }
 
-/// The file with the residuals of one log, and what the result says of it.
+/// The file with the residuals of one log, and the result's entry for it.
 struct Source {
     path: PathBuf,
     place: usize,
@@ -482,7 +482,7 @@ mod tests {
             let inside = buckets.low.iter().zip(&buckets.mean).zip(&buckets.high);
             assert!(inside.clone().all(|((low, mean), high)| low <= mean && mean <= high));
         }
-        // One sample a bucket: what does not count is none.
+        // One sample per bucket: a masked one gives none.
         let cut = Cut::new(&time, &interval(None, None, 1000));
         assert_eq!(cut.buckets(&values).mean[7], None);
     }

@@ -1,4 +1,4 @@
-//! What came out of a job, for the document: the types that the command line writes as JSON.
+//! Results of jobs, for the document: the types that the command line writes as JSON.
 
 use super::jobs::JobView;
 use crate::problem::Problem;

@@ -1,4 +1,4 @@
-//! How the server is: health, readiness, metrics, the OpenAPI document.
+//! State of the server: health, readiness, metrics, the OpenAPI document.
 
 use crate::App;
 use crate::access::Caller;

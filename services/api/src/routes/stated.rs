@@ -1,7 +1,9 @@
-//! Holds requests to what the OpenAPI document states of parameters in the query and in headers: length, form, range.
+//! Validates requests against what the OpenAPI document states about query parameters and headers: length, format,
+//! range.
 //!
-//! Types are the handlers' matter, which read them. What only stands in an attribute of the document (`max_length`, `pattern`, …) would
-//! bind nobody without this. Built from the document, so that the two cannot differ.
+//! Types are checked by the handlers, which parse them. Constraints that are only attributes of the document
+//! (`max_length`, `pattern`, …) would not be enforced without this. Built from the document, so that the two cannot
+//! differ.
 
 use crate::problem::Problem;
 use axum::extract::{MatchedPath, Query, Request, State};
@@ -184,7 +186,7 @@ impl Form {
             }
             Self::Whole { least, most } => {
                 let number: i128 = value.parse().ok()?;
-                // The largest number of a type is no bound that helps.
+                // The largest number of a type is not a useful bound.
                 let unbounded = *most >= i128::from(i64::MAX) && number < *least;
                 (!(*least..=*most).contains(&number)).then(|| match unbounded {
                     true => format!("at least {least}"),

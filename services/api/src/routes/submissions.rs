@@ -1,4 +1,4 @@
-//! Runs are submitted: from scratch, or as a fork of one that is there.
+//! Submission of runs: from scratch, or as a fork of an existing one.
 
 use super::asked::ModelChoice;
 use super::jobs::{self, Shared, Terms};
@@ -138,7 +138,7 @@ fn submitted_scenario(library: &Library, body: &Submission) -> Result<Scenario, 
     }
 }
 
-/// The scenario with the models that were asked for, and what the detectors' model cannot hold.
+/// The scenario with the requested models, and what the detectors' model cannot contain.
 async fn with_models(
     app: &App,
     caller: &Caller,

@@ -1,4 +1,4 @@
-//! Many runs side by side: one row a run, one column a number of its summary.
+//! Many runs side by side: one row per run, one column per number of its summary.
 
 use super::jobs::Shared;
 use crate::access::Caller;
@@ -22,7 +22,7 @@ use utoipa::{IntoParams, ToSchema};
 const MOST_ROWS: i64 = 20_000;
 /// Columns of a table, at most.
 const MOST_COLUMNS: usize = 200;
-/// Names of columns are collected from so many runs.
+/// Names of columns are collected from this many runs.
 const SAMPLE: usize = 50;
 /// A run's summary, in the OpenAPI document.
 const SUMMARY_SCHEMA: &str = "#/components/schemas/RunSummary";
@@ -219,8 +219,8 @@ fn leads_to_a_value(document: &Value, schema: &Value, path: &[&str]) -> bool {
     leads_to_a_value(document, below, rest)
 }
 
-/// The wanted entries of a flat JSON object, in their order; null for what is not there. What is not wanted is skipped, not read: there are
-/// hundreds of entries, thousands of times.
+/// The wanted entries of a flat JSON object, in their order; null for missing ones. Others are skipped, not parsed:
+/// there are hundreds of entries, thousands of times.
 fn pick(text: &str, wanted: &[&str]) -> Vec<Value> {
     struct Picker<'a>(&'a [&'a str]);
     impl<'de> Visitor<'de> for Picker<'_> {

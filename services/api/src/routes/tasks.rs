@@ -1,4 +1,4 @@
-//! What submissions share that are no runs: jobs over the library, logs, runs and models.
+//! Common parts of submissions other than runs: jobs over the library, logs, runs and models.
 
 use super::asked::{Flights, ModelChoice};
 use super::facts::JobFacts;
@@ -252,7 +252,7 @@ impl ModelChoice {
             0 => name.to_owned(),
             _ => format!("{place}-{name}"),
         };
-        // Whatever it is made from, it stands alone: what is flown or fitted tomorrow is what was there today.
+        // Whatever its origin, it is self-contained: later changes do not affect what is flown or fitted.
         let alone = |text: String, name: &str| (file(VERSION), vec![Input::text(file(VERSION), text)], name.to_owned());
         match (&self.vehicle, &self.improvement, &self.version, &self.model) {
             (Some(name), None, None, None) => {

@@ -1,6 +1,6 @@
-//! Telemetry of runs that have ended: channels, intervals, as many rows as a picture needs.
+//! Telemetry of runs that have ended: channels, intervals, as many rows as a plot needs.
 //!
-//! The files are read and decoded on threads of their own, at most [`AT_ONCE`] queries at a time.
+//! The files are read and decoded on separate threads, at most [`AT_ONCE`] queries at a time.
 
 use crate::App;
 use crate::access::Caller;
@@ -41,7 +41,7 @@ pub(crate) enum AnswerFormat {
 }
 
 impl AnswerFormat {
-    /// What was asked for by name, or by `Accept`; JSON otherwise.
+    /// The format requested by name, or by `Accept`; JSON otherwise.
     pub(super) fn of(named: Option<Self>, headers: &HeaderMap) -> Format {
         let accept = headers.get(header::ACCEPT).and_then(|value| value.to_str().ok());
         match (named, accept) {
@@ -284,7 +284,7 @@ pub(super) async fn file_of(app: &App, run: &Job, name: &str) -> Result<PathBuf,
     file.ok_or_else(missing)
 }
 
-/// Does what reads files away from the threads that serve, not too often at once.
+/// Reads files outside the threads that serve, not too many at the same time.
 pub(super) async fn blocking<T: Send + 'static>(
     work: impl FnOnce() -> Result<T, QueryError> + Send + 'static,
 ) -> Result<T, Problem> {

@@ -53,7 +53,7 @@ super::collection!(
     "/api/v1/improvements/{id}/artifacts/{*path}"
 );
 
-/// Folder of the models, beside or below the files of the job.
+/// Folder of the models, next to or below the files of the job.
 const MODELS: &str = "models";
 /// A comparison has at most this many models.
 const MOST_MODELS: usize = 16;

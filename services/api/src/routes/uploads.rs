@@ -1,4 +1,5 @@
-//! A file in the body of a request: within its limit, onto the disk, and refused so that the client hears why.
+//! A file in the body of a request: within its limit, to disk, and rejected in such a way that the client gets the
+//! reason.
 
 use crate::problem::Problem;
 use axum::body::{Body, HttpBody as _};
@@ -6,7 +7,7 @@ use futures_util::StreamExt as _;
 use std::time::Duration;
 use tokio::io::AsyncWriteExt as _;
 
-/// After a refusal the rest of a body is taken for so long: a browser that cannot send it reads no answer.
+/// After a rejection the rest of a body is received for this long: a browser that cannot send it reads no answer.
 const DRAIN: Duration = Duration::from_secs(120);
 
 /// What is taken, and the sentences of the refusals.
@@ -22,10 +23,10 @@ pub(super) struct Upload<'a> {
 }
 
 impl Upload<'_> {
-    /// Writes a body to a file, shows `seen` each piece, and gives its length in bytes.
+    /// Writes a body to a file, passes each piece to `seen`, and returns its length in bytes.
     ///
     /// # Errors
-    /// 413, at once where the length was announced; 400: it broke off; 507; 500.
+    /// 413, immediately if the length was announced; 400: it broke off; 507; 500.
     pub(super) async fn write(
         &self,
         body: Body,

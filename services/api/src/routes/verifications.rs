@@ -1,4 +1,5 @@
-//! Runs flown again: a job as any other, so that it is shared fairly and begun again if its worker is gone. The request waits for its end.
+//! Verification of runs by a replay: a job like any other, so that it is scheduled fairly and restarted if its worker
+//! is gone. The request waits for its end.
 
 use super::facts::{JobFacts, VerificationFacts};
 use super::jobs::{self, JobView, Shared, Terms};
@@ -34,9 +35,9 @@ super::collection!(
     "/api/v1/verifications/{id}/artifacts/{*path}"
 );
 
-/// A request waits so long; the job goes on. Proxies and clients give up after 30 to 60 s.
+/// A request waits this long; the job continues. Proxies and clients give up after 30 to 60 s.
 const PATIENCE: Duration = Duration::from_secs(20);
-/// The second execution takes at most so long.
+/// Time limit of the second execution.
 const LONGEST: Duration = Duration::from_secs(600);
 /// Another process may have written the end.
 const LOOK: Duration = Duration::from_secs(1);
@@ -138,7 +139,8 @@ pub(crate) async fn verify(
     compared(&app, Some(&run), &job.id).await
 }
 
-/// The answer once the job has ended, or the job as it is after [`PATIENCE`]. `run`: what it flies again, if that is there.
+/// The answer once the job has ended, or the job as it is after [`PATIENCE`]. `run`: the run that it repeats, if it
+/// exists.
 async fn compared(app: &App, run: Option<&Job>, id: &str) -> Result<Response, Problem> {
     let job = ended(app, id).await?;
     if !job.status.is_final() {

@@ -1,7 +1,7 @@
-//! A run live in Foxglove and Lichtblick: their WebSocket protocol, as `rotortwin fly --foxglove` speaks it.
+//! A live run in Foxglove and Lichtblick: their WebSocket protocol, as in `rotortwin fly --foxglove`.
 //!
-//! The flight waits for nobody: a viewer who is too slow loses rows and is told how many. What the log said before he came is sent when he
-//! asks for it.
+//! The flight does not wait: a viewer that is too slow loses rows and is told how many. Earlier log messages are sent
+//! when a viewer subscribes to them.
 
 use crate::App;
 use crate::access::Caller;
@@ -23,9 +23,9 @@ use std::sync::Arc;
 use std::time::Duration;
 use tokio::sync::broadcast::{Receiver, error::RecvError};
 
-/// How often it is looked whether the run has ended, should nobody tell.
+/// How often to check whether the run has ended, in case no notification arrives.
 const LOOK: Duration = Duration::from_secs(2);
-/// A viewer that takes nothing for so long is gone.
+/// A viewer that receives nothing for this long is gone.
 const PATIENCE: Duration = Duration::from_secs(10);
 
 /// A run live in Foxglove and Lichtblick, by Foxglove's WebSocket protocol.
@@ -177,7 +177,7 @@ impl Show {
         }
     }
 
-    /// Nothing more will come of this run.
+    /// Nothing more will come from this run.
     async fn has_ended(&mut self) -> bool {
         match self.app.database.get(&self.run.id).await {
             Ok(Some(run)) => run.status.is_final(),

@@ -28,11 +28,11 @@ const QUEUE: Duration = Duration::from_secs(60);
 /// A command with both a result and an error message, such as for a log that lacks required channels, counts as successful.
 ///
 /// * `wall`: its longest time
-/// * `for_callers`: a complaint without what is only the server's matter, such as paths
+/// * `for_callers`: a complaint without details that concern only the server, such as paths
 ///
 /// # Errors
-/// 422 with the command's sentence if its input is bad, or it reached a limit; 500 if it gave no answer for another reason; 503 if too many
-/// questions came before.
+/// 422 with the command's sentence if its input is bad, or it reached a limit; 500 if it gave no answer for another
+/// reason; 503 if too many questions came before.
 pub(crate) async fn answered<W: AsRef<OsStr>>(
     app: &App,
     words: impl IntoIterator<Item = W>,

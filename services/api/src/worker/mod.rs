@@ -356,7 +356,8 @@ async fn write_down(context: &WorkerContext, job: &Job, token: &str, ended: Ende
     context.artifacts.leave(&attempt_key(job));
 }
 
-/// Writes the end of an attempt into the database. `false`: another worker has the job; `None`: the database could not be told.
+/// Writes the end of an attempt into the database. `false`: another worker has the job; `None`: the database could not
+/// be reached.
 async fn last_word(context: &WorkerContext, job: &Job, token: &str, ended: &Ended) -> Option<bool> {
     let begun = tokio::time::Instant::now();
     loop {
@@ -389,7 +390,7 @@ async fn last_word(context: &WorkerContext, job: &Job, token: &str, ended: &Ende
     }
 }
 
-/// What is kept of an attempt counts for its tenant, however it ended; what nobody can read is removed.
+/// The stored files of an attempt count for its tenant, however it ended; unreadable ones are removed.
 async fn accounted(context: &WorkerContext, job: &Job, mut outcome: Outcome) -> Outcome {
     if outcome.status == Status::Done || outcome.bytes > 0 {
         return outcome;

@@ -46,7 +46,7 @@ impl Patience {
     /// The next pause, `None` if it would end later than `limit` after the start; `asked`: the server's retry delay.
     fn next(&mut self, limit: Duration, asked: Option<Duration>) -> Option<Duration> {
         let own = Duration::from_millis(100 << self.tries.min(10)).min(Duration::from_secs(5));
-        // Randomized, so that many clients of a restarted server do not come back at once.
+        // Randomized, so that many clients of a restarted server do not all come back together.
         let own = own.mul_f64(rand::random_range(0.5..1.0));
         self.tries += 1;
         let pause = asked.map_or(own, |asked| asked.clamp(own, LONGEST_PAUSE));

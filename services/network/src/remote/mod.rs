@@ -1,4 +1,4 @@
-//! `rotortwin --server URL …`: the same commands, done by a server.
+//! `rotortwin --server URL …`: the same commands, executed by a server.
 //!
 //! ```text
 //!  command ─▶ http (patience, refusals) ─▶ server

@@ -189,13 +189,15 @@ pub struct Identified {
 /// Length of a window, steps.
 const WINDOW_STEPS: u64 = 200;
 
-/// Flies a healthy vehicle with motors up and down until the battery has gone from 95 to 40 %, and fits Eq. 19 to what its sensors saw.
+/// Flies a healthy vehicle with motors up and down until the battery has gone from 95 to 40 %, and fits Eq. 19 to its
+/// sensor readings.
 ///
-/// Duty and voltage are means of half a second; the lift of a rotor is m (g − v̇)/(n cos φ cos θ) with v̇ from the velocities at the ends of
-/// the window. For each v₀ the coefficients are linear, and v₀ is the one with the smallest squares.
+/// Duty and voltage are means of half a second; the lift of a rotor is m (g − v̇)/(n cos φ cos θ) with v̇ from the
+/// velocities at the ends of the window. For each v₀ the coefficients are linear, and v₀ is the one with the smallest
+/// squares.
 ///
 /// # Errors
-/// The flight cannot be flown, or ends before the battery is there.
+/// The flight cannot be flown, or ends before the battery has reached 40 %.
 pub fn identify(motors: &Scenario, seed: u64) -> Result<Identified, String> {
     let mut flight = SteppedFlight::new(motors, seed)?;
     let n = flight.rotor_count();
@@ -225,7 +227,7 @@ pub fn identify(motors: &Scenario, seed: u64) -> Result<Identified, String> {
             100.0 * flight.truth().state_of_charge
         ));
     }
-    // The start is no steady flight.
+    // The start is not steady flight.
     let settled = windows.split_off(windows.len().min(10));
     fit(&settled).ok_or_else(|| "the flight does not determine Eq. 19".to_owned())
 }
@@ -308,7 +310,7 @@ impl Identified {
 /// The flight of [`identify`]: up and down by 20 m in 11 s each time, smoothly, 95 % charge at the start.
 ///
 /// # Errors
-/// The vehicle document is no vehicle.
+/// The vehicle document is invalid.
 pub fn discharging_flight(vehicle: &std::path::Path) -> Result<Scenario, String> {
     let vehicle = toml::Value::String(vehicle.display().to_string());
     let text = format!(
@@ -320,7 +322,7 @@ pub fn discharging_flight(vehicle: &std::path::Path) -> Result<Scenario, String>
     Scenario::parse(&text, "").map_err(|error| error.to_string())
 }
 
-/// The identified coefficients beside those of Table 1, and the error of each over the flight's duties and voltages.
+/// The identified coefficients next to those of Table 1, and the error of each over the flight's duties and voltages.
 pub fn table(motors: &Scenario, identified: &Identified) -> ResultTable {
     let printed = motors.nominal_blade();
     let mut rows: Vec<Vec<String>> = (0..4)
@@ -378,7 +380,7 @@ mod tests {
         let (rms, r_squared) = identified.error(&motors).expect("the motor turns");
         // The paper's fit of its bench has 10.756 mN and 0.99999.
         assert!(rms < 0.015 && r_squared > 0.999, "{rms} N, {r_squared}: {identified:?}");
-        // Without the voltage in it, a discharged battery would lift what a full one does.
+        // Without the voltage as a variable, a discharged battery would lift as much as a full one.
         let duty = 0.5 * (identified.duty[0] + identified.duty[1]);
         let [empty, full] = identified.voltage.map(|voltage| identified.blade.lift(duty, voltage));
         assert!(full / empty > 1.05, "{empty} {full}");

@@ -505,8 +505,8 @@ impl EffectDocument {
     }
 }
 
-/// A grid over the range of every shape that has one in geometric steps; required is what every term reads, because another term would
-/// show without it.
+/// A grid over the range of every shape that has one in geometric steps; the inputs of every term are required, because
+/// otherwise another term would show without them.
 fn search(terms: &[(Target, Program)], parameters: &[ParameterDeclaration]) -> Search {
     let ranges: Vec<&'static str> = parameters
         .iter()

@@ -99,7 +99,8 @@ variables! {
 }
 
 impl Variable {
-    /// What a log must hold for the variable to be known; `None` for what the model has or a channel's own column is.
+    /// Requirements on a log for the variable to be known; `None` for what the model computes or what is a channel's
+    /// own column.
     pub(super) fn requirement(self) -> Option<Requirement> {
         match self {
             Self::AirX

@@ -1,4 +1,4 @@
-//! Charge search: the charge at the start is looked for again once all is named.
+//! Charge search: the charge at the start is searched for again once all effects are named.
 
 use super::Pass;
 use crate::diagnose::state::State;

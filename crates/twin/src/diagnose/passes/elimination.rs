@@ -1,5 +1,5 @@
-//! Backward elimination: effects that later findings have made superfluous leave, and such of an impossible size that show where no other
-//! effect does.
+//! Backward elimination: removes effects that later findings have made superfluous, and those of an impossible size
+//! that show where no other effect does.
 
 use super::Pass;
 use crate::diagnose::findings;

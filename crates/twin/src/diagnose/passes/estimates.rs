@@ -1,4 +1,5 @@
-//! Estimates: final values of what was named, averaged over how far the vehicle is off its nominal values; which of them cannot be.
+//! Estimates: final values of the named effects, averaged over the vehicle's possible distance from its nominal values;
+//! which of them are impossible.
 
 use rotortwin_plant::effects::EffectClass;
 

@@ -1,4 +1,4 @@
-//! Gust covariance: whether gusts explain what is left, and which effects only stood in for them.
+//! Gust covariance: whether gusts explain the rest, and which effects only stood in for them.
 
 use super::Pass;
 use super::goodness::judge;
@@ -47,7 +47,7 @@ impl Pass for GustCovariance {
     }
 }
 
-/// Drops the effects that only stood in for gusts, one after the other; the gusts without them.
+/// Drops the effects that only imitated gusts, one after the other; returns the gusts without them.
 fn drop_stand_ins(state: &mut State<'_>, mut gusts: Gusts) -> Result<Gusts, PredictError> {
     while let Some(without) = without_stand_in(&state.problem, &gusts.posterior, state.threshold)? {
         let (about, _) = posterior_of(&without)?;
@@ -101,8 +101,8 @@ pub(crate) fn gusts_lead(
     Ok(without_onset)
 }
 
-/// The problem without the effect that stood in for gusts, if there is one: with the gusts in the noise its evidence falls below
-/// `threshold`. Gusts have a mean over a flight that reads as wind, and a slow part that reads as a tilt.
+/// The problem without the effect that imitated gusts, if there is one: with the gusts in the noise its evidence falls
+/// below `threshold`. Over a flight, gusts have a mean that looks like wind, and a slow part that looks like a tilt.
 ///
 /// * `posterior`: with the gusts in the noise
 fn without_stand_in(problem: &Problem, posterior: &Posterior, threshold: f64) -> Result<Option<Problem>, PredictError> {

@@ -14,15 +14,15 @@ use crate::predict::{CHANNELS, ChannelResiduals, Nuisances, PredictError, Series
 const SMOOTH_S: f64 = 0.1;
 /// Factor by which an error on unseen blocks rises where a fit contradicts no guess of a constant.
 const CONTRADICTED: f64 = 3.0;
-/// Factor by which it rises where a fault of the log is none.
+/// Factor on that error above which a fault of the log is rejected.
 const CLEARLY: f64 = 1.1;
 
 pub(crate) struct HeldOutCheck;
 
 impl HeldOutCheck {
-    /// True if a fit makes an error on unseen blocks so many times larger that it says nothing of a guess. Beside one guess that is wrong
-    /// others are, and an error may rise a little with the right value of the first; that of the voltage, with its guesses of the battery, by
-    /// more.
+    /// True if a fit makes an error on unseen blocks so much larger that it is no evidence about a guess. Where one
+    /// guess is wrong others usually are, and an error may rise a little with the right value of the first; that of the
+    /// voltage, with its guesses of the battery, by more.
     pub(crate) fn contradicts_no_guess(error: &HeldOutError) -> bool {
         error.quantity != QUANTITIES[VOLTAGE].0 && error.rises() && error.after > CONTRADICTED * error.before
     }
@@ -37,8 +37,8 @@ impl Pass for HeldOutCheck {
         let errors = errors(&state.problem, &state.plain)?;
         let diagnosis = &state.diagnosis;
         let named = !diagnosis.effects.is_empty();
-        // Mending a log need make no error of the model smaller; but a fault of the log that leaves something unexplained and makes the
-        // prediction of unseen blocks clearly worse is none.
+        // Repairing a log need not make any error of the model smaller; but a fault of the log that leaves something
+        // unexplained and makes the prediction of unseen blocks clearly worse is rejected.
         let log_alone = !named && !diagnosis.sensor_or_timing.is_empty() && !diagnosis.goodness.unexplained.is_empty();
         if named || log_alone || !diagnosis.calibrate.is_empty() {
             let risen = errors.iter().filter(|error| {
@@ -120,7 +120,7 @@ fn noise(problem: &Problem) -> [f64; QUANTITIES.len()] {
                 sums[kind].count += 1.0;
             }
         }
-        // Its least is what a log resolves, which no mean makes smaller.
+        // Its lower bound is the resolution of a log, which averaging does not reduce.
         sums[2].sum += covariances[V].variance;
         sums[2].count += 1.0;
     }

@@ -23,14 +23,14 @@ pub(crate) trait Pass: Sync {
     /// What it is called, also in docs/diagnose.md.
     fn name(&self) -> &'static str;
 
-    /// True for what looks for further explanations: left out once the time is up.
+    /// True for passes that look for further explanations: left out once the time is up.
     fn searches(&self) -> bool {
         false
     }
 
-    /// Does its job.
+    /// Runs the pass.
     ///
     /// # Errors
-    /// One sentence: the effects together make no vehicle, or numbers of the log make no fit.
+    /// One sentence: the effects together yield an invalid vehicle, or numbers of the log cannot be fitted.
     fn run(&self, state: &mut State<'_>) -> Result<(), PredictError>;
 }

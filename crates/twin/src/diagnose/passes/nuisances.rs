@@ -1,4 +1,4 @@
-//! Nuisance fit: rotor biases and the charge at the start, which no flight is without.
+//! Nuisance fit: rotor biases and the charge at the start, which every flight has.
 
 use super::Pass;
 use crate::diagnose::state::State;

@@ -1,4 +1,4 @@
-//! Onset test: onsets that were called for only while another effect was missing are dropped.
+//! Onset test: drops onsets that were needed only while another effect was missing.
 
 use super::Pass;
 use crate::diagnose::state::State;

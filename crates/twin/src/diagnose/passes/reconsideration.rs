@@ -1,4 +1,5 @@
-//! Reconsideration: each effect but the last is searched for again beside the others, and one effect may stand in place of two.
+//! Reconsideration: each effect but the last is searched for again together with the others, and one effect may replace
+//! two.
 
 use super::Pass;
 use super::refinement::best_of;
@@ -60,9 +61,9 @@ fn best_without(
     Ok(only.map(|only| (without, fitted, only)))
 }
 
-/// Looks again for each effect but the last, now that the others are known: what was found first was found while all else was missing,
-/// and may have been another effect that took over a part of the rest. For the last, too, if it came together with the effect through
-/// which it acts: beside that another one may do as well.
+/// Reconsiders each effect but the last, now that the others are known: what was found first was found while all the
+/// rest was missing, and may have been another effect that absorbed a part of the rest. The last is reconsidered, too,
+/// if it came together with the effect through which it acts: with that, another one may fit equally well.
 ///
 /// False if it was `over` before the last.
 fn reconsider(
@@ -110,8 +111,9 @@ fn reconsider(
     Ok(true)
 }
 
-/// One effect in place of two, where three or more were named. Selection goes forward: what it took first for something else stays as a
-/// patch, with the next one to mend the patch (a gain of the voltage sensor and another capacity, for thin air).
+/// One effect in place of two, if three or more were named. Selection is forward: a first, wrong choice stays as a
+/// patch, together with the next one that corrects the patch (a gain of the voltage sensor and another capacity, for
+/// thin air).
 ///
 /// False if it was `over` before the last pair.
 fn in_place_of_two(

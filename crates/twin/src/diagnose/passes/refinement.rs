@@ -16,10 +16,10 @@ use crate::estimation::rate_noise;
 use crate::estimation::scores::{Scored, opened_mean, priors};
 use crate::predict::PredictError;
 
-/// Evidence over the threshold that must not be left unnamed.
+/// Evidence above the threshold that must not remain unexplained.
 pub(crate) const LEFT_FACTOR: f64 = 3.0;
 
-/// Most candidates that are refined in one round.
+/// Largest number of candidates that are refined in one round.
 const REFINED: usize = 4;
 
 /// Share of the best ln Bayes factor from which a candidate is refined.
@@ -71,7 +71,8 @@ pub(crate) fn best_of(
         }
         possible.push(i);
     }
-    // A constant that is far off must lead by more than what is left unnamed: an effect may look like it, too.
+    // A constant that is far off must lead by more than the evidence that remains unexplained: an effect may look like
+    // it, too.
     let first = possible.first().copied();
     let near = possible.iter().copied().find(|&i| !far_off[i]);
     let winner = match (first, near) {
@@ -82,7 +83,7 @@ pub(crate) fn best_of(
         return Ok(None);
     };
     let Tried { opened, fitted, gain } = &tried[winner];
-    // What noise of its own would give the model without it is no evidence for the effect.
+    // The gain that re-estimated noise would give the model without the effect is not evidence for the effect.
     if *gain - noise_shift(problem, posterior, opened) <= threshold {
         return Ok(None);
     }
@@ -90,14 +91,14 @@ pub(crate) fn best_of(
         .iter()
         .map(|&c| large_enough(problem, c, fitted, threshold))
         .collect();
-    // A size that its own shape leaves uncertain may still be beyond doubt as a whole.
+    // A size that is uncertain because of the shape may still be beyond doubt as a whole.
     let beyond_doubt = *gain > LEFT_FACTOR * threshold;
     if *gain <= threshold || !(beyond_doubt || sizes.iter().all(|(seen, _)| *seen)) {
         return Ok(None);
     }
     let mut rivals: Vec<RivalFit> = Vec::new();
     for (one, implausible) in tried.iter().zip(implausible) {
-        // The same with a companion, or from another start, is no rival.
+        // The same candidate with a companion, or from another start, is not a rival.
         if one.opened.iter().any(|c| opened.contains(c)) {
             continue;
         }
@@ -110,7 +111,7 @@ pub(crate) fn best_of(
             });
         }
     }
-    // Equal prior odds over all candidates; those that were not refined by their linear evidence.
+    // Equal prior odds for all candidates; those that were not refined enter with their linear evidence.
     let largest = *gain;
     let mut odds = 0.0;
     for one in scored {
@@ -142,7 +143,7 @@ pub(crate) fn best_of(
     Ok(Some((fitted.clone(), found)))
 }
 
-/// What noise of the rates that is estimated without the effects gains over noise that is estimated with them, nats.
+/// Difference in nats between estimating the noise of the rates without and with the effects.
 fn noise_shift(problem: &Problem, posterior: &Posterior, opened: &[usize]) -> f64 {
     let (mut places, mut spikes, mut slabs) = (Vec::new(), Vec::new(), Vec::new());
     for &candidate in opened {
@@ -152,7 +153,7 @@ fn noise_shift(problem: &Problem, posterior: &Posterior, opened: &[usize]) -> f6
         slabs.extend(own.2);
     }
     let offset = vec![0.0; places.len()];
-    // A gross error has no columns: it is weighed by its own test.
+    // A gross error has no columns: it has its own test.
     match open(posterior, &places, &spikes, &spikes, &slabs, &offset) {
         Some(wide) if !places.is_empty() => {
             rate_noise::shift(problem, &posterior.mean, &opened_mean(posterior, &places, &wide))
@@ -171,7 +172,8 @@ struct Tried {
     gain: f64,
 }
 
-/// The fits of a trial: from the start, and from where the effect may set in. None where these leave what is a vehicle at all.
+/// The fits of a trial: from its start, and from where the effect may set in. None if these leave the range of possible
+/// vehicles.
 fn fits_of(problem: &Problem, trial: &Trial, null: &Fitted) -> Result<Vec<Tried>, PredictError> {
     let mut tried = Vec::new();
     let opened: Vec<usize> = trial.open.iter().map(|a| a.candidate).collect();
@@ -209,12 +211,13 @@ fn fits_of(problem: &Problem, trial: &Trial, null: &Fitted) -> Result<Vec<Tried>
     Ok(tried)
 }
 
-/// Half a span of onsets about one that a scan found, s, and how often the span may move.
+/// Half a span of onsets about one that a scan found, s, and how often the span may be moved.
 const ONSET_SPAN_S: f64 = 0.5;
 const ONSET_MOVES: usize = 3;
 
-/// The fit of what grows from its onset on, at the onset of the most evidence: the scan sees it by its straight column and to a quarter of a
-/// second, and a rate answers to that. About its best the evidence is a parabola of the onset.
+/// The fit of an effect that grows from its onset on, at the onset with the most evidence: the scan finds it by its
+/// straight column and to a quarter of a second, and a rate is sensitive to that. Near its maximum the evidence is a
+/// parabola in the onset.
 fn at_its_onset(problem: &Problem, candidate: usize, fitted: Fitted) -> Fitted {
     let mut best = fitted;
     for _ in 0..ONSET_MOVES {
@@ -257,10 +260,11 @@ fn at_its_onset(problem: &Problem, candidate: usize, fitted: Fitted) -> Fitted {
 
 /// Gain of ln evidence over the fit without the last of the opened candidates.
 ///
-/// A late channel of the log hides from the residual at zero latency that the vehicle answers to its noise before the log has it: the
-/// model without the latency foresees noise, and looks better than it is (on the calm helix by 30 nats). So a latency is weighed
-/// where it is fitted, where the causes come before their effects, against its own clutter there. Not so that of the IMU, which has
-/// rivals (the delay of the command, a flex): all are weighed against the same model without them.
+/// A delayed channel of the log hides from the residual at zero latency that the vehicle responds to the channel's
+/// noise before the log contains it: the model without the latency predicts noise, and looks better than it is (on the
+/// calm helix by 30 nats). So a latency is weighed where it is fitted, where the causes come before their effects,
+/// against its own clutter there. This does not apply to the latency of the IMU, which has rivals (the delay of the
+/// command, a flex): all are weighed against the same model without them.
 fn gain_of(problem: &Problem, opened: &[usize], fitted: &Fitted, null: &Fitted) -> Result<f64, PredictError> {
     let late = opened.last().is_some_and(|&c| {
         let declaration = problem.library.candidates[c].declaration;
@@ -275,7 +279,7 @@ fn gain_of(problem: &Problem, opened: &[usize], fitted: &Fitted, null: &Fitted) 
 }
 
 /// What is worth a fit in this round: the leading candidates of the linear ranking, special starts, effects that set in late, and
-/// effects of the battery each at its own charge.
+/// effects of the battery, each at its own charge.
 fn possible(
     problem: &Problem,
     posterior: &Posterior,
@@ -289,8 +293,8 @@ fn possible(
     let least = threshold.max(REFINED_SHARE * first.max(best_special));
     let mut chosen: Vec<Trial> = Vec::new();
     for (place, one) in plausible.iter().take(REFINED).enumerate() {
-        // The first of the ranking in any case, as a special start promises what its fit may not keep; but none whose shape is free, which
-        // would bend to whatever the special start is about.
+        // The first of the ranking in any case, as a special start may promise more than its fit delivers; but none
+        // with a free shape, which would adapt to whatever the special start is about.
         let shapeless = problem.library.candidates[one.candidate]
             .parameters
             .iter()
@@ -306,7 +310,7 @@ fn possible(
         .take_while(|t| t.log_bayes_factor >= least)
         .take(REFINED)
     {
-        // Beside the plain start, not instead of it: which of two shapes is near enough only the fits tell.
+        // In addition to the plain start, not instead of it: only the fits tell which of two shapes is close enough.
         chosen.push(start.clone());
     }
     let evidence = |c: usize| {
@@ -340,8 +344,8 @@ fn possible(
     chosen
 }
 
-/// False for a linear estimate far outside of what real vehicles have, by more than half the plausible range: no refinement brings
-/// that back.
+/// False for a linear estimate far outside what real vehicles have, by more than half the plausible range: no
+/// refinement brings that back.
 fn linearly_plausible(problem: &Problem, one: &Scored) -> bool {
     let entry = &problem.library.candidates[one.candidate];
     problem
@@ -356,20 +360,21 @@ fn linearly_plausible(problem: &Problem, one: &Scored) -> bool {
             let deviation = one.opened.covariance.at(a, a).max(0.0).sqrt() * column.size;
             let margin = 0.5 * (p.plausible_high - p.plausible_low) + 3.0 * deviation;
             let (least, most) = entry.reach(column.parameter);
-            // What cannot be at all (a rotor of negative inertia) is out even if it is near.
+            // A value that is impossible (a rotor of negative inertia) is excluded even if it is close.
             let (low, high) = entry.limits[column.parameter];
             let constant = matches!(entry.constant, Some((place, _)) if place == column.parameter);
             let possible = entry.is_log_fault()
                 || constant
                 || p.kind != ParameterKind::Size
                 || (value <= high + 3.0 * deviation && value >= low - 3.0 * deviation);
-            // What divides by 1 + d leads the linear estimate of a constant that is too large as far as one over what is left of it.
+            // For an effect that divides by 1 + d, the linear estimate of a constant that is too large is off by up to
+            // one over the remaining share.
             let least = if constant { least / (1.0 + least) } else { least };
             possible && value <= most + margin && value >= least - margin
         })
 }
 
-/// The first size that lies outside of the plausible range by more than a quarter of it and two deviations.
+/// The first size outside the plausible range by more than a quarter of it and two deviations.
 fn implausible_size(problem: &Problem, candidate: usize, fitted: &Fitted) -> Option<Quantity> {
     let entry = &problem.library.candidates[candidate];
     let active = fitted.active.iter().find(|a| a.candidate == candidate)?;
@@ -377,7 +382,8 @@ fn implausible_size(problem: &Problem, candidate: usize, fitted: &Fitted) -> Opt
         let deviation = entry.columns[i].map_or(0.0, |j| fitted.deviations[j] * p.size);
         let value = active.values[i];
         let (least, most) = entry.reach(i);
-        // How far a written constant may be off is wide enough; what is beyond is far off for nobody.
+        // The range in which a written constant may be off is wide enough; a value beyond it is not accepted as far
+        // off.
         let constant = matches!(entry.constant, Some((place, _)) if place == i);
         let margin = if constant {
             0.0
@@ -393,7 +399,8 @@ fn implausible_size(problem: &Problem, candidate: usize, fitted: &Fitted) -> Opt
     })
 }
 
-/// Whether one of the sizes reaches what the flight can show by the fit, and the smallest such size of the first parameter.
+/// Whether one of the sizes reaches what the flight can show according to the fit, and the smallest such size of the
+/// first parameter.
 fn large_enough(problem: &Problem, candidate: usize, fitted: &Fitted, threshold: f64) -> (bool, f64) {
     let Some(active) = fitted.active.iter().find(|a| a.candidate == candidate) else {
         return (false, f64::INFINITY);
@@ -406,7 +413,7 @@ fn large_enough(problem: &Problem, candidate: usize, fitted: &Fitted, threshold:
         if p.kind != ParameterKind::Size {
             continue;
         }
-        // What is left of the precision without the prior.
+        // The precision without the prior.
         let information = (1.0 / (fitted.deviations[j] * fitted.deviations[j]) - 1.0).max(0.0);
         let least = minimum_size(information, column.spike, threshold) * column.size;
         if first.is_infinite() {

@@ -15,7 +15,7 @@ use crate::predict::PredictError;
 /// Share of the search that is behind it when the first round begins, and that of all rounds.
 const BEGINS: f64 = 0.05;
 const ROUNDS: f64 = 0.9;
-/// Share of all rounds that goes into linearising.
+/// Share of all rounds that is spent on linearising.
 const LINEARISING: f64 = 0.6;
 
 pub(crate) struct ForwardSelection;
@@ -29,7 +29,7 @@ impl Pass for ForwardSelection {
         let mut looked_again = false;
         let mut to_rank = true;
         for round in 0..=most_effects(state) {
-            // The first round ranks what an answer is made of; the others begin only while there is time.
+            // The first round ranks what an answer consists of; the others begin only while there is time.
             if round > 0 && state.time_is_up() {
                 return Ok(());
             }
@@ -38,7 +38,8 @@ impl Pass for ForwardSelection {
                 Round::Nothing => return Ok(()),
                 Round::Unconfirmed if state.left < LEFT_FACTOR * state.threshold || looked_again => return Ok(()),
                 Round::Unconfirmed => {
-                    // What the ranking saw and no fit confirms may be a charge that stood on the wrong side of a kink of the battery's chart.
+                    // A candidate of the ranking that no fit confirms may come from a charge on the wrong side of a
+                    // kink in the battery's curve.
                     looked_again = true;
                     to_rank = round == 0;
                     let fitted = state.problem.fit(&state.problem.active)?;
@@ -50,7 +51,7 @@ impl Pass for ForwardSelection {
     }
 }
 
-/// Effects that are looked for; what turns out to be a guess of a constant leaves room for what is missing.
+/// Number of effects to look for; one that turns out to be a guessed constant leaves room for another.
 fn most_effects(state: &State<'_>) -> usize {
     state.options.most_effects + state.problem.library.guesses()
 }
@@ -59,9 +60,9 @@ fn most_effects(state: &State<'_>) -> usize {
 enum Round {
     /// With another effect.
     Named,
-    /// There is no further effect to look for: as many as were asked for are named, or gusts explain what is left.
+    /// There is no further effect to look for: the requested number is named, or gusts explain the rest.
     Nothing,
-    /// No fit confirmed what the ranking saw.
+    /// No fit confirmed the ranking's candidates.
     Unconfirmed,
 }
 

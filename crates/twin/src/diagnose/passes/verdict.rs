@@ -1,4 +1,4 @@
-//! Verdict: what was named is believed if nothing speaks against it and nothing else is left.
+//! Verdict: the named effects are accepted if there is no evidence against them and nothing else is left.
 
 use super::Pass;
 use super::held_out::HeldOutCheck;
@@ -42,7 +42,7 @@ impl Pass for FinalVerdict {
         if !matches!(diagnosis.verdict, Verdict::CalibrateFirst { .. }) {
             forget_what_raises(diagnosis, &state.doubts);
         }
-        // While something is unexplained, an interval is too narrow to speak against a guess.
+        // While something is unexplained, intervals are too narrow to contradict a guess.
         if state.doubts.is_empty() && diagnosis.goodness.unexplained.is_empty() {
             let learned = calibration::learned(&state.problem)?;
             let known: Vec<String> = diagnosis.calibrate.iter().map(|one| one.key.clone()).collect();
@@ -77,6 +77,6 @@ fn forget_what_raises(diagnosis: &mut Diagnosis, doubts: &[Doubt]) {
     diagnosis
         .notes
         .push(format!("not believed: {}; {with}", names.join(", ")));
-    // They are the errors of what is not believed.
+    // They are the errors of what has been rejected.
     diagnosis.held_out.clear();
 }

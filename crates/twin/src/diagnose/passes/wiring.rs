@@ -1,4 +1,5 @@
-//! Wiring test: a gross error of the build is taken where it removes nearly all of a large error of forces and torques.
+//! Wiring test: a gross error of the build is accepted where it removes nearly all of a large error of forces and
+//! torques.
 
 use super::Pass;
 use crate::diagnose::named::Named;
@@ -12,7 +13,7 @@ use crate::predict::PredictError;
 /// Mean chi² of the torque channels about their means from which a gross error is looked for.
 const LARGE_CHI2: f64 = 1.5;
 
-/// Share of the excess chi² that the right wiring leaves at most.
+/// Largest share of the excess chi² that may remain with the right wiring.
 const LEFT_SHARE: f64 = 0.25;
 
 pub(crate) struct WiringTest;

@@ -1,8 +1,8 @@
 //! Starts of fits of the battery voltage: charge at the start and all effects that show in the voltage together.
 //!
-//! The open-circuit voltage is a chart with kinks, so a fit that starts at the wrong charge stays there and others than the true
-//! effect patch what is left. The voltage is slow: on means of 0.1 s, every charge is tried with the effects fitted to it. What changes
-//! the thrust acts by the slope of the rotors' power, taken once.
+//! The open-circuit voltage is a chart with kinks, so a fit that starts at the wrong charge stays there, and effects
+//! other than the true one absorb the rest. The voltage is slow: on means of 0.1 s, every charge is tried with the
+//! effects fitted to it. Changes of the thrust act through the slope of the rotors' power, computed once.
 
 use rayon::prelude::*;
 use rotortwin_plant::effects::{AtBattery, ChannelGroup, EffectDeclaration, ParameterKind, Strategy};
@@ -44,7 +44,8 @@ pub(crate) fn wanted(problem: &Problem, posterior: &Posterior, scored: &[Scored]
     let hint = scored
         .iter()
         .any(|s| of_battery(problem, s.candidate) && s.opened.log_bayes_factor > threshold);
-    // What scales the thrust may be a wrong voltage in Eq. 19: at the right charge the voltage itself tells.
+    // An effect that scales the thrust may be due to a wrong voltage in Eq. 19: at the right charge the voltage itself
+    // decides.
     let scales = scored
         .iter()
         .filter(|s| s.opened.log_bayes_factor > threshold)
@@ -99,8 +100,9 @@ pub(crate) fn starts(problem: &Problem) -> Vec<Trial> {
     found
 }
 
-/// The active effects fitted, from where they stand and from where a search over all charges finds them: what was named one after the
-/// other stands where the first of them left the charge, and what is named next must not be but a mend of that.
+/// The active effects fitted, from their present values and from those that a search over all charges finds: effects
+/// named one after the other keep the charge of the first of them, and the next one must not merely compensate for
+/// that.
 pub(crate) fn fit_anywhere(problem: &Problem) -> Result<Fitted, PredictError> {
     let here = problem.fit(&problem.active)?;
     Ok(match elsewhere(problem)? {
@@ -143,8 +145,8 @@ fn of_sensor(problem: &Problem, candidate: usize) -> bool {
     problem.library.candidates[candidate].declaration.search.strategy == Strategy::BatteryState(AtBattery::Sensor)
 }
 
-/// What all other channels say, with the parameters at `opened` as free as the open effects. The priors' pull counts: at the present
-/// point biases of the rotors may stand in for the effect in question.
+/// The evidence of all other channels, with the parameters at `opened` as free as the open effects. The priors' pull
+/// counts: at the present point biases of the rotors may imitate the effect in question.
 fn posterior_without_voltage(problem: &Problem, opened: &[usize]) -> Option<Posterior> {
     let mut deaf = problem.weights.clone();
     for weights in &mut deaf {

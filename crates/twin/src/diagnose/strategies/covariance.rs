@@ -1,12 +1,15 @@
-//! Gusts: wind that changes at random and acts through a drag that is known already. No column can show it, its covariance can.
+//! Gusts: wind that changes at random and acts through a drag that is already known. No column can represent it, but
+//! its covariance can.
 //!
 //! A Kalman filter ([`super::gust_filter`]) gives the likelihood of σ and T; they are named if that beats no gusts, and if
-//! * the innovations are white: a pendulum or a tank that sloshes is not;
-//! * no function of velocity and place takes them over: a tether or another law of drag is a force of its own, not weather.
+//! * the innovations are white: those of a pendulum or a sloshing tank are not;
+//! * no function of velocity and position explains them instead: a tether or another drag law is a force of its own,
+//!   not weather.
 //!
-//! With gusts at work the drag itself is fitted anew: their colour would otherwise pass for knowledge of it.
+//! With gusts in the model the drag itself is refitted: their correlation would otherwise make it seem too well known.
 //!
-//! Limits: the sensitivities are those of a steady wind, so gusts faster than about 0.2 s show too weak; σ and T are those of all logs.
+//! Limits: the sensitivities are those of a steady wind, so gusts faster than about 0.2 s are underestimated; σ and T
+//! are common to all logs.
 
 use rayon::prelude::*;
 use rotortwin_plant::effects::{Catalogue, EffectDeclaration, Place, Strategy};
@@ -52,7 +55,7 @@ const GRID: usize = 10;
 /// Evidence over the price of two parameters that gusts must have.
 const LEAST_GAIN: f64 = 20.0;
 
-/// Evidence of functions of velocity and place beside the gusts from which those are no gusts.
+/// Evidence of functions of velocity and place, in addition to the gusts, above which those are not gusts.
 const LAW_GAIN: f64 = 15.0;
 
 /// Part of the slow excess of forces and torques that gusts must take away.
@@ -69,7 +72,7 @@ pub(crate) struct Gusts {
     pub(crate) deviations: [f64; 2],
     /// Gain of ln likelihood, less the price of two parameters.
     pub(crate) gain: f64,
-    /// Evidence of functions of velocity and place beside them.
+    /// Evidence of functions of velocity and place in addition to them.
     law: f64,
     /// Fits of the channels with the gusts in the noise.
     pub(crate) fits: Vec<[Option<ChannelFit>; CHANNELS]>,
@@ -81,7 +84,7 @@ fn channel_of(seen: usize) -> usize {
     if seen < 3 { F + seen } else { M + seen - 3 }
 }
 
-/// What a steady wind along each axis does beside some effects.
+/// The influence of a steady wind along each axis, in addition to some effects.
 fn wind_columns(problem: &Problem, log: &LogState, active: &[Active]) -> Result<Vec<Column>, PredictError> {
     let base = log.base(&instances(&problem.library, active))?;
     (0..3)
@@ -89,8 +92,9 @@ fn wind_columns(problem: &Problem, log: &LogState, active: &[Active]) -> Result<
         .collect()
 }
 
-/// The active effects, and the clutter at a mean: a gust acts through small errors, too (an inflow that nobody would name). An error whose
-/// sign no effect of the catalogue can have stands in the second list, mirrored; `None` if there are none.
+/// The active effects, and the clutter at its mean: a gust acts through small errors, too (an inflow that would never
+/// be named). An error with a sign that no effect of the catalogue can have is in the second list, mirrored; `None` if
+/// there are none.
 fn with_clutter(problem: &Problem, mean: &[f64]) -> (Vec<Active>, Option<Vec<Active>>) {
     let offset = problem.nuisances();
     let (mut plain, mut mirrored) = (problem.active.clone(), problem.active.clone());
@@ -127,8 +131,8 @@ fn with_clutter(problem: &Problem, mean: &[f64]) -> (Vec<Active>, Option<Vec<Act
     (plain, any.then_some(mirrored))
 }
 
-/// What a steady wind does beside the active effects and the clutter at a mean: columns along each axis, to be summed with their
-/// factors; `alone` are those beside the active effects only.
+/// The influence of a steady wind in addition to the active effects and the clutter at its mean: columns along each
+/// axis, to be summed with their factors; `alone` are those with the active effects only.
 fn winds(problem: &Problem, log: &LogState, mean: &[f64], alone: Vec<Column>) -> Vec<(f64, Vec<Column>)> {
     let (plain, mirrored) = with_clutter(problem, mean);
     let Ok(first) = wind_columns(problem, log, &plain) else {
@@ -136,7 +140,7 @@ fn winds(problem: &Problem, log: &LogState, mean: &[f64], alone: Vec<Column>) ->
     };
     let mut all = vec![(1.0, first)];
     if let Some(Ok(columns)) = mirrored.map(|active| wind_columns(problem, log, &active)) {
-        // Small errors add up: what the mirrored ones change is taken off.
+        // Small errors add up: the change due to the mirrored ones is subtracted.
         all.extend([(-1.0, columns), (1.0, alone)]);
     }
     all
@@ -206,7 +210,7 @@ fn means(problem: &Problem, mean: &[f64]) -> Result<Option<Vec<Log>>, PredictErr
     Ok(Some(logs))
 }
 
-/// Forces (body axes) that follow from velocity and place: what a law unknown to the catalogue could be made of.
+/// Forces (body axes) that depend on velocity and place: building blocks of a law that is not in the catalogue.
 fn laws(series: &Series) -> Vec<Vec<[f64; 3]>> {
     let (v, p, attitude) = (
         &series.smooth.velocity,
@@ -273,7 +277,7 @@ fn normal_of(filtered: &[Filtered], which: std::ops::Range<usize>, channels: std
     normal
 }
 
-/// Gain of ln evidence by the laws beside the gusts; each law is scaled to the size of what the gusts explain.
+/// Gain of ln evidence by the laws in addition to the gusts; each law is scaled to the size of what the gusts explain.
 fn law_gain(filtered: &[Filtered], laws: std::ops::Range<usize>) -> f64 {
     let mut normal = normal_of(filtered, laws, 0..3);
     let scale: Vec<f64> = (0..normal.gradient.len())
@@ -310,7 +314,7 @@ fn fits_of(problem: &Problem, mean: &[f64], filtered: &[Filtered]) -> Vec<[Optio
     fits
 }
 
-/// Gusts in what is left, if it is them: see the top of this file.
+/// Gusts in the remaining residual, if that is what it is: see the top of this file.
 pub(crate) fn find(problem: &Problem, posterior: &Posterior) -> Result<Option<Gusts>, PredictError> {
     // Without the velocity the vehicle's own motion through the air passes for wind.
     let held = declared_of(problem).is_some_and(|gusts| {

@@ -1,7 +1,7 @@
 //! Gross errors of the build: two motors swapped, a rotor that turns the other way.
 //!
-//! They are no small deviations: a linear ranking patches them with tilts and scales. There are few of them, so that each is simply
-//! tried; one is taken where it removes nearly all of a large error of forces and torques.
+//! They are not small deviations: a linear ranking patches them with tilts and scales. There are so few that each is
+//! simply tried; one is accepted where it removes nearly all of a large error of forces and torques.
 
 use rayon::prelude::*;
 use rotortwin_plant::effects::{EffectDeclaration, Strategy, Wiring};
@@ -17,18 +17,19 @@ use crate::predict::{Nuisances, Prediction, Source, Stages};
 /// Gross errors of which the nuisances are fitted, after a first look without.
 const FITTED: usize = 4;
 
-/// Mean chi² of the torque channels that the right wiring leaves at most. A centre of mass off the middle, or the moment of a steady wind, looks
-/// like swapped rotors on a flight that hardly turns, but only to a quarter of its error.
+/// Largest mean chi² of the torque channels with the right wiring. On a flight that hardly turns, a displaced centre of
+/// mass or the moment of a steady wind looks like swapped rotors, but only down to a quarter of its error.
 const LEFT_CHI2: f64 = 3.0;
 
-/// Between what is slow, s, such as the moment of a wind, and what a controller does with single rotors.
+/// Time constant, s, that separates slow causes, such as the moment of a wind, from a controller's commands to single
+/// rotors.
 const CHANGE_S: f64 = 0.25;
 
 /// How well a wiring explains the flights.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Explained {
-    /// Excess of chi² in forces and torques about their means, and what the rotors' biases cost by their prior: these would explain away at rest what a
-    /// wrong wiring does.
+    /// Excess of chi² in forces and torques about their means, and the cost of the rotors' biases by their prior: in
+    /// hover these would explain the effect of a wrong wiring.
     pub(crate) cost: f64,
     /// Samples of forces and torques.
     samples: f64,
@@ -39,14 +40,15 @@ pub(crate) struct Explained {
 }
 
 impl Explained {
-    /// Whether it leaves so little of the torques unexplained as the right wiring does.
+    /// Whether it leaves as little of the torques unexplained as the right wiring does.
     pub(crate) fn fits(&self) -> bool {
         self.torque < LEFT_CHI2
     }
 
-    /// Whether what changes in the torques follows it better than another. A wrong wiring answers every command wrongly; the moment of a steady
-    /// wind is slow, and an exchange of motors that stands for it loses the changes. A correlation, as a gain that is off by some tens of per cent
-    /// makes squares of right changes larger than those of none.
+    /// Whether it follows the changes of the torques better than another. A wrong wiring responds wrongly to every
+    /// command; the moment of a steady wind is slow, and an exchange of motors that imitates it misses the changes. A
+    /// correlation is used, because with a gain that is off by some tens of per cent the squares of correct changes are
+    /// larger than those of none.
     pub(crate) fn moves_better_than(&self, other: &Self) -> bool {
         self.changes > other.changes
     }
@@ -89,9 +91,10 @@ pub(crate) fn likeliest(problem: &Problem) -> Option<(Active, Explained)> {
     all.into_iter().min_by(|a, b| a.1.cost.total_cmp(&b.1.cost))
 }
 
-/// The likeliest gross error as a start of a fit, where the leading candidates are such that it is taken for: on a flight that
-/// hardly turns two swapped motors make a small error, and only the evidence tells. A wiring that leaves much of the error is none: what is constant
-/// (the moment of a steady wind, a centre of mass off the middle) has the same sign as some exchange of a front and a rear motor.
+/// The likeliest gross error as a start of a fit, if the leading candidates are ones it is mistaken for: on a flight
+/// that hardly turns two swapped motors make a small error, and only the evidence decides. A wiring that leaves much of
+/// the error is excluded: a constant (the moment of a steady wind, a displaced centre of mass) has the same sign as
+/// some exchange of a front and a rear motor.
 pub(crate) fn guess(problem: &Problem, leading: &[&'static EffectDeclaration]) -> Option<Trial> {
     let taken_for = |entry: &Candidate| {
         let of = |d: &&EffectDeclaration| d.per_rotor || entry.declaration.confused_with.contains(&d.id);
@@ -134,7 +137,7 @@ pub(crate) fn fitted(problem: &Problem, active: &[Active]) -> Option<Explained> 
     Some(explained)
 }
 
-/// Every way to have this error; none for an effect that is no gross error.
+/// Every form of this error; none for an effect that is not a gross error.
 fn variants(problem: &Problem, candidate: usize) -> Vec<Active> {
     let entry = &problem.library.candidates[candidate];
     let rotors = problem.logs[0].predictor.series().rotors;
@@ -162,7 +165,7 @@ fn variants(problem: &Problem, candidate: usize) -> Vec<Active> {
     }
 }
 
-/// A wiring with the nuisances as they are, without what these cost.
+/// A wiring with the nuisances unchanged, without their cost.
 pub(crate) fn excess(problem: &Problem, active: &[Active], bases: Option<&[Prediction]>) -> Option<Explained> {
     let (mut sum, mut samples, mut torque, mut torque_samples) = (0.0, 0.0, 0.0, 0.0);
     let (mut changes, mut channels) = (0.0, 0.0);
@@ -210,7 +213,7 @@ pub(crate) fn excess(problem: &Problem, active: &[Active], bases: Option<&[Predi
     })
 }
 
-/// Correlation of the changes of two signals over so many samples; 0 where one of them does not move.
+/// Correlation of the changes of two signals over this many samples; 0 if one of them is constant.
 fn of_changes(apart: usize, a: &[f64], b: &[f64]) -> f64 {
     let (mut both, mut of_a, mut of_b) = (0.0, 0.0, 0.0);
     for (a, b) in a.windows(apart + 1).zip(b.windows(apart + 1)) {

@@ -1,7 +1,7 @@
 //! Kalman filter of gusts: the likelihood of their size and correlation time, and the innovations once they are in the noise.
 //!
-//! The whitened residual of forces and torques, as means over 0.1 s, is S w + v: S is what a steady wind of 1 m/s does at that moment,
-//! v white, and w per axis a Gauss–Markov process, w' = −w/T + σ√(2/T) n.
+//! The whitened residual of forces and torques, as means over 0.1 s, is S w + v: S is the response to a steady wind of
+//! 1 m/s at that moment, v is white, and w per axis a Gauss–Markov process, w' = −w/T + σ√(2/T) n.
 
 /// Channels of the filter: F, then M.
 pub(crate) const SEEN: usize = 6;
@@ -31,7 +31,8 @@ pub(crate) struct Filtered {
     pub(crate) innovations: Vec<Vec<[f64; SEEN]>>,
 }
 
-/// Kalman filter of the gusts over one log; all signals go through the same gains, that of the residual tells the likelihood.
+/// Kalman filter of the gusts over one log; all signals pass through the same gains, and the residual's gives the
+/// likelihood.
 pub(crate) fn filter(log: &Log, rms: f64, correlation_s: f64, keep: bool) -> Filtered {
     let signals = if keep {
         log.means.first().map_or(0, |m| m.signals.len())

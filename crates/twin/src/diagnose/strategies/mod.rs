@@ -1,4 +1,4 @@
-//! How starts of fits are found: one file for each way to search.
+//! How starting points of fits are found: one file per search strategy.
 
 pub(crate) mod battery;
 pub(crate) mod covariance;

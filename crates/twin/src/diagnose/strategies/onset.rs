@@ -1,7 +1,8 @@
-//! When an effect sets in: its columns count only from a time on. Block boundaries first, then a quarter of a second.
+//! Onset time of an effect: its columns count only from a time on. Block boundaries first, then a quarter of a second.
 //!
-//! An effect from t₀ on has the column of the effect with the rows before t₀ at 0, up to the memory of the chain (one lag, 0.05 s). Of an
-//! effect that grows with the time since it set in, (t − t₀)/t of it: the column less t₀ times the column over t.
+//! An effect from t₀ on has the column of the effect with the rows before t₀ at 0, up to the memory of the chain (one
+//! lag, 0.05 s). For an effect that grows with the time since its onset, it is (t − t₀)/t of it: the column minus t₀
+//! times the column over t.
 
 use std::sync::Arc;
 
@@ -16,15 +17,16 @@ use crate::estimation::normal::{Normal, Posterior, weigh};
 use crate::estimation::problem::Problem;
 use crate::predict::CHANNELS;
 
-/// Gain of ln evidence from which an onset is believed.
+/// Gain of ln evidence from which an onset is accepted.
 const ONSET_GAIN: f64 = 8.0;
 
-/// The same for an effect that cannot set in: a density or a resistance is there from the start, so that something else is more
-/// likely to have begun. Odds of one in 10¹³.
+/// The same for an effect that cannot set in: a density or a resistance is there from the start, so something else is
+/// more likely to have begun. Odds of one in 10¹³.
 const ONSET_GAIN_OF_LASTING: f64 = 38.0;
 
-/// Gain of ln evidence from which an onset of a candidate is believed. A supply that no log holds sags over the flight, and what scales the
-/// lift of all rotors, or the weight, takes that up from some time on: no gain proves such an onset.
+/// Gain of ln evidence from which an onset of a candidate is accepted. An unlogged supply sags over the flight, and an
+/// effect that scales the lift of all rotors, or the weight, absorbs that from some time on: no gain proves such an
+/// onset.
 pub(crate) fn least_gain(problem: &Problem, candidate: usize) -> f64 {
     let declared = problem.library.candidates[candidate].declaration;
     if declared.may_set_in {
@@ -36,7 +38,8 @@ pub(crate) fn least_gain(problem: &Problem, candidate: usize) -> f64 {
     }
 }
 
-/// True for what changes the ratio of lift to weight, as a supply that sags does: the law of the lift of all rotors, or the weight.
+/// True for what changes the ratio of lift to weight, as a sagging supply does: the law of the lift of all rotors, or
+/// the weight.
 fn scales_lift_over_weight(declared: &EffectDeclaration) -> bool {
     declared.places.contains(&Place::StaticLift) || declared.search.trim == Some(TrimChange::Weight)
 }
@@ -152,7 +155,8 @@ pub(crate) fn scan(problem: &Problem, candidate: usize) -> Option<(f64, f64)> {
         }
         _ => None,
     };
-    // Products of two parameters of the candidate stand in both rows with the same cells, so a tail is exact for them, too.
+    // Products of two parameters of the candidate are in both rows with the same cells, so a tail is exact for them,
+    // too.
     let evidence = |cell: usize| -> Option<f64> {
         let mut normal = Normal {
             matrix: total.matrix.clone(),

@@ -8,7 +8,7 @@ use super::variants::{Variant, values_at, weighed};
 use crate::estimation::normal::Posterior;
 use crate::estimation::problem::Problem;
 
-/// Gaps between the flight and a wall or ceiling that are tried, m; the last alone says what would show.
+/// Gaps between the flight and a wall or ceiling that are tried, m; the last is used only for the detectable size.
 const GAPS_M: [f64; 4] = [0.05, 0.3, 0.8, 2.5];
 
 /// Steps over the range of a shape.
@@ -32,7 +32,7 @@ pub(crate) fn reach(problem: &Problem, azimuth: f64) -> f64 {
     farthest(problem, |p| cos * p[0] + sin * p[1])
 }
 
-/// Shapes of a candidate that are tried. With `all` false only those that say what would show.
+/// Shapes of a candidate that are tried. With `all` false only those needed for the detectable size.
 pub(crate) fn shapes(problem: &Problem, candidate: usize, covered: Shapes, all: bool) -> Vec<Vec<f64>> {
     let entry = &problem.library.candidates[candidate];
     let base = entry.neutral();
@@ -93,8 +93,9 @@ const WIDENED: f64 = 2.0;
 
 const MOST_COMPASS_STEPS: usize = 24;
 
-/// Moves the start of a wall to where it stands by a compass search over gap and azimuth, the strength following linearly: strength
-/// and gap belong to each other along a bent valley that a Gauss–Newton fit from the next point of a coarse grid does not follow.
+/// Moves the start of a wall to its place by a compass search over gap and azimuth, the strength following linearly:
+/// strength and gap lie along a curved valley that a Gauss–Newton fit from the next point of a coarse grid does not
+/// follow.
 pub(crate) fn sharpen(problem: &Problem, posterior: &Posterior, start: &mut Trial) {
     let [one] = start.open.as_slice() else { return };
     let (candidate, entry) = (one.candidate, &problem.library.candidates[one.candidate]);

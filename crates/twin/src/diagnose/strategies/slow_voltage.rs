@@ -17,7 +17,7 @@ const STEPS_AT_CHARGE: usize = 3;
 
 const SECTIONS: usize = 10;
 
-/// Least part of a step that is tried, and least gain of ln posterior for which a fit goes on.
+/// Smallest part of a step that is tried, and smallest gain of ln posterior for which a fit continues.
 const LEAST_SHARE: f64 = 0.04;
 
 const LEAST_GAIN: f64 = 0.1;
@@ -25,7 +25,7 @@ const LEAST_GAIN: f64 = 0.1;
 /// Step of the differences in an effect's parameters, plausible sizes.
 pub(crate) const EFFECT_STEP: f64 = 0.01;
 
-/// Means of the voltage at a charge and sizes of the effect; `None` where these make no vehicle.
+/// Means of the voltage at a charge and sizes of the effect; `None` if these yield an invalid vehicle.
 pub(crate) type Predict<'a> = dyn Fn(f64, &[f64]) -> Option<Vec<f64>> + 'a;
 
 /// Fit of the slow voltage: charge, and the parameters of the moving effects.

@@ -25,7 +25,8 @@ impl Trial {
     }
 }
 
-/// Relative error of a constant below which its effect is taken to go with 1/(1 + d), as that of an inertia or a mass does.
+/// Relative error of a constant below which its effect is assumed proportional to 1/(1 + d), as for an inertia or a
+/// mass.
 const NO_LONGER_LINEAR: f64 = -0.5;
 
 /// The plain trial of a candidate at its linear estimate.

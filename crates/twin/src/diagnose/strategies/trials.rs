@@ -1,8 +1,8 @@
 //! Starts of the non-linear fits where the linear ranking about zero does not reach: effects whose shape is unknown, delays of several
 //! samples, and effects that act only through another one.
 //!
-//! * A delay of several samples of a noisy command is not its derivative: a secant over the delay is its column. Nor is a limit of the
-//!   duty, which acts on the more samples the lower it is.
+//! * A delay of several samples of a noisy command is not its derivative: a secant over the delay is its column. The
+//!   same holds for a limit of the duty, which acts on more samples the lower it is.
 //! * Wind does nothing without drag. Drag and wind together are bilinear, thus linear in (k, k w): the columns of the wind are taken
 //!   where the drag is at its typical size.
 

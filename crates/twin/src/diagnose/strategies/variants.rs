@@ -1,4 +1,5 @@
-//! Columns of effects where the linear ranking about zero does not reach: secants about a point, alone or beside a companion.
+//! Columns of effects where the linear ranking about zero does not reach: secants about a point, alone or together with
+//! a companion.
 //!
 //! The evidence of such columns A on top of the library X with posterior (m, C) under spikes is that of h = AᵀA − AᵀX C XᵀA and
 //! g = Aᵀ(r − X m) with slabs of 1.
@@ -12,7 +13,8 @@ use crate::estimation::gram::{column_product, residual_product};
 use crate::estimation::normal::{Posterior, weigh};
 use crate::estimation::problem::{Problem, in_pairs};
 
-/// What is tried: a candidate about `values` by a secant of `step` plausible sizes, alone or beside a companion through which it acts.
+/// A trial: a candidate about `values` by a secant of `step` plausible sizes, alone or with a companion through which
+/// it acts.
 pub(crate) struct Variant {
     pub(crate) candidate: usize,
     pub(crate) values: Vec<f64>,
@@ -129,7 +131,8 @@ fn products_in(problem: &Problem, l: usize, log: &LogState, variants: &[Variant]
         .collect()
 }
 
-/// Columns of the sizes of a variant's candidate by secants about its values, beside the active effects and `with`.
+/// Columns of the sizes of a variant's candidate by secants about its values, with the active effects and `with`
+/// present.
 fn columns(
     problem: &Problem,
     log: &LogState,

@@ -1,4 +1,4 @@
-//! Thin logs, stuck and saturated columns, what is missing, how noisy the rest is.
+//! Sparse logs, stuck and saturated columns, missing channels, noise of the rest.
 
 use super::kinematics::white_noise;
 use super::push;
@@ -84,7 +84,7 @@ pub(super) fn stuck_and_saturated(log: &FlightLog, findings: &mut Vec<Finding>) 
                 (least.min(*value), most.max(*value))
             });
         let on = |limit: f64| present.iter().filter(|(_, value)| *value == limit).count();
-        // Motors that are off are no saturation; a resolution so coarse that extremes repeat by chance is none either.
+        // Motors that are off are not saturated; nor are extremes that repeat by chance because of a coarse resolution.
         let sides: &[f64] = if duty { &[limits.1] } else { &[limits.0, limits.1] };
         let full = |limit: f64| !duty || limit > 0.99;
         let chance = 3.0 / distinct(&present) as f64;
@@ -124,7 +124,7 @@ fn distinct(present: &[(f64, f64)]) -> usize {
     seen.len()
 }
 
-/// When a column that had changed before stood still for the longest time, s; none if that is not long enough to be a fault.
+/// When a column that had changed before was constant for the longest time, s; none if that is too short to be a fault.
 pub(crate) fn stands_still(log: &FlightLog, name: &str) -> Option<(f64, f64)> {
     let values = log.column(name)?.iter().copied();
     let rows = log.time_s.iter().copied().zip(values);
@@ -232,7 +232,7 @@ pub(super) fn noise(log: &FlightLog) -> Vec<ColumnNoise> {
         .collect()
 }
 
-/// Smallest step between neighbours if a good part of the steps are whole multiples of it; else 0.
+/// Smallest step between neighbours if a good part of the steps are whole multiples of it; otherwise 0.
 fn resolution(values: &[f64]) -> f64 {
     /// Rounding of a multiple.
     const WHOLE: f64 = 0.02;

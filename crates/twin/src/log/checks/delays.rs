@@ -1,4 +1,4 @@
-//! How late columns are to each other.
+//! Delays of columns relative to each other.
 //!
 //! Both sides of a kinematic identity are filtered alike (a box of ±[`HALF_WINDOW_S`], so that no delay comes from the filter) and
 //! correlated over lags. The peak, refined by a parabola, is the delay; its standard error follows from the correlation ρ, the
@@ -7,7 +7,7 @@
 //! ```text
 //! σ² = (1 − ρ²) / (ρ² N β²)
 //! ```
-//! Body rates and specific force come from one IMU and are taken as on time.
+//! Body rates and specific force come from one IMU and are taken as the reference.
 //!
 //! Limits: needs motion that is not periodic within ± [`LONGEST_S`]; the noise is taken as white.
 
@@ -22,7 +22,7 @@ const HALF_WINDOW_S: f64 = 0.05;
 const LONGEST_S: f64 = 0.4;
 /// Lags finer than this gain nothing, s.
 const FINEST_LAG_S: f64 = 0.008;
-/// Below this correlation there is not enough motion to tell a delay.
+/// Below this correlation there is not enough motion to determine a delay.
 const FAINTEST: f64 = 0.5;
 const GRAVITY_M_S2: f64 = 9.81;
 
@@ -200,10 +200,10 @@ fn correlate(signals: &Signals) -> Option<(f64, f64, f64)> {
 }
 
 impl FlightLog {
-    /// The log with the estimated delays taken out of attitude, velocity and position; what was done is in the report.
+    /// The log with the estimated delays removed from attitude, velocity and position; the report states what was done.
     ///
-    /// A delay counts from three standard errors and a tenth of a row on. Values are interpolated; the ends that nobody measured
-    /// have no value.
+    /// A delay is removed if it exceeds three standard errors and a tenth of a row. Values are interpolated; the ends
+    /// without measurements have no value.
     #[must_use]
     pub fn aligned(&self) -> Self {
         let mut log = self.clone();

@@ -8,16 +8,17 @@ use crate::log::{FlightLog, names};
 
 /// Below this duty no propeller lifts its vehicle.
 const IDLE_DUTY: f64 = 0.05;
-/// Above it a motor is driven, not idling.
+/// Above this duty a motor is driven, not idling.
 const DRIVEN_DUTY: f64 = 2.0 * IDLE_DUTY;
-/// Less current than this lifts nothing that carries a logger, A.
+/// Less current than this lifts no vehicle that carries a logger, A.
 const IDLE_CURRENT_A: f64 = 1.0;
-/// An autopilot with its receiver takes more than this from the battery by itself, A: a sensor that reads less measures nothing.
+/// An autopilot with its receiver draws more than this from the battery by itself, A: a sensor that reads less measures
+/// nothing.
 const ELECTRONICS_A: f64 = 0.02;
 /// A vehicle at rest turns and shakes less than this (a simulated hover does more), rad/s and m/s².
 const STILL_RATES_RAD_S: f64 = 0.01;
 const STILL_ACCEL_M_S2: f64 = 0.06;
-/// Motion that nobody makes by hand while the motors are off, s of it.
+/// Duration of motion, with the motors off, that nobody makes by hand, s.
 const FLIGHT_S: f64 = 0.5;
 
 fn deviation(values: &[f64]) -> f64 {
@@ -26,7 +27,7 @@ fn deviation(values: &[f64]) -> f64 {
     mean(&squares).sqrt()
 }
 
-/// Value below which so many % of the rows lie.
+/// Value below which this percentage of the rows lies.
 fn high(values: &[f64], percent: usize) -> Option<f64> {
     let mut present: Vec<f64> = values.iter().copied().filter(|value| !value.is_nan()).collect();
     let place = (present.len() * percent / 100).min(present.len().checked_sub(1)?);
@@ -50,12 +51,14 @@ pub(crate) struct IdleCurrent {
     pub(crate) most_a: f64,
     /// … where, in words.
     pub(crate) where_it_is: &'static str,
-    /// For half of that time it is below what the autopilot itself takes: it says nothing for a flight, nor against one.
+    /// For half of that time it is below what the autopilot itself draws: it is evidence neither for nor against a
+    /// flight.
     pub(crate) measures_nothing: bool,
 }
 
-/// The current that three quarters of the rows in which the motors are driven stay below, where it is too small for a flight. Of 95 % of all
-/// rows where no motor is driven, or none is in the log: a flight may be short beside the time that its logger ran.
+/// The current that three quarters of the rows with driven motors stay below, if it is too small for a flight. If no
+/// motor is driven, or none is in the log, that of 95 % of all rows: a flight may be short compared with the time that
+/// its logger ran.
 pub(crate) fn idle_current(log: &FlightLog) -> Option<IdleCurrent> {
     const FLYING: (usize, &str) = (75, "75 % of the rows in which its motors are asked for thrust");
     const ALL: (usize, &str) = (95, "95 % of the rows");
@@ -68,7 +71,7 @@ pub(crate) fn idle_current(log: &FlightLog) -> Option<IdleCurrent> {
         .collect();
     let lasts = driven.len() as f64 > FLIGHT_S * log.sample_rate_hz();
     let (values, (percent, where_it_is)) = if lasts { (&driven[..], FLYING) } else { (current, ALL) };
-    // A sensor that is not there reads 0 or less throughout.
+    // A sensor that is not connected reads 0 or less throughout.
     let reads = high(values, 95)? > 0.0;
     let most_a = high(values, percent).filter(|current| reads && *current < IDLE_CURRENT_A)?;
     Some(IdleCurrent {
@@ -78,10 +81,10 @@ pub(crate) fn idle_current(log: &FlightLog) -> Option<IdleCurrent> {
     })
 }
 
-/// By how much the battery's voltage falls from where the motors are asked for little to where they are asked for much, over the voltage;
-/// `None` where the log lacks either.
+/// How much the battery's voltage drops between low and high motor commands, over the voltage; `None` if the log lacks
+/// either.
 fn sag(log: &FlightLog) -> Option<f64> {
-    /// Of what the motors are asked for at their highest.
+    /// Share of the highest motor command.
     const RESTING: f64 = 0.2;
     const DRIVEN: f64 = 0.6;
     const LEAST_S: f64 = 1.0;
@@ -105,13 +108,15 @@ fn sag(log: &FlightLog) -> Option<f64> {
     Some((resting - driven) / resting)
 }
 
-/// Motors above idle that load the battery; where its voltage does not tell, while the body turns and shakes as nobody's hand or stand makes it.
+/// Motors above idle that load the battery; if its voltage does not decide this, with rates and vibration that no hand
+/// or stand produces.
 pub(crate) fn moves_under_power(log: &FlightLog) -> bool {
     const FLIES_RAD_S: f64 = 0.3;
     const FLIES_M_S2: f64 = 1.0;
-    /// A battery gives way to nothing that flies by less, over its voltage, and to no current below [`IDLE_CURRENT_A`] by more.
+    /// The battery of a vehicle in flight sags by at least this, over its voltage, and by no more with a current below
+    /// [`IDLE_CURRENT_A`].
     const FLIES: f64 = 0.01;
-    // Knocks of a hand shake as much as a flight.
+    // Handling shakes a vehicle as much as a flight.
     if let Some(sag) = sag(log) {
         return sag > FLIES;
     }
@@ -123,7 +128,7 @@ pub(crate) fn moves_under_power(log: &FlightLog) -> bool {
     turns && accel.iter().any(|axis| deviation(axis) > FLIES_M_S2) && 2 * driven.count() > log.time_s.len()
 }
 
-/// Whether the motors are told other duties from time to time between these times, s, as in the air.
+/// Whether the motor commands change from time to time between these times, s, as in the air.
 pub(crate) fn motors_change(log: &FlightLog, start_s: f64, end_s: f64) -> bool {
     const CHANGES: f64 = 0.005;
     let inside = |duty: &[f64]| -> Vec<f64> {
@@ -135,9 +140,10 @@ pub(crate) fn motors_change(log: &FlightLog, start_s: f64, end_s: f64) -> bool {
     log.duties().iter().any(|duty| deviation(&inside(duty)) > CHANGES)
 }
 
-/// By how much the motors change from second to second while the size of the specific force does not follow, and that force, m/s²: where thrust
-/// carries a vehicle, 1.7 times the duty is 1.7 times the force or more, but for a load of half its mass. `None` where it follows, where the vehicle
-/// is elsewhere at times, or where too little is in the log.
+/// How much the motors change from second to second while the size of the specific force does not follow, and that
+/// force, m/s²: if thrust carries a vehicle, 1.7 times the duty is at least 1.7 times the force, unless it carries a
+/// load of half its mass. `None` if the force follows, if its position changes by metres, or if the log holds too
+/// little.
 ///
 /// Only seconds with more than half of the largest duty count: on the ground and in a hover the force is the weight as well.
 fn force_without_motors(log: &FlightLog) -> Option<(f64, f64)> {
@@ -195,7 +201,8 @@ fn force_without_motors(log: &FlightLog) -> Option<(f64, f64)> {
 }
 
 impl FlightLog {
-    /// What the log as a whole says against a flight, whatever a part of it looks like: the finding that all commands go by.
+    /// Evidence of the log as a whole against a flight, whatever a part of it looks like: the finding that all commands
+    /// use.
     pub(crate) fn says_no_flight(&self) -> Option<&str> {
         let found = self
             .report
@@ -263,8 +270,8 @@ mod tests {
     use super::*;
     use crate::log::flight_parts::PartKind;
 
-    /// 50 Hz: 8 s at rest, 40 s with the motors up, 4 s at rest; the motors take `sag` volts off the battery, whose current sensor reads 0.3 A.
-    /// The body turns and is knocked about all the time that the motors are up.
+    /// 50 Hz: 8 s at rest, 40 s with the motors up, 4 s at rest; the motors pull the battery down by `sag` volts, and
+    /// its current sensor reads 0.3 A. The body turns and is knocked about all the time that the motors are up.
     fn handled(sag: f64) -> FlightLog {
         let time: Vec<f64> = (0..2600).map(|k| 0.02 * f64::from(k)).collect();
         let up = |t: f64| f64::from(u8::from((8.0..48.0).contains(&t)));
@@ -318,8 +325,8 @@ mod tests {
         assert_eq!(force_without_motors(&log), None);
     }
 
-    /// 50 Hz, 40 s on a stand: the motors go up and down by a factor of two and turn the vehicle about; with `carries` their thrust is what the
-    /// accelerometer reads, by the power 1.3 of the duty.
+    /// 50 Hz, 40 s on a stand: the motors go up and down by a factor of two and turn the vehicle about; with `carries`
+    /// the accelerometer reads their thrust, the duty to the power 1.3.
     fn on_a_stand(carries: bool) -> FlightLog {
         let time: Vec<f64> = (0..2000).map(|k| 0.02 * f64::from(k)).collect();
         let of = |f: &dyn Fn(f64) -> f64| -> Vec<f64> { time.iter().map(|t| f(*t)).collect() };
@@ -335,7 +342,7 @@ mod tests {
         FlightLog::from_columns("stand", time, columns).expect("a log")
     }
 
-    /// A vehicle was made of it, with n = 0.1.
+    /// It used to yield a vehicle, with n = 0.1.
     #[test]
     fn regress_a_force_that_does_not_follow_the_motors_is_no_flight() {
         let log = on_a_stand(false);
@@ -366,7 +373,7 @@ mod tests {
         assert!(log.flight_parts(None).air_s() > 20.0);
     }
 
-    /// A real flight was "on the ground" by a sensor that reads 0.00 A but for a few rows.
+    /// A real flight was classified "on the ground" because of a sensor that reads 0.00 A except in a few rows.
     #[test]
     fn regress_a_current_below_that_of_the_autopilot_says_nothing_against_a_flight() {
         let handled = handled(0.0);

@@ -1,4 +1,4 @@
-//! Do the columns agree with each other as motion must?
+//! Are the columns kinematically consistent?
 //!
 //! Three identities hold for any rigid body, whatever flies it. Over windows of T they need no derivative of noise:
 //!
@@ -10,52 +10,53 @@
 //! Left and right side of each are compared over all windows: on which axes, with which sign, with which gain. Anything but
 //! identity and gain 1 means wrong axes, wrong units or a wrong clock, and which of them follows from the pattern.
 //!
-//! Limits: needs motion (a hover on the spot shows nothing and is reported as "not enough motion"); windows with empty cells or gaps
-//! are left out.
+//! Limits: needs motion (a stationary hover shows nothing and is reported as "not enough motion"); windows with empty
+//! cells or gaps are left out.
 
 use crate::log::resample::{median_rate_hz, wrapped};
 use crate::log::{FlightLog, names};
 
-/// Standard gravity is near enough for a check, m/s².
+/// Standard gravity is accurate enough for a check, m/s².
 const GRAVITY_M_S2: f64 = 9.81;
 /// Shortest window, s: attitude noise over it must be small against the motion.
 const SHORTEST_WINDOW_S: f64 = 0.2;
 /// A window has at least this many intervals.
 const FEWEST_INTERVALS: usize = 5;
-/// Fewer windows than this say nothing.
+/// Fewer windows than this are not conclusive.
 const FEWEST_WINDOWS: usize = 20;
 
 type V3 = [f64; 3];
 type M3 = [V3; 3];
 
-/// One identity over all windows: what the motion says (`left`) and what the integral says (`right`).
+/// One identity over all windows: the change according to the motion (`left`) and according to the integral (`right`).
 #[derive(Clone, Debug)]
 pub(crate) struct Pairs {
     left: Vec<V3>,
     right: Vec<V3>,
     /// White noise of the left side, from the log's own third differences or its steps, per axis.
     noise: V3,
-    /// White noise of the right side's integral over a window; 0 where it is not asked for.
+    /// White noise of the right side's integral over a window; 0 if not required.
     integrated: V3,
 }
 
-/// Signed axes: `to[i] = (axis, sign)` says which axis of the right side is axis i of the left one.
+/// Signed axes: in `to[i] = (axis, sign)`, axis i of the left side corresponds to that axis of the right side.
 pub(crate) type Axes = [(usize, f64); 3];
 
-/// How the two sides of an identity fit.
+/// How well the two sides of an identity agree.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Fit {
     /// Best signed axes.
     pub(crate) axes: Axes,
     /// Share of the left side's variance that they explain with the best common gain.
     pub(crate) explained: f64,
-    /// The same with the axes as they are.
+    /// The same with the axes unchanged.
     pub(crate) explained_as_is: f64,
     /// left = gain · right, least squares over the axes, with the best axes.
     pub(crate) gain: f64,
-    /// Axes whose motion stands out of the noise.
+    /// Axes whose motion exceeds the noise.
     pub(crate) moving: [bool; 3],
-    /// The right side's noise hides the motion on an axis that moves: that the sides do not agree then says nothing.
+    /// The right side's noise hides the motion on an axis that moves: a disagreement of the sides is then not
+    /// conclusive.
     pub(crate) hidden: bool,
 }
 
@@ -153,8 +154,8 @@ pub(crate) fn white_noise(values: &[f64]) -> f64 {
     }
 }
 
-/// Step of a column that is held between its updates or rounded: what a tenth of its changes are smaller than. The third differences of such a
-/// column are 0 nearly everywhere. 0 where most rows differ.
+/// Step of a column that is held between its updates or rounded: the value below which a tenth of its changes lie. The
+/// third differences of such a column are 0 nearly everywhere. 0 if most rows differ.
 fn step(column: &[f64]) -> f64 {
     let changes = column.windows(2).map(|pair| (pair[1] - pair[0]).abs());
     let mut steps: Vec<f64> = changes.filter(|change| change.is_finite() && *change > 0.0).collect();
@@ -199,18 +200,19 @@ pub(crate) fn velocity_pairs(log: &FlightLog) -> Option<Pairs> {
     force_pairs(log, |attitude, force| apply(&ned_from_body(attitude), force))
 }
 
-/// The same of a force that is in the world's axes already.
+/// The same for a force that is already in world axes.
 pub(crate) fn world_force_pairs(log: &FlightLog) -> Option<Pairs> {
     force_pairs(log, |_, force| force)
 }
 
-/// Velocity against specific force, which `to_world` brings from roll, pitch, yaw and the accelerometer's axes to the world's.
+/// Velocity against specific force, which `to_world` rotates, given roll, pitch, yaw, from the accelerometer's axes
+/// into the world's.
 fn force_pairs(log: &FlightLog, to_world: impl Fn(V3, V3) -> V3) -> Option<Pairs> {
     let attitude = log.vector(names::ATTITUDE)?;
     let accel = log.vector(names::ACCEL)?;
     let velocity = log.vector(names::VELOCITY)?;
     let noise = velocity.map(|column| std::f64::consts::SQRT_2 * white_noise(column).max(step(column)));
-    // Vibration of the accelerometer over a window, about as on each axis of the world.
+    // Vibration of the accelerometer over a window, about the same on each axis of the world.
     let rate_hz = median_rate_hz(&log.time_s);
     let shakes = (accel.iter().map(|column| white_noise(column).powi(2)).sum::<f64>() / 3.0).sqrt();
     let integrated = [shakes * (SHORTEST_WINDOW_S.max(FEWEST_INTERVALS as f64 / rate_hz) / rate_hz).sqrt(); 3];
@@ -244,8 +246,8 @@ pub(crate) fn position_pairs(log: &FlightLog) -> Option<Pairs> {
     gather(pairs, noise, [0.0; 3])
 }
 
-/// Specific force up along the body's z by velocity and attitude, m/s², and mean duty, window by window: without an accelerometer, what shows which way
-/// z points.
+/// Specific force up along the body's z from velocity and attitude, m/s², and mean duty, window by window: without an
+/// accelerometer, this shows which way z points.
 pub(crate) fn lift_pairs(log: &FlightLog) -> Option<Vec<(f64, f64)>> {
     let attitude = log.vector(names::ATTITUDE)?;
     let velocity = log.vector(names::VELOCITY)?;
@@ -283,11 +285,11 @@ fn signed_axes() -> impl Iterator<Item = Axes> {
 }
 
 impl Pairs {
-    /// Fits signed axes and a common gain; `None` if nothing moves enough to tell.
+    /// Fits signed axes and a common gain; `None` if no axis moves enough to decide.
     ///
-    /// Means are taken off, so that a sensor bias does not matter.
+    /// Means are removed, so that a sensor bias does not matter.
     pub(crate) fn fit(&self) -> Option<Fit> {
-        /// Motion of an axis counts from this many noise deviations.
+        /// Motion of an axis counts above this many noise deviations.
         const STANDS_OUT: f64 = 3.0;
         let count = self.left.len() as f64;
         let centred = |vectors: &[V3]| -> Vec<V3> {
@@ -316,7 +318,7 @@ impl Pairs {
             }
         }
         let right_power = [0, 1, 2].map(|axis| product(&right, &right, axis, axis));
-        // Axes count by their correlation, so that a fast yaw cannot outvote roll and pitch.
+        // Axes are weighted by their correlation, so that a fast yaw cannot outvote roll and pitch.
         let score = |axes: &Axes| -> (f64, f64) {
             let (mut explained, mut top, mut bottom, mut counted) = (0.0, 0.0, 0.0, 0.0);
             for i in (0..3).filter(|axis| moving[*axis]) {
@@ -330,7 +332,7 @@ impl Pairs {
             (explained / counted, top / bottom.max(f64::MIN_POSITIVE))
         };
         let (explained_as_is, gain_as_is) = score(&IDENTITY);
-        // Ties (axes that do not move) go to the identity.
+        // In a tie (axes that do not move), the identity is chosen.
         let mut best = (IDENTITY, explained_as_is, gain_as_is);
         for axes in signed_axes() {
             let (explained, gain) = score(&axes);

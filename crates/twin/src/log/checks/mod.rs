@@ -1,4 +1,4 @@
-//! Checks of an accepted log: what looks wrong, what is missing, how late its columns are to each other.
+//! Checks of an accepted log: suspicious values, missing channels, delays of its columns relative to each other.
 
 mod coverage;
 mod delays;
@@ -20,13 +20,15 @@ const FROM_ENU: kinematics::Axes = [(1, 1.0), (0, 1.0), (2, -1.0)];
 const FROM_FLU: kinematics::Axes = [(0, 1.0), (1, -1.0), (2, -1.0)];
 /// Signed axes explain a motion, and others do not, when the shares of variance differ by this much.
 const CLEARLY: f64 = 0.25;
-/// Axes are believed when they explain this share of the motion.
+/// Axes are accepted when they explain this share of the motion.
 const BELIEVED: f64 = 0.5;
-/// A gain further from 1 than this factor is no calibration error, no noise and no smoothing estimator, where the two sides share nearly
-/// all of their motion. Where they share less, an estimator that lags in gentle flight feigns more, and the factor must be that of units.
+/// A gain further from 1 than this factor is not a calibration error, noise or a smoothing estimator, if the two sides
+/// share nearly all of their motion. If they share less, an estimator that lags in gentle flight imitates more, and the
+/// factor must be that of a unit.
 const GAIN_TOLERANCE: f64 = 1.4;
 const GAIN_TOLERANCE_LOOSE: f64 = 2.0;
-/// A gain is believed when the two sides share this much of their motion; a single one, without another that says the same, needs more.
+/// A gain is accepted when the two sides share this much of their motion; a single one, without another that confirms
+/// it, needs more.
 const GAIN_BELIEVED: f64 = 0.8;
 const SINGLE_GAIN_BELIEVED: f64 = 0.95;
 
@@ -64,7 +66,7 @@ fn is_proper(axes: &kinematics::Axes) -> bool {
     odd == minus
 }
 
-/// Axes that are clearly not what they should be.
+/// Axes that are clearly wrong.
 fn wrong_axes(fit: &Fit) -> bool {
     fit.axes != IDENTITY && fit.explained > BELIEVED && fit.explained - fit.explained_as_is > CLEARLY
 }
@@ -77,7 +79,7 @@ fn same_where_moving(fit: &Fit, axes: &kinematics::Axes) -> bool {
 fn axes_units_and_clock(log: &FlightLog, findings: &mut Vec<Finding>) {
     let rates = kinematics::rate_pairs(log).and_then(|pairs| pairs.fit());
     let velocity = kinematics::velocity_pairs(log).and_then(|pairs| pairs.fit());
-    // Of a force in other axes no comparison of the two says anything else.
+    // For a force in other axes no comparison of the two adds anything.
     let velocity = velocity.filter(|fit| !force_in_world_axes(log, fit, findings));
     let position = kinematics::position_pairs(log).and_then(|pairs| pairs.fit());
 
@@ -113,10 +115,10 @@ fn axes_units_and_clock(log: &FlightLog, findings: &mut Vec<Finding>) {
     }
 }
 
-/// An accelerometer whose readings have been turned into the world's axes: with every tilt, gravity is then counted twice, and half of what the
-/// force says is the motion.
+/// An accelerometer whose readings have been rotated into the world's axes: with every tilt, gravity is then counted
+/// twice, and half of the force signal is the motion.
 fn force_in_world_axes(log: &FlightLog, body: &Fit, findings: &mut Vec<Finding>) -> bool {
-    /// Gain that a right pair has, and how much of the motion it shares.
+    /// Gain of a right pair, and the share of the motion that it has in common.
     const RIGHT: std::ops::Range<f64> = 0.8..1.25;
     const SHARED: f64 = 0.85;
     let is_right = |fit: &Fit| fit.explained_as_is > SHARED && RIGHT.contains(&fit.gain) && fit.axes == IDENTITY;
@@ -148,7 +150,7 @@ fn force_in_world_axes(log: &FlightLog, body: &Fit, findings: &mut Vec<Finding>)
 fn lift_down(log: &FlightLog, findings: &mut Vec<Finding>) {
     /// Correlation below which z points up: inflow and a supply that empties weaken a correlation, they do not turn it round.
     const TURNED_ROUND: f64 = -0.6;
-    /// Deviations of the force, m/s², and of the duty, share of its mean, from which on there is a climb to tell by.
+    /// Deviations of the force, m/s², and of the duty, share of its mean, above which there is a usable climb.
     const FORCE_M_S2: f64 = 0.5;
     const DUTY: f64 = 0.03;
     if !findings.is_empty() || log.column(names::ACCEL[2]).is_some() {
@@ -319,7 +321,7 @@ fn body_axes(log: &FlightLog, rates: Option<&Fit>, velocity: Option<&Fit>, findi
 
 /// Velocity and position in ENU or with exchanged axes.
 ///
-/// With `z_up`, a mirror between force and velocity only repeats what the accelerometer's sign has said.
+/// With `z_up`, a mirror image between force and velocity only repeats the sign of the accelerometer.
 fn world_axes(velocity: Option<&Fit>, position: Option<&Fit>, z_up: bool, findings: &mut Vec<Finding>) {
     let cases = [
         ("velocity", "the specific force", velocity),
@@ -483,7 +485,7 @@ mod tests {
         FlightLog::from_columns("climbs", time, columns).expect("a log")
     }
 
-    /// A log in north-west-up was taken for north-east-down: "resistance of the ESC 7.5 Ω".
+    /// A log in north-west-up was accepted as north-east-down: "resistance of the ESC 7.5 Ω".
     #[test]
     fn regress_z_up_shows_without_an_accelerometer() {
         assert_eq!(climbs(1.0).report.findings, []);

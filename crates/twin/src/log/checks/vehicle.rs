@@ -23,8 +23,8 @@ const FEWEST_ROWS: usize = 4;
 const FEWEST_WINDOWS: usize = 60;
 /// Every order is tried up to this many rotors (8! = 40 320).
 const MOST_ROTORS: usize = 8;
-/// An order is believed from this mean squared correlation on, and when the file's order has clearly less: by this much in a short log, by
-/// less in one with many windows, as chance falls with their root.
+/// Mean squared correlation from which an order is accepted, if the file's order has clearly less: by this much in a
+/// short log, by less in one with many windows, as chance decreases with their square root.
 const BELIEVED: f64 = 0.25;
 const CLEARLY: f64 = 0.2;
 const CLEARLY_AT_LEAST: f64 = 0.06;
@@ -39,7 +39,7 @@ struct Moments {
 }
 
 impl FlightLog {
-    /// What speaks against this log being of this vehicle; empty if nothing does.
+    /// Evidence against this log being of this vehicle; empty if there is none.
     ///
     /// * `vehicle`: a vehicle document, not yet flown with
     pub fn check_against_vehicle(&self, vehicle: &VehicleModel) -> Vec<Finding> {
@@ -60,7 +60,8 @@ impl FlightLog {
         if self.flight_parts(None).no_flight().is_some() {
             return Vec::new();
         }
-        // Commands that come more slowly are in no phase with the motion that they damp: of right logs, some fit another order better.
+        // Commands at a low rate have no phase relation with the motion that they damp: some correct logs fit another
+        // order better.
         let rate = self.duty_rate().filter(SensorRate::is_slower);
         if rate.is_some_and(|rate| rate.source_hz < LEAST_TO_CONTRADICT_HZ) {
             return Vec::new();
@@ -113,7 +114,7 @@ impl FlightLog {
         let mut duties = self.duties();
         let mut share = 1.0 - (-1.0 / (rate_hz * lag_s)).exp();
         if duties.is_empty() {
-            // Measured speeds have the lag behind them; their squares stand for the thrusts.
+            // Measured speeds include the lag; their squares are proportional to the thrusts.
             speeds = (1..=self.rotor_count())
                 .map(|rotor| self.column(&names::rotor_speed(rotor)))
                 .map(|speed| Some(speed?.iter().map(|speed| speed * speed).collect()))
@@ -200,8 +201,8 @@ impl Moments {
                 }
             }
             let scale = power * self.turn_turn[axis];
-            // An allocation that is exact leaves the duties of six rotors in a space of four dimensions: in another order they may make no torque at all, and
-            // what is left is rounding.
+            // An exact allocation leaves the duties of six rotors in a space of four dimensions: in another order they
+            // may produce no torque at all, and only rounding remains.
             if scale > 0.0 && power > LEAST_POWER * unrelated {
                 sum += (cross * cross.abs() / scale).clamp(-1.0, 1.0);
             }

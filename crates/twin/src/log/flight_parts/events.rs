@@ -5,7 +5,7 @@ use super::super::{FlightLog, names};
 use super::signals::{BREAK_S, Signals};
 use super::{EventKind, FlightEvent, FlightPart, PartKind};
 
-/// An output at its limit for so long at least, s.
+/// Minimum time of an output at its limit, s.
 const LEAST_S: f64 = 0.1;
 /// Two such stretches closer than this are one, s.
 const NEAR_S: f64 = 0.5;
@@ -15,7 +15,7 @@ const AT_LIMIT: f64 = 0.005;
 const JUMP_S: f64 = 0.25;
 /// Jumps that matter: m, m/s, rad.
 const LEAST_JUMP: [f64; 3] = [0.7, 1.0, 0.25];
-/// … and so many deviations of what such differences are all over the log.
+/// … and this many deviations of such differences over the whole log.
 const DEVIATIONS: f64 = 8.0;
 /// No multirotor changes its velocity faster, m/s².
 const FASTEST: f64 = 25.0;
@@ -35,7 +35,7 @@ pub(super) fn gaps(log: &FlightLog) -> Vec<FlightEvent> {
         .collect()
 }
 
-/// Upper limit of the outputs: where the largest value of all is held again and again, else 1.
+/// Upper limit of the outputs: the largest value of all if it is held repeatedly, otherwise 1.
 pub(super) fn upper_limit(signals: &Signals) -> f64 {
     let most = signals
         .duty
@@ -94,7 +94,8 @@ pub(super) fn flies(kind: PartKind) -> bool {
 
 /// Jumps of position, velocity and heading that the vehicle did not make.
 pub(super) fn resets(log: &FlightLog, parts: &[FlightPart]) -> Vec<FlightEvent> {
-    // Between rows further apart than the jump is weighed over, nobody knows how the vehicle moved.
+    // Between rows further apart than the interval over which a jump is evaluated, the motion of the vehicle is
+    // unknown.
     if log.sample_rate_hz() * JUMP_S < 1.0 {
         return Vec::new();
     }

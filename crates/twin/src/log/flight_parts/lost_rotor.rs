@@ -1,13 +1,14 @@
 //! A lost rotor: a motor at its limit while the attitude runs away.
 //!
-//! The controller asks ever more of the rotor whose arm sinks; what it lost it cannot give. Where the rotors' places are known:
-//! `S_i = max(0, s_i) · max(0, h_i)`, the sink rate of the arm `s_i = p y_i − q x_i` (unit positions) times the excess
-//! `h_i = u_i/ū` over its mean of the past 10 s, both averaged over 0.4 s; an alarm above 1.0 rad/s. Healthy flights stay below 0.7
-//! (1500 s of 12 logs of multirotors). The first alarm counts, and only below 70° of tilt: the tumble that follows accuses the others. What
-//! comes after a blow of 25 m/s² is the blow's. An arm whose angular acceleration still follows what its rotors are asked for has lost none: an
-//! attitude that swings ever further with a sound vehicle sinks each arm in turn. Elsewhere: the first output that
-//! reaches its upper limit, alone, within 2 s before the tilt passes 60°. Where another output is at its limit in the half second before, or
-//! when that one has reached its own, it is a manoeuvre that asks for all that the motors have.
+//! The controller demands more and more of the rotor whose arm sinks, which it cannot give. If the rotor positions are
+//! known: `S_i = max(0, s_i) · max(0, h_i)`, the sink rate of the arm `s_i = p y_i − q x_i` (unit positions) times the
+//! excess `h_i = u_i/ū` over its mean of the past 10 s, both averaged over 0.4 s; an alarm above 1.0 rad/s. Healthy
+//! flights stay below 0.7 (1500 s of 12 logs of multirotors). The first alarm counts, and only below 70° of tilt,
+//! because the tumble that follows would point to the other rotors. What follows an impact of 25 m/s² is attributed to
+//! the impact. An arm whose angular acceleration still follows the demand of its rotors has lost none: a growing
+//! attitude oscillation of a sound vehicle sinks each arm in turn. If positions are unknown: the first output that
+//! reaches its upper limit, alone, within 2 s before the tilt passes 60°. If another output is at its limit in the half
+//! second before, or when that one has reached its own, it is a manoeuvre at full power.
 
 use super::events::upper_limit;
 use super::signals::Signals;
@@ -23,13 +24,13 @@ const BLOW: f64 = 25.0;
 const MEAN_S: f64 = 0.4;
 /// What an excess is counted from, s.
 const PAST_S: f64 = 10.0;
-/// An arm answers its rotors by such a correlation at the best lag within this time, s …
+/// An arm responds to its rotors if their correlation reaches this at the best lag within this time, s …
 const ANSWERS: f64 = 0.8;
 const ANSWERS_WITHIN_S: f64 = 0.25;
-/// … over so long after the alarm, and not less, s …
+/// … over this long after the alarm, and not less, s …
 const ANSWER_S: f64 = 1.2;
 const LEAST_ANSWER_S: f64 = 0.8;
-/// … with a gain that is this share of the gain before, where that correlates at least by so much.
+/// … with a gain that is this share of the gain before, if that correlates at least this well.
 const GAIN_SHARE: f64 = 0.6;
 const CORRELATED: f64 = 0.3;
 /// Rotors nearer than this share of the arm are on one axis.
@@ -38,11 +39,11 @@ const SAME_ARM: f64 = 0.05;
 const AWAY_RAD: f64 = 1.05;
 /// How long before that the motor reaches its limit, s.
 const BEFORE_S: f64 = 2.0;
-/// … for so long at least, s.
+/// … for at least this long, s.
 const LEAST_S: f64 = 0.12;
-/// … by so much more than the mean of the others …
+/// … by this much more than the mean of the others …
 const ALONE: f64 = 0.15;
-/// … none of which is at its limit for so long before, and until the first has been there for [`LEAST_S`], s.
+/// … none of which is at its limit for this long before, and until the first has been there for [`LEAST_S`], s.
 const NONE_BEFORE_S: f64 = 0.5;
 
 pub(super) fn find(signals: &Signals, parts: &[FlightPart], places: Option<&[RotorPlace]>) -> Vec<FlightEvent> {
@@ -88,7 +89,7 @@ fn runs_away(signals: &Signals, part: &FlightPart) -> Option<usize> {
         .find(|bin| tilt[*bin] > AWAY_RAD)
 }
 
-/// A blow in the second before a bin.
+/// An impact in the second before a bin.
 fn struck(signals: &Signals, bin: usize) -> bool {
     let before = signals.between(signals.start_s[bin] - 1.0, signals.end_s[bin]);
     signals
@@ -191,7 +192,7 @@ fn by_sinking_arm(signals: &Signals, part: &FlightPart, begin_s: f64, places: &[
         })
         .map(|other| signals.outputs[other])
         .collect();
-    // Two on one axis are asked for the same.
+    // Two on one axis receive the same command.
     let alone = (on_its_arm.len() == 1).then_some(signals.outputs[rotor]);
     let named: Vec<String> = on_its_arm.iter().map(usize::to_string).collect();
     Some(event(
@@ -206,7 +207,7 @@ fn by_sinking_arm(signals: &Signals, part: &FlightPart, begin_s: f64, places: &[
     ))
 }
 
-/// Whether the arm of a rotor still answers what the rotors about it are asked for, from an alarm on.
+/// Whether, from an alarm on, the arm of a rotor still responds to the commands of the rotors near it.
 fn answers(
     signals: &Signals,
     part: &FlightPart,

@@ -4,15 +4,16 @@
 //! FlightLog ─▶ bins of 0.04 s (signals) ─▶ runs of flight, their ends, upsets and crashes (stages) ─▶ FlightParts
 //!                                      └─▶ motors at their limit, lost rotor, estimator resets, gaps (events) ─┘
 //! ```
-//! Found from any log: from motor outputs alone, better with attitude, accelerometer, rates, height. A model is judged in the air
-//! only ([`FlightParts::in_the_air`]): on the ground the ground carries the vehicle, near it there is ground effect, and past
-//! 70° of tilt a multirotor's loads are no longer those of the model.
+//! Works with any log: with motor outputs alone, better with attitude, accelerometer, rates, height. A model is judged
+//! in the air only ([`FlightParts::in_the_air`]): on the ground the ground carries the vehicle, near it there is ground
+//! effect, and beyond 70° of tilt a multirotor's loads are no longer those of the model.
 //!
-//! What the log as a whole says against a flight (its finding of no flight: motors that idle, a battery that gives nothing) goes first: no part
-//! of it is one then.
+//! A finding that the whole log has no flight (motors that idle, a battery without current) takes precedence: no part
+//! of it is a flight then.
 //!
-//! Limits: a flight that begins and ends outside of the log has neither take-off nor landing; a vehicle that is carried by hand with
-//! turning motors looks as if it flew, unless its battery's current tells; without attitude a tumble shows by its blow only.
+//! Limits: a flight that begins and ends outside the log has neither take-off nor landing; a vehicle carried by hand
+//! with running motors appears to fly, unless the battery current shows otherwise; without attitude a tumble shows only
+//! by its impact.
 
 mod events;
 mod lost_rotor;
@@ -37,15 +38,15 @@ pub enum PartKind {
     Ground,
     /// From the first lift to clear of the ground.
     TakeOff,
-    /// In the air, upright: what a model is calibrated and judged on.
+    /// In the air, upright: the part on which a model is calibrated and judged.
     Air,
-    /// Beyond 70° of tilt or 35 m/s², flight goes on afterwards.
+    /// Beyond 70° of tilt or 35 m/s², followed by further flight.
     Upset,
     /// From near the ground to motors off.
     Landing,
     /// From the loss of attitude to the end of the flight.
     Crash,
-    /// Nothing in the log tells.
+    /// The log contains no evidence.
     Unknown,
 }
 
@@ -100,15 +101,15 @@ pub struct RotorPlace {
 }
 
 impl FlightLog {
-    /// Parts of the flight and what happened in it.
+    /// Parts of the flight and its events.
     ///
-    /// * `rotors`: where the rotor of each output is, if it is known: a lost rotor is then told by the arm that sinks, else by the motor
-    ///   that reaches its limit first
+    /// * `rotors`: where the rotor of each output is, if known: a lost rotor is then identified by the arm that sinks,
+    ///   otherwise by the motor that reaches its limit first
     pub fn flight_parts(&self, rotors: Option<&[RotorPlace]>) -> FlightParts {
         let signals = Signals::of(self);
         let parts = match (self.says_no_flight(), &self.report.other_vehicle) {
             (Some(why), _) => stages::all_of(&signals, PartKind::Ground, why),
-            // An aeroplane glides with its motor off: what tells the ground of a multirotor does not tell its.
+            // An aeroplane glides with its motor off: the criteria for a multirotor on the ground do not apply to it.
             (None, Some(other)) => stages::all_of(&signals, PartKind::Unknown, other),
             (None, None) => stages::parts(&signals),
         };
@@ -121,7 +122,7 @@ impl FlightLog {
         events.extend(self.happenings());
         events.sort_by(|a, b| a.start_s.total_cmp(&b.start_s));
         let more_events = events.len().saturating_sub(MOST_EVENTS);
-        // What decides about a flight is kept, whatever else there is.
+        // Events that decide about a flight are kept in any case.
         if more_events > 0 {
             let mut kept = 0;
             events.retain(|event| {
@@ -140,7 +141,7 @@ impl FlightLog {
 }
 
 impl FlightLog {
-    /// What autopilot and pilot did within the rows; the mode that they begin in is told at their beginning.
+    /// Actions of autopilot and pilot within the rows; the initial mode is reported at the beginning.
     fn happenings(&self) -> Vec<FlightEvent> {
         let (Some(&from), Some(&to)) = (self.time_s.first(), self.time_s.last()) else {
             return Vec::new();
@@ -162,7 +163,7 @@ impl FlightLog {
 }
 
 impl FlightLog {
-    /// Upper limit of the motor outputs: the largest value where it is held again and again, else 1.
+    /// Upper limit of the motor outputs: the largest value if it is held repeatedly, otherwise 1.
     pub fn output_limit(&self) -> f64 {
         events::upper_limit(&Signals::of(self))
     }

@@ -1,4 +1,4 @@
-//! The log in bins of 0.04 s: what tells flight from ground.
+//! The log in bins of 0.04 s: the signals that distinguish flight from ground.
 
 use rotortwin_flight_core::MAX_ROTORS;
 
@@ -8,11 +8,11 @@ use super::super::{FlightLog, names};
 const BIN_S: f64 = 0.04;
 /// Rows further apart than this, and than [`BREAK_ROWS`] ordinary ones, are not of one run, s.
 pub(super) const BREAK_S: f64 = 1.0;
-/// Telemetry comes at 1 Hz and later or not at all: as many ordinary intervals are no hole in a flight.
+/// Telemetry comes at 1 Hz, late, or not at all: this many ordinary intervals are not a gap in a flight.
 const BREAK_ROWS: f64 = 8.0;
 /// Largest mean output of which no vehicle flies: DShot idles at up to 0.07.
 pub(super) const IDLES: f64 = 0.08;
-/// An output that moves less than this is no motor.
+/// An output that varies less than this is not a motor.
 const MOVES: f64 = 0.01;
 
 /// Means over bins; a bin without a value has NaN.
@@ -28,7 +28,7 @@ pub(super) struct Signals {
     pub(super) outputs: Vec<usize>,
     /// By output, then bin.
     pub(super) duty: Vec<Vec<f64>>,
-    /// Mean of the outputs, or what stands for it: 0 to 1.
+    /// Mean of the outputs, or a substitute for it: 0 to 1.
     pub(super) effort: Option<Vec<f64>>,
     /// Specific force upwards along the body, m/s².
     pub(super) force: Option<Vec<f64>>,
@@ -46,7 +46,7 @@ pub(super) struct Signals {
     pub(super) rates: Option<[Vec<f64>; 3]>,
     /// Upwards, m.
     pub(super) height: Option<Vec<f64>>,
-    /// Words for what is there.
+    /// Names of the available signals.
     pub(super) sources: Vec<&'static str>,
 }
 
@@ -154,7 +154,8 @@ impl Signals {
         signals
     }
 
-    /// What stands for the collective thrust: outputs, else rotor speeds over their largest, else a throttle or a commanded thrust.
+    /// A substitute for the collective thrust: outputs, otherwise rotor speeds over their largest, otherwise a throttle
+    /// or a commanded thrust.
     fn effort(&mut self, log: &FlightLog, column: &dyn Fn(&str) -> Option<Vec<f64>>) -> Option<Vec<f64>> {
         let of_largest = |columns: Vec<Vec<f64>>| -> Option<Vec<f64>> {
             let bins = columns.first()?.len();
@@ -188,7 +189,8 @@ impl Signals {
             self.sources.push("throttle");
             return column("throttle_fraction");
         }
-        // Outputs that never leave idle are no rotors by their motion, and say that nothing flew.
+        // Outputs that never leave idle cannot be recognised as rotors by their motion, but show that there was no
+        // flight.
         let duties = log.duties();
         let idle = |values: &&[f64]| values.iter().all(|value| value.is_nan() || *value < IDLES);
         if !duties.is_empty() && duties.iter().all(|values| idle(&&values[..])) {
@@ -229,7 +231,7 @@ impl Signals {
         self.start_s.len()
     }
 
-    /// True if a run of flight cannot go on from this bin to the next.
+    /// True if a run of flight cannot continue from this bin to the next.
     pub(super) fn breaks_after(&self, bin: usize) -> bool {
         self.start_s
             .get(bin + 1)

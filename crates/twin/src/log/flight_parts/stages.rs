@@ -1,12 +1,14 @@
 //! Ground, take-off, air, upset, landing, crash.
 //!
-//! A bin is on the ground where the motors' mean is low (a third of the way from its 2 % to its 90 % level) and the vehicle is at rest, or
-//! has been so low for 3 s: a vehicle in the air would have fallen some 30 m. What lies between is a run of flight, unless it stands still while
-//! its motors change, or does not even shake as the calmest flight does: propellers off, or tied down. A vehicle that has come down and stands still lies on the ground also while its motors still
-//! carry most of it: an autopilot that has not noticed the landing lets them run.
+//! A bin is on the ground if the motors' mean is low (a third of the way from its 2 % to its 90 % level) and the
+//! vehicle is at rest, or if it has been that low for 3 s: a vehicle in the air would have fallen some 30 m. What lies
+//! between is a run of flight, unless the vehicle does not move while its motors change, or shakes less than the
+//! calmest flight: propellers off, or tied down. A vehicle that has come down and does not move is on the ground even
+//! while its motors still carry most of it: an autopilot that has not noticed the landing lets them run.
 //!
-//! A racing quadrotor does fall for seconds with its motors idle, and its accelerometer says so: what lies on the ground feels its weight, what
-//! falls does not. It also pulls more than a blow: a force along the thrust while the motors are asked for much is no blow.
+//! A racing quadrotor does fall for seconds with its motors idle, and its accelerometer shows it: on the ground it
+//! measures the weight, in free fall it does not. It also accelerates more than in an impact: a force along the thrust
+//! at high motor demand is not an impact.
 
 use std::ops::Range;
 
@@ -15,59 +17,63 @@ use super::{EventKind, FlightEvent, FlightPart, PartKind};
 
 /// Tilt beyond which the model's loads no longer hold, rad: 70°.
 const TILT_END_RAD: f64 = 1.22;
-/// Tilt of a flight that goes on, rad: 60°.
+/// Tilt below which a flight continues, rad: 60°.
 const TILT_GOOD_RAD: f64 = 1.05;
-/// Tilt of what has come back from a tumble, rad: 30°.
+/// Tilt of a vehicle that has recovered from a tumble, rad: 30°.
 const TILT_UPRIGHT_RAD: f64 = 0.52;
-/// Specific force of a blow, m/s².
+/// Specific force of an impact, m/s².
 const BLOW: f64 = 35.0;
-/// Specific forces that are logged at less than this, Hz, hold samples of a vibration as they come …
+/// Specific forces logged at less than this, Hz, contain aliased samples of a vibration …
 const ALIASED_HZ: f64 = 30.0;
-/// … of which one is no blow unless the body answers it by turning, rad/s, or leaning, rad, in this time about it, s.
+/// … of which one counts as an impact only if the body responds by turning, rad/s, or leaning, rad, within this time of
+/// it, s.
 const ANSWER_RATE_RAD_S: f64 = 1.5;
 const ANSWER_LEAN_RAD: f64 = 0.17;
 const ANSWER_S: f64 = 0.3;
-/// Motors this low for so long: no flight, s.
+/// Motors this low for this long: no flight, s.
 const FALLEN_S: f64 = 3.0;
-/// Motors low and the vehicle at rest for so long: the ground, s.
+/// Motors low and the vehicle at rest for this long: on the ground, s.
 const REST_S: f64 = 0.6;
-/// Mean specific force of what falls with idle motors, m/s²: well below a weight, above the drag of a fall of 15 m/s.
+/// Mean specific force of a vehicle that falls with idle motors, m/s²: well below its weight, above the drag of a fall
+/// at 15 m/s.
 const FALLS: f64 = 7.0;
-/// Median rate of what neither lies nor is carried by hand, rad/s.
+/// Median rate above which a vehicle is neither lying nor carried by hand, rad/s.
 const TURNS_RAD_S: f64 = 0.8;
-/// A fall takes its time to begin; what counts is after this, s.
+/// A fall takes time to develop; what counts is after this, s.
 const FALL_BEGINS_S: f64 = 0.7;
-/// Thrust that racing quadrotors have, over their weight; beyond it a force along the thrust is a blow, too.
+/// Thrust of racing quadrotors, over their weight; a larger force along the thrust is an impact, too.
 const MOST_THRUST: f64 = 12.0 * 9.81;
-/// Motors that run and carry nothing: mean output from its 10 % to its 90 % level over the median …
+/// Motors that run without carrying the vehicle: mean output from its 10 % to its 90 % level over the median …
 const CHANGES: f64 = 0.25;
-/// … and nothing moves, but for a tenth of the time at either end: deviation of force and rates.
+/// … and nothing moves, except for a tenth of the time at either end: deviation of force and rates.
 const UNMOVED_FORCE: f64 = 0.4;
 const UNMOVED_RATE_RAD_S: f64 = 0.05;
-/// … of roll and pitch, which follow every step of a flight however gentle, rad; and of the height, m.
+/// … of roll and pitch, which follow every step of even a gentle flight, rad; and of the height, m.
 const UNMOVED_LEAN_RAD: f64 = 0.005;
 const UNMOVED_HEIGHT_M: f64 = 0.4;
-/// What lies on a bench with its motors running turns and shakes less than the calmest flight for as long as they run: deviations of rates and
-/// force, this one more than that of a simulation that has no noise (rates may be cut to 0); and it stays at the height of the ground, m.
+/// A vehicle on a bench with its motors running turns and shakes less than the calmest flight for as long as they run:
+/// deviations of rates and force, the latter above that of a simulation without noise (rates may be quantised to 0);
+/// and it stays at ground height, m.
 const LIES_RATE_RAD_S: f64 = 0.015;
 const LIES_FORCE: Range<f64> = 1e-3..0.2;
 const LIES_HEIGHT_M: f64 = 0.5;
-/// … or, where no height and ground next to it tell, asks its motors for no more than this.
+/// … or, if neither height nor neighbouring ground decides, commands its motors no higher than this.
 const LIES_DUTY: f64 = 0.12;
-/// … with its motors running for so long, s.
+/// … with its motors running for this long, s.
 const LIES_RUNNING_S: f64 = 3.0;
 /// Shorter runs are a motor test or a jerk of the throttle, s.
 const SHORTEST_FLIGHT_S: f64 = 1.5;
-/// Take-off and landing where no height tells, s.
+/// Take-off and landing if no height is available, s.
 const NEAR_GROUND_S: f64 = 3.0;
-/// They last so long at least, and at most, s.
+/// Their minimum and maximum duration, s.
 const NEAR_GROUND_RANGE_S: Range<f64> = 1.0..15.0;
-/// A vehicle has lifted off where its motors are asked for this share of what they fly with, and for a second from there on.
+/// A vehicle has lifted off when its motors have been commanded this share of their flight level, for a second from
+/// then on.
 const LIFTS: f64 = 0.9;
 const LIFTED_S: f64 = 1.0;
-/// Height that is clear of the ground, m; half of what is reached where that is less.
+/// Height that is clear of the ground, m; half of the height reached if that is less.
 const CLEAR_M: f64 = 1.0;
-/// Flight for so long after an upset: it was none of a crash, s.
+/// Flight for this long after an upset: it was not a crash, s.
 const RECOVERED_S: f64 = 3.0;
 /// Left out before and after an upset, s.
 const UPSET_BEFORE_S: f64 = 0.3;
@@ -77,28 +83,28 @@ const REST_FORCE: f64 = 0.6;
 const REST_RATE_RAD_S: f64 = 0.1;
 const REST_LEAN_RAD: f64 = 0.01;
 
-/// Time after a blow in which a vehicle comes to rest, s; and how little its height then differs, m.
+/// Time after an impact in which a vehicle comes to rest, s; and the largest difference of its height afterwards, m.
 const SETTLES_S: f64 = 1.0;
 const RESTING_HEIGHT_M: f64 = 0.05;
 
-/// A vehicle that lies with its motors still running: at rest for so long, s …
+/// A vehicle that lies with its motors still running: at rest for this long, s …
 const LIES_S: f64 = 2.0;
-/// … after it came down by this much, m, in so long, s …
+/// … after it descended by this much, m, within this time, s …
 const CAME_DOWN_M: f64 = 0.2;
 const COMES_DOWN_S: f64 = 2.0;
-/// … and touched: a force that its motors do not make, m/s² …
+/// … and touched: a force that its motors do not produce, m/s² …
 const TOUCH: f64 = 3.0;
-/// … and is asked for less than this share of what carried it before.
+/// … and commanded less than this share of what carried it before.
 const LIGHT: f64 = 0.985;
 /// Gravity, and how far from it the force of calm flight is, m/s².
 const WEIGHT: f64 = 9.81;
 const CALM: f64 = 0.5;
-/// Calm flight that tells what carries a vehicle, s.
+/// Minimum duration of calm flight to determine what carries a vehicle, s.
 const LEAST_CALM_S: f64 = 1.0;
 
 const UNMOVED_WHY: &str = "the motors run and the vehicle does not move (no propellers, or tied down)";
 
-/// The whole log as one kind, without a hole but where the log has one.
+/// The whole log as one kind, interrupted only where the log has a gap.
 pub(super) fn all_of(signals: &Signals, kind: PartKind, why: &str) -> Vec<FlightPart> {
     let mut found = Vec::new();
     let mut from = 0;
@@ -111,7 +117,7 @@ pub(super) fn all_of(signals: &Signals, kind: PartKind, why: &str) -> Vec<Flight
     found
 }
 
-/// All parts, without a hole but where the log has one.
+/// All parts, interrupted only where the log has a gap.
 pub(super) fn parts(signals: &Signals) -> Vec<FlightPart> {
     let bins = signals.bins();
     if bins == 0 {
@@ -144,7 +150,7 @@ pub(super) fn parts(signals: &Signals) -> Vec<FlightPart> {
     join(found)
 }
 
-/// Blows of 35 m/s² and more in a landing.
+/// Impacts of 35 m/s² and more in a landing.
 pub(super) fn hard_landings(signals: &Signals, parts: &[FlightPart]) -> Vec<FlightEvent> {
     let Some(shock) = &signals.shock else {
         return Vec::new();
@@ -175,13 +181,14 @@ fn part(signals: &Signals, bins: Range<usize>, kind: PartKind, why: &str) -> Fli
     }
 }
 
-/// Mean output below which a vehicle stands: between idling and flying; idle itself where the log has no time on the ground.
+/// Mean output below which a vehicle is on the ground: between idling and flying; idle itself if the log has no time on
+/// the ground.
 fn ground_level(effort: &[f64]) -> f64 {
-    /// Nothing flies at so little.
+    /// No vehicle flies at so little.
     const IDLE: f64 = 0.03;
-    /// An idling motor is asked for less than this share of what it flies with.
+    /// An idling motor is commanded less than this share of its flight level.
     const IDLE_SHARE: f64 = 0.6;
-    /// At this share of the way the thrust (u^1.3 to u²) is a quarter of the weight or less.
+    /// At this share of the range the thrust (u^1.3 to u²) is at most a quarter of the weight.
     const LEVEL: f64 = 0.35;
     let mut sorted: Vec<f64> = effort.iter().copied().filter(|value| value.is_finite()).collect();
     if sorted.is_empty() {
@@ -200,10 +207,10 @@ fn ground_level(effort: &[f64]) -> f64 {
     }
 }
 
-/// Bins on the ground; and those of them in which motors run that carry nothing.
+/// Bins on the ground; and those of them in which motors run without carrying the vehicle.
 fn ground(signals: &Signals, effort: &[f64], level: f64) -> (Vec<bool>, Vec<bool>) {
     if level.is_infinite() {
-        // No motor ever leaves idle: whoever moves the vehicle, it does not fly.
+        // No motor ever leaves idle: whatever moves the vehicle, it does not fly.
         return (vec![true; effort.len()], vec![false; effort.len()]);
     }
     let smooth = signals.smooth(effort, 0.5);
@@ -235,7 +242,7 @@ fn ground(signals: &Signals, effort: &[f64], level: f64) -> (Vec<bool>, Vec<bool
     for (on_ground, unmoved) in on_ground.iter_mut().zip(&unmoved) {
         *on_ground |= unmoved;
     }
-    // A jerk of the throttle is no flight.
+    // A jerk of the throttle is not a flight.
     let mut from = 0;
     for bin in 1..=on_ground.len() {
         if bin < on_ground.len() && on_ground[bin] == on_ground[from] {
@@ -250,8 +257,9 @@ fn ground(signals: &Signals, effort: &[f64], level: f64) -> (Vec<bool>, Vec<bool
     (on_ground, unmoved)
 }
 
-/// The first bin from which a vehicle lies until the end of the log while its motors run on as in a hover: after a blow it rests, lower than it
-/// was anywhere before. How much the ground carries of it nobody knows. The number of bins, if there is none.
+/// The first bin from which a vehicle lies on the ground until the end of the log while its motors run on as in a
+/// hover: after an impact it rests, lower than anywhere before. How much of it the ground carries is unknown. The
+/// number of bins, if there is none.
 fn lies_from(signals: &Signals, still: &[bool]) -> usize {
     let none = still.len();
     let (Some(shock), Some(height)) = (&signals.shock, &signals.height) else {
@@ -271,9 +279,10 @@ fn lies_from(signals: &Signals, still: &[bool]) -> usize {
     if unmoved && down { blow + 1 } else { none }
 }
 
-/// Bins in which a vehicle lies on the ground while its motors carry most of it, each run from the touch on: it came down, something pushed it
-/// that was not its motors, and then it stands still, as low as it was anywhere before and with less thrust than carried it in the calm
-/// moments of its flight. Such a landing may be soft: its blow need not be one of [`BLOW`].
+/// Bins in which a vehicle rests on the ground while its motors carry most of it, each run from the touch on: it
+/// descended, a force other than its motors pushed it, and then it stands still, as low as anywhere before and with
+/// less thrust than carried it in the calm moments of its flight. Such a landing may be soft: its impact need not reach
+/// [`BLOW`].
 fn lies_lightly(signals: &Signals, effort: &[f64], still: &[bool], on_ground: &[bool]) -> Vec<Range<usize>> {
     let (Some(shock), Some(height)) = (&signals.shock, &signals.height) else {
         return Vec::new();
@@ -290,7 +299,7 @@ fn lies_lightly(signals: &Signals, effort: &[f64], still: &[bool], on_ground: &[
         if !rests(run.start) || signals.end_s[run.end - 1] - signals.start_s[run.start] < LIES_S {
             continue;
         }
-        // The scatter over a second still holds the touch when the vehicle stands.
+        // The scatter over a second still includes the touch when the vehicle already stands.
         let start_s = signals.start_s[run.start];
         let before = signals.between(start_s - COMES_DOWN_S, start_s);
         let calm = (0..before.start).filter(|bin| !on_ground[*bin] && (shock[*bin] - WEIGHT).abs() < CALM);
@@ -301,7 +310,7 @@ fn lies_lightly(signals: &Signals, effort: &[f64], still: &[bool], on_ground: &[
         let (Some(carries), Some(asked)) = (carries, asked) else {
             continue;
         };
-        // A force that the motors make by the square of what they are asked for is none of a touch.
+        // A force that the motors produce, by the square of their command, is not a touch.
         let pushed = |bin: &usize| shock[*bin] - WEIGHT * (effort[*bin] / carries).powi(2).max(1.0) > TOUCH;
         let Some(touch) = before.clone().find(pushed) else {
             continue;
@@ -321,9 +330,9 @@ fn lies_lightly(signals: &Signals, effort: &[f64], still: &[bool], on_ground: &[
     found
 }
 
-/// Whether the accelerometer says of bins with idle motors that nothing carries the vehicle.
+/// Whether the accelerometer shows, in bins with idle motors, that nothing carries the vehicle.
 fn falls(signals: &Signals, bins: Range<usize>) -> bool {
-    // Of a vehicle that lies tilted one axis alone reads less than its weight.
+    // If a vehicle lies tilted, one axis alone reads less than its weight.
     let Some(shock) = signals.shock.as_ref().filter(|_| signals.has_all_forces) else {
         return false;
     };
@@ -333,7 +342,7 @@ fn falls(signals: &Signals, bins: Range<usize>) -> bool {
     super::super::resample::median(&mut forces).is_some_and(|force| force < FALLS)
 }
 
-/// Whether the body turns for most of some bins, as nothing does that lies or is carried.
+/// Whether the body turns in most of some bins, which it does not do while lying or being carried.
 fn turns(signals: &Signals, bins: Range<usize>) -> bool {
     let Some([roll, pitch, yaw]) = &signals.rates else {
         return false;
@@ -343,8 +352,9 @@ fn turns(signals: &Signals, bins: Range<usize>) -> bool {
     super::super::resample::median(&mut rates).is_some_and(|rate| rate > TURNS_RAD_S)
 }
 
-/// Runs of motors that change by much while force, rates, attitude and height do not move at all are on the ground; and so are those of motors
-/// that change little over a body that lies at the height of the ground and shakes less than anything that flies.
+/// Runs in which motors change by much while force, rates, attitude and height do not move at all are on the ground;
+/// and so are those in which motors change little and the body stays at ground height and shakes less than any vehicle
+/// in flight.
 fn stand_still(signals: &Signals, effort: &[f64], on_ground: &[bool]) -> Vec<bool> {
     let mut found = vec![false; on_ground.len()];
     let (Some(shock), Some(rates)) = (&signals.shock, &signals.rates) else {
@@ -397,7 +407,7 @@ fn lies(signals: &Signals, run: Range<usize>, on_ground: &[bool]) -> bool {
     if length_s < LIES_RUNNING_S || beyond(turns, LIES_RATE_RAD_S) || !LIES_FORCE.contains(&of(shock)) {
         return false;
     }
-    // The ground next to the run, as the height drifts.
+    // The ground next to the run, because the height drifts.
     let ground = signals.height.as_ref().and_then(|height| {
         let before = (0..run.start).rev().take_while(|bin| on_ground[*bin]);
         let after = (run.end..on_ground.len()).take_while(|bin| on_ground[*bin]);
@@ -406,7 +416,7 @@ fn lies(signals: &Signals, run: Range<usize>, on_ground: &[bool]) -> bool {
     });
     match ground {
         Some(above) => above.abs() < LIES_HEIGHT_M,
-        // A simulated hover in still air, whose log begins and ends in it, is as calm; it asks for more.
+        // A simulated hover in still air, in which the log begins and ends, is equally calm, but at a higher command.
         None => signals
             .duty
             .first()
@@ -416,9 +426,10 @@ fn lies(signals: &Signals, run: Range<usize>, on_ground: &[bool]) -> bool {
     }
 }
 
-/// Of the values that are there, from their 10 % to their 90 % level: a jerk at an end does not count. 0 of none.
+/// Range of the available values from their 10 % to their 90 % level: a jerk at an end does not count. 0 if there are
+/// none.
 fn deviation(values: impl Iterator<Item = f64>) -> f64 {
-    /// Deviations of a normal distribution between these levels.
+    /// Distance of these levels in a normal distribution, in standard deviations.
     const APART: f64 = 2.56;
     let mut sorted: Vec<f64> = values.filter(|value| value.is_finite()).collect();
     sorted.sort_by(f64::total_cmp);
@@ -431,12 +442,12 @@ fn deviation(values: impl Iterator<Item = f64>) -> f64 {
     (at(0.9) - at(0.1)) / APART
 }
 
-/// Above a limit; what has no value is not.
+/// Above a limit; a missing value is not.
 fn beyond(value: f64, most: f64) -> bool {
     value > most
 }
 
-/// Where force, rates, roll and pitch stand still for a second; true where the log has none of them.
+/// Where force, rates, roll and pitch are constant for a second; true if the log has none of them.
 fn at_rest(signals: &Signals) -> Vec<bool> {
     let mut still = vec![true; signals.bins()];
     let mut check = |values: &[f64], most: f64| {
@@ -456,7 +467,7 @@ fn at_rest(signals: &Signals) -> Vec<bool> {
     still
 }
 
-/// A run of flight in its parts.
+/// Splits a run of flight into its parts.
 fn flight(signals: &Signals, run: Range<usize>, on_ground: &[bool], found: &mut Vec<FlightPart>) {
     let from_ground = run.start > 0 && on_ground[run.start - 1] && !signals.breaks_after(run.start - 1);
     let to_ground = run.end < on_ground.len() && on_ground[run.end] && !signals.breaks_after(run.end - 1);
@@ -485,7 +496,7 @@ fn flight(signals: &Signals, run: Range<usize>, on_ground: &[bool], found: &mut 
     } else {
         upright.end
     };
-    // A hop is a take-off and a landing.
+    // A hop is one take-off and one landing.
     let (off, down) = if off <= down {
         (off, down)
     } else {
@@ -514,7 +525,8 @@ fn flight(signals: &Signals, run: Range<usize>, on_ground: &[bool], found: &mut 
     }
 }
 
-/// Whether a log ends in flight with the vehicle upright again after a tumble, and without a blow since: whatever came then, no crash is in it.
+/// Whether a log ends in flight with the vehicle upright again after a tumble, and without an impact since: the log
+/// then contains no crash.
 fn back_upright(signals: &Signals, upset: &Upset) -> bool {
     let Some(tilt) = &signals.tilt else {
         return false;
@@ -565,7 +577,7 @@ fn clear(signals: &Signals, run: Range<usize>, ground: usize, backwards: bool) -
         return by_time(NEAR_GROUND_S);
     }
     let clear_m = CLEAR_M.min(0.5 * top);
-    // Its motors may run long before it lifts off, and it may fly low for as long as it likes.
+    // Its motors may run long before it lifts off, and it may fly low for any length of time.
     let most = if backwards {
         most
     } else {
@@ -584,13 +596,13 @@ fn clear(signals: &Signals, run: Range<usize>, ground: usize, backwards: bool) -
     }
 }
 
-/// Median of a signal over some bins, of those with a value.
+/// Median of a signal over some bins, ignoring missing values.
 fn usual(values: &[f64], bins: impl Iterator<Item = usize>) -> Option<f64> {
     let mut values: Vec<f64> = bins.map(|bin| values[bin]).filter(|value| value.is_finite()).collect();
     super::super::resample::median(&mut values)
 }
 
-/// The first bin of a run in which the motors are asked for nearly what they fly with, and go on with it.
+/// The first bin of a run from which the motors are commanded nearly their flight level without interruption.
 fn lifted(signals: &Signals, run: Range<usize>) -> Option<usize> {
     let effort = signals.effort.as_ref()?;
     let flies = LIFTS * usual(effort, run.clone())?;
@@ -608,7 +620,7 @@ struct Upset {
     end_s: f64,
     tilt_rad: f64,
     shock: f64,
-    /// Beyond 70°, not only a blow.
+    /// Beyond 70°, not only an impact.
     tumbles: bool,
 }
 
@@ -623,7 +635,7 @@ impl Upset {
 fn upsets(signals: &Signals, run: Range<usize>) -> Vec<Upset> {
     let tilt = |bin: usize| signals.tilt.as_ref().map_or(0.0, |tilt| tilt[bin]);
     let pull = pulls(signals, run.clone());
-    // A force along the thrust is that of the motors, where they are asked for much.
+    // A force along the thrust comes from the motors if their command is high.
     let shock = |bin: usize| {
         let (Some(shock), Some(force)) = (&signals.shock, &signals.force) else {
             return 0.0;
@@ -662,11 +674,12 @@ fn upsets(signals: &Signals, run: Range<usize>) -> Vec<Upset> {
     found
 }
 
-/// Whether an upset is the force of one sample alone, from an accelerometer that is logged too slowly to tell a blow from the vibration that is
-/// always there, while neither rates nor attitude show one. Without these nobody knows, and it stays.
+/// Whether an upset is the force of a single sample, from an accelerometer that is logged too slowly to distinguish an
+/// impact from the usual vibration, while neither rates nor attitude show one. Without these it cannot be decided, and
+/// the upset stays.
 fn is_one_sample_of_a_vibration(signals: &Signals, upset: &Upset) -> bool {
     let slow = (f64::MIN_POSITIVE..ALIASED_HZ).contains(&signals.shock_hz);
-    // Joined by straight lines to its neighbours, a sample reaches over less than two intervals.
+    // Linearly interpolated to its neighbours, a sample extends over less than two intervals.
     let alone = slow && upset.end_s - upset.start_s < 2.0 / signals.shock_hz;
     if !alone || beyond(upset.tilt_rad, TILT_END_RAD) || (signals.rates.is_none() && signals.lean.is_none()) {
         return false;
@@ -684,8 +697,8 @@ fn is_one_sample_of_a_vibration(signals: &Signals, upset: &Upset) -> bool {
     !turns && !leans
 }
 
-/// The force along the thrust that the motors can make in a bin, m/s²: half as much again as a hover's by the square of what they are or were
-/// asked for in the last tenths of a second; 0 where they are asked for no more than usual.
+/// The force along the thrust that the motors can produce in a bin, m/s²: one and a half times a hover's, by the square
+/// of their command now or in the last tenths of a second; 0 if the command is not above the usual.
 fn pulls(signals: &Signals, run: Range<usize>) -> impl Fn(usize) -> f64 {
     const OVER_USUAL: f64 = 1.2;
     const HOVER: f64 = 1.5 * 9.81;
@@ -712,7 +725,7 @@ fn pulls(signals: &Signals, run: Range<usize>) -> impl Fn(usize) -> f64 {
     }
 }
 
-/// Whether between two upsets the vehicle flies again: a second below 60°.
+/// Whether the vehicle flies again between two upsets: a second below 60°.
 fn recovers(signals: &Signals, from_s: f64, to_s: f64) -> bool {
     let upright = |bin: usize| {
         !signals
@@ -723,7 +736,7 @@ fn recovers(signals: &Signals, from_s: f64, to_s: f64) -> bool {
     to_s - from_s > 1.0 && signals.between(from_s, to_s).all(upright)
 }
 
-/// Neighbours of one kind and reason as one part.
+/// Merges neighbours of one kind and reason.
 fn join(parts: Vec<FlightPart>) -> Vec<FlightPart> {
     let mut joined: Vec<FlightPart> = Vec::new();
     for part in parts {

@@ -171,7 +171,7 @@ fn val_a_motor_at_its_limit_while_the_attitude_runs_away_is_a_lost_rotor() {
     }
 }
 
-/// Two rotors on one axis are asked for the same: which of them it was, nothing says.
+/// Two rotors on one axis receive the same command: which of them was lost cannot be determined.
 #[test]
 fn val_of_two_rotors_on_one_axis_none_is_named_alone() {
     let positions = [[0.7, 0.7], [-0.7, 0.7], [0.7, -0.7], [0.7, -0.7]];
@@ -213,7 +213,8 @@ fn regress_motors_that_reach_their_limit_together_have_lost_no_rotor() {
     assert!(parts.parts.iter().all(|part| part.kind != PartKind::Crash), "{parts:?}");
 }
 
-/// Roll swings ever further from 12 s on, each motor in its turn asked for more while its arm sinks, and every arm answers; it lies from 17.6 s.
+/// Roll swings increase from 12 s on, each motor in turn commanded more while its arm sinks, and every arm responds; it
+/// lies from 17.6 s.
 #[test]
 fn regress_an_arm_that_answers_its_motor_has_lost_no_rotor() {
     let swing = |t: f64| 0.02 * (0.9 * (t - 12.0)).exp() * (5.2 * (t - 12.0)).sin();
@@ -225,7 +226,7 @@ fn regress_an_arm_that_answers_its_motor_has_lost_no_rotor() {
         position: positions[rotor],
     });
     let columns = [&DUTIES[..], &ATTITUDE, &RATES, &FORCES].concat();
-    // Of what rotor 3 is asked for in the swing, so much reaches its arm.
+    // This share of rotor 3's command in the swing reaches its arm.
     let swung = |reaches: bool| {
         let log = flown_with(&columns, |t, mut row| {
             if (12.0..17.6).contains(&t) {
@@ -377,7 +378,7 @@ fn regress_motors_that_carry_nothing_do_not_fly() {
     assert!(hover.flight_parts(None).air_s() > 10.0);
 }
 
-/// The motors run at one duty throughout, without propellers on a bench: nothing turns, and what shakes is their noise.
+/// The motors run at one duty throughout, without propellers on a bench: nothing turns, and they only produce noise.
 #[test]
 fn regress_a_bench_that_shakes_less_than_any_flight_is_the_ground() {
     let columns = [&DUTIES[..], &RATES, &FORCES, &["position_down_m"]].concat();
@@ -451,8 +452,8 @@ fn regress_a_take_off_ends_soon_after_the_lift_however_low_the_flight() {
     assert!((11.9..15.5).contains(&parts.in_the_air()[0].0), "{parts:?}");
 }
 
-/// Telemetry at 1 Hz, every now and then some seconds late: each row was a part of its own, and a heading that turned between two rows a jump.
-/// The flight of [`flown`], whose motors run on when it has landed: `asked` of what carried it, after a touch of so much force, m/s².
+/// The flight of [`flown`], whose motors run on after the landing: at the share `asked` of what carried it, after a
+/// touch of this force, m/s².
 fn landed_with_motors(asked: f64, touch: f64) -> FlightLog {
     let columns = [&DUTIES[..], &ATTITUDE, &RATES, &FORCES, &["position_down_m"]].concat();
     flown_with(&columns, |t, row| Row {
@@ -476,6 +477,8 @@ fn regress_a_soft_landing_with_motors_that_run_on_is_the_ground() {
     }
 }
 
+/// Telemetry at 1 Hz, occasionally some seconds late: each row was a part of its own, and a heading that turned between
+/// two rows a jump.
 #[test]
 fn regress_slow_telemetry_is_one_flight() {
     let mut t = 0.0;
@@ -532,7 +535,7 @@ fn regress_a_pull_and_a_fall_are_no_crash() {
             _ => row,
         })
     };
-    // What falls feels no weight; what rolls at 3 rad/s does not lie.
+    // A falling vehicle feels no weight; one that rolls at 3 rad/s is not lying.
     for log in [fall(0.0, 3.0), fall(3.0, 9.0)] {
         let parts = log.flight_parts(None);
         assert_eq!(kinds(&parts), WHOLE, "{parts:?}");
@@ -540,7 +543,7 @@ fn regress_a_pull_and_a_fall_are_no_crash() {
     }
     // What lies feels its weight.
     assert_ne!(kinds(&fall(0.0, 9.8).flight_parts(None)), WHOLE);
-    // A blow across the thrust ends a flight that does not go on.
+    // An impact across the thrust ends a flight that does not continue.
     let blow = flown_with(&columns, |t, row| match t {
         12.0..12.1 => Row {
             duty: [0.06; 4],
@@ -559,7 +562,7 @@ fn regress_a_pull_and_a_fall_are_no_crash() {
     assert!(parts.parts.iter().any(|part| part.kind == PartKind::Crash), "{parts:?}");
 }
 
-/// An attitude that lies on its back for half of the flight is no vehicle's.
+/// An attitude that is upside down for half of the flight is not a vehicle's.
 #[test]
 fn regress_an_attitude_that_ran_away_makes_no_crash() {
     let columns = [&DUTIES[..], &ATTITUDE].concat();
@@ -572,8 +575,8 @@ fn regress_an_attitude_that_ran_away_makes_no_crash() {
     assert!(!parts.found_from.contains(&"attitude"), "{parts:?}");
 }
 
-/// One sample of an accelerometer that was logged at 10 Hz made "an upset: tilt up to 6°, 38 m/s²" of a calm flight. A blow that turns the body
-/// is one at any rate.
+/// One sample of an accelerometer logged at 10 Hz turned a calm flight into "an upset: tilt up to 6°, 38 m/s²". An
+/// impact that turns the body counts at any rate.
 #[test]
 fn regress_one_sample_of_a_vibration_is_no_upset() {
     let columns = [&DUTIES[..], &ATTITUDE, &FORCES, &RATES, &["position_down_m"]].concat();

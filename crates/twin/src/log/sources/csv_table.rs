@@ -1,4 +1,4 @@
-//! A CSV table of whatever columns: the `[csv]` of a mapping says how it is laid out, and which column is the clock.
+//! A CSV table with arbitrary columns: the `[csv]` of a mapping gives its layout and the column of the clock.
 //!
 //! ```toml
 //! [csv]
@@ -8,13 +8,15 @@
 //! clock = "Time"           # column; or rate_hz = 100 where there is none
 //! clock_format = "hh:mm:ss"   # s ms us ns · mm:ss · hh:mm:ss · date hh:mm:ss (all with fractions)
 //! ```
-//! The rows become the one topic `csv`, with the columns by their names (a comma or colon in a name is read as a space, because the rows of a
-//! mapping part with them). A cell that is no number is a missing value; how many there are is told column by column.
+//! The rows become the one topic `csv`, with the columns by their names (a comma or colon in a name is read as a space,
+//! because the rows of a mapping use them as separators). A cell that is not a number is a missing value; their number
+//! is reported column by column.
 //!
 //! A column whose cells are lists (`"[0.1, 0.2, 0.3]"`, as pandas writes them) is as many columns as it has numbers: `v[0]`, `v[1]`, `v[2]`; lists
 //! of one number are a column of numbers. Lists in lists follow each other, row by row.
 //!
-//! A Parquet file of another program comes by the same mapping: its columns are numbers already, so `separator` and `decimal` say nothing there.
+//! A Parquet file of another program uses the same mapping: its columns are already numbers, so `separator` and
+//! `decimal` are ignored.
 
 use super::super::table::Table;
 use super::{MAX_COLUMNS, RawStream, Room, SourceLog};
@@ -22,7 +24,7 @@ use serde::Deserialize;
 
 /// Seconds of a day.
 const DAY_S: f64 = 86_400.0;
-/// Rows below the header that tell which columns hold lists, and of how many numbers.
+/// Rows below the header that decide which columns contain lists, and of what length.
 const LIST_ROWS: usize = 100;
 
 /// How a table is laid out.
@@ -307,7 +309,8 @@ impl Lists {
         parted.map(|(name, _)| name.as_str()).collect()
     }
 
-    /// Cells of a row, with those of lists in their parts. A list of another length than the others is no number in any of its parts.
+    /// Cells of a row, with lists split into their parts. A list of another length than the others gives no number in
+    /// any of its parts.
     pub(crate) fn cells<'a>(&self, cells: Vec<&'a str>, decimal: char) -> Vec<&'a str> {
         if self.0.iter().all(Option::is_none) {
             return cells;
@@ -569,7 +572,7 @@ mod tests {
         let of = |name: &str| &stream.fields.iter().find(|(field, _)| field == name).unwrap().1;
         assert_eq!((of("v[1]")[0], of("v[2]")[0], of("R[3]")[0]), (-2.5, 0.3, 1.0));
         assert_eq!((of("throttle")[0], of("throttle")[1], of("R[1]")[1]), (0.4, 0.5, 0.5));
-        // A list of two among lists of three is none of its numbers; the cut line is no row.
+        // A list of two among lists of three gives none of its numbers; the truncated line is not a row.
         assert!(of("v[0]")[1].is_nan());
         assert!(
             log.notes.iter().any(|note| note.starts_with("v[0]: 1 cells")),

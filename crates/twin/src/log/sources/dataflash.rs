@@ -245,7 +245,7 @@ impl Gathered {
         let instance = values
             .iter()
             .find(|(label, _)| match *label {
-                // The integral part of a controller is no number of an instance.
+                // The integral term of a controller is not an instance number.
                 "I" => !message.starts_with("PID"),
                 "C" => message.starts_with("XK"),
                 other => other == "Instance",
@@ -281,10 +281,10 @@ impl Gathered {
         Ok(())
     }
 
-    /// Gives each stream its time.
+    /// Assigns times to each stream.
     ///
-    /// Old logs have messages without a time. Their place in the file between two messages with one tells it: the board's clock,
-    /// else GPS time, else the nominal 10 Hz of ATT.
+    /// Old logs have messages without a time. Their position in the file between two messages with one gives it: the
+    /// board's clock, otherwise GPS time, otherwise the nominal 10 Hz of ATT.
     pub(super) fn finish(mut self) -> SourceLog {
         let mut log = SourceLog {
             parameters: std::mem::take(&mut self.parameters),

@@ -3,8 +3,9 @@
 //! ```text
 //! bytes ─▶ detect ─▶ ulog · dataflash · dataflash_text · usdlog · blackbox · tlog · ros · csv_table ─▶ SourceLog{streams, parameters, notes} ─▶ mapping
 //! ```
-//! Each parser takes any bytes: it never panics, and what it allocates is bounded by [`Room`], which refuses a file that wants more before
-//! the memory is taken. A damaged or cut file yields what can be read before and after the damage, with a note that says how much was lost.
+//! Each parser accepts any bytes: it never panics, and its allocations are bounded by [`Room`], which rejects a file
+//! that needs more before the memory is taken. A damaged or truncated file yields what can be read before and after the
+//! damage, with a note that says how much was lost.
 
 mod blackbox;
 pub(crate) mod csv_table;
@@ -37,7 +38,8 @@ pub(crate) struct ParameterChange {
     pub(crate) after: f64,
 }
 
-/// What a file may still make of itself. Each is counted where it would grow; the error is the reason of the refusal.
+/// Remaining budget for what a file may expand to. Each is charged where it would grow; the error is the reason of the
+/// rejection.
 #[derive(Clone, Copy, Debug)]
 struct Room {
     cells: usize,
@@ -63,7 +65,7 @@ impl Room {
         Ok(())
     }
 
-    /// A sample of so many numbers.
+    /// A sample of this many numbers.
     fn sample(&mut self, numbers: usize) -> Result<(), String> {
         self.cells = self
             .cells
@@ -77,7 +79,7 @@ impl Room {
         Self::take(&mut self.formats, 1, "message formats", MOST_STREAMS)
     }
 
-    /// A stream whose samples have so many numbers.
+    /// A stream whose samples have this many numbers.
     fn stream(&mut self, fields: usize) -> Result<(), String> {
         if fields > MAX_COLUMNS {
             return Err(format!(
@@ -120,12 +122,12 @@ pub(crate) enum Format {
     Db3,
     /// `run.mcap` of this program.
     RunMcap,
-    /// Not read; each is refused with what makes a log of it.
+    /// Not read; each is rejected with advice on converting it to a log.
     Ros1Bag,
     Zstd,
 }
 
-/// What a mapping asks of a file, and how it is to be read.
+/// What a mapping requires of a file, and how it is to be read.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Asked<'a> {
     pub(crate) accept_damaged: bool,
@@ -154,7 +156,7 @@ pub(crate) struct SourceLog {
     pub(crate) unread: Vec<Unread>,
     /// What the file's clock says at 0 s of the streams.
     pub(crate) clock_s: f64,
-    /// Seconds since 1970 UTC at 0 s of the streams, and what says so, where a place of the format is made for it.
+    /// Seconds since 1970 UTC at 0 s of the streams, and the evidence for it, if the format has a field for it.
     pub(crate) utc: Option<(f64, &'static str)>,
 }
 
@@ -243,7 +245,7 @@ impl SourceLog {
     }
 }
 
-/// Kind of an autopilot's log by its first bytes; `None` for anything else.
+/// Kind of an autopilot's log, from its first bytes; `None` for anything else.
 pub(crate) fn detect(bytes: &[u8]) -> Option<Format> {
     if bytes.starts_with(ulog::MAGIC) {
         Some(Format::Ulog)
@@ -340,7 +342,7 @@ impl<'a> Cursor<'a> {
     }
 }
 
-/// A number as it stands in a file, little endian.
+/// A number as stored in a file, little endian.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Number {
     I8,

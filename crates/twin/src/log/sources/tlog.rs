@@ -6,8 +6,8 @@
 //! The messages of the table below become topics with their names and fields. The first autopilot that sends a `HEARTBEAT` is taken;
 //! ground stations, gimbals and other vehicles are left out. Frames are checked by their CRC-16 (X.25) with the message's extra byte.
 //!
-//! Times are those of the autopilot's clock where the message has one; the others get the time of their reception on that clock, less
-//! the least delay that was seen.
+//! Times are those of the autopilot's clock where the message has one; the others get the time of their reception on
+//! that clock, minus the smallest delay observed.
 //!
 //! Limits: a telemetry link gives 1 to 20 samples per second and loses frames; signed frames are read without checking the signature.
 
@@ -16,7 +16,7 @@ use super::{MOST_CHANGES, ParameterChange};
 use crc::Crc;
 use std::collections::BTreeMap;
 
-/// 2005 and 2100, µs since 1970: what a ground station's clock can say.
+/// 2005 and 2100, µs since 1970: the plausible range of a ground station's clock.
 const TIMES_US: std::ops::Range<u64> = 1_104_537_600_000_000..4_102_444_800_000_000;
 const STAMP_BYTES: usize = 8;
 const CRC_BYTES: usize = 2;
@@ -262,7 +262,7 @@ fn checksum(checked: &[u8], extra: u8) -> u16 {
 }
 
 impl<'a> Frame<'a> {
-    /// The frame at the front of the cursor, which moves behind it; `None` if there is none.
+    /// The frame at the front of the cursor, which moves past it; `None` if there is none.
     fn read(cursor: &mut Cursor<'a>) -> Option<Self> {
         let mut next = *cursor;
         let received_us = u64::from_be_bytes(next.array::<STAMP_BYTES>()?);
@@ -439,7 +439,7 @@ fn boot_us(sample: &Sample) -> Option<f64> {
 fn streams(samples: &[Sample]) -> (Vec<RawStream>, f64) {
     let start = samples.iter().map(|sample| sample.received_us).min().unwrap_or(0);
     let since_start = |sample: &Sample| sample.received_us.saturating_sub(start) as f64;
-    // What came with the least delay tells how the clocks stand to each other.
+    // The messages with the least delay determine the offset between the clocks.
     let offset = samples
         .iter()
         .filter_map(|sample| Some(since_start(sample) - boot_us(sample)?))

@@ -119,7 +119,7 @@ fn header(cursor: &mut Cursor<'_>, room: &mut Room) -> Result<Option<Header>, St
     Ok(Some((version, events)))
 }
 
-/// `Ok(None)`: what follows is no record.
+/// `Ok(None)`: what follows is not a record.
 fn record(
     cursor: &mut Cursor<'_>,
     version: u16,

@@ -27,7 +27,7 @@ impl Plant {
         let mut started = false;
         let (mut lift, mut duty) = ([0.0; MAX_ROTORS], [0.0; MAX_ROTORS]);
         let (mut ratio, mut rate) = ([0.0; MAX_ROTORS], [0.0; MAX_ROTORS]);
-        // exp(−h/τ) is asked for at every step and rotor with the same few τ.
+        // exp(−h/τ) is needed at every step and rotor with the same few τ.
         let mut decay = (f64::NAN, 0.0, f64::NAN, 0.0);
         let mut voltage = nominal_voltage;
         let hooks = Hooks::COMMAND;

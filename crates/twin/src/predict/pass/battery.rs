@@ -1,4 +1,4 @@
-//! The battery of a pass: terminal voltage from the rotors' power, and the means of it over strides of steps.
+//! The battery of a pass: terminal voltage from the rotors' power, and its means over strides of steps.
 
 use rotortwin_flight_core::MAX_ROTORS;
 use rotortwin_plant::effects::{Constants, EffectSet, Hooks};

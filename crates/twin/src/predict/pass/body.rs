@@ -1,4 +1,4 @@
-//! The body of a pass: what the rotors and the air do to it in every step, and what the IMU reads of that.
+//! The body of a pass: the wrench of rotors and air in every step, and the resulting IMU readings.
 
 use std::sync::{Arc, OnceLock};
 
@@ -10,39 +10,41 @@ use super::{Plant, When, between, sensors_may_err, turned};
 use crate::predict::series::{Kinematics, shifted};
 use crate::predict::vectors::{cross, euler_rates, inverted, times, to_body};
 
-/// What the model does to the body.
+/// The model's motion of the body.
 #[derive(Debug, Default)]
 pub(crate) struct Steps {
     /// Specific force at t_k, m/s².
     pub(super) force: Vec<Vector3>,
     /// Angular acceleration over step k, rad/s².
     pub(super) spin_up: Vec<Vector3>,
-    /// Specific force over step k, m/s²; only where there is no accelerometer.
+    /// Specific force over step k, m/s²; only without an accelerometer.
     pub(super) mean: Option<Vec<Vector3>>,
-    /// Rates over step k as its start predicts them, rad/s: what torques are predicted with.
+    /// Rates over step k as predicted at its start, rad/s: torques are predicted with these.
     pub(super) predicted: Arc<Vec<Vector3>>,
 }
 
-/// What the IMU reads, where that is not what happened.
+/// Readings of the IMU, where they differ from the motion.
 #[derive(Debug, Default)]
 pub(super) struct Imu {
     /// Reading of the accelerometer at t_k, m/s².
     pub(super) accel: Option<Vec<Vector3>>,
     /// Rate of the gyroscope's reading over step k, rad/s².
     pub(super) spin_up: Option<Vec<Vector3>>,
-    /// What the accelerometer reads too much at t_k, m/s², told by the model's own force; `None` if nothing could make its readings
-    /// untrue. The velocity is predicted from the readings less this. To divide a reading by its scale would shrink or swell its noise,
-    /// and win or lose for that.
+    /// Error of the accelerometer's reading at t_k, m/s², computed from the model's own force; `None` if nothing can
+    /// falsify its readings. The velocity is predicted from the readings less this. Dividing a reading by its scale
+    /// would also change its noise, and that would affect the evidence.
     pub(super) accel_error: Option<Vec<Vector3>>,
-    /// Rate over step k of what the attitude reads too much, rad/s, where an effect makes it come and go with the flight. The attitude is
-    /// carried over the step by the gyroscope: its own reading at the end has the noise of the very difference that this predicts, and an
-    /// error that goes with the heading would win for taking that over.
+    /// Rate over step k of the error of the attitude, rad/s, if an effect makes it vary with the flight. The attitude
+    /// is propagated over the step by the gyroscope: its own reading at the end contains the noise of the very
+    /// difference that this predicts, and an error that depends on the heading would be favoured for explaining that
+    /// noise.
     pub(super) attitude_error_rate: Option<Vec<Vector3>>,
 }
 
 impl Plant {
-    /// What the mean of the thrust over the two steps around t_k has more than the thrust at t_k: (f_{k−1} − 2 f_k + f_{k+1})/4, N.
-    /// A new duty bends the thrust there by up to step/τ of the duty's change; rounded off, it looks like a command that is early.
+    /// Excess of the mean thrust over the two steps around t_k over the thrust at t_k: (f_{k−1} − 2 f_k + f_{k+1})/4,
+    /// N. A new duty bends the thrust there by up to step/τ of the duty's change; smoothed, it looks like a command
+    /// that is early.
     fn corner(&self, k: usize, thrust: &[f64]) -> [f64; MAX_ROTORS] {
         let n = self.series.rotors;
         let mut out = [0.0; MAX_ROTORS];
@@ -54,12 +56,12 @@ impl Plant {
         out
     }
 
-    /// What the model does to the body. `root` is √thrust, where effects of rotors or wrench act;
-    /// `predicted` the rates over each step, where they are known.
+    /// The model's motion of the body. `root` is √thrust, if effects of rotors or wrench act; `predicted` the rates
+    /// over each step, if they are known.
     ///
-    /// The rates come of an observer, ω̂ ← ω̂ + h ω̇ + K (y − ω̂ − h ω̇), never of what was measured after the step began: a disturbance
-    /// of the step lives on in the rates that follow, and a damping told by these would come out too small by h q²/(2 ⟨ω²⟩), q the
-    /// disturbance as an angular acceleration (a third of a usual damping on a calm flight).
+    /// The rates come from an observer, ω̂ ← ω̂ + h ω̇ + K (y − ω̂ − h ω̇), never from readings after the step began: a
+    /// disturbance of the step persists in the rates that follow, and a damping estimated from these would be too small
+    /// by h q²/(2 ⟨ω²⟩), q the disturbance as an angular acceleration (a third of a usual damping on a calm flight).
     pub(super) fn steps(
         &self,
         mut set: EffectSet,
@@ -77,7 +79,7 @@ impl Plant {
         // Σ f at t_{k−1}, t_k, t_{k+1}.
         let mut sums = [0.0, 0.0, thrust[..n].iter().sum::<f64>()];
         let (mut ratio, mut rate) = ([0.0; MAX_ROTORS], [0.0; MAX_ROTORS]);
-        // A copy, because the hooks change the set; taken anew only where effects set in or vary.
+        // A copy, because the hooks change the set; computed anew only if effects set in or vary.
         let mut c = *set.constants();
         let (mut inverse, mut allocation) = (inverted(&c.inertia_body_kg_m2), c.allocation());
         let roots = |hooked: bool| -> &[f64] {
@@ -104,7 +106,7 @@ impl Plant {
             let omega = match predicted {
                 Some(known) => known[k],
                 None => {
-                    // Half a step on; its own angular acceleration is not known yet.
+                    // Half a step later; its own angular acceleration is not known yet.
                     let turning = if k > 0 { spin_up[k - 1] } else { zero };
                     [0, 1, 2].map(|i| observed[i] + 0.5 * s.step_s * turning[i])
                 }
@@ -168,8 +170,8 @@ impl Plant {
             if let Some(mean) = &mut mean {
                 mean[k] = push;
             }
-            // The value at t_k lies between the means of the steps on either side, less the corner of the thrust between them (along
-            // the body's axis: what a tilted rotor's corner does sideways is nothing).
+            // The value at t_k lies between the means of the steps on either side, less the corner of the thrust
+            // between them (along the body's axis: the lateral effect of a tilted rotor's corner is negligible).
             for i in 0..3 {
                 force[k][i] += 0.5 * push[i];
                 force[k + 1][i] = 0.5 * push[i];
@@ -193,7 +195,7 @@ impl Plant {
         }
     }
 
-    /// What the IMU reads of it.
+    /// The IMU's readings of it.
     pub(super) fn imu(&self, mut set: EffectSet, motion: &Kinematics, thrust: &[f64], steps: &Steps) -> Imu {
         let s = &self.series;
         let n = s.rotors;
@@ -221,7 +223,7 @@ impl Plant {
                     position_ned: motion.position[k],
                     battery_voltage: 0.0,
                 };
-                // The model's own angular acceleration at t_k: the measured one is all noise, or smoothed away.
+                // The model's own angular acceleration at t_k: the measured one is only noise, or smoothed away.
                 let before = if k > 0 { spin_up[k - 1] } else { spin_up[k] };
                 let mut turning = [0, 1, 2].map(|i| 0.5 * (before[i] + spin_up[k][i]));
                 if c.imu_lever_arm_m != [0.0; 3] {
@@ -261,7 +263,7 @@ impl Plant {
                 }
                 error[k] = [0, 1, 2].map(|i| read.specific_force[i] - force[k][i]);
                 accel[k] = read.specific_force;
-                // The rate of what the gyroscope reads: its errors without the bias.
+                // Rate of the gyroscope's reading: its errors without the bias.
                 let scale = 1.0 + c.gyro_scale;
                 let sideways = cross(c.imu_misalignment_rad, spin_up[k]);
                 turned[k] = [0, 1, 2].map(|i| scale * (spin_up[k][i] + sideways[i]));
@@ -276,7 +278,7 @@ impl Plant {
         if c.imu_latency_s != 0.0 {
             let accel = imu.accel.as_ref().unwrap_or(&steps.force);
             imu.accel = Some(shifted(accel, -c.imu_latency_s, s.step_s));
-            // Means over steps: what was measured after t_k must not come in (the duty of row k + 1 answers to its noise).
+            // Means over steps: measurements after t_k must not enter (the duty of row k + 1 responds to its noise).
             let turned = imu.spin_up.as_ref().unwrap_or(&steps.spin_up);
             imu.spin_up = Some(late_means(turned, c.imu_latency_s, s.step_s));
         }
@@ -284,15 +286,15 @@ impl Plant {
     }
 }
 
-/// The attitude at the end of step k, from that at its start by the rates of the gyroscope.
+/// The attitude at the end of step k, from that at its start and the rates of the gyroscope.
 fn carried(motion: &Kinematics, k: usize, step_s: f64) -> Vector3 {
     let rate = |k: usize| euler_rates(&motion.ned_from_body[k], motion.rates[k]);
     let (before, after) = (rate(k), rate(k + 1));
     [0, 1, 2].map(|i| motion.attitude[k][i] + 0.5 * step_s * (before[i] + after[i]))
 }
 
-/// Means over steps of a signal that is `delay_s` late: the mean of two neighbouring steps by their share of the time. Exact for
-/// values that are constant over a step, and for a delay ≥ 0 no later step than its own comes in.
+/// Means over steps of a signal with a delay of `delay_s`: the mean of two neighbouring steps, weighted by their share
+/// of the time. Exact for values that are constant over a step, and for a delay ≥ 0 no later step than its own enters.
 fn late_means(x: &[Vector3], delay_s: f64, step_s: f64) -> Vec<Vector3> {
     let steps = delay_s / step_s;
     let whole = steps.floor();

@@ -1,4 +1,4 @@
-//! The kinematics of a pass: what the sensors must say of each other, KV, KA and KP.
+//! The kinematics of a pass: consistency of the sensors with each other, KV, KA and KP.
 
 use std::sync::Arc;
 
@@ -15,7 +15,7 @@ use crate::predict::vectors::{euler_rates, times};
 type Part = fn(&Kinematics) -> &Vectors;
 
 impl Plant {
-    /// KV, KA, KP; what is as in `base` stays, if gravity is.
+    /// KV, KA, KP; those with the inputs of `base` are reused if gravity is the same.
     pub(super) fn kinematics(
         &self,
         c: &Constants,

@@ -1,4 +1,4 @@
-//! One pass over a log: what the model with some effects predicts for every channel, in measurement space.
+//! One pass over a log: the prediction of the model with some effects for every channel, in measurement space.
 //!
 //! ```text
 //!  duty, V ─▶ actuators: delay, dead zone, Eq. 19, lag ─▶ thrust at every sample
@@ -6,14 +6,15 @@
 //!  measured kinematics ─▶ sensors inverted ─▶ motion ──────┼─▶ body: wrench, J⁻¹ ─▶ sensors applied ─▶ F, M
 //!                                              └─▶ kinematics ─▶ KV, KA, KP        └─▶ battery ─▶ V
 //! ```
-//! Times: row k is the state at t_k, the duty of row k acts from t_k to t_{k+1}. Channels of differences (KV, M, KA, KP) stand at k
-//! for the step from t_k to t_{k+1}. The duty that predicts step k never answers to what was measured after t_k, so that the feedback
-//! of measurement noise through the controller cannot pass for physics. Velocity, attitude and voltage of a step are means of its two
-//! ends; its rates are predicted from what was read before it ([`Plant::steps`]).
+//! Times: row k is the state at t_k, the duty of row k acts from t_k to t_{k+1}. Channels of differences (KV, M, KA,
+//! KP) at k belong to the step from t_k to t_{k+1}. The duty that predicts step k never depends on measurements after
+//! t_k, so that feedback of measurement noise through the controller cannot be mistaken for physics. Velocity, attitude
+//! and voltage of a step are means of its two ends; its rates are predicted from earlier readings ([`Plant::steps`]).
 //!
-//! Sensor errors are applied to the prediction, never taken off the measurement: dividing the measurement by 1 + s shrinks its noise
-//! and wins for every s > 0. Only where a sensor is an *input* of another channel is its error inverted; the accelerometer's as
-//! what the model's force makes of it, so that the noise of the reading is not scaled.
+//! Sensor errors are applied to the prediction, never removed from the measurement: dividing the measurement by 1 + s
+//! shrinks its noise and wins for every s > 0. Only where a sensor is an *input* of another channel is its error
+//! inverted; for the accelerometer, by the amount that follows from the model's force, so that the noise of the reading
+//! is not scaled.
 
 mod actuators;
 mod battery;
@@ -101,7 +102,7 @@ impl Stages {
         };
         let battery = actuators || with_battery != *a;
         let motion = with_sensors(*a) != *a || extra.uses(Hooks::READINGS);
-        // Whatever else differs acts on the body: battery and sensors alone do not.
+        // Any other difference acts on the body: only those of battery and sensors do not.
         let body = actuators
             || with_sensors(with_battery) != *b
             || extra.uses(Hooks::WIND)
@@ -127,7 +128,7 @@ pub(crate) struct Plant {
     pub(crate) charge: f64,
     /// What Eq. 19 gets where no voltage was logged, V.
     pub(crate) unlogged_voltage: f64,
-    /// Gain of the observer of the rates by axis: share of what a reading differs from its forecast that is believed.
+    /// Gain of the observer of the rates by axis: share of the innovation that is adopted.
     pub(crate) rate_gain: Vector3,
 }
 
@@ -145,19 +146,19 @@ pub(crate) enum Source {
 pub(crate) struct Prediction {
     /// Thrust at t_k before the hooks on it, N: `k * rotors + i`.
     pub(crate) thrust: Arc<Vec<f64>>,
-    /// √ of it, where an effect has asked for it: many effects need the rotors' speeds, and roots are dear.
+    /// √ of it, if an effect requires it: many effects need the rotors' speeds, and square roots are expensive.
     root: Arc<OnceLock<Vec<f64>>>,
     /// True motion as reconstructed from the readings.
     pub(crate) motion: Arc<Kinematics>,
     /// What the model does to the body.
     steps: Arc<Steps>,
-    /// True if the accelerometer may read something else than what acts on it.
+    /// True if the accelerometer's reading may differ from the force that acts on it.
     accel_errs: bool,
     /// Prediction of each channel.
     pub(crate) channels: [Arc<Vec<f64>>; CHANNELS],
 }
 
-/// What a moment stands for: the instant t_k, or the step from t_k to t_{k+1} (kinematics as means of both ends).
+/// The meaning of a moment: the instant t_k, or the step from t_k to t_{k+1} (kinematics as means of both ends).
 #[derive(Debug, Clone, Copy)]
 enum When {
     Sample(usize),
@@ -254,7 +255,8 @@ impl Plant {
                 );
             }
         }
-        // Without an accelerometer the force of the model shows in the velocity; with one, its errors are told by that force.
+        // Without an accelerometer the force of the model shows in the velocity; with one, its errors are computed from
+        // that force.
         if stages.motion || stages.gravity || (other_body && (!have.accel || accel_errs)) {
             let same_gravity = base.filter(|_| !stages.gravity).map(|(base, _)| base);
             self.kinematics(
@@ -319,12 +321,13 @@ impl Plant {
     }
 }
 
-/// True if the inertial sensors or the attitude may read something else than what is; latencies aside.
+/// True if the readings of inertial sensors or attitude may differ from the truth; latencies excluded.
 fn sensors_may_err(effects: &EffectSet) -> bool {
     effects.may_change() || effects.hooks().uses(Hooks::READINGS) || !effects.constants().sensors_are_exact()
 }
 
-/// True if the body does something else because its motion is another one: without drag or effects on it, only its rates count.
+/// True if the difference between two motions changes what acts on the body: without drag or effects on it, only its
+/// rates matter.
 fn differs(effects: &EffectSet, a: &Kinematics, b: &Kinematics) -> bool {
     let other = |part: fn(&Kinematics) -> &Vectors| !Arc::ptr_eq(part(a), part(b));
     let acts = effects.may_change() || hooked_body(effects);
@@ -333,7 +336,7 @@ fn differs(effects: &EffectSet, a: &Kinematics, b: &Kinematics) -> bool {
         || (acts && (other(|m| &m.position) || other(|m| &m.angular_acceleration) || other(|m| &m.driving_accel)))
 }
 
-/// The measured side of every channel: accelerometer, difference quotients, voltage. Empty where there is none.
+/// The measured side of every channel: accelerometer, difference quotients, voltage. Empty if there is none.
 pub(crate) fn measured(series: &Series) -> PerChannel {
     std::array::from_fn(|channel| measured_channel(series, channel))
 }

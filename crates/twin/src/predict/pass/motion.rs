@@ -1,4 +1,4 @@
-//! The motion of a pass: what the vehicle did, from readings whose latencies and errors are undone.
+//! The motion of a pass: the vehicle's motion from readings with latencies and errors removed.
 
 use std::sync::Arc;
 
@@ -10,7 +10,8 @@ use super::{Plant, Source, When, sensors_may_err};
 use crate::predict::series::{Drive, Kinematics, Vectors, shifted};
 use crate::predict::vectors::rotation;
 
-/// Most steps of the fixed point by which readings are undone that an effect changes in ways of its own, and the change that is none.
+/// Maximum number of fixed-point steps to invert an effect's arbitrary change of the readings, and the change below
+/// which it has converged.
 const FIXED_POINT_STEPS: usize = 12;
 const FIXED: f64 = 1e-9;
 
@@ -32,8 +33,8 @@ fn is_near(a: &Readings, b: &Readings) -> bool {
 }
 
 impl Plant {
-    /// The true motion behind the readings: latencies undone, sensor errors inverted; but for those of the accelerometer, which
-    /// [`Self::imu`] tells where there is a model's force.
+    /// The true motion behind the readings: latencies undone, sensor errors inverted; except those of the
+    /// accelerometer, which [`Self::imu`] computes if there is a model's force.
     pub(super) fn motion(&self, effects: &EffectSet, source: Source) -> Kinematics {
         let measured = match source {
             Source::Raw => self.series.whole(),
@@ -48,8 +49,8 @@ impl Plant {
             rates: at(&measured.rates, c.imu_latency_s),
             angular_acceleration: at(&measured.angular_acceleration, c.imu_latency_s),
             accel: at(&measured.accel, c.imu_latency_s),
-            // The noise of a reading must not come back through its own prediction: a load that pulls with its mass times what the
-            // accelerometer reads would add its share of the noise, and lose to any rival that does not.
+            // The noise of a reading must not re-enter through its own prediction: a load that pulls with its mass
+            // times the accelerometer's reading would add its share of the noise, and lose to any rival that does not.
             driving_accel: at(&self.series.smooth.driving_accel, c.imu_latency_s),
             observed_rates: at(&self.series.whole().rates, c.imu_latency_s),
             ned_from_body: Vec::new().into(),
@@ -93,7 +94,7 @@ impl Plant {
                     let before = truth;
                     let mut again = truth;
                     c.corrupt(&mut again, turning[k]);
-                    // The rotors' thrust comes later in the chain; the specific force tells their sum.
+                    // The rotors' thrust comes later in the chain; the specific force gives their sum.
                     let each = (-c.mass_kg * truth.specific_force[2] / n as f64).max(0.0);
                     let thrust = [each; MAX_ROTORS];
                     let at = self.moment(When::Sample(k), motion, &c, &thrust[..n], &nothing[..n], &nothing[..n]);
@@ -117,7 +118,7 @@ impl Plant {
             };
             let observed = too_much(motion.observed_rates[k], read.body_rates, truth.body_rates);
             if self.series.drive == Drive::None {
-                // Without a model's force; with one, `imu` tells the accelerometer's errors.
+                // Without a model's force; with one, `imu` computes the accelerometer's errors.
                 let accel = too_much(motion.accel[k], read.specific_force, truth.specific_force);
                 set(&mut motion.accel, k, accel);
             }

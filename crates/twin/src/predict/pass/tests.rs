@@ -1,4 +1,4 @@
-//! What a pass shares with its base is what it would have made itself.
+//! What a pass shares with its base equals what it would have computed itself.
 
 use std::path::Path;
 
@@ -106,8 +106,8 @@ fn prop_what_a_pass_shares_is_what_it_would_have_made() {
                     .map(|c| largest(&whole.channels[c], &base.channels[c]))
                     .fold(0.0, f64::max);
                 let off = largest(&whole.channels[channel], &shared.channels[channel]);
-                // The rates that the observer predicts are those of the base: they answer to another torque by 10 ms of it. A
-                // thousandth of the noise of a sample shows in no sum over a flight.
+                // The rates that the observer predicts are those of the base: they respond to another torque over 10
+                // ms. A thousandth of the noise of a sample is invisible in any sum over a flight.
                 assert!(
                     off <= 0.05 * change + 1e-3 * noise[channel],
                     "{} in {} beside {:?}: off by {off:e} of {change:e}",

@@ -1,9 +1,9 @@
 //! The CSV that `blackbox_decode` makes of a blackbox log.
 //!
-//! One line per frame of the main stream, names as in the log, with the unit behind a name where the tool has converted it:
-//! `time (us)`, `vbatLatest (V)`, `amperageLatest (A)`, `gyroADC[0] (deg/s)`. Header lines do not survive, so what they say is taken from
-//! the numbers: counts of 1 g from the accelerometer at most times, the range of the motors from what they reach;
-//! rotor speeds count with the firmware's usual number of magnet poles.
+//! One line per frame of the main stream, names as in the log, with the unit after a name where the tool has converted
+//! it: `time (us)`, `vbatLatest (V)`, `amperageLatest (A)`, `gyroADC[0] (deg/s)`. Header lines are lost, so their
+//! content is inferred from the numbers: counts per g from the accelerometer's most frequent magnitude, the range of
+//! the motors from the values they reach; rotor speeds assume the firmware's usual number of magnet poles.
 //!
 //! Limits: the scale of a gyroscope that logs counts (before Betaflight 3.0) is lost; 1 count is taken as 1 deg/s.
 
@@ -17,7 +17,7 @@ const SEARCH_BYTES: usize = 16_384;
 const MOST_PWM: f64 = 2000.5;
 /// DShot values of least throttle and most.
 const DSHOT: (f64, f64) = (48.0, 2047.0);
-/// Least of a PWM motor that turns; below, it is no PWM.
+/// Lowest PWM value of a turning motor; below, it is not PWM.
 const LEAST_PWM: f64 = 900.0;
 
 /// A header line with the two fields that every such file begins with.
@@ -134,7 +134,7 @@ fn counts(stream: &mut RawStream, log: &mut SourceLog) {
     }
 }
 
-/// The tool scales voltage and current by rules of one firmware; what comes out for another is not believed.
+/// The tool scales voltage and current by the rules of one firmware; its result for another is not trusted.
 fn battery(stream: &mut RawStream, log: &mut SourceLog) {
     /// Less than one cell under load, more than any stack of a multirotor, V.
     const VOLTS: std::ops::RangeInclusive<f64> = 2.5..=100.0;
@@ -145,7 +145,7 @@ fn battery(stream: &mut RawStream, log: &mut SourceLog) {
     let Some(median) = crate::log::resample::median(&mut finite) else {
         return;
     };
-    // 0 V: no battery is connected to the sensor; that is no question of a scale.
+    // 0 V: no battery is connected to the sensor; this is not a matter of scale.
     if median == 0.0 || VOLTS.contains(&median) {
         return;
     }
@@ -157,7 +157,7 @@ fn battery(stream: &mut RawStream, log: &mut SourceLog) {
     ));
 }
 
-/// The range of the motors by what they reach.
+/// The range of the motors according to the values reached.
 fn motors(stream: &RawStream, log: &mut SourceLog) {
     let values = || {
         let motors = stream.fields.iter().filter(|(name, _)| name.starts_with("motor["));

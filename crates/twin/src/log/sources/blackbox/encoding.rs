@@ -2,7 +2,7 @@
 
 use super::Cursor;
 
-/// How a field stands in a frame.
+/// How a field is encoded in a frame.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Encoding {
     SignedByte7,

@@ -1,4 +1,4 @@
-//! Blackbox fields in units: which number is what depends on header lines and firmware.
+//! Blackbox fields in units: the meaning of the numbers depends on header lines and firmware.
 //!
 //! Body axes of the family are forward, left, up. Added to the stream: `gyro[i]` (deg/s), `acc[i]` (g), `rpm[i]` (min⁻¹), `voltage_v`, `current_a`,
 //! and of INAV `position[i]` (m, NED), `velocity[i]` (m/s, NED), `euler[i]` (deg, FRD in NED). Parameters `motor_low` and `motor_high` are the
@@ -10,7 +10,7 @@ use rotortwin_flight_core::MAX_ROTORS;
 
 /// DShot: 48 is the least throttle, 2047 the most.
 const DSHOT: (f64, f64) = (48.0, 2047.0);
-/// `eRPM` counts so many electrical turns per minute (Betaflight, `ERPM_PER_LSB` of drivers/dshot.c).
+/// Electrical revolutions per minute in one count of `eRPM` (Betaflight, `ERPM_PER_LSB` of drivers/dshot.c).
 const ERPM_PER_COUNT: f64 = 100.0;
 /// Magnet poles of a motor where nothing says how many: the firmware's default.
 const USUAL_POLES: f64 = 14.0;
@@ -103,7 +103,7 @@ fn column<'a>(stream: &'a RawStream, name: &str) -> Option<&'a [f64]> {
         .map(|(_, values)| values.as_slice())
 }
 
-/// Motor values of duty 0 and 1: DShot's, else PWM from 1000 µs.
+/// Motor values of duty 0 and 1: DShot's, otherwise PWM from 1000 µs.
 fn motor_range(header: &Header) -> (f64, f64) {
     match header.pair("motorOutput") {
         Some((low, high)) if low < 1000.0 && high <= DSHOT.1 => DSHOT,

@@ -5,7 +5,7 @@ use super::{Cursor, Header};
 use crate::log::MAX_COLUMNS;
 use std::collections::BTreeMap;
 
-/// A frame's time may jump by so much, µs; more is a frame that was read wrong.
+/// Largest jump of a frame's time, µs; beyond it the frame was misread.
 const LONGEST_JUMP_US: i64 = 10_000_000;
 
 /// What a value is the difference to, by its number in the header.
@@ -228,7 +228,7 @@ impl History {
         Some(())
     }
 
-    /// Keeps a frame that was read; false if it is none, or its time cannot be.
+    /// Keeps a frame that was read; false if it is invalid, or its time is impossible.
     pub(super) fn take(&mut self, main: &Definition, frame: &[i64], time: usize) -> bool {
         if frame.len() != main.names.len() {
             return false;
@@ -266,7 +266,7 @@ impl History {
             }
             14 => {
                 unsigned(cursor)?;
-                // A pause: time goes on from here.
+                // A pause: time continues from here.
                 self.last_time = Some(i64::from(unsigned(cursor)?) - 1);
                 self.lose();
             }

@@ -3,9 +3,10 @@
 //! ```text
 //! "H name:value\n" … │ frames: I (whole), P (against the frames before), S (slow), G H (GPS), E (event) …
 //! ```
-//! Header lines say of each field its name, encoding and predictor ([`encoding`], [`frame`]). The main stream becomes the topic `main`, with
-//! the fields as named there, and a few in units ([`fields`]). A frame that does not decode, or is not followed by another, is skipped up to
-//! the next whole one. A file may hold several flights, one header each: the longest is taken, the note says so.
+//! Header lines give each field's name, encoding and predictor ([`encoding`], [`frame`]). The main stream becomes the
+//! topic `main`, with the fields as named there, and a few in units ([`fields`]). A frame that does not decode, or is
+//! not followed by another, is skipped up to the next whole one. A file may hold several flights, one header each: the
+//! longest is used, with a note.
 //!
 //! Limits: GPS frames are skipped over by their own definition and not kept; data version 1 (before 2014) is refused.
 
@@ -56,7 +57,7 @@ impl Header {
 
 /// Parses a file; of several flights the one with the most frames.
 pub(super) fn parse(bytes: &[u8], mut room: Room) -> Result<SourceLog, String> {
-    // A frame may take one byte for any number of fields: what a flight never has in the mean.
+    // A frame may take one byte for any number of fields: a flight never does so on average.
     room.cells = room.cells.min(bytes.len().saturating_mul(MOST_CELLS_PER_BYTE));
     let starts = starts(bytes);
     let mut best: Option<(usize, Flight)> = None;
@@ -103,7 +104,7 @@ fn starts(bytes: &[u8]) -> Vec<usize> {
     found
 }
 
-/// Why there is no flight: this one, or the file.
+/// Why there is no flight: this one, or the whole file.
 enum Refused {
     Flight(String),
     File(String),

@@ -6,13 +6,13 @@
 //! A number stands at a multiple of its size, counted from behind these four bytes (version 2: at most of 4); texts and sequences have a
 //! u32 length before them, a text's with its NUL. (OMG DDS-XTypes 1.3, §7.4; <https://www.omg.org/spec/DDS-XTYPES/1.3>)
 //!
-//! A [`Plan`] is made of the definition and the first message: it says which numbers become columns. Long arrays are passed over, of
-//! covariances the first number is kept (−1 says "unknown").
+//! A [`Plan`] is made from the definition and the first message: it says which numbers become columns. Long arrays are
+//! skipped; of covariances only the first number is kept (−1 means "unknown").
 
 use super::super::{Cursor, Number};
 use super::definition::{Count, Definition, Kind};
 
-/// Arrays and sequences longer than this are no state of a vehicle.
+/// Longest array or sequence in the state of a vehicle.
 const LONGEST: usize = 32;
 /// Messages in an array whose length is fixed.
 const MOST_ELEMENTS: usize = 4096;

@@ -1,9 +1,10 @@
 //! One clock for all topics.
 //!
-//! A message has up to two times: its own stamp (`header.stamp`, or `timestamp` of `px4_msgs`), which is when it was measured, and when it was
-//! recorded, which is later by whatever queue and network took. Stamps are taken, on the clock that they are of: the computer's, the autopilot's
-//! since its start, the simulator's. Where topics are stamped by several clocks each is moved onto the recorder's by the least delay that was
-//! seen; a topic without stamps has the recorder's times.
+//! A message has up to two times: its own stamp (`header.stamp`, or `timestamp` of `px4_msgs`), which is when it was
+//! measured, and when it was recorded, which is later by the delay of queue and network. Stamps are preferred, each on
+//! its own clock: the computer's, the autopilot's since its start, the simulator's. If topics are stamped by several
+//! clocks, each is shifted to the recorder's by the smallest delay observed; a topic without stamps has the recorder's
+//! times.
 
 use super::Topic;
 
@@ -64,7 +65,7 @@ fn stamped(topic: &Topic) -> Option<Stamped> {
     })
 }
 
-/// Times of every topic, s since the first one, and what the clock says at that, s.
+/// Times of every topic, s since the first one, and the clock's reading at that time, s.
 pub(super) fn one_clock(topics: &[Topic], notes: &mut Vec<String>) -> (Vec<Vec<f64>>, f64) {
     let all: Vec<Option<Stamped>> = topics.iter().map(stamped).collect();
     // Delays in order; where they jump another clock begins. The recorder's own has none.

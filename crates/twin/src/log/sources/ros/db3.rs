@@ -5,7 +5,8 @@
 //! ```
 //! (<https://github.com/ros2/rosbag2>, `rosbag2_storage_sqlite3`)
 //!
-//! Recordings from before Iron hold no definitions: those of usual messages are known ([`super::known`]), others are named as not read.
+//! Recordings from before Iron hold no definitions: those of common messages are built in ([`super::known`]), others
+//! are reported as not read.
 
 use super::super::{Asked, SourceLog};
 use super::sqlite::{Database, Table, Value};

@@ -19,7 +19,7 @@ const MOST_BYTES: usize = 1 << 20;
 /// Most fields of a message with all that it is made of.
 const MOST_FIELDS: usize = 1 << 14;
 
-/// What stands in a field.
+/// Content of a field.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) enum Kind {
     Number(Number),

@@ -1,4 +1,4 @@
-//! What the axes and signs of a type make of its columns.
+//! Corrections of columns for the axes and signs of a type.
 //!
 //! | type | derived |
 //! |---|---|
@@ -8,7 +8,8 @@
 //! | `sensor_msgs/BatteryState` | `discharge`: the current is negative where it discharges |
 //! | all | a quaternion of zeros is none |
 //!
-//! Not everybody keeps to the child frame: the twist is taken as the world's where the position's own changes say so much more.
+//! Not all publishers keep to the child frame: the twist is taken as the world's if the changes of the position clearly
+//! agree better with that.
 
 use super::super::RawStream;
 use super::cdr::Plan;
@@ -20,7 +21,7 @@ const SHORT: f64 = 0.5;
 const WINDOW_S: f64 = 0.1;
 /// The twist is the world's if that leaves less than this share of the squares.
 const CLEARER: f64 = 0.3;
-/// Fewest windows that tell.
+/// Fewest windows for a decision.
 const FEWEST: usize = 20;
 /// Body velocity in `px4_msgs/VehicleOdometry`.
 const BODY_FRAME: f64 = 3.0;
@@ -155,7 +156,7 @@ fn push(stream: &mut RawStream, world: [Vec<f64>; 3]) {
     }
 }
 
-/// Squares of what a velocity leaves of the position's changes; `None`: too few windows.
+/// Squares of the position's changes that a velocity leaves unexplained; `None`: too few windows.
 fn unexplained(time_s: &[f64], position: [&[f64]; 3], velocity: [&[f64]; 3]) -> Option<f64> {
     let (mut squares, mut windows, mut from) = (0.0, 0_usize, 0);
     for to in 1..time_s.len() {
@@ -209,7 +210,7 @@ fn world_velocity(
     push(stream, world);
 }
 
-/// Discharge > 0. Drivers that do not keep to the sign of the message are told by their median.
+/// Discharge > 0. Drivers that do not follow the sign convention of the message are recognised by their median.
 fn discharge(stream: &mut RawStream, notes: &mut Vec<String>) {
     let Some(place) = place(stream, "current") else { return };
     let current = &stream.fields[place].1;

@@ -1,4 +1,4 @@
-//! Definitions of usual messages of ROS 2, for recordings that hold none (rosbag2 before Iron).
+//! Definitions of common messages of ROS 2, for recordings that hold none (rosbag2 before Iron).
 //!
 //! They have been the same in every release since Foxy; `sensor_msgs/Range` has another field at its end since Iron, from which on recordings
 //! hold definitions. Messages of other packages (`px4_msgs`) change their fields from release to release and are not guessed.

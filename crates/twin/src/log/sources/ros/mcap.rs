@@ -3,8 +3,8 @@
 //! ```text
 //! magic │ u8 opcode, u64 bytes, content │ …      schema: id, name, encoding, text · channel: id, schema, topic, encoding · message: channel, …
 //! ```
-//! Chunks are unpacked by the crate `mcap`, and their CRC-32 is checked; a damaged one is left out, the rest is read. A file that ends
-//! early, as after a power loss, is read up to there. The index at the end is not needed.
+//! Chunks are unpacked by the crate `mcap`, and their CRC-32 is checked; a damaged one is left out, the rest is read. A
+//! file that ends early, as after a power loss, is read up to that point. The index at the end is not needed.
 
 use super::super::usdlog::CRC_32;
 use super::super::{Asked, Cursor, SourceLog};
@@ -18,7 +18,7 @@ pub(in super::super) const MAGIC: &[u8] = b"\x89MCAP0\r\n";
 const LIBRARY: &str = "rotortwin-store";
 /// Largest chunk, unpacked.
 const MOST_CHUNK_BYTES: u64 = 1 << 28;
-/// A chunk that unpacks to more than this times its bytes is no recording of anything.
+/// A chunk that unpacks to more than this times its bytes is not a genuine recording.
 const MOST_RATIO: u64 = 4096;
 /// All chunks together, unpacked, over the bytes of the file.
 const MOST_OVERALL_RATIO: u64 = 256;
@@ -68,7 +68,7 @@ struct Reader<'a> {
     definition_bytes: usize,
     unpacked_bytes: u64,
     most_unpacked_bytes: u64,
-    /// Records whose content is not what their kind has.
+    /// Records whose content does not match their kind.
     odd: usize,
 }
 
@@ -266,7 +266,7 @@ pub(in super::super) fn parse(bytes: &[u8], asked: &Asked<'_>) -> Result<SourceL
         let Some(record) = Record::read(&mut cursor) else {
             break;
         };
-        // What follows is an index of what has been read.
+        // The rest is an index of what has been read.
         if record.opcode == op::DATA_END {
             ended = true;
             break;

@@ -4,11 +4,11 @@
 //! .mcap (mcap) · .db3 (db3, sqlite) ─▶ topics with their types and definitions ─▶ Recording: numbers of what the mapping names (definition, cdr)
 //!     ─▶ one clock (clock) ─▶ one vehicle, the best topic of each type (choose) ─▶ body axes turned to the world (derive) ─▶ SourceLog
 //! ```
-//! Numbers come from messages by the definition that the recording carries, so that every version of `px4_msgs` and every message of one's own
-//! is read alike; what a type means is said by the mapping (`config/log-mappings/ros2.toml`), which names types (`nav_msgs/Odometry`) or
-//! topics (`/drone1/odom`).
+//! Messages are decoded by the definitions contained in the recording, so every version of `px4_msgs` and every
+//! user-defined message can be read; the meaning of a type is given by the mapping (`config/log-mappings/ros2.toml`),
+//! which names types (`nav_msgs/Odometry`) or topics (`/drone1/odom`).
 //!
-//! Limits: messages of ROS 1, and others than CDR, are refused; whole files that are compressed are, too.
+//! Limits: ROS 1 messages, encodings other than CDR, and files compressed as a whole are rejected.
 
 mod cdr;
 mod choose;
@@ -26,7 +26,7 @@ use cdr::Plan;
 use definition::{Definition, plain_name};
 use std::collections::BTreeMap;
 
-/// Samples that are left out are told with the first of their kind.
+/// Samples that are left out are reported with the first of their kind.
 #[derive(Clone, Debug, Default)]
 struct Broken {
     count: usize,
@@ -73,7 +73,7 @@ impl<'a> Recording<'a> {
         }
     }
 
-    /// Adds a topic; its place. The definition is that of the recording, or why there is none.
+    /// Adds a topic and returns its index. The definition is that of the recording, or why there is none.
     fn topic(&mut self, name: &str, kind: &str, definition: Result<&str, String>) -> Result<usize, String> {
         self.room.format()?;
         let kind = plain_name(kind);
@@ -116,7 +116,7 @@ impl<'a> Recording<'a> {
         self.topics[topic].messages += messages;
     }
 
-    /// A message of a topic; `at`: the byte of the file where it, or what it is packed in, begins.
+    /// A message of a topic; `at`: the byte of the file where it, or its container, begins.
     fn message(&mut self, topic: usize, recorded_ns: i64, at: u64, bytes: &[u8]) -> Result<(), String> {
         let topic = &mut self.topics[topic];
         topic.messages += 1;
@@ -241,7 +241,7 @@ fn refused_encoding(encoding: &str) -> String {
     format!("messages are encoded as '{encoding}'{advice}; 'cdr', as ROS 2 has it, was expected")
 }
 
-/// The stream of a topic, with what is derived of its columns.
+/// The stream of a topic, with derived columns.
 fn stream(topic: &mut Topic, time_s: Vec<f64>, notes: &mut Vec<String>) -> Option<RawStream> {
     let plan = topic.plan.take()?;
     let mut stream = RawStream {

@@ -49,7 +49,7 @@ impl Values {
     }
 }
 
-/// Names and values of a message; an error is a message that is none of its kind.
+/// Names and values of a message; an error is a message that does not match its type.
 pub(super) fn read(kind: &str, bytes: &[u8]) -> Result<Vec<(String, f64)>, String> {
     let mut values = Values::default();
     let damaged = |error: prost::DecodeError| format!("{} bytes: {error}", bytes.len());

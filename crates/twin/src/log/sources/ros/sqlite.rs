@@ -4,10 +4,10 @@
 //! header of 100 bytes │ pages;   page 1: table of the tables
 //! interior page ─▶ pages ─▶ leaf page: rows (rowid, record);   record: serial types, values;   what does not fit ─▶ overflow pages
 //! ```
-//! Takes any bytes. Each page is read once: one that two places point to is damage, so that no file makes more of itself than its length.
-//! Damaged pages cost the rows on them; the rows of the others are read.
+//! Accepts any bytes. Each page is read once: a page with two references is damage, so a file cannot expand beyond its
+//! length. Damaged pages cost the rows on them; the rows of the others are read.
 //!
-//! Limits: indexes, views and tables WITHOUT ROWID are not read; what a write-ahead log beside the file holds is not, either.
+//! Limits: indexes, views and tables WITHOUT ROWID are not read, nor is a separate write-ahead log.
 
 /// What every such file begins with.
 pub(in super::super) const MAGIC: &[u8] = b"SQLite format 3\0";
@@ -53,7 +53,7 @@ impl<'a> Value<'a> {
 pub(super) struct Table {
     root: usize,
     columns: Vec<String>,
-    /// Column that stands for the row's number, which is not stored in the record.
+    /// Column that holds the row number, which is not stored in the record.
     rowid: Option<usize>,
 }
 
@@ -123,7 +123,7 @@ fn integer(bytes: &[u8]) -> i64 {
     })
 }
 
-/// Seven bits a byte, the highest first, eight in a ninth; the number and what follows.
+/// Seven bits per byte, the highest first, eight in a ninth; returns the number and the remaining bytes.
 fn varint(bytes: &[u8]) -> Option<(u64, &[u8])> {
     let mut value = 0_u64;
     for (place, byte) in bytes.iter().take(9).enumerate() {
@@ -165,7 +165,7 @@ pub(super) struct Database<'a> {
     read: Vec<bool>,
     /// Pages that hold no rows though something points to them.
     pub(super) damaged: usize,
-    /// Changes may stand in a file `…-wal` beside this one.
+    /// Changes may be in a file `…-wal` next to this one.
     pub(super) has_write_ahead_log: bool,
 }
 
