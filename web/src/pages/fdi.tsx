@@ -36,9 +36,11 @@ function Judge() {
   const { busy, problem, attempt } = createAttempt();
   const [report, setReport] = createSignal<Report>();
   const [over, setOver] = createSignal(false);
+  const [canceled, setCanceled] = createSignal(false);
   let control = new AbortController();
   const judge = (what: (signal: AbortSignal) => Promise<Report>) => {
     setReport(undefined);
+    setCanceled(false);
     control = new AbortController();
     const { signal } = control;
     return attempt(async () => {
@@ -53,6 +55,10 @@ function Judge() {
     });
   };
   onCleanup(() => control.abort());
+  const cancel = () => {
+    setCanceled(true);
+    control.abort();
+  };
   const send = (file: File | undefined) => {
     if (!file) return;
     void judge(async (signal) => {
@@ -87,7 +93,8 @@ function Judge() {
           Drop a log here (128 MB at most; it is not kept), or{" "}
           <label class="button">choose a file<input class="sr" type="file" onChange={(event) => { send(event.currentTarget.files?.[0]); event.currentTarget.value = ""; }} /></label>
         </div>
-        <Show when={busy()}><div class="row" role="status"><Progress share={share()} what="judging" /> {share() === undefined || share() === 1 ? "Judging …" : `Sending: ${percent(share(), 0)}`} <button type="button" onClick={() => control.abort()}>Cancel</button></div></Show>
+        <Show when={busy()}><div class="row" role="status"><Progress share={share()} what="judging" /> {share() === undefined || share() === 1 ? "Judging …" : `Sending: ${percent(share(), 0)}`} <button type="button" onClick={cancel}>Cancel</button></div></Show>
+        <p role="status" class="small">{canceled() ? "It was canceled." : ""}</p>
         <Problem sentence={problem()} />
         <Show when={report()}>{(found) => <Judged report={found()} />}</Show>
       </div>
