@@ -153,7 +153,9 @@ function Editor(props: { kind: Kind; name: string; own: boolean; onSaved: () => 
     forget();
     setCheck(undefined);
   };
-  const [target, setTarget] = createSignal(props.own ? props.name : `my-${props.name}`);
+  // Whose document it is, is known once the names have come.
+  const [chosen, setTarget] = createSignal<string>();
+  const target = () => chosen() ?? (props.own ? props.name : `my-${props.name}`);
   const [check, setCheck] = createSignal<Schemas["Validation"]>();
   const [refusal, setRefusal] = createSignal<ApiError>();
   const [said, setSaid] = createSignal("");
