@@ -707,6 +707,10 @@ def strange(browser: Browser) -> None:
         assert (name, unit) == (one["parameter"], one["unit"]), (line, one)
         assert is_shown(value + (power or ""), one["factor"]) and is_shown(half + (power or ""), 1.96 * one["deviation"]), (line, one)
         assert is_shown(correlation, one["correlation"]) and is_shown(share, 100 * one["held_out_share"]), (line, one)
+    words = card.inner_text()
+    for one in proposal["correlates"]:
+        shown = re.search(rf"\({one['channel']}\) \(correlation (\S+?)\)", words)
+        assert shown and is_shown(shown[1], one["correlation"]) and one["regressor"] in words, (one, words)
     before, held_out = force_ratios(page), force_ratios(page, 1)
     assert len(before) == 1 and before[0] > 3 and held_out[0] > 3, (before, held_out)
     picture(page, "strange")

@@ -267,11 +267,18 @@ function ProposalCard(props: { proposal: Proposal; add: (() => void) | undefined
         )}
       </For>
       <Show when={props.proposal.correlates.length > 0}>
-        <p class="small muted">{props.proposal.correlates.map((one) => `${channelTitle(one.channel)} follows ${one.regressor} (correlation ${short(one.correlation)})`).join("; ")}.</p>
+        <p class="small muted">{followWords(props.proposal.correlates)}</p>
       </Show>
       <p class="small muted">Found by regression of a residual: a correlation with a dimension, not yet physics.</p>
     </article>
   );
+}
+
+/** What residuals follow most: channels with one regressor together. */
+function followWords(correlates: Proposal["correlates"]): string {
+  const found = new Map<string, string[]>();
+  for (const one of correlates) found.set(one.regressor, [...(found.get(one.regressor) ?? []), `${channelTitle(one.channel)} (correlation ${short(one.correlation)})`]);
+  return [...found].map(([regressor, channels]) => `${channels.join(", ")} ${channels.length === 1 ? "follows" : "follow"} ${regressor}.`).join(" ");
 }
 
 type Ranked = Diagnosis["ranking"][number];
