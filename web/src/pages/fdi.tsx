@@ -94,7 +94,7 @@ function Judge() {
           <label class="button">choose a file<input class="sr" type="file" onChange={(event) => { send(event.currentTarget.files?.[0]); event.currentTarget.value = ""; }} /></label>
         </div>
         <Show when={busy()}><div class="row" role="status"><Progress share={share()} what="judging" /> {share() === undefined || share() === 1 ? "Judging …" : `Sending: ${percent(share(), 0)}`} <button type="button" onClick={cancel}>Cancel</button></div></Show>
-        <p role="status" class="small">{canceled() ? "It was canceled." : ""}</p>
+        <div role="status"><Show when={canceled()}><p class="small">It was canceled.</p></Show></div>
         <Problem sentence={problem()} />
         <Show when={report()}>{(found) => <Judged report={found()} />}</Show>
       </div>
