@@ -50,6 +50,9 @@ def looks(browser: Browser, name: str, expected: dict) -> None:
             # Each plot has a textual description.
             summaries = page.locator("figure.plot .canvas").evaluate_all("all => all.map(one => document.getElementById(one.getAttribute('aria-describedby')).textContent)")
             assert len(summaries) == plots and all(re.search(r"\d", one) or "no value" in one for one in summaries), summaries
+            # So has each heat strip, and each set of lanes.
+            strips = page.locator("figure.plot:has(.heat, .lanes)").evaluate_all("all => all.map(one => document.getElementById(one.getAttribute('aria-describedby')).textContent)")
+            assert all(re.search(r"\d| nothing\.", one) for one in strips), strips
             # And a table of numbers below it, which the summary opens.
             for place in range(plots):
                 figure = page.locator("figure.plot", has=page.locator("canvas")).nth(place)

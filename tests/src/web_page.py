@@ -10,6 +10,7 @@ import json
 import math
 import os
 import re
+import select
 import shutil
 import signal
 import socket
@@ -22,6 +23,7 @@ import time
 import urllib.error
 import urllib.parse
 import urllib.request
+from collections.abc import Callable
 from pathlib import Path
 
 from axe_playwright_python.sync_playwright import Axe
@@ -178,6 +180,69 @@ def query(page: Page, name: str) -> str:
     return re.search(rf"[?&]{name}=([^&]+)", page.url)[1]
 
 
+RAISED = str.maketrans("⁻⁰¹²³⁴⁵⁶⁷⁸⁹", "-0123456789")
+
+
+def is_shown(text: str, value: float | None) -> bool:
+    """Whether a text such as `12.3`, `−0.5` or `1.20·10⁻⁵` is this value, rounded to its last digit; `–` is none."""
+    found = re.fullmatch(r"([-−]?\d+)(?:\.(\d+))?(?:·10([⁻⁰¹²³⁴⁵⁶⁷⁸⁹]+))?", text.strip())
+    if value is None or found is None:
+        return value is None and text.strip() == "–"
+    digits = found[2] or ""
+    scale = 10.0 ** int((found[3] or "0").translate(RAISED))
+    number = float(f"{found[1].replace('−', '-')}.{digits or 0}") * scale
+    return abs(number - value) <= 0.5001 * scale * 10.0 ** -len(digits) + 1e-12 * abs(value)
+
+
+def read_as_answered(page: Page) -> dict:
+    """Step 2 shows what the API answers of the log: rows, rate, length, gaps, missing columns, delays, conversions and findings. The report."""
+    step = page.locator("#step-2")
+    step.locator("dl.figures").wait_for()
+    report = api(f"/logs/{query(page, 'log')}")["result"]["report"]
+    shown = {row.locator("dt").inner_text(): row.locator("dd").inner_text() for row in step.locator("dl.figures > div").all()}
+    assert shown["rows"] == f"{report['rows']:,}", (shown, report["rows"])
+    rate, unit = shown["rate"].split(" ")
+    assert unit == "Hz" and is_shown(rate, report["sample_rate_hz"]), (shown, report["sample_rate_hz"])
+    minutes, seconds = re.fullmatch(r"(?:(\d+) min )?([\d.]+) s", shown["length"]).groups()
+    length = report["rows"] / report["sample_rate_hz"]
+    assert abs(60 * int(minutes or 0) + float(seconds) - length) <= (0.0501 if length < 10 else 0.501), (shown, length)
+    gaps = report["gaps"]
+    if gaps:
+        number, longest = re.fullmatch(r"(\d+), longest (\S+) s", shown["gaps"]).groups()
+        assert int(number) == len(gaps) and is_shown(longest, max(gap["end_s"] - gap["start_s"] for gap in gaps)), (shown, gaps)
+    else:
+        assert shown["gaps"] == "none", shown
+    assert shown["groups of columns missing"] == str(len(report["missing"])), shown
+    missing = step.get_by_role("region", name="Missing columns").locator("tbody tr")
+    assert [row.locator("td").all_inner_texts() for row in missing.all()] == [[", ".join(one["columns"]), one["rules_out"]] for one in report["missing"]]
+    folded = step.locator("details", has=page.locator("summary", has_text="Delays, conversions, unused columns"))
+    folded.locator("summary").click()
+    delays = folded.get_by_role("region", name="Delays").locator("tbody tr")
+    delays.first.wait_for()
+    rows = [row.locator("td").all_inner_texts() for row in delays.all()]
+    if report["delays"]:
+        assert len(rows) == len(report["delays"]), (rows, report["delays"])
+        for (signal_, against, delay, uncertainty), one in zip(rows, report["delays"], strict=True):
+            assert (signal_, against) == (one["signal"] + (" (taken out)" if one["applied"] else ""), one["against"]), (signal_, one)
+            assert is_shown(delay, 1e3 * one["delay_s"]) and is_shown(uncertainty, 1.96e3 * one["uncertainty_s"]), (delay, uncertainty, one)
+    else:
+        assert rows == [["none could be estimated"]], rows
+    lines = [*report["conversions"], *report["notes"], *(f"{one['column']}: {one['reason']}" for one in report["unused_columns"])]
+    told = folded.locator("ul > li").all_inner_texts()
+    assert told[: len(lines)] == [" ".join(line.split()) for line in lines], (told, lines)
+    rest = told[len(lines) :]
+    assert len(rest) == len(report["streams"]) + len(report["missing_cells"]), (rest, report)
+    for line, one in zip(rest, report["streams"]):
+        name, samples, hertz, how = re.fullmatch(r"(.*): (\d+) samples at (\S+) Hz, (.*)", line).groups()
+        assert (name, int(samples), how) == (one["name"], one["samples"], one["resampling"]) and is_shown(hertz, one["sample_rate_hz"]), (line, one)
+    for line, one in zip(rest[len(report["streams"]) :], report["missing_cells"]):
+        assert line == f"{one['column']}: {one['cells']} cells without a value", (line, one)
+    words = step.inner_text()
+    assert all(one["detail"] in words for one in report["findings"]), (report["findings"], words)
+    folded.locator("summary").click()
+    return report
+
+
 # Clicks and keys of a user, and files that were let go.
 ACTIONS = """
   window.actions = { clicks: 0, keys: 0 };
@@ -219,7 +284,15 @@ def where_it_fails(page: Page) -> None:
             cells.append((float(chi2.replace(",", "")), int(first), int(last), re.search(r"\((f.)\)", name)[1], cell))
     worst = max(cells, key=lambda one: one[0])
     assert worst[0] > 5, "a missing drag is seen somewhere"
-    _, first, last, channel, cell = worst
+    chi2, first, last, channel, cell = worst
+    # Who does not see the colours reads the same: the worst cell of all comes first.
+    said = step.locator("figure[aria-label^='chi²/N of each channel in blocks'] p.sr").inner_text()
+    strips = [(max(value for value in one["strip"] if value is not None), one) for one in api(f"/comparisons/{query(page, 'cmp')}")["result"]["logs"][0]["models"][-1]["channels"] if one["verdict"] != "not-testable" and any(value is not None for value in one["strip"])]
+    most, of = max(strips, key=lambda one: one[0])
+    counted, named, value, begins, ends = re.match(r"chi²/N of (\d+) channels; 1 is noise alone\. Largest: (.*?) (\S+) at (\d+) – (\d+) s;", said).groups()
+    at = of["strip"].index(most)
+    assert int(counted) == len(strips) and is_shown(value, most) and (int(begins), int(ends)) == (5 * at, 5 * at + 5), (said, most, of)
+    assert f"({of['channel']})" in named or of["channel"].startswith(("k", "v")), (said, of["channel"])
     cell.click()
     assert query(page, "ch") == channel and cell.get_attribute("aria-pressed") == "true"
     figure = step.locator("figure", has=page.locator("strong", has_text=f"({channel}): measured and model"))
@@ -240,6 +313,7 @@ def where_it_fails(page: Page) -> None:
     until(page, f"Math.abs(parseFloat(document.querySelector('#step-4 .replay .player .num').textContent) - {begins}) < 0.06")
     table = step.get_by_role("region", name="Table of chi²/N of each channel in blocks of 5 s")
     step.locator("figure[aria-label^='chi²/N of each channel in blocks'] summary").click()
+    assert step.locator("figure[aria-label^='chi²/N of each channel in blocks'] p.sum").inner_text() == said
     assert table.locator("tbody tr").count() == step.locator("figure[aria-label^='chi²/N of each channel in blocks'] button.cell").count(), "each cell is a row of the table"
 
 
@@ -292,6 +366,7 @@ def loop(browser: Browser) -> None:
     for one in diagnosis["not_considered"]:
         testable_by = ", ".join(one["columns"]) or one["setting"] or "–"
         assert any(all(words in row for words in (one["label"], one["reason"], testable_by)) for row in unconsidered), one
+    read_as_answered(page)
     shown_as_answered(page, diagnosis)
     same_as_the_command(diagnosis, "drag.parquet")
     where_it_fails(page)
@@ -336,10 +411,22 @@ def same_as_the_command(diagnosis: dict, name: str) -> None:
 
 
 def healthy(browser: Browser) -> None:
-    """Nothing is hidden: "agrees". A file that is no log: one sentence."""
+    """Nothing is hidden: "agrees". What was read is what the API answers, also of a log with gaps, empty cells and a column nobody knows. A file
+    that is no log: one sentence."""
     page, watch = open_page(browser)
     drop(page, "healthy.parquet")
     page.locator("#step-5").get_by_text("The model agrees with the flight.").wait_for()
+    assert not read_as_answered(page)["gaps"]
+    rows = rows_of("healthy.parquet")
+    voltage = rows[0].index("battery_voltage_v")
+    table = [[*rows[0], "mood"], *([*row, "good"] for row in rows[1:] if not (20 < float(row[0]) < 21 or 40 < float(row[0]) < 43))]
+    for row in table[3000:3050]:
+        row[voltage] = ""
+    write("holes.csv", table)
+    drop(page, "holes.csv")
+    page.locator("#step-2.done").wait_for()
+    report = read_as_answered(page)
+    assert len(report["gaps"]) == 2 and report["unused_columns"] and report["missing_cells"], report
     assert page.get_by_role("button", name=re.compile("^Add to the model")).count() == 0
     drop(page, "picture.csv")
     refusal = page.locator("#step-1 .say.bad")
@@ -362,6 +449,13 @@ def stand_n(duty: float) -> float:
     coefficients = (-1.4310e-2, 4.6339e-3, 1.0350e-4, -1.7318e-7)
     powers = (math.sqrt(duty), duty, duty**2, duty**3)
     return round((STAND_V - 5.2859) * sum(a * b for a, b in zip(coefficients, powers)), 4)
+
+
+# Words of the page for where a value is from.
+SOURCES = {
+    "entered": "entered", "log": "log", "log-and-class": "log + class default", "parameter": "parameter in the log",
+    "bench": "bench", "class": "class default: a guess", "assumed": "assumed",
+}
 
 
 def vehicle(browser: Browser) -> None:
@@ -433,6 +527,22 @@ def vehicle(browser: Browser) -> None:
     step.get_by_role("button", name="Identify again").click()
     step.locator(".say.bad", has_text="4 rotors").wait_for()
     assert step.get_by_label("Mass with battery").input_value() == "2.1"
+    # In the library, too, each value of it stands with its interval and source; of a vehicle that was typed nothing is known.
+    step.locator("summary", has_text="How well its values are known").click()
+    step.get_by_role("region", name="Known values of mine").locator("tbody tr").nth(len(found["values"]) - 1).wait_for()
+    page.goto(f"{SERVER}/library?kind=vehicles&name=mine")
+    known = page.get_by_role("region", name="Known values of mine").locator("tbody tr")
+    known.first.wait_for()
+    cells = {row.locator("th").inner_text(): row.locator("td").all_inner_texts() for row in known.all()}
+    assert set(cells) == set(by_name), (set(cells) ^ set(by_name))
+    for value in found["values"]:
+        shown, interval, unit, source, how, _ = cells[value["name"]]
+        assert is_shown(shown, value["value"]) and unit == (value["unit"] or "1") and how == value["how"], (value, cells[value["name"]])
+        ends = interval.split(" to ") if value["low"] < value["high"] else []
+        assert (len(ends) == 2 and is_shown(ends[0], value["low"]) and is_shown(ends[1], value["high"])) if ends else interval == "–", (value, interval)
+        assert source == SOURCES[value["source"]], (value, source)
+    page.get_by_role("button", name="f550", exact=True).click()
+    page.get_by_text("nothing of how well its values are known").wait_for()
     watch.check()
 
 
@@ -571,6 +681,80 @@ def repair(browser: Browser) -> None:
     watch.check()
 
 
+def strange(browser: Browser) -> None:
+    """A drag that begins at 2.5 m/s, which is in no catalogue: said so, with a proposal whose numbers are the API's; a click makes it the next version of
+    the model, and the error falls, also on the flight that was held out; the version holds the effect, flies, and is undone."""
+    page, watch = open_page(browser)
+    drop(page, "strange.parquet", "strange-again.parquet")
+    step = page.locator("#step-5")
+    step.get_by_text("Physics is missing, and not in the catalogue of effects.").wait_for()
+    diagnosis = api(f"/diagnoses/{query(page, 'diag')}")["result"]
+    assert diagnosis["verdict"]["kind"] == "outside-catalogue" and diagnosis["sentence"] in step.inner_text(), diagnosis["sentence"]
+    proposal = diagnosis["proposal"]
+    assert "max(airspeed - 2.5" in " ".join(proposal["terms"][0]["acts"]), proposal["terms"]
+    card = step.locator("article.card", has=page.get_by_role("heading", name="Proposal: an effect of your own"))
+    # It stands before what only looks like a part of it.
+    titles = step.locator("article.card h3").all_inner_texts()
+    assert titles[0] == "Proposal: an effect of your own" and len(titles) == 1 + len(diagnosis["effects"]), titles
+    assert step.locator("article.card", has_text="not to be trusted while the rest is unexplained").count() == len(diagnosis["effects"])
+    terms = card.locator("pre").all_inner_texts()
+    assert terms == [f"{', '.join(one['acts'])} · {one['parameter']}" for one in proposal["terms"]], (terms, proposal["terms"])
+    for line, one in zip(card.locator("pre + p").all_inner_texts(), proposal["terms"], strict=True):
+        # `(1.234 ± 0.056)·10⁻³ kg`, or without the power.
+        name, value, half, power, unit, correlation, share = re.fullmatch(
+            r"(\w+) = \(?(\S+) ± ([\d.]+)(?:\)(·10\S+))? (\S+); correlation (\S+); (\S+) % of the error is explained on unseen blocks up to here", line
+        ).groups()
+        assert (name, unit) == (one["parameter"], one["unit"]), (line, one)
+        assert is_shown(value + (power or ""), one["factor"]) and is_shown(half + (power or ""), 1.96 * one["deviation"]), (line, one)
+        assert is_shown(correlation, one["correlation"]) and is_shown(share, 100 * one["held_out_share"]), (line, one)
+    words = card.inner_text()
+    for one in proposal["correlates"]:
+        shown = re.search(rf"\({one['channel']}\) \(correlation (\S+?)\)", words)
+        assert shown and is_shown(shown[1], one["correlation"]) and one["regressor"] in words, (one, words)
+    before, held_out = force_ratios(page), force_ratios(page, 1)
+    assert len(before) == 1 and before[0] > 3 and held_out[0] > 3, (before, held_out)
+    picture(page, "strange")
+    page.get_by_role("button", name="Add the proposal").click()
+    until(page, "document.querySelector('#step-6').innerText.includes('@v1')")
+    step.locator(".say.sentence").wait_for()
+    until(page, "document.querySelectorAll('#step-6 .bars').length >= 6")
+    after, held_out_after = force_ratios(page), force_ratios(page, 1)
+    print(f"a proposal: force error over noise: fitted {after}, held out {held_out_after}; {step.locator('.say.sentence').inner_text()[:200]}")
+    assert len(after) == 2 and after[0] == before[0] and after[1] < 1.5, after
+    assert len(held_out_after) == 2 and held_out_after[0] == held_out[0] and held_out_after[1] < 1.5, held_out_after
+    # The version is the proposal: effect, values and document.
+    model = query(page, "model")
+    (effect,) = api(f"/models/{model}/history")["versions"][1]["effects"]
+    assert effect["effect"] == proposal["document"]["id"], effect
+    assert {one["name"]: one["value"] for one in effect["parameters"]} == {one["parameter"]: one["factor"] for one in proposal["terms"]}, effect
+    row = page.get_by_role("region", name="Versions of the model").locator("tbody tr").nth(1).inner_text()
+    assert effect["label"] in row and all(one["parameter"] in row for one in proposal["terms"]), row
+    document = text_of(f"/models/{model}/versions/v1")
+    assert "[[effect_document]]" in document and "max(airspeed - 2.5" in document, document[-1500:]
+    # Who has seen another version is refused, and a model of another vehicle is none of this diagnosis.
+    wanted = {"diagnosis": query(page, "diag"), "proposal": True}
+    for more, path in [({"pick": 1}, f"/models/{model}/versions"), ({"effect": {"effect": "mass", "parameters": {}}}, f"/models/{model}/versions")]:
+        try:
+            api(path, {**wanted, **more})
+            raise AssertionError(f"{more} beside a proposal was taken")
+        except urllib.error.HTTPError as refused:
+            assert refused.code == 422, (more, refused.code)
+    # It flies.
+    page.locator("#step-6").get_by_role("link", name="Fly this model").click()
+    page.get_by_text("The scenario is valid.").wait_for()
+    page.get_by_role("button", name="Fly", exact=True).click()
+    page.locator("h1 + .tag", has_text="done").wait_for()
+    run = page.url.split("/runs/")[1].split("?")[0]
+    assert proposal["document"]["id"] in api(f"/runs/{run}")["summary"]["scenario"]["text"]
+    page.go_back()
+    page.go_back()
+    page.get_by_role("button", name=re.compile("^Undo")).click()
+    page.get_by_role("button", name="Add the proposal").wait_for()
+    until(page, "!document.querySelector('#step-6').innerText.includes('@v1')")
+    assert force_ratios(page) == before and force_ratios(page, 1) == held_out
+    watch.check()
+
+
 def steps(browser: Browser) -> None:
     """Two hidden effects: two steps down, then the model agrees."""
     page, watch = open_page(browser)
@@ -597,8 +781,8 @@ def steps(browser: Browser) -> None:
     watch.check()
 
 
-def stopped(kind: str) -> int:
-    """Waits for the process of a job of ours of this kind, and stops it: so it is not done before its Cancel is clicked.
+def caught(what: str, is_it: Callable[[list[str], Path], bool]) -> int:
+    """Waits for a process of our server, by its command line and folder, and stops it: so it is not done before its Cancel is clicked.
 
     The descriptor of the process: its number may be another's once it has ended.
     """
@@ -611,12 +795,7 @@ def stopped(kind: str) -> int:
                 continue
             try:
                 words = (entry / "cmdline").read_bytes().decode(errors="replace").split("\0")
-                if words[1:3] != ["job", "job.json"]:
-                    continue
-                folder = (entry / "cwd").resolve()
-                if not folder.is_relative_to(FOLDER.resolve()):
-                    continue
-                if json.loads((folder / "job.json").read_bytes())["job"]["job"] == kind:
+                if is_it(words, entry / "cwd"):
                     signal.pidfd_send_signal(process, signal.SIGSTOP)
                     found, process = process, None
                     return found
@@ -626,7 +805,25 @@ def stopped(kind: str) -> int:
                 if process is not None:
                     os.close(process)
         time.sleep(0.005)
-    raise AssertionError(f"no process of a job of kind {kind!r}")
+    raise AssertionError(f"no process of {what}")
+
+
+def stopped(kind: str) -> int:
+    """A job of ours of this kind, by [`caught`]."""
+
+    def is_it(words: list[str], cwd: Path) -> bool:
+        if words[1:3] != ["job", "job.json"]:
+            return False
+        folder = cwd.resolve()
+        return folder.is_relative_to(FOLDER.resolve()) and json.loads((folder / "job.json").read_bytes())["job"]["job"] == kind
+
+    return caught(f"a job of kind {kind!r}", is_it)
+
+
+def stopped_judging() -> int:
+    """What judges a log for a request to our server, by [`caught`]."""
+    of_ours = (str(FOLDER), str(FOLDER.resolve()))
+    return caught("a judged log", lambda words, _: words[1:2] == ["fdi-log"] and any(word.startswith(of_ours) for word in words[2:]))
 
 
 def goes_on(process: int) -> None:
@@ -644,7 +841,7 @@ CANCELED_S = (2.0, 10.0)
 
 def cancel(browser: Browser) -> dict[str, float]:
     """Whatever runs ends soon after a click on Cancel, says so, and can be asked for again; how long each stage took, s: upload, example, import,
-    comparison, diagnosis, next flight, identification, campaign, blind bench, a live flight, a verification. The three before the last compute until they end; the others, which
+    comparison, diagnosis, next flight, identification, campaign, blind bench, a live flight, a verification, a judged log. The three before the last two compute until they end; the others, which
     may be done before the mouse is there, are stopped first."""
     page, watch = open_page(browser)
     times: dict[str, float] = {}
@@ -729,6 +926,33 @@ def cancel(browser: Browser) -> dict[str, float]:
     goes_on(process)
     told("a verification", answer.value)
     assert wait_for(f"/verifications/{answer.value.json()['id']}")["status"] == "canceled"
+    # A log that is judged is no job: its process ends with the request. What was canceled can be asked for again.
+    log = next(one["id"] for one in api("/logs?status=done")["items"] if one["name"] == "drag.parquet")
+    page.goto(f"{SERVER}/fdi?log={log}")
+    judge = page.get_by_role("button", name="Judge", exact=True)
+    row = page.locator("main [role=status]", has=page.get_by_role("button", name="Cancel"))
+    judge.click()
+    process = stopped_judging()
+    began = time.monotonic()
+    row.filter(has_text="Judging").get_by_role("button", name="Cancel").click()
+    page.get_by_text("It was canceled.").wait_for()
+    assert select.select([process], [], [], limit(CANCELED_S))[0], "what judges goes on although nobody waits for it"
+    times["a judged log"] = time.monotonic() - began
+    os.close(process)
+    print(f"a judged log: canceled after {times['a judged log']:.2f} s")
+    assert times["a judged log"] <= limit(CANCELED_S)
+    assert page.locator("main .say.bad").count() == 0 and row.count() == 0
+    # While it is sent.
+    network = page.context.new_cdp_session(page)
+    network.send("Network.enable")
+    network.send("Network.emulateNetworkConditions", {**limits, "uploadThroughput": 100_000})
+    page.set_input_files("input[type=file]", FOLDER / "drag.parquet")
+    row.filter(has_text="Sending").get_by_role("button", name="Cancel").click()
+    page.get_by_text("It was canceled.").wait_for(timeout=2_000)
+    network.send("Network.emulateNetworkConditions", {**limits, "uploadThroughput": -1})
+    judge.click()
+    page.locator(".say.sentence", has_text="At the end:").wait_for()
+    assert page.get_by_text("It was canceled.").count() == 0
     watch.check()
     return times
 
@@ -1119,6 +1343,7 @@ def table(browser: Browser) -> None:
     assert log["result"]["source"]["kind"] == "mapped_csv" and not report["findings"], report["findings"]
     columns = {one["name"] for one in api(f"/logs/{log['id']}/channels")["items"]}
     assert {"roll_rate_rad_s", "accel_z_m_s2", "duty_6", "battery_voltage_v", "pitch_rad"} <= columns, columns
+    read_as_answered(page)
     # From "What I read" the same form, as it was chosen.
     page.locator("#step-2 summary", has_text="what each column is").click()
     form.wait_for()
@@ -1152,8 +1377,8 @@ def formats(browser: Browser) -> None:
         page.locator("#step-2.done, #step-2 .say.bad").first.wait_for()
         result = wait_for(f"/logs/{query(page, 'log')}")
         assert result["status"] == "done", (name, result["error"])
-        rows = int(page.locator("#step-2 .figures dd").first.inner_text().replace(",", ""))
-        assert rows == result["result"]["report"]["rows"] > 50, (name, rows)
+        rows = read_as_answered(page)["rows"]
+        assert rows > 50, (name, rows)
         print(f"{name}: {rows} rows, {result['result']['headline']}")
         if name == "sysid00":
             # Four rotors: the default vehicle, which has six, is not chosen for it.
@@ -1255,38 +1480,39 @@ def many(browser: Browser) -> float:
     return usable
 
 
+def tab_to(page: Page, words: str, most: int = 250) -> None:
+    """Tab until what has the focus begins with these words; the focus is seen at each stop."""
+    for _ in range(most):
+        page.keyboard.press("Tab")
+        found = page.evaluate(
+            "() => { const e = document.activeElement; const s = getComputedStyle(e); const name = e.getAttribute('aria-label') || e.labels?.[0]?.textContent || e.textContent || '';"
+            " return [name.trim(), e.closest('label') !== null || s.outlineStyle !== 'none' || s.boxShadow !== 'none', e.tagName]; }"
+        )
+        assert found[1] or found[2] == "BODY", f"the focus on {found} is not seen"
+        if found[0].startswith(words):
+            return
+    raise AssertionError(f"no Tab leads to “{words}”")
+
+
 def keyboard(browser: Browser) -> None:
     """The whole loop of the twin page without a mouse; the focus is seen wherever it stands."""
     page, watch = open_page(browser)
     page.goto(f"{SERVER}/twin")
     page.get_by_role("heading", name="Twin").wait_for()
-
-    def tab_to(words: str, most: int = 250) -> None:
-        for _ in range(most):
-            page.keyboard.press("Tab")
-            found = page.evaluate(
-                "() => { const e = document.activeElement; const s = getComputedStyle(e); const name = e.getAttribute('aria-label') || e.textContent || '';"
-                " return [name.trim(), e.closest('label') !== null || s.outlineStyle !== 'none' || s.boxShadow !== 'none', e.tagName]; }"
-            )
-            assert found[1] or found[2] == "BODY", f"the focus on {found} is not seen"
-            if found[0].startswith(words):
-                return
-        raise AssertionError(f"no Tab leads to “{words}”")
-
-    tab_to("Skip to the content")
+    tab_to(page, "Skip to the content")
     page.keyboard.press("Enter")
-    tab_to("Fly it: A hidden effect")
+    tab_to(page, "Fly it: A hidden effect")
     page.keyboard.press("Enter")
     add = page.get_by_role("button", name=re.compile("^Add to the model"))
     add.first.wait_for()
-    tab_to("Add to the model")
+    tab_to(page, "Add to the model")
     page.keyboard.press("Enter")
     until(page, "document.querySelector('#step-6').innerText.includes('@v1')")
     page.locator("#step-5 .say.sentence").wait_for()
-    tab_to("Reveal what was hidden")
+    tab_to(page, "Reveal what was hidden")
     page.keyboard.press("Enter")
     page.get_by_text("The truth:").wait_for()
-    tab_to("Undo")
+    tab_to(page, "Undo")
     page.keyboard.press("Enter")
     until(page, "!document.querySelector('#step-6').innerText.includes('@v1')")
     watch.check()
@@ -1651,6 +1877,13 @@ def until_usable(browser: Browser) -> float:
     return interactive
 
 
+def too_wide_or_serious(page: Page) -> list[str]:
+    """What sticks out of the screen, and what axe finds serious."""
+    out = page.evaluate("document.documentElement.scrollWidth - innerWidth")
+    violations = [one for one in Axe().run(page).response["violations"] if one["impact"] in ("serious", "critical")]
+    return [*([f"{out} px stick out"] if out > 0 else []), *(f"{one['id']}: {[node['target'] for node in one['nodes'][:3]]}" for one in violations)]
+
+
 def pages(browser: Browser) -> None:
     """Each page, narrow and wide, dark and light: nothing sticks out, axe finds nothing serious; the first load is small and soon there."""
     found = []
@@ -1667,12 +1900,7 @@ def pages(browser: Browser) -> None:
             page.wait_for_timeout(700)
             if path.startswith("/runs/"):
                 page.locator("figure canvas").nth(4).wait_for()
-            out = page.evaluate("document.documentElement.scrollWidth - innerWidth")
-            if out > 0:
-                found.append(f"{path} at {width}, {scheme}: {out} px stick out")
-            for violation in Axe().run(page).response["violations"]:
-                if violation["impact"] in ("serious", "critical"):
-                    found.append(f"{path} at {width}, {scheme}: {violation['id']}: {[node['target'] for node in violation['nodes'][:3]]}")
+            found.extend(f"{path} at {width}, {scheme}: {one}" for one in too_wide_or_serious(page))
             if path == "/twin":
                 sizes = page.evaluate("performance.getEntriesByType('resource').filter(r => r.name.includes('/assets/')).map(r => r.encodedBodySize)")
                 print(f"first load: {sum(sizes) / 1000:.1f} kB, can be used after {interactive:.2f} s")
@@ -1974,6 +2202,9 @@ def over_time(browser: Browser) -> None:
     assert f"rotor {hidden['rotor']}" in said.inner_text(), said.inner_text()
     lanes = page.locator("figure[aria-label^='Parts and events of']")
     assert all(name in lanes.inner_text() for name in ("parts", "in the air", "verdict", f"rotor {hidden['rotor']}")), lanes.inner_text()
+    # Also for who does not see the colours.
+    said = lanes.locator("p.sr").inner_text()
+    assert re.search(r"parts: .*in the air", said) and re.search(rf"verdict: .*rotor {hidden['rotor']} ", said), said
     named = [float(title.split(", ")[-1].split(" – ")[0]) for title in lanes.locator(f"i[title^='verdict: rotor {hidden['rotor']}']").evaluate_all("all => all.map(one => one.title)")]
     assert named and hidden["onset_s"] <= named[0] < hidden["onset_s"] + 5, (hidden, named)
     pictures = ("Trajectory from above", "What each motor was told", "Height", "Attitude", "Vibration: accelerometer", "Vibration: gyroscope")
@@ -2083,13 +2314,7 @@ def filled(browser: Browser) -> None:
                 there = ".say.sentence"
             page.locator(there).first.wait_for()
             page.wait_for_timeout(700)
-            out = page.evaluate("document.documentElement.scrollWidth - innerWidth")
-            if out > 0:
-                found.append(f"{path} at {width}, {scheme}: {out} px stick out")
-            for violation in Axe().run(page).response["violations"]:
-                if violation["impact"] in ("serious", "critical"):
-                    found.append(f"{path} at {width}, {scheme}: {violation['id']}: {[node['target'] for node in violation['nodes'][:3]]}")
-            found.extend(f"{path}: {one}" for one in bare(page))
+            found.extend(f"{path} at {width}, {scheme}: {one}" for one in [*too_wide_or_serious(page), *bare(page)])
             if (width, scheme) in ((1600, "light"), (390, "dark")):
                 page.evaluate("scrollTo(0, 0)")
                 page.screenshot(path=PICTURES / f"{name}{'' if width == 1600 else f'-{width}'}.png", full_page=True)
@@ -2100,10 +2325,158 @@ def filled(browser: Browser) -> None:
     assert not found, "\n".join(found)
 
 
+def given(name: str) -> str:
+    """Uploads a log; its id, once it was read or refused."""
+    request = urllib.request.Request(f"{SERVER}/api/v1/logs?name={name}", (FOLDER / name).read_bytes(), {"content-type": "application/octet-stream"})
+    with urllib.request.urlopen(request, timeout=30) as answer:
+        log = json.load(answer)["id"]
+    wait_for(f"/logs/{log}")
+    return log
+
+
+def states(browser: Browser) -> None:
+    """What a page shows after a click or a wrong entry: the repair of a log, the columns of a table, a new vehicle and what is known of it, cards of findings,
+    a proposal, constants to calibrate, a manoeuvre, sign-in. Nothing sticks out, axe finds nothing serious, the keyboard reaches and uses every control."""
+    rows = rows_of("healthy.parquet")
+    exchanged = {"roll_rate_rad_s": "pitch_rate_rad_s", "pitch_rate_rad_s": "roll_rate_rad_s"}
+    write("swapped.csv", [[exchanged.get(name, name) for name in rows[0]], *rows[1:]])
+    accel = [rows[0].index(f"accel_{axis}_m_s2") for axis in "xyz"]
+    write("gravities.csv", [rows[0], *([str(float(cell) / 9.80665) if k in accel and cell else cell for k, cell in enumerate(row)] for row in rows[1:])])
+    logger_table("logger.csv")
+    logs = {name: given(name) for name in ("swapped.csv", "gravities.csv", "logger.csv", "healthy.parquet", "drag.parquet", "strange.parquet", "untold.parquet", "own-1.parquet")}
+    asked = {"name": "own-1", "flights": {"logs": [logs["own-1.parquet"]]}, "mass_kg": 2.2, "arm_m": 0.33, "held_out": True}
+    identification = api("/identifications", asked)["id"]
+    assert wait_for(f"/identifications/{identification}")["status"] == "done"
+    api(f"/identifications/{identification}/keep", {})
+
+    def unfold(page: Page, within: str) -> None:
+        # Tables of plots are opened, looked at and closed by [`bare`].
+        page.locator(f"{within} details:not([open]):not(figure details) > summary").evaluate_all("all => all.forEach((one) => one.click())")
+
+    def repair_form(page: Page) -> None:
+        form = page.get_by_role("form", name="Repair of the log")
+        form.get_by_label("Order of the motors").fill("1, 1")
+        form.get_by_role("button", name="Read it again so").click()
+        form.get_by_text("is no list of different numbers").wait_for()
+        unfold(page, "#step-2")
+
+    def columns_form(page: Page) -> None:
+        form = page.get_by_role("form", name="What the columns are")
+        form.get_by_label("meaning of Regler 1", exact=True).select_option("duty_1")
+        form.get_by_label("Full throttle").fill("full")
+        form.get_by_role("button", name="Read it so").click()
+        form.get_by_text("'full' is no number.").wait_for()
+        assert form.get_by_label("Full throttle").evaluate("one => one === document.activeElement"), "the field to put right has the focus"
+        unfold(page, "#step-2")
+
+    def vehicle_form(page: Page) -> None:
+        page.get_by_role("button", name="A new one from this log").click()
+        form = page.get_by_role("form", name="A vehicle from this log")
+        form.get_by_label("Mass with battery").fill("heavy")
+        (FOLDER / "stand.csv").write_text("throttle [%],thrust [N]\n10,1\n20,2\n")
+        form.locator("input[type=file]").set_input_files(FOLDER / "stand.csv")
+        form.get_by_text("2 rows").wait_for()
+        form.get_by_role("button", name="Identify the vehicle").click()
+        form.get_by_text("'heavy' is no number above 0").wait_for()
+        unfold(page, "#step-3")
+
+    def wrong_token(page: Page) -> None:
+        page.get_by_label(re.compile("access token")).fill("rtw_wrong")
+        page.get_by_role("form", name="Sign in").get_by_role("button", name="Sign in").click()
+        page.locator("form[aria-label='Sign in'] .say.bad").wait_for()
+
+    def at(name: str, more: str = "") -> str:
+        return f"/twin?log={logs[name]}{more}"
+
+    # Name, address, what is there before anything is done, and what is done.
+    places: list[tuple[str, str, str, Callable[[Page], None]]] = [
+        ("repair", at("swapped.csv"), "form[aria-label='Repair of the log']", repair_form),
+        ("repair-refused", at("gravities.csv"), "form[aria-label='Repair of the log']", repair_form),
+        ("columns", at("logger.csv"), "form[aria-label='What the columns are']", columns_form),
+        ("vehicle-form", at("healthy.parquet", "&vehicle=f550"), "#step-5 .say.sentence", vehicle_form),
+        ("identified", at("own-1.parquet", f"&vehicle=own-1&ident={identification}"), "[aria-label='The identified vehicle']", lambda page: unfold(page, "#step-3")),
+        ("calibrate", at("own-1.parquet", "&vehicle=own-1"), "[aria-label='Constants to calibrate']", lambda page: unfold(page, "#step-5")),
+        ("finding", at("drag.parquet"), "#step-5 article.card", lambda page: unfold(page, "#step-5")),
+        ("proposal", at("strange.parquet"), "text=Add the proposal", lambda page: unfold(page, "#step-5")),
+        ("known", "/library?kind=vehicles&name=own-1", "[aria-label='Known values of own-1']", lambda page: None),
+    ]
+    found = []
+
+    def check(page: Page, name: str, width: int, scheme: str, within: str = "main") -> None:
+        page.wait_for_timeout(700)
+        found.extend(f"{name} at {width}, {scheme}: {one}" for one in [*too_wide_or_serious(page), *bare(page)])
+        page.evaluate("scrollTo(0, 0)")
+        page.screenshot(path=FOLDER / f"state-{name}-{width}.png", full_page=True)
+        if width == 1600:
+            found.extend(f"{name}: by keyboard {one}" for one in unreached(page, within))
+
+    # The manoeuvre is looked for once; its address is that of the answer.
+    page, watch = open_page(browser)
+    page.goto(f"{SERVER}{at('untold.parquet')}")
+    page.get_by_role("button", name="Find the manoeuvre that tells").click()
+    page.get_by_role("region", name="Manoeuvres, best first").wait_for()
+    places.append(("manoeuvre", page.url.removeprefix(SERVER), "[aria-label='Manoeuvres, best first']", lambda page: unfold(page, "#step-5")))
+    watch.check()
+    page.close()
+    # Each width and each scheme.
+    screens = ((1600, "light"), (390, "dark"))
+    for width, scheme in screens:
+        for name, path, there, do in places:
+            page, watch = open_page(browser, width, scheme)
+            page.goto(f"{SERVER}{path}", wait_until="load")
+            page.locator(there).first.wait_for()
+            do(page)
+            check(page, name, width, scheme)
+            watch.check()
+            page.context.close()
+    # A repair without a mouse: the choice of the finding is there already.
+    page, watch = open_page(browser)
+    page.goto(f"{SERVER}{at('swapped.csv')}")
+    page.get_by_role("form", name="Repair of the log").wait_for()
+    tab_to(page, "Read it again so")
+    page.keyboard.press("Enter")
+    page.locator("#step-5").get_by_text("The model agrees with the flight.").wait_for()
+    # A vehicle without a mouse, and what is wrong is where the focus goes back to.
+    page.goto(f"{SERVER}{at('healthy.parquet', '&vehicle=f550')}")
+    page.locator("#step-5 .say.sentence").wait_for()
+    tab_to(page, "A new one from this log")
+    page.keyboard.press("Enter")
+    tab_to(page, "Mass with battery")
+    page.keyboard.type("2.1")
+    tab_to(page, "Arm, m")
+    page.keyboard.type("0.275")
+    page.keyboard.press("Enter")
+    page.locator("#step-3").get_by_role("group", name="The identified vehicle").wait_for()
+    watch.check()
+    page.context.close()
+    # Last, since the server asks everybody for a token from now on.
+    token = re.search(r"rtw_\w+", subprocess.run([os.environ["ROTORTWIN"], "token", "create", "first", "--data", FOLDER / "data"], check=True, capture_output=True, text=True).stdout)[0]
+    for width, scheme in screens:
+        page, watch = open_page(browser, width, scheme)
+        watch.expected = r"401 \(Unauthorized\)"
+        page.goto(f"{SERVER}/runs", wait_until="load")
+        page.get_by_role("form", name="Sign in").wait_for()
+        check(page, "sign-in", width, scheme, "form[aria-label='Sign in']")
+        wrong_token(page)
+        check(page, "sign-in-refused", width, scheme, "form[aria-label='Sign in']")
+        page.reload()
+        page.get_by_role("form", name="Sign in").wait_for()
+        page.evaluate("document.activeElement?.blur()")
+        tab_to(page, "This server asks for an access token")
+        page.keyboard.type(token)
+        page.keyboard.press("Enter")
+        page.get_by_role("form", name="Sign in").wait_for(state="detached")
+        page.get_by_role("button", name="Sign out").wait_for()
+        watch.check()
+        page.context.close()
+    assert not found, "\n".join(found)
+
+
 # Figures with a picture, the replay aside, whose slider and sentence follow the time: their words, and whether there is a table.
 EQUIVALENTS = """
   all => all.filter((one) => one.querySelector('canvas, svg, .heat, .lanes, .bars') && !one.classList.contains('replay')).map((one) => {
-    const described = one.querySelector('.canvas[aria-describedby]');
+    // A strip or a lane has a summary of its own beside its title.
+    const described = one.querySelector('.heat, .lanes') ? one : one.querySelector('.canvas[aria-describedby]');
     const words = described ? document.getElementById(described.getAttribute('aria-describedby'))?.textContent ?? '' : one.querySelector('svg[aria-label]')?.getAttribute('aria-label') ?? one.getAttribute('aria-label') ?? '';
     const folded = [...one.querySelectorAll('summary')].find((summary) => /table/i.test(summary.textContent));
     return { title: (one.getAttribute('aria-label') ?? one.innerText).slice(0, 60), words, is_table: Boolean(one.querySelector('table, [role=table]')), opens: Boolean(folded) };
@@ -2136,14 +2509,15 @@ def bare(page: Page) -> list[str]:
     return found
 
 
-def unreached(page: Page) -> list[str]:
+def unreached(page: Page, within: str = "main") -> list[str]:
     """Controls of a page that Tab does not reach, or that do not show that they have the focus."""
     page.evaluate(
         "() => { document.activeElement?.blur(); window.reached = new Set(); window.unseen = [];"
         " document.addEventListener('focusin', (event) => { const e = event.target; window.reached.add(e); const s = getComputedStyle(e);"
         " if (!e.closest('label') && s.outlineStyle === 'none' && s.boxShadow === 'none') window.unseen.push(`shows no focus: ${(e.getAttribute('aria-label') || e.textContent || e.tagName).slice(0, 60)}`); }); }"
     )
-    controls = "[...document.querySelectorAll('main a[href], main button:not([disabled]), main select:not([disabled]), main input:not([disabled]), main textarea, main summary')].filter(e => e.checkVisibility({ visibilityProperty: true }))"
+    kinds = ", ".join(f"{within} {kind}" for kind in ("a[href]", "button:not([disabled])", "select:not([disabled])", "input:not([disabled])", "textarea", "summary"))
+    controls = f"[...document.querySelectorAll({json.dumps(kinds)})].filter(e => e.checkVisibility({{ visibilityProperty: true }}))"
     for _ in range(page.evaluate(f"{controls}.length") * 3 + 60):
         page.keyboard.press("Tab")
     # Arrow keys reach the other radio buttons of a group, and the other cells of a heat strip.
@@ -2192,7 +2566,7 @@ def promised(browser: Browser) -> None:
         print(f"{what}: {figure}" + ("" if met is None else ": met" if met else ": NOT met"))
 
 
-SCENARIOS = {f.__name__: f for f in (loop, healthy, steps, vehicle, untold, repair, cancel, strangers, session, many, keyboard, live, behind, tabs, killed, full, scrub, pages, cells, filters, branches, clicks, over_time, sandbox, seeds, filled, bench, copies, monitor, editor, table, stranger, formats, promised)}
+SCENARIOS = {f.__name__: f for f in (loop, healthy, steps, strange, vehicle, untold, repair, cancel, strangers, session, many, keyboard, live, behind, tabs, killed, full, scrub, pages, cells, filters, branches, clicks, over_time, sandbox, seeds, filled, states, bench, copies, monitor, editor, table, stranger, formats, promised)}
 
 with sync_playwright() as playwright:
     chromium = playwright.chromium.launch(executable_path=CHROMIUM, args=OPTIONS)

@@ -183,6 +183,54 @@ fn scenario_what_is_found_is_added_and_undone_over_http() {
     assert_eq!(get(&server, "f550/history")["begun"], json!(false));
 }
 
+/// A drag that begins at 2.5 m/s is in no catalogue: the diagnosis proposes an effect, which becomes the next version with its document.
+#[test]
+fn scenario_what_no_catalogue_has_is_proposed_and_added_over_http() {
+    let scratch = Scratch::new();
+    let server = Server::start(&scratch.path("data"));
+    let hidden = "threshold-drag:drag_n_s3_m3=0.1,threshold_m_s=2.5";
+    let log = server.generated(&json!({ "effect": hidden, "seed": 31 }));
+    let flights = json!({ "logs": [log] });
+    let (diagnosis, job) = done(
+        &server,
+        "diagnoses",
+        &json!({ "model": { "vehicle": "f550" }, "flights": flights }),
+    );
+    let result = &job["result"];
+    assert_eq!(result["verdict"]["kind"], "outside-catalogue", "{}", result["sentence"]);
+    let proposal = &result["proposal"];
+    let acts = proposal["terms"][0]["acts"].to_string();
+    assert!(acts.contains("max(airspeed - 2.5"), "{acts}");
+
+    // Beside a pick it is neither; as what it is, it becomes version 1.
+    let both = json!({ "diagnosis": diagnosis, "proposal": true, "pick": 1 });
+    assert_eq!(post(&server, "f550/versions", &[], &both).status, 422);
+    let body = json!({ "diagnosis": diagnosis, "proposal": true });
+    let added = post(&server, "f550/versions", &[], &body);
+    assert_eq!(added.status, 201, "{}", added.json());
+    let added = added.json();
+    let effect = &added["version"]["effects"][0];
+    assert_eq!(effect["effect"], proposal["document"]["id"]);
+    for term in proposal["terms"].as_array().expect("terms") {
+        let parameters = effect["parameters"].as_array().expect("parameters");
+        let value = parameters.iter().find(|value| value["name"] == term["parameter"]);
+        assert_eq!(value.map(|value| &value["value"]), Some(&term["factor"]), "{effect}");
+    }
+    let file = server.ask("GET", "/api/v1/models/f550/versions/v1", &[], "");
+    let text = String::from_utf8(file.body).expect("text");
+    assert!(text.contains("[[effect_document]]"), "{text}");
+
+    let (_, comparison) = done(
+        &server,
+        "comparisons",
+        &json!({ "model": { "model": "f550@v0" }, "more_models": [{ "model": "f550" }], "flights": flights }),
+    );
+    let [worse, better] = force_errors(&comparison)[..] else {
+        panic!("{comparison}")
+    };
+    assert!(better < 0.5 * worse, "{worse} mN, then {better} mN");
+}
+
 #[test]
 fn scenario_additions_that_make_no_sense_change_nothing() {
     let scratch = Scratch::new();

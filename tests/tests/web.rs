@@ -60,12 +60,15 @@ fn a_vehicle_of_no_library(scratch: &Scratch) -> String {
     scratch.write("own.toml", &text).display().to_string()
 }
 
+/// A drag that begins at 2.5 m/s: the independent simulator can fly it, and no catalogue has it.
+const OF_NO_CATALOGUE: &str = "threshold-drag:drag_n_s3_m3=0.1,threshold_m_s=2.5";
+
 /// These logs of the independent simulator, and an invalid file.
 fn logs(scratch: &Scratch, wanted: &[&str]) {
     let vehicle = repository().join("config/vehicles/f550.toml").display().to_string();
     let own = a_vehicle_of_no_library(scratch);
     // A short flight at one speed cannot tell one kind of drag from another.
-    let kinds: [(&str, &str, &[&str]); 7] = [
+    let kinds: [(&str, &str, &[&str]); 9] = [
         ("drag", "excitation/2/60", &["--effect", "rotor-drag"]),
         ("drag-again", "excitation/3/60", &["--effect", "rotor-drag"]),
         ("healthy", "excitation/2/60", &[]),
@@ -75,6 +78,8 @@ fn logs(scratch: &Scratch, wanted: &[&str]) {
             &["--effect", "rotor-drag", "--effect", "motor-time-constant"],
         ),
         ("untold", "helix/4/12", &["--effect", "rotor-drag:drag_n_s_m=0.04"]),
+        ("strange", "excitation/31/60", &["--effect", OF_NO_CATALOGUE]),
+        ("strange-again", "waypoint/32/60", &["--effect", OF_NO_CATALOGUE]),
         ("own-1", "excitation/11/60", &["--effect", "rotor-drag"]),
         ("own-2", "excitation/12/60", &["--effect", "rotor-drag"]),
     ];
@@ -493,6 +498,16 @@ fn scenario_a_seed_beyond_two_to_the_53_is_exact() {
 #[test]
 fn scenario_pages_with_content_are_accessible_and_fit_a_telephone() {
     passes("filled", &["drag"]);
+}
+
+#[test]
+fn scenario_forms_findings_and_sign_in_are_accessible_and_fit_a_telephone() {
+    passes("states", &["healthy", "drag", "strange", "untold", "own-1"]);
+}
+
+#[test]
+fn scenario_an_effect_of_no_catalogue_is_proposed_added_and_undone_by_mouse() {
+    passes("strange", &["strange", "strange-again"]);
 }
 
 #[test]

@@ -22,7 +22,8 @@ describe("a flight", () => {
   it("gives each kind of event a lane, wide enough to be seen, with its motor", () => {
     const lanes = eventLanes(flight);
     expect(lanes.map((one) => one.name)).toEqual(["saturated", "lost rotor", "no rows"]);
-    expect(lanes[0]?.stretches).toEqual([{ from: 20, to: 20.4, code: 3 }]);
+    expect(lanes[0]?.stretches).toEqual([{ from: 20, to: 20.1, code: 3 }]);
+    expect(lanes[0]?.least).toBe(0.4);
     expect([lanes[0]?.words?.(3), lanes[1]?.words?.(2), lanes[2]?.words?.(-1)]).toEqual(["motor 3 at its limit", "rotor 2 lost", "gap"]);
   });
   it("marks a motor at its limit that the mean hides", () => {

@@ -49,10 +49,10 @@ export function eventLanes(flight: Pick<FlightPicture, "parts" | "start_s" | "en
     if (events.length === 0) return [];
     const motors = kind === "saturated" || kind === "lost-rotor" || kind === "motor-off";
     const stretches: Stretch[] = events.map((one, place) => ({
-      from: one.start_s, to: Math.max(one.end_s, one.start_s + width), code: motors && one.output ? one.output : -1 - place,
+      from: one.start_s, to: one.end_s, code: motors && one.output ? one.output : -1 - place,
     }));
     return [{
-      name, stretches,
+      name, stretches, least: width,
       words: (code: number) => (code > 0 ? (kind === "lost-rotor" ? `rotor ${code} lost` : `motor ${code} at its limit`) : (events[-1 - code]?.detail ?? name)),
       look: (code: number) => (kind === "gap" ? ("idle" as const) : code > 0 ? ("rotor" as const) : ("unknown" as const)),
     }];

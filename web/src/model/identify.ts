@@ -174,7 +174,7 @@ export function rotorsOf(vehicle: string): Rotor[] | undefined {
 }
 
 /** Replaces command-line options by the form's fields. */
-export const adviceText = (better: string) => better.replace(/^--(\w+)/, "the $1");
+export const adviceText = (better: string) => better.replace(/(?<=^|\s)--(\w+)/g, "the $1");
 
 /** How to improve the vehicle: each recommendation once, with the values it concerns. */
 export function adviceOf(values: readonly Estimate[]): { better: string; names: string[] }[] {

@@ -6,7 +6,7 @@ import { tooLarge } from "../api/limits";
 import { type Session, watchSessions } from "../api/fdi-news";
 import { createLoad } from "../api/load";
 import { ApiError } from "../api/problem";
-import { percent, short } from "../format";
+import { bytes, percent, short } from "../format";
 import { Figures, Panel, Problem, Progress } from "../parts/bits";
 import { Lanes } from "../plots/lanes";
 import { route } from "../router";
@@ -30,15 +30,18 @@ export default function Fdi() {
 function Judge() {
   const names = createLoad(() => true, async (_, signal) => (await get("/api/v1/vehicles", { signal })).items);
   const logs = createLoad(() => true, (_, signal) => get("/api/v1/logs", { query: { status: "done", limit: 30 }, signal }));
+  const most = createLoad(() => true, async (_, signal) => (await get("/api/v1/limits", { signal })).largest_judged_log);
   const [vehicle, setVehicle] = createSignal("f550");
   const [log, setLog] = createSignal(route().query.get("log") ?? "");
   const [share, setShare] = createSignal<number>();
   const { busy, problem, attempt } = createAttempt();
   const [report, setReport] = createSignal<Report>();
   const [over, setOver] = createSignal(false);
+  const [canceled, setCanceled] = createSignal(false);
   let control = new AbortController();
   const judge = (what: (signal: AbortSignal) => Promise<Report>) => {
     setReport(undefined);
+    setCanceled(false);
     control = new AbortController();
     const { signal } = control;
     return attempt(async () => {
@@ -53,6 +56,10 @@ function Judge() {
     });
   };
   onCleanup(() => control.abort());
+  const cancel = () => {
+    setCanceled(true);
+    control.abort();
+  };
   const send = (file: File | undefined) => {
     if (!file) return;
     void judge(async (signal) => {
@@ -84,10 +91,11 @@ function Judge() {
           onDragOver={(event) => { event.preventDefault(); setOver(true); }} onDragLeave={() => setOver(false)}
           onDrop={(event) => { event.preventDefault(); setOver(false); send(event.dataTransfer?.files[0]); }}
         >
-          Drop a log here (128 MB at most; it is not kept), or{" "}
+          Drop a log here (<Show when={most.data()}>{(size) => <>{bytes(size())} at most; </>}</Show>it is not kept), or{" "}
           <label class="button">choose a file<input class="sr" type="file" onChange={(event) => { send(event.currentTarget.files?.[0]); event.currentTarget.value = ""; }} /></label>
         </div>
-        <Show when={busy()}><div class="row" role="status"><Progress share={share()} what="judging" /> {share() === undefined || share() === 1 ? "Judging …" : `Sending: ${percent(share(), 0)}`} <button type="button" onClick={() => control.abort()}>Cancel</button></div></Show>
+        <Show when={busy()}><div class="row" role="status"><Progress share={share()} what="judging" /> {share() === undefined || share() === 1 ? "Judging …" : `Sending: ${percent(share(), 0)}`} <button type="button" onClick={cancel}>Cancel</button></div></Show>
+        <div role="status"><Show when={canceled()}><p class="small">It was canceled.</p></Show></div>
         <Problem sentence={problem()} />
         <Show when={report()}>{(found) => <Judged report={found()} />}</Show>
       </div>

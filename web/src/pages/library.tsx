@@ -6,6 +6,7 @@ import { ApiError, sentenceOf } from "../api/problem";
 import { percent, short } from "../format";
 import { Figures, Loaded, Panel, Problem } from "../parts/bits";
 import { VehiclePicture } from "../parts/vehicle-picture";
+import { Known } from "../shown/known";
 import { route, setQuery } from "../router";
 import { EffectSandbox } from "./effect-sandbox";
 import type { FullGeometry } from "./twin/vehicle";
@@ -87,6 +88,11 @@ function Catalogue() {
 function Documents(props: { kind: Kind }) {
   const names = createLoad(() => true, (_, signal) => ask<Schemas["Names"]>("GET", `/api/v1/${props.kind}`, undefined, { signal }));
   const name = () => route().query.get("name") ?? undefined;
+  const [edition, setEdition] = createSignal(0);
+  const saved = () => {
+    names.reload();
+    setEdition(edition() + 1);
+  };
   return (
     <div class="side rev">
       <Panel title={`Documents: ${props.kind}`} note="one's own hide those of the server">
@@ -106,8 +112,8 @@ function Documents(props: { kind: Kind }) {
         <Show when={name() !== undefined ? { kind: props.kind, name: name() as string } : undefined} keyed fallback={<p class="muted">Choose a document to read it or to edit a copy.</p>}>
           {(one) => (
             <>
-              <Show when={props.kind === "vehicles"}><Picture name={one.name} /></Show>
-              <Editor kind={one.kind} name={one.name} own={names.data()?.own.includes(one.name) ?? false} onSaved={names.reload} />
+              <Show when={props.kind === "vehicles"}><Picture name={one.name} edition={edition()} /></Show>
+              <Editor kind={one.kind} name={one.name} own={names.data()?.own.includes(one.name) ?? false} onSaved={saved} />
             </>
           )}
         </Show>
@@ -116,8 +122,8 @@ function Documents(props: { kind: Kind }) {
   );
 }
 
-function Picture(props: { name: string }) {
-  const geometry = createLoad(() => props.name, (name, signal) => ask<FullGeometry>("GET", `/api/v1/vehicles/${encodeURIComponent(name)}/geometry`, undefined, { signal }));
+function Picture(props: { name: string; edition: number }) {
+  const geometry = createLoad(() => ({ name: props.name, edition: props.edition }), ({ name }, signal) => ask<FullGeometry>("GET", `/api/v1/vehicles/${encodeURIComponent(name)}/geometry`, undefined, { signal }));
   return (
     <Panel title={props.name} note={geometry.data()?.name}>
       <Loaded load={geometry} what="the geometry">
@@ -128,6 +134,10 @@ function Picture(props: { name: string }) {
           </div>
         )}
       </Loaded>
+      <details open>
+        <summary>How well its values are known, with 95 % intervals</summary>
+        <Known vehicle={props.name} edition={props.edition} />
+      </details>
     </Panel>
   );
 }
@@ -143,7 +153,9 @@ function Editor(props: { kind: Kind; name: string; own: boolean; onSaved: () => 
     forget();
     setCheck(undefined);
   };
-  const [target, setTarget] = createSignal(props.own ? props.name : `my-${props.name}`);
+  // Whose document it is, is known once the names have come.
+  const [chosen, setTarget] = createSignal<string>();
+  const target = () => chosen() ?? (props.own ? props.name : `my-${props.name}`);
   const [check, setCheck] = createSignal<Schemas["Validation"]>();
   const [refusal, setRefusal] = createSignal<ApiError>();
   const [said, setSaid] = createSignal("");

@@ -1,8 +1,9 @@
-/** A heat map: channel over time or over a flight condition. Each cell is a button with its value in words; below it the same as a table. */
-import { For, Show, createSignal } from "solid-js";
+/** A heat map: channel over time or over a flight condition. Each cell is a button with its value in words; below it a summary, and the same as a table. */
+import { For, Show, createMemo, createSignal, createUniqueId } from "solid-js";
 import { short } from "../format";
 import { dark } from "../theme";
 import { HEAT_STEPS, heatColour } from "./heat-colour";
+import { heatWords } from "./words";
 
 export interface HeatRow {
   name: string;
@@ -23,9 +24,11 @@ interface Props {
 }
 
 export function Heat(props: Props) {
+  const id = createUniqueId();
   const columns = () => Math.max(1, ...props.rows.map((row) => row.cells.length));
+  const summary = createMemo(() => heatWords(props.rows));
   return (
-    <figure class="plot fig" aria-label={props.title}>
+    <figure class="plot fig" aria-label={props.title} aria-describedby={`${id}-sum`}>
       <div class="scroll heatbox">
         <div class="heat" style={{ "grid-template-columns": `max-content repeat(${columns()}, minmax(4px, 1fr))` }}>
           <For each={props.rows}>
@@ -66,19 +69,21 @@ export function Heat(props: Props) {
         </For>
         <span>(1: noise alone)</span>
       </div>
-      <Numbers rows={props.rows} title={props.title} />
+      <p class="sr" id={`${id}-sum`}>{summary()}</p>
+      <Numbers rows={props.rows} title={props.title} summary={summary()} />
     </figure>
   );
 }
 
-/** Every cell that counts as a row of a table. */
-function Numbers(props: { rows: readonly HeatRow[]; title: string }) {
+/** The summary, and every cell that counts as a row of a table. */
+function Numbers(props: { rows: readonly HeatRow[]; title: string; summary: string }) {
   const [open, setOpen] = createSignal(false);
   const cells = () => props.rows.flatMap((row) => row.cells.flatMap((value, place) => (value === null ? [] : [{ name: row.name, where: row.where(place), value }])));
   return (
     <details class="screen" onToggle={(event) => setOpen(event.currentTarget.open)}>
-      <summary>Table<span class="sr"> of {props.title}</span></summary>
+      <summary>Summary and table<span class="sr"> of {props.title}</span></summary>
       <Show when={open()}>
+        <p class="sum">{props.summary}</p>
         <div class="scroll" tabindex="0" role="region" aria-label={`Table of ${props.title}`}>
           <table class="small">
             <thead><tr><th scope="col">Channel</th><th scope="col">where</th><th class="r" scope="col">chi²/N</th></tr></thead>

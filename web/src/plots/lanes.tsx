@@ -1,9 +1,10 @@
-/** Verdicts over time, one lane each, with the true faults on top. */
-import { For, Index, Show, createSignal } from "solid-js";
-import { short, verdictText } from "../format";
+/** Verdicts over time, one lane each, with the true faults on top; below them a summary and a table. */
+import { For, Index, Show, createMemo, createSignal, createUniqueId } from "solid-js";
+import { count, short } from "../format";
 import { seriesColour } from "../theme";
 import { type Stretch } from "./series";
 import type { View } from "./view";
+import { laneText as words, laneWords } from "./words";
 
 export interface Lane {
   name: string;
@@ -12,7 +13,12 @@ export interface Lane {
   words?: (code: number) => string;
   /** Style of a code, if it is not a verdict. */
   look?: (code: number) => "idle" | "healthy" | "unknown" | "rotor";
+  /** Drawn at least so wide, s, so that what is short is seen. */
+  least?: number;
 }
+
+/** Rows of the table for each lane. */
+const MOST_ROWS = 60;
 
 interface Props {
   title: string;
@@ -23,17 +29,18 @@ interface Props {
 }
 
 export function Lanes(props: Props) {
+  const id = createUniqueId();
   const [open, setOpen] = createSignal(false);
+  const summary = createMemo(() => laneWords(props.lanes));
   const from = () => props.view?.range()?.[0] ?? props.start;
   const to = () => props.view?.range()?.[1] ?? props.end;
   const share = (at: number) => (100 * (at - from())) / Math.max(1e-9, to() - from());
-  const words = (lane: Lane, code: number) => (lane.words ?? verdictText)(code);
   const point = (event: MouseEvent & { currentTarget: HTMLElement }) => {
     const box = event.currentTarget.getBoundingClientRect();
     props.view?.setCursor(from() + ((event.clientX - box.left) / box.width) * (to() - from()));
   };
   return (
-    <figure class="plot fig" aria-label={props.title}>
+    <figure class="plot fig" aria-label={props.title} aria-describedby={`${id}-sum`}>
       <div class="lanes">
         {/* By place: while a flight goes on lanes and stretches are others a few times a second, and most look as before. */}
         <Index each={props.lanes}>
@@ -44,7 +51,7 @@ export function Lanes(props: Props) {
                 <Index each={lane().stretches}>
                   {(stretch) => {
                     const left = () => Math.max(0, share(stretch().from));
-                    const right = () => Math.min(100, share(stretch().to));
+                    const right = () => Math.min(100, share(Math.max(stretch().to, stretch().from + (lane().least ?? 0))));
                     const said = () => words(lane(), stretch().code);
                     return (
                       <Show when={right() > left()}>
@@ -71,14 +78,16 @@ export function Lanes(props: Props) {
           )}
         </Index>
       </div>
+      <p class="sr" id={`${id}-sum`}>{summary()}</p>
       <details onToggle={(event) => setOpen(event.currentTarget.open)}>
-        <summary>Table<span class="sr"> of {props.title}</span></summary>
+        <summary>Summary and table<span class="sr"> of {props.title}</span></summary>
         <Show when={open()}>
+          <p class="sum">{summary()}</p>
           <div class="scroll" tabindex="0" role="region" aria-label={`Table of ${props.title}`}>
             <table class="small">
               <thead><tr><th scope="col">lane</th><th class="r" scope="col">from, s</th><th class="r" scope="col">to, s</th><th scope="col">says</th></tr></thead>
               <tbody>
-                <For each={props.lanes.flatMap((lane) => lane.stretches.slice(0, 60).map((stretch) => ({ lane, stretch })))}>
+                <For each={props.lanes.flatMap((lane) => lane.stretches.slice(0, MOST_ROWS).map((stretch) => ({ lane, stretch })))}>
                   {(row) => (
                     <tr>
                       <td>{row.lane.name}</td>
@@ -87,6 +96,9 @@ export function Lanes(props: Props) {
                       <td>{words(row.lane, row.stretch.code)}</td>
                     </tr>
                   )}
+                </For>
+                <For each={props.lanes.filter((lane) => lane.stretches.length > MOST_ROWS)}>
+                  {(lane) => <tr><td>{lane.name}</td><td colspan="3" class="muted">{count(lane.stretches.length - MOST_ROWS, "later row")} left out</td></tr>}
                 </For>
               </tbody>
             </table>

@@ -2,6 +2,7 @@
 import { For, type JSX, Show } from "solid-js";
 import { count, percent, plusMinus, short } from "../format";
 import { type Correction, type Diagnosis, type Finding, type Proposal, channelTitle, evidenceWords, togetherByReason } from "../model/twin";
+import { adviceText } from "../model/identify";
 import { Chart } from "../plots/chart";
 
 const HEADLINES: Record<Diagnosis["verdict"]["kind"], { words: string; kind: string }> = {
@@ -10,7 +11,7 @@ const HEADLINES: Record<Diagnosis["verdict"]["kind"], { words: string; kind: str
   "cannot-tell": { words: "Physics is missing, and this flight cannot tell which of these.", kind: "warn" },
   "partly-missing": { words: "Physics is missing, and named; it explains a part of the error, the rest is not in the catalogue.", kind: "warn" },
   "calibrate-first": { words: "Constants of this vehicle are guesses that the flight contradicts: calibrate it first.", kind: "warn" },
-  "outside-catalogue": { words: "The error is real, and not in the catalogue of effects.", kind: "warn" },
+  "outside-catalogue": { words: "Physics is missing, and not in the catalogue of effects.", kind: "warn" },
   "log-fault": { words: "The log is at fault; the physics agrees.", kind: "bad" },
   "nothing-testable": { words: "Nothing of this log can be compared with the model.", kind: "bad" },
 };
@@ -18,8 +19,8 @@ const HEADLINES: Record<Diagnosis["verdict"]["kind"], { words: string; kind: str
 /** The sentence without the part that the headline already says. */
 function restOf(found: Diagnosis, onPage: boolean): string {
   let rest = found.sentence.replace(/^The model agrees with (this|the) flights?: /, "");
-  // The page has a button for what a report names a command for.
-  if (onPage) rest = rest.replace(/^Calibrate first \(`rotortwin [^)]*\): /, "");
+  // The page has a button for what a report names a command for, and fields for its options.
+  if (onPage) rest = adviceText(rest.replace(/^Calibrate first \(`rotortwin [^)]*\): /, ""));
   // The headline has said it.
   if (found.verdict.kind === "nothing-testable" && HEADLINES["nothing-testable"].words.startsWith(rest.replace(/ [^ ]*\.?$/, ""))) return "What is missing in it, and what that rules out, is listed where it is read.";
   return rest.charAt(0).toUpperCase() + rest.slice(1);
@@ -39,15 +40,19 @@ export interface Calibrating {
 export function DiagnosisView(props: { found: Diagnosis; add?: AddToModel; calibrating?: Calibrating; children?: JSX.Element }) {
   const headline = () => HEADLINES[props.found.verdict.kind];
   const add = () => (props.found.verdict.kind !== "agrees" ? props.add : undefined);
+  // While the rest is unexplained, no effect of the catalogue is to be trusted: the proposal comes first.
+  const isOutside = () => props.found.verdict.kind === "outside-catalogue";
+  const proposal = () => <Show when={props.found.proposal}>{(one) => <ProposalCard proposal={one()} add={props.add && (() => props.add?.({ proposal: true }))} />}</Show>;
   return (
     <>
       <Show when={props.found.trim}>{(trim) => <TrimView trim={trim()} />}</Show>
       <div class={`say sentence ${headline().kind}`} role="status">
         <strong>{headline().words}</strong> {restOf(props.found, props.calibrating !== undefined)}
       </div>
+      <Show when={isOutside()}>{proposal()}</Show>
       <div class="stack">
         <For each={props.found.effects}>
-          {(one, place) => <Card finding={one} found={props.found} add={add() ? () => add()?.({ pick: place() + 1 }) : undefined} />}
+          {(one, place) => <Card finding={one} found={props.found} isDoubtful={isOutside()} add={add() ? () => add()?.({ pick: place() + 1 }) : undefined} />}
         </For>
         <For each={props.found.sensor_or_timing}>{(one) => <Card finding={one} found={props.found} />}</For>
       </div>
@@ -59,7 +64,7 @@ export function DiagnosisView(props: { found: Diagnosis; add?: AddToModel; calib
       </Show>
       <Show when={(props.found.calibrate ?? []).length > 0}><Calibrate found={props.found} calibrating={props.calibrating} /></Show>
       {props.children}
-      <Show when={props.found.proposal}>{(proposal) => <ProposalCard proposal={proposal()} add={props.add && (() => props.add?.({ proposal: true }))} />}</Show>
+      <Show when={!isOutside()}>{proposal()}</Show>
       <NotConsidered found={props.found} />
       <Rest found={props.found} />
     </>
@@ -151,7 +156,7 @@ function Calibrate(props: { found: Diagnosis; calibrating: Calibrating | undefin
                 <td class="r">{plusMinus(one.wanted, one.wanted_interval_95, one.unit)}</td>
                 <td class="r">{short(one.ln_bayes_factor)}</td>
                 <td>{one.how}</td>
-                <td>{one.better}</td>
+                <td>{props.calibrating ? adviceText(one.better) : one.better}</td>
               </tr>
             )}
           </For>
@@ -162,7 +167,7 @@ function Calibrate(props: { found: Diagnosis; calibrating: Calibrating | undefin
   );
 }
 
-function Card(props: { finding: Finding; found: Diagnosis; add?: (() => void) | undefined }) {
+function Card(props: { finding: Finding; found: Diagnosis; isDoubtful?: boolean; add?: (() => void) | undefined }) {
   const it = () => props.finding;
   const picture = () => it().picture ?? undefined;
   return (
@@ -170,9 +175,10 @@ function Card(props: { finding: Finding; found: Diagnosis; add?: (() => void) | 
       <div class="row">
         <h3>{it().label}{it().instance.rotor ? `, rotor ${it().instance.rotor}` : ""}</h3>
         <span class="tag">{it().class}</span>
+        <Show when={props.isDoubtful}><span class="tag warn">looks like it</span></Show>
         <Show when={it().onset_s !== null}><span class="tag warn">sets in at {short(it().onset_s)} s</span></Show>
         <span class="grow" />
-        <Show when={props.add}><button type="button" class="main" onClick={() => props.add?.()}>Add to the model<span class="sr">: {it().label}</span></button></Show>
+        <Show when={props.add}><button type="button" class={props.isDoubtful ? "" : "main"} onClick={() => props.add?.()}>Add to the model<span class="sr">: {it().label}</span></button></Show>
       </div>
       <div class={picture() ? "side" : "stack"}>
         <div class="stack">
@@ -199,7 +205,7 @@ function Card(props: { finding: Finding; found: Diagnosis; add?: (() => void) | 
               )}
             </For>
           </dl>
-          <p class="small muted">{it().reason}</p>
+          <p class="small muted">{it().reason}<Show when={props.isDoubtful}>. Not to be trusted while the rest is unexplained.</Show></p>
           <Rivals finding={it()} />
         </div>
         <Show when={picture()}>
@@ -261,11 +267,18 @@ function ProposalCard(props: { proposal: Proposal; add: (() => void) | undefined
         )}
       </For>
       <Show when={props.proposal.correlates.length > 0}>
-        <p class="small muted">{props.proposal.correlates.map((one) => `${channelTitle(one.channel)} follows ${one.regressor} (correlation ${short(one.correlation)})`).join("; ")}.</p>
+        <p class="small muted">{followWords(props.proposal.correlates)}</p>
       </Show>
       <p class="small muted">Found by regression of a residual: a correlation with a dimension, not yet physics.</p>
     </article>
   );
+}
+
+/** What residuals follow most: channels with one regressor together. */
+function followWords(correlates: Proposal["correlates"]): string {
+  const found = new Map<string, string[]>();
+  for (const one of correlates) found.set(one.regressor, [...(found.get(one.regressor) ?? []), `${channelTitle(one.channel)} (correlation ${short(one.correlation)})`]);
+  return [...found].map(([regressor, channels]) => `${channels.join(", ")} ${channels.length === 1 ? "follows" : "follow"} ${regressor}.`).join(" ");
 }
 
 type Ranked = Diagnosis["ranking"][number];

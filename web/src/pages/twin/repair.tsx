@@ -89,12 +89,12 @@ export function Repair(props: { twin: Twin; findings: readonly Finding[]; refusa
               {(group) => (
                 <tr>
                   <th scope="row">{group.title}</th>
-                  <td>
+                  <td data-label="Axes of the file">
                     <select aria-label={`axes of ${group.title.toLowerCase()}`} onChange={(event) => chooseAxes(group.key, event.currentTarget.selectedIndex)}>
                       <For each={optionsOf(group.key)}>{([name, axes]) => <option selected={sameAxes(axes, axesOf(group.key))}>{name}</option>}</For>
                     </select>
                   </td>
-                  <td>
+                  <td data-label="Unit of the file">
                     <select aria-label={`unit of ${group.title.toLowerCase()}`} onChange={(event) => chooseUnit(group.key, event.currentTarget.value)}>
                       <option value="" selected={choice().units[group.key] === undefined}>as it was read</option>
                       <For each={group.units}>{([unit, name]) => <option value={unit} selected={choice().units[group.key] === unit}>{name}</option>}</For>

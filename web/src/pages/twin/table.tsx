@@ -5,7 +5,7 @@ import { ask, get } from "../../api/client";
 import type { JobView } from "../../api/job";
 import { createLoad } from "../../api/load";
 import { count, short } from "../../format";
-import { CLOCKS, type Choice, type Column, NOTHING, QUANTITIES, TIME, Table, choiceOf, mayBeTable, placesOfFinding } from "../../model/table";
+import { CLOCKS, type Choice, type Column, NOTHING, QUANTITIES, TIME, Table, choiceOf, mayBeTable, numberIn, placesOfFinding } from "../../model/table";
 import { findingTitle } from "../../model/twin";
 import { Problem, saveText } from "../../parts/bits";
 import { createTyped } from "../../typed";
@@ -107,8 +107,8 @@ export function TableForm(props: { twin: Twin; findings: readonly { kind: string
                           <td>
                             <Show when={quantity.key === "duty" && names().length > 0}>
                               <div class="fields">
-                                <label class="field">Zero throttle<input type="text" inputmode="decimal" size="7" value={shown().low()} aria-invalid={complaint("duty") !== undefined} onInput={(event) => change({ low: event.currentTarget.value })} /></label>
-                                <label class="field">Full throttle<input type="text" inputmode="decimal" size="7" value={shown().high()} aria-invalid={complaint("duty") !== undefined} onInput={(event) => change({ high: event.currentTarget.value })} /></label>
+                                <label class="field">Zero throttle<input type="text" inputmode="decimal" size="7" value={shown().low()} aria-invalid={complaint("duty") !== undefined && isAtFault(shown().low(), shown().high())} onInput={(event) => change({ low: event.currentTarget.value })} /></label>
+                                <label class="field">Full throttle<input type="text" inputmode="decimal" size="7" value={shown().high()} aria-invalid={complaint("duty") !== undefined && isAtFault(shown().high(), shown().low())} onInput={(event) => change({ high: event.currentTarget.value })} /></label>
                               </div>
                               <Complaint sentence={complaint("duty")} />
                             </Show>
@@ -147,6 +147,9 @@ export function TableForm(props: { twin: Twin; findings: readonly { kind: string
 }
 
 const NOTHING_TYPED = { ...NOTHING, clock: undefined, rate: undefined, low: undefined, high: undefined } as unknown as Partial<Choice>;
+
+/** Of two fields with one complaint: which of them it is about. */
+const isAtFault = (typed: string, other: string) => numberIn(typed) === undefined || numberIn(other) !== undefined;
 
 const isAnswered = (table: Table, key: string) => QUANTITIES.some((one) => one.key === key && table.of(one).length > 0);
 

@@ -6,6 +6,7 @@ import { percent, short } from "../../format";
 import { Figures, Problem } from "../../parts/bits";
 import { VehiclePicture } from "../../parts/vehicle-picture";
 import type { Geometry } from "../../replay/motion";
+import { Known } from "../../shown/known";
 import { FromLog } from "./from-log";
 import { Step } from "./step";
 import type { Twin } from "./state";
@@ -24,6 +25,7 @@ export function Vehicle(props: { twin: Twin }) {
   const geometry = createLoad(() => props.twin.vehicle(), (name, signal) => ask<FullGeometry>("GET", `/api/v1/vehicles/${encodeURIComponent(name)}/geometry`, undefined, { signal }));
   const models = () => (names.data()?.models ?? []).filter((name) => !names.data()?.vehicles.includes(name));
   const [opened, setOpen] = createSignal<boolean>();
+  const [known, setKnown] = createSignal(false);
   const open = () => opened() ?? (props.twin.identification() !== undefined || props.twin.unfit() !== undefined);
   // Asked for from another step: the form opens where the eyes are led to.
   createEffect(on(() => props.twin.fromLog(), (asked) => {
@@ -104,6 +106,10 @@ export function Vehicle(props: { twin: Twin }) {
               The values are those of the vehicle's document (<a href={`/library?kind=vehicles&name=${encodeURIComponent(props.twin.vehicle())}`}>read it</a>).
               The log decides what they miss.
             </p>
+            <details onToggle={(event) => setKnown(event.currentTarget.open)}>
+              <summary>How well its values are known, with 95 % intervals</summary>
+              <Show when={known()}><Known vehicle={props.twin.vehicle()} /></Show>
+            </details>
           </Show>
           <div class="row">
             <button type="button" aria-expanded={open()} aria-controls="from-log" onClick={() => setOpen(!open())}>A new one from this {props.twin.logs().length > 0 ? "log" : "run"}</button>
