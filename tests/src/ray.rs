@@ -107,10 +107,22 @@ impl RayCluster {
     /// # Panics
     /// The cluster has ended.
     pub fn kill_node(&mut self, number: usize) {
+        self.order(&format!("kill {number}"));
+    }
+
+    /// Another node in place of one that was killed.
+    ///
+    /// # Panics
+    /// The cluster has ended.
+    pub fn add_node(&mut self, number: usize) {
+        self.order(&format!("add {number}"));
+    }
+
+    fn order(&mut self, words: &str) {
         let stdin = self.stdin.as_mut().expect("it is open");
-        writeln!(stdin, "kill {number}").expect("it listens");
+        writeln!(stdin, "{words}").expect("it listens");
         let said = self.line();
-        assert_eq!(said["done"], format!("kill {number}"));
+        assert_eq!(said["done"], words);
     }
 }
 

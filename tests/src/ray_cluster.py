@@ -1,7 +1,7 @@
 """A Ray cluster of this machine for the tests: a head that does nothing and two nodes of one CPU each.
 
 Says as a line of JSON where its dashboard is, then takes commands, one a line: `kill N` kills the raylet of a node with -9, and all that it has
-started, as where a machine dies. Ends with its standard input. An argument is the port of the dashboard; without one it is a free one. With RAY_AUTH_MODE=token
+started, as where a machine dies; `add N` adds a node in its place. Ends with its standard input. An argument is the port of the dashboard; without one it is a free one. With RAY_AUTH_MODE=token
 in the environment it asks for the token RAY_AUTH_TOKEN.
 """
 
@@ -81,6 +81,8 @@ def main() -> None:
             word, _, number = line.strip().partition(" ")
             if word == "kill":
                 kill(cluster, nodes[int(number)])
+            elif word == "add":
+                nodes[int(number)] = cluster.add_node(num_cpus=1, object_store_memory=100 << 20)
             print(json.dumps({"done": line.strip()}), flush=True)
     finally:
         cluster.shutdown()

@@ -3,8 +3,10 @@
 
 use rotortwin_tests::cable::Cable;
 use rotortwin_tests::certificates::certificates;
+use rotortwin_tests::postgres::Postgres;
 use rotortwin_tests::process::wait_until;
 use rotortwin_tests::program::{Call, program, read_json};
+use rotortwin_tests::random::Random;
 use rotortwin_tests::ray::{RayCluster, alone, executors_environment};
 use rotortwin_tests::scratch::{Scratch, repository};
 use rotortwin_tests::server::Server;
@@ -14,7 +16,7 @@ use std::net::TcpStream;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 use std::thread::sleep;
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 /// Longest wait for anything, on a busy machine.
 const PATIENCE: Duration = Duration::from_secs(180);
@@ -278,6 +280,95 @@ fn scenario_a_campaign_by_ray_survives_the_death_of_a_node_and_of_the_server() {
             && error.contains("has no program '/nowhere/rotortwin'")
             && error.contains("(3 attempts)"),
         "{failed}"
+    );
+}
+
+/// Seed and length of the random deaths, s; `ROTORTWIN_RAY_SEED` and `ROTORTWIN_RAY_SECONDS` replace them.
+const DEATHS: [(&str, u64); 2] = [("ROTORTWIN_RAY_SEED", 1), ("ROTORTWIN_RAY_SECONDS", 45)];
+
+#[test]
+fn scenario_random_deaths_of_nodes_server_and_postgres_change_no_byte() {
+    let _alone = alone();
+    let Some(mut cluster) = RayCluster::start() else { return };
+    let scratch = Scratch::new();
+    let Some(mut postgres) = Postgres::start(scratch.folder()) else {
+        return;
+    };
+    let document = campaign("by-ray", PARTS, 120.0);
+    let here = on_one_machine(&scratch, &document);
+    let [seed, seconds] =
+        DEATHS.map(|(name, usual)| std::env::var(name).map_or(usual, |text| text.parse().expect("a whole number")));
+    let mut random = Random::new(seed);
+
+    let data = scratch.path("data");
+    let (url, artifacts) = (postgres.url(), scratch.path("artifacts").display().to_string());
+    let executor = format!("ray={}", cluster.url());
+    let program = program().display().to_string();
+    let words = [
+        "--database-url",
+        &url,
+        "--artifacts",
+        &artifacts,
+        "--workers",
+        "1",
+        "--executor",
+        &executor,
+        "--ray-program",
+        &program,
+    ];
+    let mut server = Server::start_at("127.0.0.1:0", &data, &words);
+    let address = server.address().to_owned();
+    let ids: Vec<String> = (0..2)
+        .map(|_| server.submit_to("campaigns", &json!({ "text": document })))
+        .collect();
+
+    let begun = Instant::now();
+    let (mut dead, mut deaths) = ([false; 2], [0; 3]);
+    while begun.elapsed() < Duration::from_secs(seconds) {
+        sleep(Duration::from_secs(2) + random.duration(Duration::from_secs(4)));
+        let node = usize::from(random.below(2) == 1);
+        match random.below(4) {
+            0 => {
+                server.kill();
+                sleep(random.duration(Duration::from_secs(2)));
+                server = Server::start_at(&address, &data, &words);
+                deaths[1] += 1;
+            }
+            1 => {
+                postgres.kill();
+                sleep(random.duration(Duration::from_secs(2)));
+                postgres.up();
+                deaths[2] += 1;
+            }
+            _ if dead[node] => {
+                cluster.add_node(node);
+                dead[node] = false;
+            }
+            _ => {
+                cluster.kill_node(node);
+                dead[node] = true;
+                deaths[0] += 1;
+            }
+        }
+    }
+    for node in (0..2).filter(|node| dead[*node]) {
+        cluster.add_node(node);
+    }
+    wait_for("the server is ready", || text(&server, "/readyz").starts_with("ready"));
+    let expected = std::fs::read(here.join("campaign.parquet")).expect("it is there");
+    for id in &ids {
+        let whole = server.ended_in("campaigns", id);
+        assert_eq!(whole["status"], "done", "{deaths:?}: {whole}");
+        let there = file_there(&server, &format!("campaigns/{id}"), "campaign.parquet");
+        assert!(
+            there == expected,
+            "campaign.parquet differs after {deaths:?} deaths of nodes, server, Postgres"
+        );
+    }
+    println!("{deaths:?} deaths of nodes, server, Postgres (seed {seed})");
+    assert!(
+        deaths.iter().all(|count| *count > 0),
+        "{deaths:?}: another seed or more time"
     );
 }
 
