@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import os
+import subprocess
+import sys
 import time
 from pathlib import Path
 from typing import Any
@@ -52,6 +55,36 @@ def test_scenario_a_ray_node_dies_in_mid_campaign(here: tuple[Path, Path], tmp_p
         ray.shutdown()
         cluster.shutdown()
     assert table.num_rows == 12 * 32
+    assert_same(one, tmp_path / "ray")
+
+
+DRIVER = """
+import sys
+import rotortwin
+file, out, program = sys.argv[1:]
+print("begun", flush=True)
+rotortwin.campaign(file, executor="ray", out=out, shards_per_task=1, program=program, progress=lambda present, _all: print(present, flush=True))
+"""
+
+
+def test_scenario_a_killed_driver_goes_on_where_it_was(here: tuple[Path, Path], tmp_path: Path) -> None:
+    from ray.cluster_utils import Cluster
+
+    file, one = here
+    cluster: Any = Cluster(initialize_head=True, head_node_args={"num_cpus": 1, "object_store_memory": 100 << 20})
+    environment = {**os.environ, "RAY_ADDRESS": cluster.address}
+    words = [sys.executable, "-c", DRIVER, str(file), str(tmp_path / "ray"), program()]
+    try:
+        with subprocess.Popen(words, env=environment, stdout=subprocess.PIPE, text=True) as driver:
+            assert driver.stdout is not None
+            seen = [line.strip() for line in iter(driver.stdout.readline, "3\n") if line]
+            driver.kill()
+        assert "12" not in seen, "it was not killed half-way"
+        again = subprocess.run(words, env=environment, stdout=subprocess.PIPE, text=True, timeout=300, check=True)
+    finally:
+        cluster.shutdown()
+    counts = [int(word) for word in again.stdout.split() if word.isdigit()]
+    assert counts[0] >= 3, f"it began anew: {counts}"
     assert_same(one, tmp_path / "ray")
 
 
