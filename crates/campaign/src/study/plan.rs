@@ -132,7 +132,7 @@ pub struct PlannedFlight {
     pub index: u64,
     /// Seed of its noise and draws of the vehicle.
     pub seed: u64,
-    /// In the order of the axes.
+    /// Values in the order of the axes.
     pub parameters: Vec<Parameter>,
 }
 

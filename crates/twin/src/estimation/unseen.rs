@@ -51,7 +51,7 @@ pub struct HeldOutError {
     /// Without the effects found.
     #[schema(value_type = Option<f64>)]
     pub before: f64,
-    /// With them.
+    /// With the effects found.
     #[schema(value_type = Option<f64>)]
     pub after: f64,
     /// Standard deviation of `after − before`, from the scatter over the blocks.

@@ -39,11 +39,11 @@ pub struct Airframe {
     /// In the order of the outputs; in units of the arm.
     #[serde(skip)]
     pub places: Vec<Place>,
-    /// How it is known.
+    /// Where this comes from.
     pub source: Source,
     /// In words.
     pub how: String,
-    /// What the motion says, where it was asked.
+    /// What the motion indicates, if it was evaluated.
     pub motion: Option<Wiring>,
     /// The motion contradicts it, but the user insists: torques computed with this frame do not determine the inertia.
     #[serde(skip)]

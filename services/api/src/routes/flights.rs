@@ -35,7 +35,7 @@ pub(crate) async fn of_log(
     picture(&app, &caller, JobKind::Log, &id?.0).await
 }
 
-/// A flight over time, of a run: what its sensors said, not the truth.
+/// A flight over time, of a run: as measured by its sensors, not the truth.
 #[utoipa::path(get, path = "/api/v1/runs/{id}/flight", tag = "telemetry", operation_id = "run_flight", params(("id" = String, Path)), responses(
     (status = 200, description = "the flight", body = FlightPicture),
     (status = 400, description = "invalid id", body = Problem, content_type = "application/problem+json"),

@@ -32,12 +32,12 @@ pub(crate) struct Asked {
         pattern = "^[^,:=]+:[^,:=]+(,[^,:=]+:[^,:=]+)*$"
     )]
     parameters: Option<String>,
-    /// Manoeuvre to fly; without it all are flown and the one that shows the effect best is used.
+    /// Manoeuvre to fly; by default all are flown, and the one that shows the effect best is used.
     #[param(example = "speed-runs")]
     flight: Option<String>,
 }
 
-/// What an effect does to the channels of a simulated flight, over time and over the conditions that excite it.
+/// How an effect changes the channels of a simulated flight, over time and over the conditions that excite it.
 #[utoipa::path(get, path = "/api/v1/catalogue/{effect}/picture", tag = "library", operation_id = "effect_picture", params(("effect" = String, Path), Asked), responses(
     (status = 200, description = "the channels that the effect changes most", body = EffectPicture),
     (status = 400, description = "invalid parameter", body = Problem, content_type = "application/problem+json"),

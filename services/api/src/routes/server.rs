@@ -18,7 +18,7 @@ use utoipa::{IntoParams, ToSchema};
 /// Longest wait for the store of files.
 const STORE_PATIENCE: std::time::Duration = std::time::Duration::from_secs(3);
 
-/// The process lives.
+/// The process is alive.
 #[utoipa::path(get, path = "/healthz", tag = "server", responses((status = 200, description = "alive", body = String)))]
 pub(crate) async fn healthz() -> &'static str {
     "alive\n"

@@ -45,21 +45,22 @@ const KIND: JobKind = JobKind::Verification;
 /// Where the job finds the run.
 const RUN: &str = "run";
 
-/// What a second execution gave.
+/// Result of a second execution.
 #[derive(Debug, Serialize, ToSchema)]
 pub(crate) struct Verification {
     /// The hashes are equal.
     same: bool,
-    /// Of the run.
+    /// Run hash of the run.
     recorded: String,
-    /// Of the second execution, in one process.
+    /// Run hash of the second execution, in one process.
     again: String,
-    /// Why the hashes may differ: an external controller flew the run, and ours the second execution. Absent otherwise.
+    /// Why the hashes may differ: an external controller flew the run, and the built-in one the second execution.
+    /// Absent otherwise.
     #[serde(skip_serializing_if = "Option::is_none")]
     note: Option<String>,
-    /// How long it took with its time in the queue, ms.
+    /// Duration including the time in the queue, ms.
     wall_ms: i64,
-    /// Id of the job that did it: `/api/v1/verifications/{id}`.
+    /// Id of the verification job: `/api/v1/verifications/{id}`.
     job: String,
 }
 
@@ -68,7 +69,7 @@ pub(crate) struct Verification {
 #[utoipa::path(post, path = "/api/v1/runs/{id}/verify", tag = "runs", operation_id = "verify_run",
     params(("id" = String, Path), ("Idempotency-Key" = Option<String>, Header, description = "a retry with the same key waits for the same job")), responses(
     (status = 200, description = "compared", body = Verification),
-    (status = 202, description = "it continues: ask again with the same Idempotency-Key, or follow the job", body = JobView,
+    (status = 202, description = "still running: ask again with the same Idempotency-Key, or follow the job", body = JobView,
      headers(("Location" = String, description = "URL of the job"))),
     (status = 400, description = "invalid id", body = Problem, content_type = "application/problem+json"),
     (status = 404, description = "run not found", body = Problem, content_type = "application/problem+json"),

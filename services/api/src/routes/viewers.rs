@@ -28,12 +28,12 @@ const LOOK: Duration = Duration::from_secs(2);
 /// A viewer that receives nothing for this long is gone.
 const PATIENCE: Duration = Duration::from_secs(10);
 
-/// A run live in Foxglove and Lichtblick, by Foxglove's WebSocket protocol.
+/// A run, live in Foxglove and Lichtblick, over Foxglove's WebSocket protocol.
 #[utoipa::path(get, path = "/api/v1/runs/{id}/foxglove", tag = "telemetry", operation_id = "run_foxglove", params(("id" = String, Path)), responses(
     (status = 101, description = "a WebSocket with the subprotocol foxglove.sdk.v1 or foxglove.websocket.v1"),
     (status = 400, description = "not a WebSocket request with one of these subprotocols", body = Problem, content_type = "application/problem+json"),
     (status = 404, description = "run not found", body = Problem, content_type = "application/problem+json"),
-    (status = 422, description = "this version cannot show the run", body = Problem, content_type = "application/problem+json"),
+    (status = 422, description = "this version cannot display the run", body = Problem, content_type = "application/problem+json"),
     (status = 426, description = "not a WebSocket request", body = Problem, content_type = "application/problem+json")
 ))]
 pub(crate) async fn view(
