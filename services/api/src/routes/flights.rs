@@ -16,7 +16,7 @@ use std::ffi::OsString;
 use std::time::Duration;
 
 /// Longest time that a log takes.
-const PATIENCE: Duration = Duration::from_secs(60);
+const ANSWER_TIMEOUT: Duration = Duration::from_secs(60);
 
 /// A flight over time, of an imported log.
 #[utoipa::path(get, path = "/api/v1/logs/{id}/flight", tag = "logs", operation_id = "log_flight", params(("id" = String, Path)), responses(
@@ -68,5 +68,5 @@ async fn picture(app: &App, caller: &Caller, kind: JobKind, id: &str) -> Result<
             .replace(&format!("{path}: "), "the log: ")
             .replace(&path, "the log")
     };
-    answered(app, words, PATIENCE, for_callers).await.map(json)
+    answered(app, words, ANSWER_TIMEOUT, for_callers).await.map(json)
 }

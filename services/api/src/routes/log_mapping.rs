@@ -16,7 +16,7 @@ use std::ffi::OsString;
 use std::time::Duration;
 
 /// Longest time that a table takes.
-const PATIENCE: Duration = Duration::from_secs(60);
+const ANSWER_TIMEOUT: Duration = Duration::from_secs(60);
 
 /// Drafts a mapping for an uploaded CSV with column names of its own, whether or not its import failed.
 ///
@@ -43,6 +43,6 @@ pub(crate) async fn draft(
     // Its owner knows the file by the name that it was sent under.
     let path = file.display().to_string();
     let for_callers = |text: &str| text.replace(&path, &facts.file);
-    let text = answered(&app, words, PATIENCE, for_callers).await?;
+    let text = answered(&app, words, ANSWER_TIMEOUT, for_callers).await?;
     Ok(json(for_callers(&text)))
 }

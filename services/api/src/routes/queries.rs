@@ -27,7 +27,7 @@ const LONGEST_SQL: usize = 100_000;
 /// Longest answer, bytes.
 const LONGEST_ANSWER: u64 = 32 << 20;
 /// Longest wait for those that came before.
-const PATIENCE: Duration = Duration::from_secs(30);
+const QUEUE_TIMEOUT: Duration = Duration::from_secs(30);
 /// Most that a query puts onto the disk, MB.
 const MOST_SPILLED_MB: u64 = 4000;
 /// Memory that a query may use in addition to Python's own, MB, if jobs may use four times as much.
@@ -111,7 +111,7 @@ pub(crate) async fn query(
         )));
     }
     let folders = folders(&app, &caller, &query).await?;
-    let turn = tokio::time::timeout(PATIENCE, app.queries.acquire()).await;
+    let turn = tokio::time::timeout(QUEUE_TIMEOUT, app.queries.acquire()).await;
     let Ok(Ok(_turn)) = turn else {
         return Err(Problem::unavailable("too many queries at the same time; retry later"));
     };

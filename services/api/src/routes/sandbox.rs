@@ -14,7 +14,7 @@ use std::time::Duration;
 use utoipa::IntoParams;
 
 /// Longest time that a picture takes.
-const PATIENCE: Duration = Duration::from_secs(60);
+const ANSWER_TIMEOUT: Duration = Duration::from_secs(60);
 
 /// On which vehicle, how large.
 #[derive(Debug, Deserialize, IntoParams)]
@@ -83,5 +83,5 @@ pub(crate) async fn picture(
         words.push(library.file("effects", &name, "toml").into());
     }
     let for_callers = |sentence: &str| library.without_root(&sentence);
-    answered(&app, words, PATIENCE, for_callers).await.map(json)
+    answered(&app, words, ANSWER_TIMEOUT, for_callers).await.map(json)
 }

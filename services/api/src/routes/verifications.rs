@@ -36,7 +36,7 @@ super::collection!(
 );
 
 /// A request waits this long; the job continues. Proxies and clients give up after 30 to 60 s.
-const PATIENCE: Duration = Duration::from_secs(20);
+const WAIT_TIMEOUT: Duration = Duration::from_secs(20);
 /// Time limit of the second execution.
 const LONGEST: Duration = Duration::from_secs(600);
 /// Another process may have written the end.
@@ -140,7 +140,7 @@ pub(crate) async fn verify(
     compared(&app, Some(&run), &job.id).await
 }
 
-/// The answer once the job has ended, or the job as it is after [`PATIENCE`]. `run`: the run that it repeats, if it
+/// The answer once the job has ended, or the job as it is after [`WAIT_TIMEOUT`]. `run`: the run that it repeats, if it
 /// exists.
 async fn compared(app: &App, run: Option<&Job>, id: &str) -> Result<Response, Problem> {
     let job = ended(app, id).await?;
@@ -199,7 +199,7 @@ fn note_of_others(run: &Job) -> Option<String> {
     ))
 }
 
-/// The job once it has ended, or as it is after [`PATIENCE`].
+/// The job once it has ended, or as it is after [`WAIT_TIMEOUT`].
 async fn ended(app: &App, id: &str) -> Result<Job, Problem> {
     let begun = tokio::time::Instant::now();
     let mut news = app.database.hub.watch(id);
@@ -207,7 +207,7 @@ async fn ended(app: &App, id: &str) -> Result<Job, Problem> {
     loop {
         let gone = || Problem::not_found(format!("the verification {id} was deleted"));
         let job = app.database.get(id).await?.ok_or_else(gone)?;
-        if job.status.is_final() || begun.elapsed() > PATIENCE {
+        if job.status.is_final() || begun.elapsed() > WAIT_TIMEOUT {
             return Ok(job);
         }
         if *ending.borrow_and_update() {

@@ -26,7 +26,7 @@ use tokio::sync::broadcast::{Receiver, error::RecvError};
 /// How often to check whether the run has ended, in case no notification arrives.
 const LOOK: Duration = Duration::from_secs(2);
 /// A viewer that receives nothing for this long is gone.
-const PATIENCE: Duration = Duration::from_secs(10);
+const SEND_TIMEOUT: Duration = Duration::from_secs(10);
 
 /// A run, live in Foxglove and Lichtblick, over Foxglove's WebSocket protocol.
 #[utoipa::path(get, path = "/api/v1/runs/{id}/foxglove", tag = "telemetry", operation_id = "run_foxglove", params(("id" = String, Path)), responses(
@@ -192,7 +192,7 @@ impl Show {
 }
 
 async fn send(socket: &mut WebSocket, message: Message) -> Result<(), Gone> {
-    match tokio::time::timeout(PATIENCE, socket.send(message)).await {
+    match tokio::time::timeout(SEND_TIMEOUT, socket.send(message)).await {
         Ok(Ok(())) => Ok(()),
         Ok(Err(_)) | Err(_) => Err(Gone),
     }
