@@ -46,7 +46,7 @@ pub struct FlightRecord {
     pub parameters: Vec<(String, Cell)>,
     /// How it ended.
     pub status: FlightStatus,
-    /// Why it was not flown to its end; absent if it was.
+    /// Why it was not flown to its end; empty if it was.
     pub reason: String,
     /// Hash over all samples; that of the run folder of the same flight.
     pub run_hash: String,
