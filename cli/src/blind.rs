@@ -38,11 +38,11 @@ enum Sub {
     Generate(command::GenerateArgs),
     /// List what can be hidden: ids, parameters, typical sizes
     Effects {
-        /// As JSON
+        /// Print JSON
         #[arg(long)]
         json: bool,
     },
-    /// Merge parts of one bench (--cases) that were done elsewhere, and score it
+    /// Merge parts of one bench (--cases) that were run elsewhere, and score it
     Merge {
         /// Folders with parts, in any order; a case may be in several
         #[arg(required = true, value_name = "DIR")]
@@ -59,16 +59,16 @@ enum Sub {
 /// Which bench.
 #[derive(Debug, ClapArgs)]
 pub struct BenchArgs {
-    /// What to show; several with commas
+    /// Presets to run; several with commas
     #[arg(long, value_enum, value_delimiter = ',', default_value = "mixed")]
     pub preset: Vec<Preset>,
-    /// Cases of each preset
+    /// Cases per preset
     #[arg(long = "count", visible_alias = "n", value_name = "COUNT", default_value_t = 200)]
     pub n: usize,
-    /// Seed of the draws
+    /// Seed of the random draws
     #[arg(long, default_value_t = 1)]
     pub seed: u64,
-    /// Vehicle documents, taken in turn; several with commas
+    /// Vehicle documents, used in turn; several with commas
     #[arg(
         long = "model",
         alias = "vehicles",
@@ -84,7 +84,7 @@ pub struct BenchArgs {
     /// Folder of the results; a bench that was stopped is resumed there
     #[arg(long, value_name = "DIR", default_value = "runs/blind")]
     pub out: PathBuf,
-    /// Processes at a time [default: 1]
+    /// Number of parallel processes [default: 1]
     #[arg(long, value_name = "COUNT")]
     jobs: Option<usize>,
     /// Keep the generated logs

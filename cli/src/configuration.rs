@@ -72,12 +72,12 @@ pub struct ListArgs {
 /// Arguments of `rotortwin new`.
 #[derive(Debug, Parser)]
 pub struct NewArgs {
-    /// What to begin
+    /// Kind of document
     #[arg(value_enum)]
     kind: Written,
-    /// Its name: the file NAME.toml, here
+    /// Name of the document; it is written to NAME.toml in the current folder
     name: String,
-    /// Name or file of what is copied
+    /// Document to copy: a name or a file
     #[arg(long, value_name = "NAME")]
     from: String,
 }

@@ -24,7 +24,7 @@ pub struct Args {
     /// Scenario that each of them flies: a file, or a name that 'rotortwin list scenarios' shows
     #[arg(value_parser = crate::named::scenario(), requires = "controller", required_unless_present = "runs")]
     scenario: Option<PathBuf>,
-    /// Who flies, once for each: own; external, which joins over zenoh with the command that is printed; a board or an autopilot as with
+    /// Controllers that fly in turn: own; external, which joins over zenoh by the printed command; a board or an autopilot as with
     /// 'rotortwin fly --controller'
     #[arg(long, value_name = "WHO", requires = "scenario")]
     controller: Vec<Who>,
@@ -43,7 +43,7 @@ pub struct Args {
     /// Longest wait for a controller to join, ms
     #[arg(long, value_name = "MS", default_value_t = 600_000, value_parser = clap::value_parser!(u64).range(1..=3_600_000))]
     join_timeout: u64,
-    /// Longest wait for an answer, ms
+    /// Longest wait for a reply, ms
     #[arg(long, value_name = "MS", default_value_t = 5_000, value_parser = clap::value_parser!(u64).range(1..=3_600_000))]
     step_timeout: u64,
     /// A vehicle has recovered from a fault when it stays this close to its reference, m

@@ -22,7 +22,7 @@ pub struct Args {
     /// Effect document of your own to consider as well; may be given several times
     #[arg(long, value_name = "FILE", value_parser = crate::named::effect())]
     pub effects: Vec<PathBuf>,
-    /// At least three healthy flights of the same vehicle: what has changed since, by the thrust commanded of each rotor
+    /// At least three healthy flights of the same vehicle: reports changes since then, from the commanded thrust of each rotor
     #[arg(long, num_args = 1.., value_name = "LOG")]
     pub baseline: Vec<PathBuf>,
     /// Write report.html, diagnosis.json and diagnosis.txt into this folder, and proposed-effect.toml if the catalogue does not explain the error; must not exist or

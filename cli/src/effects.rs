@@ -31,12 +31,12 @@ pub struct Args {
 
 #[derive(Debug, Subcommand)]
 enum Command {
-    /// Equation, parameters, how to excite it, what it is confused with
+    /// Show an effect: equation, parameters, how to excite it, similar effects
     Show {
         /// Id of the effect
         id: String,
     },
-    /// What it does to a simulated flight, over the flight condition that excites it
+    /// Plot how an effect changes a simulated flight, over the flight condition that excites it
     Plot(PlotArgs),
 }
 
@@ -51,10 +51,10 @@ struct PlotArgs {
     /// Folder of the models
     #[arg(long, value_name = "DIR", default_value = "models")]
     models: PathBuf,
-    /// Value of a parameter, such as drag_n_s_m=0.3; without it the typical one
+    /// Value of a parameter, such as drag_n_s_m=0.3 [default: the typical value]
     #[arg(long, value_name = "KEY=VALUE")]
     set: Vec<String>,
-    /// Manoeuvre to fly; without it all are flown and the one that shows the effect best is used
+    /// Manoeuvre to fly [default: the one that shows the effect best]
     #[arg(long, value_name = "NAME")]
     flight: Option<String>,
 }

@@ -42,22 +42,22 @@ pub struct LogArgs {
     /// Healthy flights of the same vehicle, from which the detectors learn deviations from the model
     #[arg(long, num_args = 1.., value_name = "LOG")]
     healthy: Vec<PathBuf>,
-    /// Print the whole report as JSON; of several logs a list
+    /// Print the whole report as JSON; a list for several logs
     #[arg(long)]
     json: bool,
-    /// With --json: every window of all detectors, too
+    /// With --json: also every window of all detectors
     #[arg(long, requires = "json")]
     windows: bool,
-    /// With --json: trajectory, parts, motor outputs and vibration of the flight, too, as a page draws them
+    /// With --json: also trajectory, parts, motor outputs and vibration of the flight, for plotting
     #[arg(long = "over-time", visible_alias = "flight", requires = "json")]
     flight: bool,
     /// Score the verdicts: a CSV file time_s,rotor,loss[,log], or the name of a column of the log (0 healthy, the damaged rotor, -1 several)
     #[arg(long, value_name = "FILE|COLUMN")]
     truth: Option<PathBuf>,
-    /// As --truth with the name of a column, even if a file has that name; used by the server
+    /// Like --truth with the name of a column, even if a file has that name; used by the server
     #[arg(long, value_name = "COLUMN", hide = true, conflicts_with = "truth")]
     truth_column: Option<String>,
-    /// Write every window of all detectors into this Parquet file, or CSV by its ending
+    /// Write every window of all detectors into this file, Parquet or CSV by its extension
     #[arg(long, value_name = "FILE")]
     series: Option<PathBuf>,
     /// Write a self-contained page into this file

@@ -24,7 +24,7 @@ pub(crate) struct Args {
     /// MODEL, MODEL@BRANCH, MODEL@v2, or a file: its effects are in the plant
     #[arg(long, value_name = "MODEL")]
     model: String,
-    /// Flights, with the scenario's seed and those after it
+    /// Number of flights; seeds count up from the scenario's
     #[arg(long, value_name = "COUNT", default_value_t = 5)]
     flights: u64,
 }

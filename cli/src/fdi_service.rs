@@ -19,7 +19,7 @@ pub struct DetectorArgs {
     /// Classifier, a file or a name; without one the network gives no verdict
     #[arg(long, value_name = "CLASSIFIER", value_parser = crate::named::classifier())]
     classifier: Option<PathBuf>,
-    /// A key of the [fdi] table of scenarios, such as calibration_end_s=5; by default as the classifier was trained
+    /// Set a key of the [fdi] table of scenarios, such as calibration_end_s=5 [default: as the classifier was trained]
     #[arg(long, value_name = "KEY=VALUE")]
     set: Vec<String>,
 }

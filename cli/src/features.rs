@@ -21,10 +21,10 @@ pub struct Args {
     /// Table to write (Parquet)
     #[arg(long, value_name = "FILE")]
     out: PathBuf,
-    /// The windows as which network reads them
+    /// Network whose inputs are written
     #[arg(long, value_enum, default_value_t = Reader::Paper)]
     method: Reader,
-    /// Only the first flights
+    /// Only this many flights
     #[arg(long, value_name = "COUNT", value_parser = clap::value_parser!(u64).range(1..))]
     limit: Option<u64>,
     /// Threads [default: as many as this process may use]
@@ -38,9 +38,9 @@ pub struct Args {
 /// Which network reads them, as `train --method`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 enum Reader {
-    /// Residuals of rotors that follow the duty at once
+    /// Residuals without rotor lag
     Paper,
-    /// Residuals with the rotor lag, less their mean over the calibration
+    /// Residuals with rotor lag, minus their mean over the calibration
     Improved,
 }
 

@@ -50,7 +50,7 @@ struct Input {
     /// CSV files of a test stand, or a text log of ArduPilot with --message
     #[arg(required = true)]
     files: Vec<PathBuf>,
-    /// Column of a role, by header or number: time=1:s, thrust=2:kg (-kg turns the sign), voltage=Volt:cV
+    /// Column of a quantity, by header or number: time=1:s, thrust=2:kg (-kg reverses the sign), voltage=Volt:cV
     #[arg(long = "map", value_name = "ROLE=COLUMN[:UNIT]")]
     map: Vec<String>,
     /// Message of a text log of ArduPilot
@@ -59,7 +59,7 @@ struct Input {
     /// Time between rows if there is no time column, s
     #[arg(long, value_name = "S")]
     period_s: Option<f64>,
-    /// Pulse at duty 0 and at duty 1, e.g. 1050:1950
+    /// Pulse width at duty 0 and at duty 1, e.g. 1050:1950
     #[arg(long, value_name = "ZERO:ONE")]
     pulse: Option<String>,
     /// Times to use, s, e.g. 10:70

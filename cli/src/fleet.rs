@@ -27,9 +27,9 @@ pub struct Args {
 /// What is asked for.
 #[derive(Debug, clap::Subcommand)]
 enum Action {
-    /// Judge flight logs of a vehicle and add them to its file; a log that is already in it counts once
+    /// Judge flight logs of a vehicle and add them to its file; a log that is already in it is not counted again
     Add(Box<AddArgs>),
-    /// Each rotor over the flights: bias, loss, what to inspect; without a name all vehicles
+    /// Show each rotor over the flights: bias, loss, what to inspect; without a name all vehicles
     Show(ShowArgs),
     /// Acknowledge that rotors have been inspected: earlier findings need no further inspection
     Acknowledge(MaintainArgs),
@@ -58,7 +58,7 @@ struct ShowArgs {
     /// Name of the vehicle
     #[arg(value_name = "VEHICLE", value_parser = journal::vehicle_name)]
     vehicle: Option<String>,
-    /// Print everything as JSON; of all vehicles a list
+    /// Print everything as JSON; a list for all vehicles
     #[arg(long)]
     json: bool,
     /// Write a self-contained page into this file
@@ -80,7 +80,7 @@ struct MaintainArgs {
     /// What was found or done
     #[arg(long, value_name = "TEXT", default_value = "")]
     note: String,
-    /// When, UTC; now if absent
+    /// Date, UTC [default: now]
     #[arg(long, value_name = "DATE", value_parser = journal::date)]
     date: Option<String>,
 }

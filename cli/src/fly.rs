@@ -546,7 +546,7 @@ fn open(args: &Args, foreign: &Foreign, scenario: &Scenario, seed: u64) -> Resul
     };
     open_autopilot(autopilot, args.pilot, waits, scenario, seed)
         .map(|opened| Peers::Autopilot(*autopilot, opened))
-        .map_err(|refused| refused.told(&args.scenario))
+        .map_err(|refused| refused.into_failure(&args.scenario))
 }
 
 /// Processors for the processes of a flight. In lockstep they wait for each other, and the rest of the machine is left to other

@@ -28,13 +28,13 @@ pub struct Args {
     /// Folder of the models
     #[arg(long, value_name = "DIR", default_value = "models")]
     pub models: PathBuf,
-    /// Logs of the same vehicle that no fit sees, as proof
+    /// Held-out logs of the same vehicle, not used in any fit
     #[arg(long, value_name = "LOG", num_args = 1..)]
     pub held_out: Vec<PathBuf>,
-    /// Take every step without asking
+    /// Accept every step without asking
     #[arg(long)]
     pub yes: bool,
-    /// What is really missing, if known: a model version, a file with `[[effect]]`, or the truth of 'rotortwin blind generate'
+    /// What is actually missing, if known: a model version, a file with `[[effect]]`, or the truth of 'rotortwin blind generate'
     #[arg(long, value_name = "FILE")]
     pub truth: Option<PathBuf>,
     /// Write report.html, improvement.json and improvement.txt into this folder; must not exist or be empty
@@ -43,7 +43,7 @@ pub struct Args {
     /// Write the final version into this file, as 'rotortwin model export' does
     #[arg(long = "final", value_name = "FILE")]
     pub final_version: Option<PathBuf>,
-    /// Time limit of each search for a missing effect, s; it then goes on with what has been proved so far
+    /// Time limit of each search for a missing effect, s; it then continues with what has been proved so far
     #[arg(long, value_name = "S", default_value_t = TIME_LIMIT_S, value_parser = clap::value_parser!(u32).range(1..=86_400))]
     pub time_limit: u32,
     /// Print the result as JSON, nothing else; needs --yes

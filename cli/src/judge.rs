@@ -24,7 +24,7 @@ pub struct Args {
     /// Name of the detector in tables, at most 40 characters
     #[arg(long, value_name = "NAME", conflicts_with = "classifier")]
     name: Option<String>,
-    /// In place of a file: this classifier, which must calibrate itself, with evidence that adds up over windows
+    /// Instead of a file: this self-calibrating classifier, with evidence accumulated over windows
     #[arg(long, value_name = "CLASSIFIER", value_parser = crate::named::classifier())]
     classifier: Option<PathBuf>,
     /// Print the new summary as JSON

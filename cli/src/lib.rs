@@ -83,7 +83,7 @@ use std::process::ExitCode;
 struct Cli {
     #[command(flatten)]
     server: network::remote::ServerArgs,
-    /// End when standard input is closed, which the parent process keeps open
+    /// Exit when standard input, held open by the parent process, is closed
     #[arg(long, hide = true)]
     end_with_stdin: bool,
     #[command(subcommand)]
@@ -93,7 +93,7 @@ struct Cli {
 /// What is asked for.
 #[derive(Debug, Subcommand)]
 pub enum Command {
-    /// Fly a scenario: plant, controller and FDI engine in lockstep; leaves a run folder
+    /// Fly a scenario: plant, controller and FDI engine in lockstep; writes a run folder
     #[command(after_help = examples::FLY)]
     Fly(fly::Args),
     /// Fly a recorded run again, in this process, and compare the run hash
@@ -102,7 +102,7 @@ pub enum Command {
     /// Print the summary of a run folder
     #[command(after_help = examples::SHOW)]
     Show(show::Args),
-    /// Give a run the verdicts of a detector of your own: its row, its lane, its topic
+    /// Add the verdicts of your own detector to a run: to its tables, plots and topics
     #[command(after_help = examples::JUDGE)]
     Judge(judge::Args),
     /// Write a whole run as one file: ULog, MCAP, Parquet, CSV
@@ -114,7 +114,7 @@ pub enum Command {
     /// Run the detectors over a flight log: verdicts over time, severity, what the log lacks
     #[command(after_help = examples::FDI_LOG)]
     FdiLog(fdi_log::LogArgs),
-    /// The flights of one vehicle: what each rotor loses over them, and which propeller to inspect
+    /// Thrust loss of each rotor over many flights of a vehicle, and which propeller to inspect
     #[command(after_help = examples::FLEET)]
     Fleet(fleet::Args),
     /// Vibration of a flight at the speed of each rotor, compared with healthy flights: finds chipped propellers
@@ -128,7 +128,7 @@ pub enum Command {
     /// Reproduce the paper's tables and figures, with its numbers and ours
     #[command(after_help = examples::REPRODUCE)]
     Reproduce(reproduce::Args),
-    /// The windows of a campaign's flights, with the truth, as a table to train on
+    /// Write the windows of a campaign's flights, with the truth, as a table to train on
     #[command(after_help = examples::FEATURES)]
     Features(features::Args),
     /// Compare models with flight logs: where, when and by how much they disagree
@@ -137,10 +137,10 @@ pub enum Command {
     /// Name the physical effect that a model lacks on flight logs, with evidence
     #[command(after_help = examples::DIAGNOSE)]
     Diagnose(diagnose::Args),
-    /// Compare, diagnose, add what is missing, compare again: until the model agrees, or the reason why it does not is known
+    /// Compare, diagnose, add what is missing, compare again, until the model agrees or the reason why it does not is known
     #[command(after_help = examples::IMPROVE)]
     Improve(improve::Args),
-    /// The manoeuvre that would distinguish two effects, as a scenario, with the evidence expected from it
+    /// Find the manoeuvre that would distinguish two effects, as a scenario, with its expected evidence
     #[command(after_help = examples::NEXT_FLIGHT)]
     NextFlight(next_flight::Args),
     /// The effects that a model may lack: list, equation, parameters; your own with --effects
@@ -158,25 +158,25 @@ pub enum Command {
     /// Vehicle constants from bench measurements: thrust, battery, motor lag
     #[command(after_help = examples::FIT)]
     Fit(fit::Args),
-    /// A vehicle of your own: from a flight log, its mass and its arm
+    /// Identify your own vehicle from a flight log, its mass and its arm length
     #[command(after_help = examples::VEHICLE)]
     Vehicle(vehicle::Args),
-    /// Blind bench of the diagnosis: logs with hidden effects from an independent simulator, and the score sheet
+    /// Blind bench of the diagnosis: logs with hidden effects from an independent simulator, and the score
     #[command(after_help = examples::BLIND)]
     Blind(Box<blind::Args>),
     /// Flight boards: list, info, doctor, measure (Table 11)
     #[command(after_help = examples::BOARD)]
     Board(board::Args),
-    /// Play the plant to a third-party controller, and report what is wrong with it: field, unit, sign, frame, order of motors, spin, rate …
+    /// Simulate the plant for a third-party controller, and report errors: field, unit, sign, frame, motor order, spin, rate …
     #[command(after_help = examples::CONFORM)]
     Conform(conform::Args),
     /// Fly one scenario with several controllers, or take recorded flights, and compare them in one table
     #[command(after_help = examples::CONTROLLERS)]
     Controllers(controllers::Args),
-    /// Put an autopilot's simulator build on a test stand, swing it, and report which of its motors are swapped or reversed
+    /// Put an autopilot's simulator build on a virtual test stand, swing it, and report which motors are swapped or reversed
     #[command(after_help = examples::SPIN_TEST)]
     SpinTest(spin_test::Args),
-    /// Do one job of any kind, described as JSON in a file, as a worker does for a server
+    /// Execute one job of any kind, described by a JSON file, as a worker does for a server
     #[command(after_help = examples::JOB)]
     Job(job::Args),
     /// A zenoh router that connects the processes of runs, with access control
@@ -191,18 +191,18 @@ pub enum Command {
     Campaigns(network::remote::JobArgs),
     /// Blind benches of a server: the same as for runs
     BlindBenches(network::remote::JobArgs),
-    /// Check that a server or router answers, or that a worker is alive: exit code 0 if so
+    /// Check that a server or router responds, or that a worker is alive: exit code 0 if so
     Health(network::health::Args),
     /// Manage access tokens: create, list, revoke
     Token(network::token::Args),
-    /// Do jobs for the servers that share a Postgres database, on this or another host
+    /// Execute jobs for the servers that share a Postgres database, on this or another host
     Worker(network::serve::WorkerArgs),
-    /// Do a part of a campaign or blind bench that a server has passed to a Ray cluster; started by Ray
+    /// Execute a part of a campaign or blind bench that a server has passed to a Ray cluster; started by Ray
     Part(network::part::Args),
     /// Scenarios, vehicles, campaigns … that can be given by name instead of a file
     #[command(after_help = examples::LIST)]
     List(configuration::ListArgs),
-    /// A document of your own, as a copy of an existing one
+    /// Create your own document as a copy of an existing one
     #[command(after_help = examples::NEW)]
     New(configuration::NewArgs),
     /// Folders in which documents are searched for by name, in order

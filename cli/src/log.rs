@@ -25,9 +25,9 @@ pub enum Command {
     Import(ImportArgs),
     /// Print columns, ranges, rate, gaps, and what a log can and cannot test
     Show(ShowArgs),
-    /// Draft the mapping of a CSV that another program wrote, for `log import --mapping`, with questions about what its columns do not state
+    /// Draft a mapping for a CSV from another program, for `log import --mapping`, with questions about what its columns leave open
     Map(MapArgs),
-    /// Write an example: a flight with a hidden effect, by the independent simulator of the blind bench, and the truth in a separate file
+    /// Write an example: a flight with a hidden effect from the independent simulator of the blind bench, and the truth in a separate file
     Example(crate::log_example::Args),
 }
 
@@ -57,7 +57,7 @@ pub struct MapArgs {
     /// Mapping file to write; it must not exist. Without it the mapping is printed
     #[arg(long, value_name = "FILE")]
     out: Option<PathBuf>,
-    /// Print the draft as JSON: layout, columns, rows with what they are based on, questions
+    /// Print the draft as JSON: layout, columns, rows with their evidence, questions
     #[arg(long, conflicts_with = "out")]
     json: bool,
 }
@@ -115,10 +115,10 @@ pub struct ShowArgs {
     file: PathBuf,
     #[command(flatten)]
     reading: Reading,
-    /// Print the account of the import as JSON
+    /// Print the import report as JSON
     #[arg(long)]
     json: bool,
-    /// Print the flight over time as JSON instead, as pages draw it: trajectory, parts, events, motor outputs, vibration spectra
+    /// Print the flight over time as JSON instead, for plotting: trajectory, parts, events, motor outputs, vibration spectra
     #[arg(long = "over-time", visible_alias = "flight", requires = "json")]
     flight: bool,
 }

@@ -12,13 +12,13 @@ pub struct Args {
     /// Vehicle document
     #[arg(long = "model", value_name = "VEHICLE", default_value = "f550", value_parser = crate::named::vehicle())]
     vehicle: PathBuf,
-    /// What the log is to show
+    /// Purpose of the log
     #[arg(long, value_enum, conflicts_with = "effect")]
     preset: Option<Example>,
-    /// What is hidden: an id, with a size and rotor that the seed draws, or id:parameter=value,…
+    /// Hidden effect: an id, with size and rotor drawn from the seed, or id:parameter=value,…
     #[arg(long)]
     effect: Option<String>,
-    /// Seed of every random stream, and of what is drawn
+    /// Seed of all random streams and draws
     #[arg(long, default_value_t = 1)]
     seed: u64,
     /// Length, s

@@ -51,7 +51,7 @@ enum Command {
         /// MODEL or MODEL@BRANCH
         model: String,
     },
-    /// Make a branch
+    /// Create a branch
     Branch {
         /// MODEL, MODEL@BRANCH or MODEL@v2: where the branch begins
         model: String,
@@ -60,9 +60,9 @@ enum Command {
     },
     /// Print what changed between two versions
     Diff {
-        /// Before
+        /// Earlier version
         before: String,
-        /// After
+        /// Later version
         after: String,
         /// Print the changes as JSON, nothing else
         #[arg(long)]
@@ -91,7 +91,7 @@ enum Command {
 
 #[derive(Debug, Parser)]
 struct Add {
-    /// MODEL or MODEL@BRANCH; a vehicle file begins a model of its name
+    /// MODEL or MODEL@BRANCH; a vehicle file starts a model with its name
     model: String,
     /// Effect of the catalogue, such as rotor-drag
     #[arg(required_unless_present = "from")]
@@ -102,7 +102,7 @@ struct Add {
     /// Add the effects that a diagnosis found, from the JSON of 'rotortwin diagnose --json'
     #[arg(long, value_name = "FILE", conflicts_with_all = ["effect", "rotor", "onset"])]
     from: Option<PathBuf>,
-    /// Only this one of them, from 1
+    /// Only this one of the effects, from 1
     #[arg(long, value_name = "NUMBER", requires = "from")]
     pick: Option<usize>,
     /// Add what a diagnosis proposes for an error that the catalogue does not explain

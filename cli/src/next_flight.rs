@@ -32,7 +32,7 @@ pub struct Args {
     /// Write the best manoeuvre as a scenario for 'rotortwin fly'; must not exist
     #[arg(long, value_name = "FILE", conflicts_with = "validate")]
     out: Option<PathBuf>,
-    /// Fly the proposal for each of the catalogue's confusable pairs, with either effect hidden, and count right answers
+    /// Fly the proposal for each of the catalogue's confusable pairs, with either effect hidden, and count correct answers
     #[arg(long, conflicts_with = "between")]
     validate: bool,
     /// Seed of the flights

@@ -50,7 +50,7 @@ pub struct Args {
     /// Folders with results, or s3://BUCKET/PREFIX with the credentials in AWS_…; subfolders included [default: runs]
     #[arg(value_name = "FOLDER")]
     folders: Vec<String>,
-    /// A folder, and the name of its rows in the column `folder`; may be given several times
+    /// A folder, and its name in the column `folder`; may be given several times
     #[arg(long = "named", value_name = "NAME=FOLDER", value_parser = named)]
     named: Vec<(String, String)>,
     /// Print one JSON object: columns, rows, and whether there are more
@@ -65,16 +65,16 @@ pub struct Args {
     /// Memory limit of the query, MB; the rest goes to a temporary folder
     #[arg(long, value_name = "MB", default_value_t = 512, value_parser = clap::value_parser!(u64).range(16..=1_000_000))]
     memory: u64,
-    /// Longest time of the query, s
+    /// Time limit of the query, s
     #[arg(long = "time-limit", visible_alias = "time", value_name = "S", default_value_t = 600, value_parser = clap::value_parser!(u64).range(1..=86_400))]
     time_s: u64,
     /// Threads [default: as many as this process may use]
     #[arg(long = "jobs", value_name = "COUNT", value_parser = clap::value_parser!(u16).range(1..=1024))]
     threads: Option<u16>,
-    /// The Python with DuckDB [default: python3 in the folder of this program, or else on the search path]
+    /// Python interpreter with DuckDB [default: python3 in the folder of this program, otherwise on the search path]
     #[arg(long, value_name = "PROGRAM", env = "ROTORTWIN_PYTHON")]
     python: Option<PathBuf>,
-    /// Largest result, bytes
+    /// Maximum size of the result, bytes
     #[arg(long, value_name = "BYTES", hide = true)]
     most_bytes: Option<u64>,
     /// Size limit of the temporary folder, MB

@@ -63,7 +63,7 @@ pub struct Args {
     /// Folder to write; must not exist or be empty [default: runs/reproduce, with a number if that exists]
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
-    /// Epochs of the network of [32]; its learning rate is 2e-3 over this (the paper: 2000, which takes minutes a seed)
+    /// Epochs of the network of [32]; its learning rate is 2e-3 over this (the paper: 2000, which takes minutes per seed)
     #[arg(long, value_name = "EPOCHS", default_value_t = 20, value_parser = clap::value_parser!(u32).range(1..=100_000))]
     tracking_epochs: u32,
     /// Write the paper's network, trained on all trajectories, as a classifier file

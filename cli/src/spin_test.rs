@@ -44,7 +44,7 @@ pub(crate) fn run(args: &Args) -> ExitCode {
     };
     let opened = match autopilot::open_autopilot(&args.autopilot, args.pilot, waits, &scenario, args.trial.seed) {
         Ok(opened) => opened,
-        Err(refused) => return output::told(&refused.told(&args.scenario)),
+        Err(refused) => return output::told(&refused.into_failure(&args.scenario)),
     };
     let tested = match opened {
         OpenedAutopilot::ArduPilot(mut link, _supervisor) => test(&mut *link, args, &scenario),

@@ -23,7 +23,7 @@ pub struct Args {
 
 #[derive(Debug, Subcommand)]
 enum Sub {
-    /// Make the classifier file of networks that were trained elsewhere (--networks): that of one machine, byte for byte
+    /// Make the classifier file from networks trained elsewhere (--networks): equal to that of one machine, byte for byte
     Merge(MergeArgs),
 }
 
@@ -50,15 +50,15 @@ pub struct TrainArgs {
     /// Train only these of the 1 + 4 SEEDS networks, FIRST..END, into the folder --out; 'rotortwin train merge' makes the classifier file
     #[arg(long, value_name = "FIRST..END", value_parser = output::range)]
     networks: Option<Range<u64>>,
-    /// What the network reads and how it is trained
+    /// Method: inputs and training of the network
     #[arg(long, value_enum, default_value_t = MethodArg::Paper)]
     method: MethodArg,
     #[command(flatten)]
     common: Common,
-    /// How often every window is seen [default: 5; improved: 30]
+    /// Number of epochs [default: 5; improved: 30]
     #[arg(long, value_name = "COUNT", value_parser = clap::value_parser!(u32).range(1..=10_000), help_heading = "Training")]
     epochs: Option<u32>,
-    /// Hidden neurons, at most three a rotor [default: three a rotor]
+    /// Hidden neurons, at most three per rotor [default: three per rotor]
     #[arg(long, value_name = "COUNT", value_parser = clap::value_parser!(u32).range(1..=48), help_heading = "Training")]
     hidden: Option<u32>,
     /// Update rule of the weights [default: sgdm; improved: adam]
@@ -73,7 +73,7 @@ pub struct TrainArgs {
     /// Weight decay, 0 to 1 [default: 0.0001; improved: 0]
     #[arg(long, value_name = "FACTOR", help_heading = "Training")]
     l2: Option<f64>,
-    /// Windows of a mini-batch [default: 32]
+    /// Windows per mini-batch [default: 32]
     #[arg(long, value_name = "COUNT", value_parser = clap::value_parser!(u32).range(1..=10_000), help_heading = "Training")]
     batch: Option<u32>,
     /// Seed of split, initial weights and order of the windows [default: that of the data set]

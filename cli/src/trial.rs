@@ -15,7 +15,7 @@ pub(crate) struct Trial {
     /// Longest wait for the controller to join, ms
     #[arg(long, value_name = "MS", default_value_t = 600_000, value_parser = clap::value_parser!(u64).range(1..=LONGEST_MS))]
     pub(crate) join_timeout: u64,
-    /// Longest wait for an answer, ms
+    /// Longest wait for a reply, ms
     #[arg(long, value_name = "MS", default_value_t = 5_000, value_parser = clap::value_parser!(u64).range(1..=LONGEST_MS))]
     pub(crate) step_timeout: u64,
 }

@@ -15,7 +15,7 @@ pub struct Args {
 
 #[derive(Debug, Subcommand)]
 enum What {
-    /// Identify a vehicle from flight logs, its mass and its arm, which no log contains
+    /// Identify a vehicle from flight logs, its mass and its arm length, which no log contains
     FromLog(FromLog),
 }
 
@@ -24,10 +24,10 @@ struct FromLog {
     /// Flight logs of one vehicle; LOG@FROM:TO takes a part, in seconds of the log
     #[arg(required = true, value_name = "LOG")]
     logs: Vec<PathBuf>,
-    /// Mass with battery, kg
+    /// Mass including battery, kg
     #[arg(long, value_name = "KG", allow_negative_numbers = true)]
     mass: f64,
-    /// Distance from the centre of the vehicle to the furthest rotor, m
+    /// Distance from the centre of the vehicle to the farthest rotor, m
     #[arg(long, value_name = "M", allow_negative_numbers = true)]
     arm: f64,
     /// Frame, if the log does not state it, such as quad-x (numbers as in ArduPilot)

@@ -65,7 +65,7 @@ fn house_rules(root: &Path) -> Result<()> {
         let is_text = ["rs", "toml", "md", "proto", "html", "js", "css"]
             .iter()
             .any(|e| name.ends_with(&format!(".{e}")));
-        if !is_text || name.starts_with("crates/store/assets/") || name.ends_with("xtask/src/check.rs") {
+        if !is_text || name.ends_with("xtask/src/check.rs") {
             continue;
         }
         let Ok(text) = std::fs::read_to_string(&path) else {

@@ -28,12 +28,12 @@ pub struct JobArgs {
 /// What is done with jobs of a server.
 #[derive(Debug, Subcommand)]
 pub enum Verb {
-    /// The latest ones
+    /// List the latest ones
     List {
         /// Only those in this state: queued, running, done, failed, canceled
         #[arg(long, value_name = "STATE")]
         status: Option<String>,
-        /// Only those of this name
+        /// Only those with this name
         #[arg(long, value_name = "NAME")]
         name: Option<String>,
         /// Maximum number
@@ -43,12 +43,12 @@ pub enum Verb {
         #[arg(long)]
         json: bool,
     },
-    /// Everything known about one, as JSON
+    /// Print all details of one, as JSON
     Get {
         /// Its id
         id: String,
     },
-    /// Its events as JSON lines, until it has ended
+    /// Print its events as JSON lines, until it has ended
     Events {
         /// Its id
         id: String,
@@ -56,7 +56,7 @@ pub enum Verb {
         #[arg(long, value_name = "NUMBER", default_value_t = 0)]
         after: u64,
     },
-    /// Cancel it; what it has done so far is kept
+    /// Cancel it; the results so far are kept
     Cancel {
         /// Its id
         id: String,
@@ -66,7 +66,7 @@ pub enum Verb {
         /// Its id
         id: String,
     },
-    /// Fetch all its files
+    /// Download all its files
     Fetch {
         /// Its id
         id: String,

@@ -9,7 +9,7 @@ pub struct Args {
     /// Endpoint to listen on, e.g. tls/0.0.0.0:7447
     #[arg(long, value_name = "ENDPOINT", default_value = "tcp/127.0.0.1:7447")]
     pub listen: String,
-    /// Certificates, users and who may do what: docs/hosts.md
+    /// File with certificates, users and permissions: docs/hosts.md
     #[arg(long, value_name = "FILE")]
     pub zenoh_config: Option<PathBuf>,
 }

@@ -11,7 +11,7 @@ use std::str::FromStr;
 /// Where jobs and their files are, and how many are done at the same time.
 #[derive(Debug, Parser)]
 pub struct WorkArgs {
-    /// Folder of this process: database, files or copies of them
+    /// Data folder of this process: database, and files or copies of them
     #[arg(long, value_name = "DIR", default_value = "data")]
     pub data: PathBuf,
     /// Files of jobs: a folder that all hosts share, or s3://BUCKET[/PREFIX] with the credentials in AWS_… [default: the data folder]
@@ -20,10 +20,10 @@ pub struct WorkArgs {
     /// postgres://USER:PASSWORD@HOST/DATABASE, shared by servers and workers [default: SQLite in the data folder]
     #[arg(long, value_name = "URL", env = "DATABASE_URL", hide_env_values = true)]
     pub database_url: Option<String>,
-    /// Number of jobs done at the same time [default: half of the CPUs]
+    /// Number of jobs executed at the same time [default: half of the CPUs]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(0..=256))]
     pub workers: Option<u16>,
-    /// Maximum number of jobs of one tenant done at the same time
+    /// Maximum number of jobs of one tenant executed at the same time
     #[arg(long, value_name = "N", default_value_t = 64, value_parser = clap::value_parser!(u32).range(1..))]
     pub tenant_running: u32,
     /// Memory limit of each process of a job, MB
@@ -107,16 +107,16 @@ pub struct RayArgs {
     /// Ray: number of parts submitted at the same time; queued parts make a cluster scale up
     #[arg(long, value_name = "N", default_value_t = 16, value_parser = clap::value_parser!(u16).range(1..=1024))]
     pub ray_parts: u16,
-    /// Ray: CPUs of a part, and its threads
+    /// Ray: CPUs per part, and its threads
     #[arg(long, value_name = "N", default_value = "1", value_parser = cpus)]
     pub ray_cpus: f64,
-    /// Ray: memory reserved for a part, MB [default: none]
+    /// Ray: memory reserved per part, MB [default: none]
     #[arg(long, value_name = "MB", value_parser = clap::value_parser!(u64).range(1..=1_000_000))]
     pub ray_memory: Option<u64>,
     /// Ray: custom resource of a part, by a name that the cluster knows; may be given several times
     #[arg(long, value_name = "NAME=AMOUNT")]
     pub ray_resource: Vec<Resource>,
-    /// Ray: the program on the nodes
+    /// Ray: path of the program on the nodes
     #[arg(long, value_name = "PROGRAM", default_value = "rotortwin")]
     pub ray_program: String,
     /// Ray: how the nodes reach this server, such as https://bench.example:8443 [default: where it listens]
@@ -150,13 +150,13 @@ pub struct Args {
     /// Maximum size of the files of a tenant, GB
     #[arg(long, value_name = "GB", default_value_t = 1000, value_parser = clap::value_parser!(u64).range(1..=1_000_000))]
     pub tenant_gigabytes: u64,
-    /// Largest flight log accepted, MB
+    /// Maximum size of a flight log, MB
     #[arg(long, value_name = "MB", default_value_t = 512, value_parser = clap::value_parser!(u64).range(1..=100_000))]
     pub largest_upload: u64,
-    /// Longest flight accepted, s of simulated time
+    /// Maximum length of a flight, s of simulated time
     #[arg(long, value_name = "S", default_value_t = 3600, value_parser = clap::value_parser!(u32).range(1..=1_000_000))]
     pub longest_flight: u32,
-    /// Name by which the server may be called, in addition to localhost, e.g. bench.example [default: any, if it listens to other hosts]
+    /// Host name accepted in addition to localhost, e.g. bench.example [default: any, if it listens to other hosts]
     #[arg(long, value_name = "NAME")]
     pub allow_host: Vec<String>,
     /// Pages of this origin may use the API from a browser, e.g. https://bench.example
@@ -171,7 +171,7 @@ pub struct Args {
     /// Where jobs and their files are.
     #[command(flatten)]
     pub work: WorkArgs,
-    /// Longest time of a query in SQL, s
+    /// Time limit of an SQL query, s
     #[arg(long = "query-time-limit", visible_alias = "query-time", value_name = "S", default_value_t = 30, value_parser = clap::value_parser!(u64).range(1..=3600))]
     pub query_time: u64,
     /// Maximum number of open FDI sessions
@@ -193,7 +193,7 @@ pub struct Args {
     /// What a part takes of the Ray cluster.
     #[command(flatten)]
     pub ray: RayArgs,
-    /// Print the OpenAPI document and end
+    /// Print the OpenAPI document and exit
     #[arg(long)]
     pub openapi: bool,
 }
@@ -223,7 +223,7 @@ impl Role {
 /// Arguments of `rotortwin worker`.
 #[derive(Debug, Parser)]
 pub struct WorkerArgs {
-    /// What it does
+    /// Roles of the worker
     #[arg(
         long,
         value_enum,

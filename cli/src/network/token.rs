@@ -12,7 +12,7 @@ pub struct Args {
     /// Data folder of the server
     #[arg(long, value_name = "DIR", default_value = "data", global = true)]
     pub data: PathBuf,
-    /// Database of the server, where it is not SQLite in the data folder
+    /// Database of the server [default: SQLite in the data folder]
     #[arg(
         long,
         value_name = "URL",
@@ -26,9 +26,9 @@ pub struct Args {
 /// What is done with tokens.
 #[derive(Debug, Subcommand)]
 pub enum What {
-    /// Make a token; it is printed once and stored nowhere
+    /// Create a token; it is printed once and not stored
     Create {
-        /// Whose it is, for people
+        /// Name of its owner, for people
         name: String,
         /// Tenant that owns its jobs
         #[arg(long, default_value = "local")]
@@ -40,7 +40,7 @@ pub enum What {
         #[arg(long, value_name = "DAYS", default_value_t = 90, value_parser = clap::value_parser!(i64).range(0..=3650))]
         days: i64,
     },
-    /// All tokens, without their secrets
+    /// List all tokens, without their secrets
     List,
     /// Revoke a token
     Revoke {

@@ -30,11 +30,11 @@ pub struct Cli {
 /// What the generator can do.
 #[derive(Debug, Subcommand)]
 pub enum Command {
-    /// Fly once and write the log, and the truth apart
+    /// Fly once and write the log, and the truth in a separate file
     Generate(GenerateArgs),
     /// List what can be hidden: ids, parameters, typical sizes
     Effects {
-        /// As JSON
+        /// Print JSON
         #[arg(long)]
         json: bool,
     },
@@ -61,23 +61,23 @@ pub struct GenerateArgs {
     /// Time on the ground with idling rotors at the start, s, before take-off into the flight
     #[arg(long, value_name = "S")]
     pub idle_s: Option<f64>,
-    /// Seed of every random stream
+    /// Seed of all random streams
     #[arg(long, default_value_t = 1)]
     pub seed: u64,
-    /// Sensor noise, times Table 4
+    /// Factor on the sensor noise of Table 4
     #[arg(long, value_name = "FACTOR", default_value_t = 1.0)]
     pub noise_scale: f64,
     /// White force and torque that represent everything unmodelled, times 0.05 N and 5 mN·m; 0: only sensor noise moves
     /// the duties of a hover
     #[arg(long, value_name = "FACTOR", default_value_t = 1.0)]
     pub disturbance: f64,
-    /// Charge at the start, 0 to 1; absent: drawn from 0.5 to 1
+    /// Charge at the start, 0 to 1 [default: drawn from 0.5 to 1]
     #[arg(long, value_name = "FRACTION")]
     pub state_of_charge: Option<f64>,
     /// Log file to write (.parquet)
     #[arg(long, value_name = "FILE")]
     pub out: PathBuf,
-    /// Truth file to write (.json); absent: none
+    /// Truth file to write (.json) [default: none]
     #[arg(long, value_name = "FILE")]
     pub truth: Option<PathBuf>,
 }

@@ -24,7 +24,7 @@ const LOSS: [f64; 2] = [0.04, 0.12];
 /// visible long enough.
 const BREAKS_AFTER: [f64; 2] = [0.35, 0.6];
 
-/// What an example shows.
+/// Purpose of an example.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, ToSchema, clap::ValueEnum)]
 #[schema(as = LogExampleKind)]
 #[serde(rename_all = "kebab-case")]

@@ -15,21 +15,21 @@ use utoipa::ToSchema;
 #[schema(as = HiddenProfile)]
 #[serde(tag = "kind", rename_all = "kebab-case")]
 pub enum Profile {
-    /// Grows along a straight line.
+    /// Grows linearly.
     Ramp {
-        /// From nothing to all, s.
+        /// Duration of the ramp, s.
         ramp_s: f64,
     },
-    /// All of it for a while again and again.
+    /// Intermittent: full size for a while, again and again.
     Intermittent {
-        /// All of it for so long, s.
+        /// Time at full size in each period, s.
         on_s: f64,
-        /// From one begin to the next, s.
+        /// Period, s.
         every_s: f64,
     },
-    /// All of it, and from then on nothing.
+    /// Full size, then nothing.
     Recovery {
-        /// s after the onset.
+        /// Duration, s after the onset.
         heals_after_s: f64,
     },
 }

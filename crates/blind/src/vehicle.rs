@@ -91,7 +91,7 @@ pub struct Rotor {
 /// The nominal vehicle, as the documents describe it.
 #[derive(Debug, Clone)]
 pub struct Vehicle {
-    /// Name shown to people.
+    /// Readable name.
     pub name: String,
     /// m, kg.
     pub mass: f64,

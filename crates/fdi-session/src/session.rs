@@ -65,7 +65,7 @@ pub struct Sample {
     pub body_rates_rad_s: [f32; 3],
     /// Duty of each rotor over this step, fraction; 0 past the rotor count.
     pub duty: [f32; MAX_ROTORS],
-    /// At the battery's terminals, V.
+    /// Voltage at the battery's terminals, V.
     pub battery_voltage_v: f32,
     /// Time of the sample, s, by any clock; without it the rate is not checked.
     pub time_s: Option<f64>,
@@ -196,7 +196,7 @@ pub struct Window {
     /// Mean of the 4-axis residual over the window, the network's input before the projection: down kg·m/s, roll, pitch and yaw kg·m²/s; 0 of a window that
     /// the engine was not fed.
     pub residual_mean: [f32; 4],
-    /// As of this step.
+    /// Valid at this step.
     pub calibration: Calibration,
     /// Why there are no verdicts; absent while the detectors calibrate themselves.
     pub obstacle: Option<Obstacle>,
@@ -215,11 +215,11 @@ pub struct Window {
 /// Result of a chunk.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Answer {
-    /// Of the chunk.
+    /// First step of the chunk.
     pub first_step: u64,
     /// Expected first step of the next chunk.
     pub next_step: u64,
-    /// Windows that ended in it, in order.
+    /// Windows that ended in the chunk, in order.
     pub windows: Vec<Window>,
     /// Other events, one sentence each.
     pub notes: Vec<String>,
@@ -518,7 +518,7 @@ impl FdiSession {
         self.rejected_before
     }
 
-    /// Lost steps over which the engine extrapolated.
+    /// Number of lost steps over which the engine extrapolated.
     pub fn bridged_steps(&self) -> u64 {
         self.bridged_steps
     }

@@ -1,7 +1,7 @@
 //! A WebSocket server for the viewers of one flight: one thread accepts them, and one thread writes to each.
 //!
 //! Each viewer has a queue of [`QUEUE`] rows. Rows that do not fit are lost to it, and it is informed of their number. A viewer that
-//! accepts nothing for [`PATIENCE`] is disconnected. The flight never waits, except up to [`FAREWELL`] at the end, so that the last rows
+//! accepts nothing for [`SOCKET_TIMEOUT`] is disconnected. The flight never waits, except up to [`FLUSH_TIMEOUT`] at the end, so that the last rows
 //! arrive.
 
 use crate::protocol::{self, Encoder, LONGEST_MESSAGE, Row, SUBPROTOCOLS, Viewer};
@@ -23,13 +23,13 @@ use tungstenite::{Message, WebSocket};
 /// Queue length of a viewer: 5 s at the usual rate.
 const QUEUE: usize = 256;
 /// Timeout of the handshake, and of each write.
-const PATIENCE: Duration = Duration::from_secs(2);
+const SOCKET_TIMEOUT: Duration = Duration::from_secs(2);
 /// Polling interval for messages from a viewer.
 const LOOK: Duration = Duration::from_millis(20);
 /// Timeout of one poll.
 const GLANCE: Duration = Duration::from_millis(1);
 /// Time for the last rows of all viewers together.
-const FAREWELL: Duration = Duration::from_secs(1);
+const FLUSH_TIMEOUT: Duration = Duration::from_secs(1);
 /// Maximum simultaneous viewers.
 const MOST_VIEWERS: usize = 16;
 /// Log lines kept for later viewers.
@@ -127,7 +127,7 @@ impl Drop for Server {
         self.shared.over.store(true, Ordering::Relaxed);
         let viewers = std::mem::take(&mut locked(&self.shared.inside).viewers);
         let alive: Vec<_> = viewers.into_iter().map(|viewer| viewer.alive).collect();
-        let end = Instant::now() + FAREWELL;
+        let end = Instant::now() + FLUSH_TIMEOUT;
         while alive.iter().any(|alive| alive.load(Ordering::Relaxed)) && Instant::now() < end {
             std::thread::sleep(GLANCE);
         }
@@ -198,8 +198,8 @@ fn serve(
     let words = |error: std::io::Error| error.to_string();
     stream.set_nonblocking(false).map_err(words)?;
     stream.set_nodelay(true).map_err(words)?;
-    stream.set_read_timeout(Some(PATIENCE)).map_err(words)?;
-    stream.set_write_timeout(Some(PATIENCE)).map_err(words)?;
+    stream.set_read_timeout(Some(SOCKET_TIMEOUT)).map_err(words)?;
+    stream.set_write_timeout(Some(SOCKET_TIMEOUT)).map_err(words)?;
     let mut config = WebSocketConfig::default();
     config.max_message_size = Some(LONGEST_MESSAGE);
     config.max_frame_size = Some(LONGEST_MESSAGE);

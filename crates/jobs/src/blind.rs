@@ -8,28 +8,29 @@ use std::ops::Range;
 use std::path::PathBuf;
 use utoipa::ToSchema;
 
-/// A blind bench, or some of its cases. What its folder holds already is not done again: over the rows of all parts it only makes the score.
+/// A blind bench, or some of its cases. Cases that are already in its folder are not repeated; if the rows of all
+/// parts are there, only the score is computed.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
 #[schema(as = BlindBenchJob)]
 pub struct BlindBench {
     /// Presets to run, one after another.
     pub presets: Vec<Preset>,
-    /// Cases of each preset.
+    /// Cases per preset.
     pub n: usize,
-    /// Seed of the draws.
+    /// Seed of the random draws.
     pub seed: u64,
-    /// Vehicle documents, taken in turn.
+    /// Vehicle documents, used in turn.
     pub vehicles: Vec<String>,
     /// Length of a flight, s.
     pub duration_s: f64,
-    /// Folder of the results; a bench that was stopped is continued there.
+    /// Folder of the results; a bench that was stopped is resumed there.
     #[schema(value_type = String)]
     pub out: PathBuf,
-    /// Only these cases, counted over all presets; unset: all, and the score.
+    /// Only these cases, counted over all presets; unset: all cases and the score.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     #[schema(value_type = Option<Span>)]
     pub cases: Option<Range<u64>>,
-    /// Processes at a time; unset: 1.
+    /// Number of parallel processes; unset: 1.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     #[schema(value_type = Option<usize>, minimum = 1)]
     pub processes: Option<NonZeroUsize>,

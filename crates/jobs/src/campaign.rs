@@ -7,15 +7,15 @@ use std::ops::Range;
 use std::path::PathBuf;
 use utoipa::ToSchema;
 
-/// A campaign, or some of its shards. What its folder holds already is not flown again: over the shards of all parts it only puts the
-/// results together.
+/// A campaign, or some of its shards. Flights that are already in its folder are not repeated; if the shards of
+/// all parts are there, only their results are combined.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 #[schema(as = CampaignJob)]
 pub struct Campaign {
     /// The campaign document. Scenarios and vehicles are found relative to it.
     #[schema(value_type = String)]
     pub campaign: PathBuf,
-    /// Folder of the campaign; one that holds a part of it is continued.
+    /// Folder of the campaign; an incomplete campaign in it is resumed.
     #[schema(value_type = String)]
     pub out: PathBuf,
     /// Only these shards of 32 flights, without combining results; unset: the whole campaign.

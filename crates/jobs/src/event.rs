@@ -5,7 +5,7 @@ use rotortwin_blind::bench::score::Outcome;
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
-/// What a job says while it is done. In JSON, `event` says which.
+/// Messages of a job in progress. In JSON, `event` says which.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(tag = "event", rename_all = "kebab-case")]
 pub enum JobEvent {
@@ -20,20 +20,20 @@ pub enum JobEvent {
 #[schema(as = JobProgress)]
 #[serde(untagged)]
 pub enum Progress {
-    /// By fraction of its work.
+    /// As a fraction of its work.
     Share {
         /// Completed fraction.
         share: f64,
         /// Current activity.
         text: String,
     },
-    /// By flights of a campaign.
+    /// As flights of a campaign.
     Flights {
         /// Flights that did not reach their end.
         failed: u64,
         /// False alarms.
         false_alarms: u64,
-        /// Existing flights, including earlier ones.
+        /// Flights done, including earlier ones.
         flights: u64,
         /// Requested flights.
         of: u64,

@@ -27,7 +27,7 @@ pub struct JobFile {
     pub here: Here,
 }
 
-/// What belongs to the machine that does a job.
+/// Settings of the machine that executes a job.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, ToSchema)]
 #[schema(as = JobPlace)]
 #[serde(deny_unknown_fields)]
@@ -40,7 +40,7 @@ pub struct Here {
     pub flight: FlightHere,
 }
 
-/// What a flight needs of the machine where the plant is.
+/// What a flight requires from the host of the plant.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, ToSchema)]
 #[schema(as = FlightPlace)]
 #[serde(deny_unknown_fields)]
@@ -60,7 +60,7 @@ pub struct FlightHere {
     pub autopilot: Option<AutopilotHere>,
 }
 
-/// Where the processes of a flight meet that are not on one host.
+/// Meeting point of the processes of a flight that are not all on one host.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 #[schema(as = FlightMeeting)]
 #[serde(rename_all = "kebab-case")]
@@ -71,7 +71,7 @@ pub enum Meeting {
     Connect(String),
 }
 
-/// An autopilot that can be reached from here, as its operator has configured it.
+/// An autopilot that can be reached from here, as configured by its operator.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 #[schema(as = AutopilotPlace)]
 pub struct AutopilotHere {
@@ -82,15 +82,15 @@ pub struct AutopilotHere {
     pub pilot: Option<String>,
 }
 
-/// A job as a file, for `rotortwin job FILE`. Paths are relative to the folder in which the process is started.
+/// A job as a file, for `rotortwin job FILE`. Paths are relative to the working directory of the process.
 #[derive(Serialize, ToSchema)]
 struct Written<'a> {
-    /// Of this form: 2.
+    /// Version of this format: 2.
     version: u64,
-    /// What is to be done.
+    /// The job.
     #[schema(value_type = Job)]
     job: &'a Job,
-    /// Settings of the machine that does the job; defaults are those of the command line.
+    /// Settings of the machine that executes the job; defaults are those of the command line.
     #[schema(value_type = Option<Here>)]
     here: &'a Here,
 }

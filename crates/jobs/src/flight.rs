@@ -9,7 +9,7 @@ use utoipa::ToSchema;
 pub struct Flight {
     /// Scenario, vehicle, blades and classifier in full (TOML), so that the flight does not depend on files or the library.
     pub documents: String,
-    /// u64 as text, because JSON numbers of other programs are exact only up to 2⁵³.
+    /// u64 as text, because JSON numbers are exact only up to 2⁵³ in many programs.
     pub seed: String,
     /// How the processes are connected.
     pub link: Link,
@@ -55,7 +55,7 @@ impl Link {
     }
 }
 
-/// How fast.
+/// Pace of the run.
 #[derive(Debug, Default, Clone, Copy, PartialEq, Eq, Deserialize, Serialize, ToSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum Pace {
@@ -76,18 +76,19 @@ impl Pace {
     }
 }
 
-/// Who flies.
+/// Controller of the run.
 #[derive(Debug, Default, Clone, PartialEq, Eq, Deserialize, Serialize, ToSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum Controller {
-    /// Ours, started together with the plant.
+    /// The built-in one, started together with the plant.
     #[default]
     Beside,
-    /// Ours, on whichever host offers it (`rotortwin worker --roles`). Needs `link: zenoh`.
+    /// The built-in one, on any host that offers it (`rotortwin worker --roles`). Needs `link: zenoh`.
     Worker,
     /// An external one, which joins with the run's ticket. Needs `link: zenoh`.
     External,
-    /// The autopilot of this name, which an operator has configured (`GET /api/v1/autopilots`); plant and FDI engine are one process.
+    /// The autopilot of this name, configured by an operator (`GET /api/v1/autopilots`); plant and FDI engine are one
+    /// process.
     Autopilot(String),
 }
 
@@ -111,14 +112,14 @@ impl Controller {
     }
 }
 
-/// Where a part of a flight is.
+/// Interval of a part of a flight.
 #[derive(Debug, Default, Clone, Copy, PartialEq, Eq, Deserialize, Serialize, ToSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum Place {
-    /// Ours, started together with the plant.
+    /// The built-in one, started together with the plant.
     #[default]
     Beside,
-    /// Ours, on whichever host offers it (`rotortwin worker --roles`). Needs `link: zenoh`.
+    /// The built-in one, on any host that offers it (`rotortwin worker --roles`). Needs `link: zenoh`.
     Worker,
     /// An external one, which joins with the run's ticket. Needs `link: zenoh`.
     External,

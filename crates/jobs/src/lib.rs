@@ -41,7 +41,7 @@ use serde::{Deserialize, Serialize};
 use std::num::NonZeroUsize;
 use utoipa::ToSchema;
 
-/// Everything that can be asked for. In JSON, `job` says which.
+/// All kinds of jobs. In JSON, `job` says which.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(tag = "job", rename_all = "kebab-case")]
 pub enum Job {

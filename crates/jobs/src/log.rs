@@ -5,14 +5,15 @@ use serde::{Deserialize, Serialize};
 use std::path::PathBuf;
 use utoipa::ToSchema;
 
-/// A flight log is brought into canonical form: `log.csv` gives `log.parquet`, `log.toml`, and the account of the import `log.import.json`.
+/// Conversion of a flight log to canonical form: `log.csv` gives `log.parquet`, `log.toml`, and the import report
+/// `log.import.json`.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
 #[schema(as = LogImportJob)]
 pub struct LogImport {
-    /// The log; its ending says what it is.
+    /// The log; its file extension determines the format.
     #[schema(value_type = String)]
     pub file: PathBuf,
-    /// Folder for them.
+    /// Output folder.
     #[schema(value_type = String)]
     pub out: PathBuf,
     /// Accept the readable part of a file with a wrong checksum.
@@ -37,7 +38,8 @@ pub struct LogImport {
     pub align: bool,
 }
 
-/// A flight of the independent simulator as a log: what [`LogImport`] leaves under the name `log`, and `truth.json`.
+/// A flight of the independent simulator as a log: the output of [`LogImport`] under the name `log`, and
+/// `truth.json`.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
 #[schema(as = LogExampleJob)]
 pub struct LogExample {
@@ -50,28 +52,29 @@ pub struct LogExample {
     /// Hidden effect: an id, or `id:parameter=value,…`.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub effect: Option<String>,
-    /// Seed of every random stream and draw.
+    /// Seed of all random streams and draws.
     pub seed: u64,
     /// Length, s.
     pub duration_s: f64,
-    /// A case of a blind bench, flown again with its seed; unset: an excitation flight with what `preset` or `effect` says.
+    /// A case of a blind bench, flown again with its seed; unset: an excitation flight according to `preset` or
+    /// `effect`.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub case: Option<ExampleCase>,
-    /// Folder for the files.
+    /// Output folder.
     #[schema(value_type = String)]
     pub out: PathBuf,
 }
 
-/// What the generator is asked for in a case of a blind bench, but for vehicle, length and seed.
+/// Settings of the generator for a case of a blind bench, except vehicle, length and seed.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
 #[schema(as = LogExampleCase)]
 pub struct ExampleCase {
     /// Built-in flight.
     pub flight: String,
-    /// What is hidden, each as `id:parameter=value,…`, a companion before the effect that needs it.
+    /// Hidden effects, each as `id:parameter=value,…`; a companion comes before the effect that needs it.
     pub effects: Vec<String>,
-    /// With small deviations of every other parameter.
+    /// With small deviations in all other parameters.
     pub clutter: bool,
-    /// Times the generator's white force and torque.
+    /// Factor on the generator's white force and torque.
     pub disturbance: f64,
 }

@@ -2,7 +2,7 @@
 
 use utoipa::ToSchema;
 
-/// Numbers from `start` on, `end` no longer among them.
+/// Range from `start` to `end`, exclusive.
 #[derive(ToSchema)]
 #[expect(dead_code, reason = "for the OpenAPI document: serde writes a `Range` so")]
 pub(crate) struct Span {

@@ -5,7 +5,7 @@ use std::num::NonZeroUsize;
 use std::path::PathBuf;
 use utoipa::ToSchema;
 
-/// A classifier to be trained: the same seeds give the same bits.
+/// Training of a classifier: the same seeds give the same bits.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
 #[schema(as = TrainingJob)]
 pub struct Training {
@@ -25,20 +25,20 @@ pub struct Training {
     #[serde(default, skip_serializing_if = "Option::is_none")]
     #[schema(value_type = Option<usize>, minimum = 1)]
     pub threads: Option<NonZeroUsize>,
-    /// What is trained otherwise than the method says.
+    /// Deviations from the method's training settings.
     #[serde(default, skip_serializing_if = "Hyperparameters::is_empty")]
     pub hyperparameters: Hyperparameters,
 }
 
-/// Settings of network and training; unset: those of the method.
+/// Settings of network and training; unset: defaults of the method.
 #[derive(Debug, Default, Clone, Copy, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(default, deny_unknown_fields)]
 pub struct Hyperparameters {
-    /// How often every window is seen.
+    /// Number of epochs.
     #[serde(skip_serializing_if = "Option::is_none")]
     #[schema(minimum = 1, maximum = 10000)]
     pub epochs: Option<u32>,
-    /// Hidden neurons, at most three a rotor: flight code has room for as many.
+    /// Hidden neurons, at most three per rotor, the limit of the flight code.
     #[serde(skip_serializing_if = "Option::is_none")]
     #[schema(minimum = 1, maximum = 48)]
     pub hidden: Option<u32>,
@@ -57,7 +57,7 @@ pub struct Hyperparameters {
     #[serde(skip_serializing_if = "Option::is_none")]
     #[schema(minimum = 0.0, maximum = 1.0)]
     pub l2: Option<f64>,
-    /// Windows of a mini-batch.
+    /// Windows per mini-batch.
     #[serde(skip_serializing_if = "Option::is_none")]
     #[schema(minimum = 1, maximum = 10000)]
     pub batch: Option<u32>,

@@ -7,7 +7,7 @@ use serde::{Deserialize, Serialize};
 use std::path::PathBuf;
 use utoipa::ToSchema;
 
-/// Models compared with flights: where, when and how much they disagree.
+/// Compares models with flights: where, when and by how much they disagree.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 #[schema(as = ComparisonJob)]
 pub struct Comparison {
@@ -40,7 +40,7 @@ pub struct Diagnosis {
     /// Folder of the models.
     #[schema(value_type = String)]
     pub models: PathBuf,
-    /// Additional effect documents of the caller that may be named.
+    /// Additional effect documents of the caller to consider.
     #[serde(default)]
     #[schema(value_type = Vec<String>)]
     pub effects: Vec<PathBuf>,
@@ -52,7 +52,7 @@ pub struct Diagnosis {
     #[serde(default, skip_serializing_if = "Option::is_none")]
     #[schema(value_type = Option<String>)]
     pub out: Option<PathBuf>,
-    /// Seconds after which the search starts nothing new and returns what it has proved so far; absent: ten minutes.
+    /// Time limit of the search, s; it then returns what has been proved so far; absent: ten minutes.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub time_limit_s: Option<u32>,
 }
@@ -85,12 +85,13 @@ pub struct Improvement {
     #[serde(default, skip_serializing_if = "Option::is_none")]
     #[schema(value_type = Option<String>)]
     pub final_version: Option<PathBuf>,
-    /// Seconds after which each search starts nothing new and returns what it has proved so far; absent: ten minutes.
+    /// Time limit of each search, s; it then returns what has been proved so far; absent: ten minutes.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub time_limit_s: Option<u32>,
 }
 
-/// A vehicle from flight logs, mass and arm: `vehicle.toml`, its blades and its intervals.
+/// Identifies a vehicle from flight logs, its mass and its arm length: `vehicle.toml`, its blades and its
+/// intervals.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
 #[schema(as = IdentificationJob)]
 pub struct Identification {
@@ -104,7 +105,7 @@ pub struct Identification {
     /// Frame, if the log does not contain it.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub frame: Option<String>,
-    /// Even if the motion contradicts it.
+    /// Use the frame even if the motion contradicts it.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     pub trust_frame: bool,
     /// Battery capacity, A h.

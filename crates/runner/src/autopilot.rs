@@ -64,7 +64,7 @@ pub enum Refused {
 
 impl Refused {
     /// The error for this scenario.
-    pub fn told(self, scenario: &Path) -> Failure {
+    pub fn into_failure(self, scenario: &Path) -> Failure {
         match self {
             Self::Scenario(sentence) => Failure::Input(format!("{}: {sentence}", scenario.display())),
             Self::Argument(sentence) => Failure::Input(sentence),

@@ -220,7 +220,7 @@ fn peers(job: &Flight, here: &FlightHere, scenario: &Scenario, seed: u64, path: 
         };
         return open_autopilot(&address, pilot.map_err(Failure::Input)?, waits, scenario, seed)
             .map(|opened| Peers::Autopilot(address, opened))
-            .map_err(|refused| refused.told(path));
+            .map_err(|refused| refused.into_failure(path));
     }
     let external: BTreeSet<External> = [
         (External::Controller, job.controller.place().unwrap_or_default()),

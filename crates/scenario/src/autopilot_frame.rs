@@ -69,7 +69,7 @@ pub struct Motor {
     pub channel: u32,
     /// Clockwise from the nose, seen from above, degrees.
     pub azimuth_deg: f64,
-    /// Seen from above.
+    /// Rotation sense, seen from above.
     pub spin: SpinDirection,
 }
 

@@ -89,17 +89,17 @@ pub struct Weights {
     pub output_bias: Vec<f32>,
 }
 
-/// Where a classifier comes from.
+/// Origin of a classifier.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, utoipa::ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Provenance {
     /// Program and version.
     pub program: String,
-    /// Command that writes the file again, bit for bit.
+    /// Command that reproduces the file bit for bit.
     pub command: String,
     /// The flights, in words.
     pub data: String,
-    /// XXH3-128 over features and labels of all windows that the weights were trained and validated on.
+    /// XXH3-128 over features and labels of all windows used for training and validation.
     pub data_hash: String,
     /// Content hash of vehicle and blades, as in the summary of a run.
     pub model_hash: String,
@@ -109,15 +109,15 @@ pub struct Provenance {
     pub training: String,
     /// Seed of the flights, the split, the initial weights and the order of the windows.
     pub seed: u64,
-    /// Share of right windows on the part that it was trained on.
+    /// Fraction of correct windows in the training set.
     pub training_accuracy: f64,
-    /// Share of right windows on the part that was held back.
+    /// Fraction of correct windows in the validation set.
     pub validation_accuracy: f64,
-    /// How networks that were trained alike did on trajectories that they had not seen.
+    /// Accuracy of networks with the same training, on trajectories that they had not seen.
     pub cross_validation: CrossValidationRecord,
 }
 
-/// What a training gives.
+/// Result of a training.
 #[derive(Debug, Serialize, utoipa::ToSchema)]
 pub struct TrainedClassifier<'a> {
     /// The classifier's file.
@@ -125,11 +125,11 @@ pub struct TrainedClassifier<'a> {
     pub file: &'a Path,
     /// Its name.
     pub name: &'a str,
-    /// What it was trained on, and how well it did.
+    /// Training data and accuracy.
     pub provenance: &'a Provenance,
 }
 
-/// Leave-one-trajectory-out cross-validation; shares of right windows.
+/// Leave-one-trajectory-out cross-validation; fractions of correct windows.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, utoipa::ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct CrossValidationRecord {
@@ -139,7 +139,7 @@ pub struct CrossValidationRecord {
     pub test_mean: f64,
     /// Standard deviation over the folds, mean over the seeds.
     pub test_deviation_over_folds: f64,
-    /// Half of the 95 % interval of the mean over the seeds; 0 for a single seed.
+    /// Half width of the 95 % interval of the mean over the seeds; 0 for a single seed.
     pub test_interval_over_seeds: f64,
     /// Each trajectory in turn held out.
     pub folds: Vec<FoldRecord>,
@@ -151,7 +151,7 @@ pub struct CrossValidationRecord {
 pub struct FoldRecord {
     /// Trajectory that was not trained on.
     pub held_out: String,
-    /// Share of right windows, one for each seed.
+    /// Fraction of correct windows, one for each seed.
     pub test: Vec<f64>,
 }
 

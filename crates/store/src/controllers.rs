@@ -43,20 +43,20 @@ const COLUMNS: [&str; 15] = [
 pub struct Spread {
     /// Root mean square.
     pub rms: f64,
-    /// Largest.
+    /// Largest value.
     pub max: f64,
 }
 
-/// How a flight went with one controller.
+/// Performance of one controller in a flight.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct ControllerRow {
     /// Folder of the run, or its id on a server.
     pub run: String,
-    /// Who flew.
+    /// Controller that flew.
     pub controller: String,
-    /// What it calls its version; absent if it did not say.
+    /// Version that it reports; absent if it reports none.
     pub version: Option<String>,
-    /// It answers each step before the next one begins; absent if that is not known.
+    /// It replies to each step before the next one begins; absent if unknown.
     pub lockstep: Option<bool>,
     /// How the processes were connected.
     pub link: String,
@@ -78,11 +78,12 @@ pub struct ControllerRow {
     pub position_m: Option<Spread>,
     /// True yaw against its reference, degrees.
     pub yaw_deg: Option<Spread>,
-    /// True roll and pitch against what the controller asked of its inner loop, degrees; absent if it did not report it.
+    /// True roll and pitch against the setpoints of the controller's inner loop, degrees; absent if it did not report
+    /// them.
     pub roll_pitch_deg: Option<Spread>,
     /// Angle between the thrust axis and the vertical, degrees.
     pub tilt_deg: Option<Spread>,
-    /// Taken from the battery at its terminals, W h.
+    /// Energy taken from the battery at its terminals, W h.
     pub energy_wh: Option<f64>,
     /// Alarms of the sequential detector while no rotor was faulty.
     pub false_alarms: u64,
@@ -97,15 +98,16 @@ pub struct FaultResponse {
     pub description: String,
     /// s.
     pub onset_s: f64,
-    /// From the onset to the first verdict that is not healthy, s; absent if there is none before the next change of the fault.
+    /// Detection delay: from the onset to the first verdict other than healthy, s; absent if there is none before the
+    /// next change of the fault.
     pub detected_after_s: Option<f64>,
-    /// From the onset to the first right verdict, s; absent likewise.
+    /// Isolation delay: from the onset to the first correct verdict, s; absent likewise.
     pub isolated_after_s: Option<f64>,
-    /// The last verdict before the next change of the fault is right.
+    /// The last verdict before the next change of the fault is correct.
     pub right_at_end: bool,
     /// Largest distance from the reference from the onset on, m.
     pub farthest_m: f64,
-    /// From the onset to the time from which on the vehicle stays within the bound to the end of the flight, s: 0 if it never left it;
+    /// From the onset until the vehicle stays within the bound to the end of the flight, s: 0 if it never left it;
     /// absent if it is outside at the end.
     pub recovered_after_s: Option<f64>,
 }

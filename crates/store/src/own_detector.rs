@@ -51,7 +51,7 @@ pub struct Seen {
     pub specific_force_m_s2: [f64; 3],
     /// Commanded duty cycle of each rotor, 0 to 1.
     pub duty: Vec<f64>,
-    /// At the battery's terminals, V.
+    /// Voltage at the battery's terminals, V.
     pub battery_voltage_v: f64,
     /// Residuals of our observers (Eq. 32), rotor by rotor: about arm, lever and yaw axis, N m s.
     pub residuals_nms: Vec<[f64; 3]>,

@@ -69,9 +69,9 @@ impl Status {
 pub struct Failure {
     /// Process that failed: `controller`, `fdi`, `plant`, or the program itself.
     pub peer: String,
-    /// Last step that was complete; 0 also if there is none.
+    /// Last complete step; 0 also if there is none.
     pub step: u64,
-    /// How long the peer had been silent in wall time, ms; 0 if it did not fail by silence.
+    /// How long the peer had been silent, ms of wall time; 0 if silence was not the cause.
     pub silence_ms: u64,
     /// A process of the run died, stopped responding or never joined; another attempt may succeed.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
@@ -80,29 +80,29 @@ pub struct Failure {
     pub sentence: String,
 }
 
-/// The scenario as it was flown.
+/// The scenario as flown.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 pub struct ScenarioRecord {
     /// Its name.
     pub name: String,
-    /// File it was read from, as it was named on the command line.
+    /// File it was read from, as named on the command line.
     pub path: String,
     /// Name of the vehicle.
     #[serde(default)]
     pub vehicle: String,
-    /// The effective configuration (TOML), defaults and command line included: enough to fly it again.
+    /// The effective configuration (TOML), including defaults and the command line: enough to fly it again.
     pub text: String,
 }
 
-/// Who flew.
+/// Controller that flew.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 pub struct ControllerRecord {
     /// Program or peer, e.g. "rotortwin-controller" or "ArduPilot at 127.0.0.1:40112".
     pub peer: String,
-    /// What it calls its version; absent if it did not say.
+    /// Version that it reports; absent if it reports none.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub version: Option<String>,
-    /// It answers each step before the next one begins, so that the same seed gives the same flight.
+    /// It replies to each step before the next one begins, so that the same seed gives the same flight.
     pub lockstep: bool,
 }
 
@@ -120,41 +120,42 @@ pub struct RealTime {
     /// Worst lateness, µs.
     #[schema(value_type = Option<f64>)]
     pub jitter_us_max: f64,
-    /// Steps whose answer came after the next step was due.
+    /// Steps whose reply came after the next step was due.
     pub deadline_misses: u64,
-    /// How much too late the worst answer came, ms; absent in files of earlier versions.
+    /// Worst lateness of a reply, ms; absent in files of earlier versions.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub overrun_ms_max: Option<f64>,
-    /// Real-time priority and locked memory of all processes that were started, 1 to 99; absent without.
+    /// Real-time priority (with locked memory) of all started processes, 1 to 99; absent: none.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub priority: Option<u8>,
-    /// Missed deadlines and late reports by who was late and why, the most frequent first.
+    /// Missed deadlines and late reports by process and cause, most frequent first.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub late: Vec<LateSteps>,
 }
 
-/// Late steps with one reason, from kernel statistics: what took most of the time since the previous command.
+/// Late steps with one cause, from kernel statistics: what took most of the time since the previous command.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct LateSteps {
-    /// `plant` (with all that flies in its process), `controller`, or `fdi`: its reports, which no deadline waits for, came later than a
-    /// period after their step.
+    /// `plant` (with everything that runs in its process), `controller`, or `fdi`, whose reports have no deadline:
+    /// they came later than one period after their step.
     pub who: String,
-    /// `scheduler`: woken, it waited for a processor used by other processes; `computing`; `unknown`: neither, or that kernel cannot be asked.
+    /// `scheduler`: ready to run, but waiting for a CPU used by other processes; `computing`; `unknown`: neither, or
+    /// the kernel provides no statistics.
     pub why: String,
     /// How many.
     pub steps: u64,
-    /// How much too late at worst, ms.
+    /// Worst lateness, ms.
     pub worst_ms: f64,
 }
 
-/// How well the flight followed what it was asked for.
+/// How well the flight followed its setpoints.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct Tracking {
     /// Root mean square of the distance between true and reference position, m.
     #[serde(deserialize_with = "number")]
     #[schema(value_type = Option<f64>)]
     pub position_rms_m: f64,
-    /// Largest such distance, m.
+    /// Largest distance, m.
     #[serde(deserialize_with = "number")]
     #[schema(value_type = Option<f64>)]
     pub position_max_m: f64,
@@ -168,7 +169,7 @@ pub struct Tracking {
     pub attitude_rms_rad: [f64; 3],
 }
 
-/// What the flight took from the battery.
+/// Energy and charge that the flight took from the battery.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct BatteryUse {
     /// State of charge at the first step, fraction.
@@ -212,7 +213,7 @@ impl Evaluator {
     /// All of them, in the order of every table.
     pub const ALL: [Self; 3] = [Self::TTest, Self::Sequential, Self::Network];
 
-    /// For people.
+    /// Readable name.
     pub const fn title(self) -> &'static str {
         match self {
             Self::TTest => "T-test",
@@ -231,7 +232,7 @@ impl Evaluator {
     }
 }
 
-/// What one evaluator said in one interval; counts are evaluation windows that end in it.
+/// Verdicts of one evaluator in one interval; counts are evaluation windows that end in it.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize, ToSchema)]
 #[schema(as = DetectorScore)]
 pub struct Score {
@@ -247,31 +248,32 @@ pub struct Score {
     pub unknown: u64,
     /// Windows that name a rotor that is not the one faulty rotor.
     pub other_rotor: u64,
-    /// From the start of the interval to the end of the last step of the first window with the right verdict, s; absent if there
-    /// is none, and in intervals without a fault.
+    /// From the start of the interval to the end of the last step of the first window with the correct verdict, s;
+    /// absent if there is none, and in intervals without a fault.
     pub isolated_after_s: Option<f64>,
-    /// From the start of the interval to the end of the last step of the first window with a fault verdict, right or not, s; absent if there
-    /// is none, and in intervals without a fault.
+    /// From the start of the interval to the end of the last step of the first window with a fault verdict, correct
+    /// or not, s; absent if there is none, and in intervals without a fault.
     #[serde(default)]
     pub detected_after_s: Option<f64>,
     /// Windows with a fault verdict although no rotor is faulty.
     pub false_alarm_windows: u64,
-    /// Uninterrupted series of such windows.
+    /// Uninterrupted sequences of such windows.
     pub false_alarm_events: u64,
     /// Code of the verdict in force at the end of the interval.
     pub verdict_at_end: i32,
-    /// Whether it is right.
+    /// Whether that verdict is correct.
     #[serde(default)]
     pub right_at_end: bool,
 }
 
-/// Estimated losses of thrust of the rotors that the sequential detector names, and the rotors that it leaves open.
+/// Estimated losses of thrust of the rotors that the sequential detector names, and the rotors between which it
+/// cannot decide.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, ToSchema)]
 #[schema(as = LossSeverity)]
 pub struct Severity {
-    /// Rotors that are or may be concerned, from 1.
+    /// Rotors that are or may be faulty, from 1.
     pub suspect_rotors: Vec<u32>,
-    /// Sets of rotors that an ambiguous verdict leaves open.
+    /// Sets of rotors between which an ambiguous verdict cannot decide.
     pub hypothesis_count: u32,
     /// One for each rotor named.
     pub losses: Vec<LossRecord>,
@@ -366,7 +368,7 @@ impl Scores {
     }
 }
 
-/// A detector of the user's own that judged the run after its flight: [`judge`](crate::own_detector::judge).
+/// A user's own detector that judged the run after its flight: [`judge`](crate::own_detector::judge).
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct OwnDetector {
     /// Its name in every table.
@@ -385,7 +387,7 @@ impl OwnDetector {
     }
 }
 
-/// A stretch of the flight in which the condition of every rotor and sensor stays the same, as long as possible.
+/// The longest interval of the flight in which the condition of all rotors and sensors stays the same.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, ToSchema)]
 #[schema(as = FlightInterval)]
 pub struct Interval {
@@ -399,25 +401,26 @@ pub struct Interval {
     pub faulty_rotors: Vec<u32>,
     /// In words: "healthy", "rotor 3: blade b".
     pub description: String,
-    /// Names of the sensor faults in force.
+    /// Names of the active sensor faults.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub sensor_faults: Vec<String>,
-    /// The verdict that is right here: equal to the fault label (several faulty rotors match no single one: "unknown fault"). Of two
-    /// faulty rotors naming both is also correct; of several, so is an ambiguous verdict that includes them.
+    /// The correct verdict here: equal to the fault label (several faulty rotors match no single one: "unknown
+    /// fault"). With two faulty rotors, naming both is also correct; with several, so is an ambiguous verdict that
+    /// includes them.
     pub expected_verdict: i32,
-    /// What the sequential detector says of the rotors concerned at the end of the interval.
+    /// Estimated losses of the rotors named by the sequential detector at the end of the interval.
     #[serde(default)]
     pub severity: Severity,
-    /// Evaluation windows that end here. One that began earlier counts here, too.
+    /// Evaluation windows that end here, including one that began earlier.
     pub windows: u64,
-    /// What the evaluators said.
+    /// Verdicts of the evaluators.
     pub scores: Scores,
     /// Root mean square of the distance between true and reference position, m.
     #[serde(deserialize_with = "number")]
     #[schema(value_type = Option<f64>)]
     pub position_rms_m: f64,
-    /// Start of the span that the residual statistics are taken over: the first second, in which the observers settle, is left
-    /// out of intervals longer than two seconds.
+    /// Start of the time span used for the residual statistics: in intervals longer than two seconds, the first
+    /// second is left out, while the observers settle.
     pub residuals_from_s: f64,
     /// Mean of each residual (rotors × arm, lever, yaw), N m s.
     #[serde(deserialize_with = "table")]
@@ -454,12 +457,12 @@ pub struct Summary {
     pub seed: u64,
     /// How the processes were connected: `in-process`, `iceoryx2`, `zenoh`.
     pub link: String,
-    /// Controller that flew; absent if none joined, or if an earlier version wrote this.
+    /// Controller that flew; absent if none joined, or in files of earlier versions.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub controller: Option<ControllerRecord>,
     /// `fast` or `real-time`.
     pub pace: String,
-    /// When the run started, RFC 3339; empty if it was not noted.
+    /// When the run started, RFC 3339; empty if not recorded.
     #[serde(default, skip_serializing_if = "String::is_empty")]
     pub started_at: String,
     /// Wall time of the run, s.
@@ -468,7 +471,7 @@ pub struct Summary {
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub real_time: Option<RealTime>,
 
-    /// Steps that were executed and recorded. This and all that follows is computed from the telemetry.
+    /// Number of steps executed and recorded. This and all fields below are computed from the telemetry.
     pub steps: u64,
     /// Simulated time, s.
     pub simulated_s: f64,
@@ -483,13 +486,13 @@ pub struct Summary {
     /// How well the flight followed its reference; absent if there is no step.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub tracking: Option<Tracking>,
-    /// What it took from the battery; absent if there is no step.
+    /// Energy and charge taken from the battery; absent if there is no step.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub battery: Option<BatteryUse>,
-    /// The fault schedule as it was flown, with what the evaluators said.
+    /// The fault schedule as flown, with the verdicts of the evaluators.
     #[serde(default)]
     pub intervals: Vec<Interval>,
-    /// Detectors of the user's own that judged the run after its flight.
+    /// The user's own detectors that judged the run after its flight.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub own_detectors: Vec<OwnDetector>,
 }

@@ -26,7 +26,7 @@ const MOST_CONDITIONS: usize = 3;
 /// Below this share of its noise a channel is not moved.
 const LEAST_SHARE: f64 = 0.01;
 
-/// What an effect does on one flight.
+/// Changes that an effect makes to one flight.
 #[derive(Debug, Clone, Serialize, ToSchema)]
 pub struct EffectPicture {
     /// Id in the catalogue.
@@ -35,9 +35,9 @@ pub struct EffectPicture {
     pub rotor: Option<usize>,
     /// Values, by name.
     pub parameters: std::collections::BTreeMap<String, f64>,
-    /// What must be in the model for it to act, such as a drag for wind.
+    /// What else must be in the model for the effect to act, such as drag for wind.
     pub together_with: Vec<String>,
-    /// Random: the residual of one flight with it, not a mean.
+    /// True if the effect is random: then this is the residual of one flight with it, not a mean.
     pub random: bool,
     /// Name of the manoeuvre.
     pub flight: String,
@@ -45,43 +45,43 @@ pub struct EffectPicture {
     pub description: String,
     /// s.
     pub duration_s: f64,
-    /// Most moved first; empty where the flight shows nothing of it.
+    /// Most affected first; empty if the effect is not visible in the flight.
     pub channels: Vec<MovedChannel>,
 }
 
-/// What it does to one channel.
+/// Change that an effect makes to one channel.
 #[derive(Debug, Clone, Serialize, ToSchema)]
 pub struct MovedChannel {
     /// Channel, as in comparisons.
     pub channel: String,
-    /// Of all values.
+    /// Unit of all values.
     pub unit: String,
     /// Root mean square.
     pub rms: f64,
-    /// Of a mean of pure noise.
+    /// Standard deviation of a mean of pure noise.
     pub noise: f64,
     /// Middle of each mean, s.
     pub time_s: Vec<f64>,
-    /// What the effect does; `null`: nothing counts.
+    /// Contribution of the effect; `null`: no sample counts.
     pub does: Vec<Option<f64>>,
     /// Best explained first.
     pub conditions: Vec<OverCondition>,
 }
 
-/// What it does to a channel over a flight condition.
+/// Change that an effect makes to a channel over a flight condition.
 #[derive(Debug, Clone, Serialize, ToSchema)]
 pub struct OverCondition {
     /// Key, as in comparisons.
     pub condition: String,
-    /// For people.
+    /// Readable name.
     pub title: String,
-    /// Of the condition.
+    /// Unit of the condition.
     pub unit: String,
-    /// Share of the variance of the means that lies between the bins, 0 to 1.
+    /// Fraction of the variance of the means that lies between the bins, 0 to 1.
     pub explained: f64,
-    /// Mean of the condition in each bin, rising.
+    /// Mean of the condition in each bin, increasing.
     pub at: Vec<f64>,
-    /// Mean of what the effect does there.
+    /// Mean contribution of the effect there.
     pub does: Vec<f64>,
 }
 

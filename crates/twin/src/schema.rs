@@ -13,7 +13,7 @@ pub(crate) struct EffectInstance {
     /// Rotor, from 1, of an effect of one rotor.
     #[schema(nullable = false)]
     rotor: Option<usize>,
-    /// When it sets in, s; from the start if absent.
+    /// Onset, s; absent: present from the start.
     #[schema(nullable = false)]
     onset_s: Option<f64>,
     /// Values by the names of the catalogue.

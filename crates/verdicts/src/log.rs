@@ -66,14 +66,14 @@ const NOISE_SAMPLES: f32 = 270.0;
 /// A median rate this close to 400 Hz counts as 400 Hz.
 const SAME_RATE_HZ: f64 = 0.5;
 
-/// A group of channels that the log lacks, and what cannot be said without it.
+/// A group of channels that the log lacks, and what cannot be judged without it.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, ToSchema)]
 pub struct Lack {
     /// Its columns.
     pub columns: Vec<String>,
-    /// What is ruled out.
+    /// What cannot be judged.
     pub rules_out: String,
-    /// Without it no detector can run.
+    /// True if no detector can run without it.
     pub prevents_verdicts: bool,
 }
 
@@ -82,7 +82,7 @@ pub struct Lack {
 pub struct Suspicion {
     /// One sentence.
     pub finding: String,
-    /// Verdicts mean nothing before it is resolved.
+    /// Verdicts are meaningless until it is resolved.
     pub blocks: bool,
 }
 
@@ -93,7 +93,7 @@ pub struct LogView {
     pub content_hash: String,
     /// Rows.
     pub rows: usize,
-    /// First row, s of the log's time: not 0 of a part of a log. All other times count from it.
+    /// First row, s of the log's time: not 0 for a part of a log. All other times are relative to it.
     pub start_s: f64,
     /// From the first row to the last, s.
     pub duration_s: f64,
@@ -103,18 +103,18 @@ pub struct LogView {
     pub gaps: usize,
 }
 
-/// What one detector said over the log, in windows.
+/// Verdicts of one detector over the log, counted in windows.
 #[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]
 pub struct DetectorCount {
     /// `t_test`, `network`, `sequential` or `network_over_time`, which is absent with a classifier that does not calibrate itself.
     pub detector: String,
-    /// With a verdict.
+    /// Windows with a verdict.
     pub decided: u64,
-    /// Verdict healthy.
+    /// Windows with the verdict healthy.
     pub healthy: u64,
-    /// Any other verdict.
+    /// Windows with a verdict other than healthy.
     pub alarmed: u64,
-    /// How often an alarm began: on a healthy flight, false alarms.
+    /// Number of alarms, counted at their start: on a healthy flight, false alarms.
     pub alarms: u64,
     /// End of the first window with an alarm, s since the log's first row.
     pub first_alarm_s: Option<f64>,
@@ -125,13 +125,13 @@ pub struct DetectorCount {
 pub struct StretchView {
     /// Start of the first window with a verdict, s since the log's first row.
     pub from_s: f64,
-    /// End of the last one, s since the log's first row.
+    /// End of the last window with a verdict, s since the log's first row.
     pub to_s: f64,
     /// The last verdict of the sequential detector in it.
     pub sequential: SequentialView,
 }
 
-/// A time without a verdict of the sequential detector.
+/// A time interval without a verdict of the sequential detector.
 #[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]
 pub struct NotJudgedView {
     /// s since the log's first row.
@@ -143,43 +143,43 @@ pub struct NotJudgedView {
     pub obstacle: ObstacleView,
 }
 
-/// What the detectors say of a log.
+/// Result of the detectors on a log.
 #[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]
 pub struct LogReport {
     /// The log.
     pub log: LogView,
     /// The detectors in effect.
     pub detectors: DetectorsView,
-    /// Rate that the detectors ran at, Hz: the log's own, from 32 to 400 Hz.
+    /// Rate at which the detectors ran, Hz: the log's own, from 32 to 400 Hz.
     pub judged_rate_hz: f64,
-    /// The log has a rate outside of that and was resampled.
+    /// True if the log's rate is outside this range and it was resampled.
     pub resampled: bool,
-    /// Steps processed by the detectors, at the rate that they ran at.
+    /// Number of steps processed by the detectors, at the rate at which they ran.
     pub steps: u64,
-    /// Steps at which a channel had no value.
+    /// Number of steps at which a channel had no value.
     pub lost_steps: u64,
-    /// Steps with impossible values.
+    /// Number of steps with impossible values.
     pub rejected_steps: u64,
-    /// Time that the sequential detector had a verdict for, s; false alarms count against it.
+    /// Time for which the sequential detector had a verdict, s; false alarms are to be related to it.
     pub decided_s: f64,
-    /// What was judged, in the order of time; what is damaged by the begin of one counts as healthy in it.
+    /// What was judged, in chronological order; damage that exists before an interval begins counts as healthy in it.
     pub stretches: Vec<StretchView>,
-    /// The rest, in order of time, with the reasons why it was not judged.
+    /// The rest, in chronological order, with the reasons why it was not judged.
     pub not_judged: Vec<NotJudgedView>,
-    /// Times that the list leaves out.
+    /// Number of such intervals that are not listed.
     pub not_judged_left_out: u64,
-    /// The last window with a verdict, or else the last; absent if there is none.
+    /// The last window with a verdict, otherwise the last window; absent if there is none.
     pub final_window: Option<WindowView>,
-    /// Verdicts of the sequential detector, each time that it changed; times since the log's first row.
+    /// Changes of the sequential detector's verdict, times since the log's first row.
     pub timeline: Vec<ChangeView>,
-    /// Changes that the timeline leaves out.
+    /// Number of changes that are not listed.
     pub timeline_left_out: u64,
-    /// Loads that were dropped or taken up, times since the log's first row.
+    /// Loads that were dropped or picked up, times since the log's first row.
     pub loads: Vec<LoadView>,
-    /// Every window of all detectors, times since the log's first row; only where asked for (`fdi-log --windows`).
+    /// Every window of all detectors, times since the log's first row; only on request (`fdi-log --windows`).
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub windows: Vec<WindowView>,
-    /// What each detector said, counted.
+    /// Verdicts of each detector, counted.
     pub counts: Vec<DetectorCount>,
     /// What the log lacks.
     pub lacks: Vec<Lack>,
@@ -187,7 +187,7 @@ pub struct LogReport {
     pub suspicions: Vec<Suspicion>,
     /// Further notes for the reader.
     pub notes: Vec<String>,
-    /// The flight as a page draws it; only where asked for (`fdi-log --flight`).
+    /// The flight, for plotting; only on request (`fdi-log --flight`).
     #[serde(skip_serializing_if = "Option::is_none")]
     pub flight: Option<FlightPicture>,
 }

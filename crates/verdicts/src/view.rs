@@ -11,7 +11,7 @@ use rotortwin_wire::frames::{FdiReport, LossEstimate, MAX_HYPOTHESES};
 use serde::Serialize;
 use utoipa::ToSchema;
 
-/// How far the detectors have calibrated themselves.
+/// How far the calibration of the detectors has progressed.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum CalibrationState {
@@ -84,7 +84,7 @@ pub enum Obstruction {
 /// Why there is no verdict, in words and as a code.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, ToSchema)]
 pub struct ObstacleView {
-    /// Which kind.
+    /// Reason code.
     pub reason: Obstruction,
     /// One clause with figures.
     pub why: String,
@@ -115,7 +115,7 @@ pub struct VerdictView {
     pub verdict: VerdictKind,
     /// −4 cannot judge, −3 ambiguous, −2 not ready, −1 unknown fault, 0 healthy, i rotor i, 100 i + j rotors i and j.
     pub code: i32,
-    /// The rotors that it names, from 1.
+    /// Rotors that it names, from 1.
     pub rotors: Vec<u32>,
 }
 
@@ -139,20 +139,20 @@ impl VerdictView {
 /// The network's verdict.
 #[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]
 pub struct NetworkView {
-    /// Its verdict.
+    /// Verdict.
     #[serde(flatten)]
     pub verdict: VerdictView,
-    /// Of healthy, rotor 1, rotor 2, …; empty while it says nothing.
+    /// Probabilities of healthy, rotor 1, rotor 2, …; empty while there is no verdict.
     pub class_probability: Vec<f32>,
 }
 
-/// What the network says over time.
+/// Verdict of the network over time.
 #[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]
 pub struct NetworkOverTimeView {
-    /// Its verdict: healthy or one rotor.
+    /// Verdict: healthy or one rotor.
     #[serde(flatten)]
     pub verdict: VerdictView,
-    /// Of healthy, rotor 1, rotor 2, …, calibrated; empty while it says nothing.
+    /// Probabilities of healthy, rotor 1, rotor 2, …, calibrated; empty while there is no verdict.
     pub class_probability: Vec<f32>,
 }
 
@@ -183,7 +183,7 @@ pub struct LossView {
     pub share_low: f32,
     /// Upper end, fraction.
     pub share_high: f32,
-    /// How fast it moves; absent in the first half second of a name, and of the engine alone.
+    /// Rate of change; absent in the first half second after a rotor is named, and if only the engine ran.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub motion: Option<MotionView>,
 }
@@ -205,12 +205,12 @@ impl From<Interval> for IntervalView {
     }
 }
 
-/// How fast a loss moves.
+/// Rate of change of a loss.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, ToSchema)]
 pub struct MotionView {
-    /// It does; else the interval of the rate is that of a loss that stands.
+    /// True if the loss changes; otherwise the interval of the rate is that of a constant loss.
     pub moves: bool,
-    /// Fraction of the rotor's nominal thrust a second; above 0 while the loss grows.
+    /// Fraction of the rotor's nominal thrust per second; positive while the loss grows.
     pub rate_1_s: IntervalView,
 }
 
@@ -223,7 +223,7 @@ impl From<Motion> for MotionView {
     }
 }
 
-/// What may have happened.
+/// Kind of explanation.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum ExplanationWord {
@@ -237,21 +237,21 @@ pub enum ExplanationWord {
     Load,
 }
 
-/// One of the explanations that are left.
+/// One of the remaining explanations.
 #[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]
 pub struct ExplanationView {
     /// What.
     pub kind: ExplanationWord,
-    /// From 1; none of a load.
+    /// Rotors, from 1; empty for a load.
     pub rotors: Vec<u32>,
-    /// Of this explanation, whatever is named.
+    /// Probability of this explanation, whatever the verdict is.
     pub probability: f32,
-    /// One entry a rotor: fraction of its nominal thrust that it lost; of a gain, that it gives more.
+    /// One entry per rotor: fraction of its nominal thrust that it lost; for a gain, that it gained.
     pub shares: Vec<IntervalView>,
-    /// Of a loss with drag: how much more the blade drags for its lift, as a fraction.
+    /// For a loss with drag: increase of the blade's drag relative to its lift, as a fraction.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub drag: Option<IntervalView>,
-    /// Of a load: taken up, or dropped (negative), kg.
+    /// For a load: picked up, or dropped (negative), kg.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub mass_kg: Option<IntervalView>,
 }
@@ -293,21 +293,21 @@ impl LossView {
 /// The sequential detector's verdict.
 #[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]
 pub struct SequentialView {
-    /// Its verdict.
+    /// Verdict.
     #[serde(flatten)]
     pub verdict: VerdictView,
-    /// That it gives to its verdict; 0 while it is not ready.
+    /// Probability of its verdict; 0 while it is not ready.
     pub probability: f32,
-    /// Severity: one entry a rotor that it names.
+    /// Severity: one entry per named rotor.
     pub thrust_loss: Vec<LossView>,
-    /// Rotors, from 1, that are or may be concerned.
+    /// Rotors, from 1, that are or may be faulty.
     pub suspect_rotors: Vec<u32>,
-    /// Sets of rotors that an ambiguous verdict leaves open.
+    /// Sets of rotors between which an ambiguous verdict cannot decide.
     pub hypothesis_count: u32,
-    /// The likeliest of them, likeliest first; rotors from 1.
+    /// Most probable sets of rotors, best first; rotors from 1.
     pub hypotheses: Vec<Vec<u32>>,
-    /// What stands behind a verdict other than healthy, likeliest first: kinds that concern the same rotors apart, and each with its sizes. Empty of the
-    /// engine alone.
+    /// Explanations of a verdict other than healthy, most probable first, each with its sizes; different kinds on the
+    /// same rotors are listed separately. Empty if only the engine ran.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub explanations: Vec<ExplanationView>,
 }
@@ -382,45 +382,49 @@ impl SequentialView {
     }
 }
 
-/// What is said at the end of a window.
+/// Verdicts at the end of a window.
 #[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]
 pub struct WindowView {
     /// Its last step.
     pub step: u64,
     /// Since the session's first step, s.
     pub time_s: f64,
-    /// As of this step.
+    /// Valid at this step.
     pub calibration: CalibrationState,
     /// The statistical test of the paper.
     pub t_test: VerdictView,
     /// The classifier.
     pub network: NetworkView,
-    /// The same over time, of a classifier that calibrates itself: evidence of its windows added up; not ready with another one.
+    /// The same over time, for a classifier that calibrates itself: accumulated evidence of its windows; not ready
+    /// for other classifiers.
     pub network_over_time: NetworkOverTimeView,
-    /// The detector that decides over time, after a second look at what else would explain it and at how large it is now; the one to act on.
+    /// The verdict to act on: that of the detector that decides over time, after a second look at alternative
+    /// explanations and at the current size.
     pub sequential: SequentialView,
-    /// The same before the second look, as a run would record it; only if it differs.
+    /// The same before the second look, as a run would record it; only if different.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub engine: Option<SequentialView>,
     /// Why the verdicts are `cannot_judge`.
     pub cannot_judge: Option<ObstacleView>,
-    /// Smallest loss of each rotor, as a share of its thrust, that would now be detected within 10 s; empty without a verdict and while a fault or an obstacle is reported.
+    /// Smallest loss of each rotor, as a fraction of its thrust, that would now be detected within 10 s; empty
+    /// without a verdict and while a fault or an obstacle is reported.
     pub smallest_loss: Vec<f32>,
-    /// The last load that was dropped or taken up since the calibration began, from the window that named it on; rotors are judged with it. Absent without one.
+    /// The last load that was dropped or picked up since the calibration began, from the window that named it on;
+    /// rotors are judged with it. Absent without one.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub load: Option<LoadView>,
 }
 
-/// A load that was dropped or taken up.
+/// A load that was dropped or picked up.
 #[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]
 pub struct LoadView {
-    /// When it changed, s on the clock of the windows.
+    /// When the load changed, s on the clock of the windows.
     pub time_s: f64,
-    /// When it was named, s on the same clock.
+    /// When it was reported, s on the same clock.
     pub named_s: f64,
-    /// Taken up, or dropped (negative), kg.
+    /// Picked up, or dropped (negative), kg.
     pub mass_kg: IntervalView,
-    /// Of a load, next to everything else that makes such a force.
+    /// Probability of a load among all causes of such a force.
     pub probability: f32,
 }
 
@@ -484,18 +488,18 @@ impl From<&Window> for WindowView {
     }
 }
 
-/// What a chunk of measurements gave.
+/// Result of a chunk of measurements.
 #[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]
 pub struct ChunkAnswer {
-    /// Of the chunk.
+    /// First step of the chunk.
     pub first_step: u64,
-    /// Step that the next chunk is to begin with.
+    /// Step at which the next chunk must begin.
     pub next_step: u64,
-    /// The chunk had been accepted before; this is its original response.
+    /// The chunk had already been accepted; this is the original response.
     pub repeated: bool,
-    /// Windows that ended in it, in order.
+    /// Windows that ended in the chunk, in order.
     pub windows: Vec<WindowView>,
-    /// What else happened, one sentence each: steps bridged, a pause on the ground, a calibration begun again.
+    /// Other events, one sentence each: steps bridged, a pause on the ground, a restarted calibration.
     pub notes: Vec<String>,
 }
 
@@ -511,7 +515,7 @@ impl From<&Answer> for ChunkAnswer {
     }
 }
 
-/// A verdict of the sequential detector that differs from the one before.
+/// A change of the sequential detector's verdict.
 #[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]
 pub struct ChangeView {
     /// Last step of the window.
@@ -541,7 +545,7 @@ impl ChangeView {
 pub struct DetectorsView {
     /// Name of the vehicle.
     pub vehicle: String,
-    /// Its rotors.
+    /// Number of rotors.
     pub rotor_count: usize,
     /// Name of the classifier; without one the network gives no verdict.
     pub classifier: Option<String>,
@@ -557,7 +561,7 @@ pub struct DetectorsView {
     pub alpha_isolate: f64,
     /// Start of the calibration, s.
     pub calibration_start_s: f64,
-    /// End of the calibration, s; the vehicle is taken for healthy until then.
+    /// End of the calibration, s; the vehicle is assumed healthy until then.
     pub calibration_end_s: f64,
 }
 

@@ -31,7 +31,7 @@ pub struct LiveSample {
     pub step: u64,
     /// Simulated time at the start of the step, s.
     pub sim_time_s: f64,
-    /// A value for each of `rotortwin_store::telemetry_columns`, in their order; none where it is not finite.
+    /// One value for each of `rotortwin_store::telemetry_columns`, in their order; none if it is not finite.
     pub values: Vec<Option<f64>>,
 }
 
@@ -53,9 +53,9 @@ pub struct Progress {
     pub fault_label: i32,
     /// Verdict codes: −3 ambiguous, −2 not ready, −1 unknown, 0 healthy, i rotor i, 100 i + j rotors i and j.
     pub t_test: i32,
-    /// As `t_test`.
+    /// Verdict of the network; codes as for `t_test`.
     pub network: i32,
-    /// As `t_test`.
+    /// Verdict of the network; codes as for `t_test`.
     pub sequential: i32,
 }
 
@@ -82,21 +82,22 @@ pub enum Change {
         /// Bit i set: rotor i (from 0) is or may be faulty.
         suspect_rotors: u32,
     },
-    /// Size of the loss of the rotor named by the sequential detector: sent once, when the name has been stable for long enough. In
-    /// the first windows the detector does not know when within a window the loss began, so an early estimate is unreliable.
+    /// Loss of thrust of the rotor named by the sequential detector: sent once, when the name has been stable for
+    /// long enough. In the first windows the detector does not know when within a window the loss began, so an early
+    /// estimate is unreliable.
     Severity {
         /// s.
         sim_time_s: f64,
         /// Verdict code.
         sequential: i32,
-        /// Estimated loss of thrust, for a pair that of the first rotor, N.
+        /// Estimated loss of thrust, N; for a pair that of the first rotor.
         thrust_loss_n: f32,
         /// Lower end of its 95 % interval, N.
         thrust_loss_low_n: f32,
         /// Upper end, N.
         thrust_loss_high_n: f32,
     },
-    /// An autopilot with its own clock has armed, climbed and come to rest at the first point: the flight begins.
+    /// An autopilot with its own clock has armed, climbed and settled at the first point: the flight begins.
     HandOver {
         /// Simulated time before it, s.
         prelude_s: f64,

@@ -13,7 +13,7 @@ pub(crate) const OWN_FOLDER: u32 = 0o700;
 /// Accessible to this user only.
 pub(crate) const OWN_FILE: u32 = 0o600;
 /// Longest wait for the lock of a server that has just been killed.
-const LOCK_PATIENCE: Duration = Duration::from_secs(1);
+const LOCK_TIMEOUT: Duration = Duration::from_secs(1);
 
 /// The data folder, locked.
 #[derive(Debug)]
@@ -24,7 +24,7 @@ pub(crate) struct DataFolder {
 
 /// Locks the file. A killed process may have left a child between `fork` and `exec`, which holds the lock for a moment longer.
 fn take(lock: &File) -> Result<(), rustix::io::Errno> {
-    let end = Instant::now() + LOCK_PATIENCE;
+    let end = Instant::now() + LOCK_TIMEOUT;
     loop {
         match flock(lock, FlockOperation::NonBlockingLockExclusive) {
             Err(rustix::io::Errno::WOULDBLOCK) if Instant::now() < end => std::thread::sleep(Duration::from_millis(20)),

@@ -9,19 +9,19 @@ use std::error::Error;
 use std::io::ErrorKind;
 use utoipa::ToSchema;
 
-/// Why a request was refused (RFC 9457).
+/// Why a request was rejected (RFC 9457).
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 pub struct Problem {
-    /// What kind of problem: a name that programs can rely on, such as `/problems/not-found`.
+    /// Kind of problem: a stable identifier for programs, such as `/problems/not-found`.
     #[serde(rename = "type")]
     pub kind: String,
-    /// The kind in words.
+    /// Kind of problem, in words.
     pub title: String,
     /// HTTP status.
     pub status: u16,
     /// One sentence: what, where, what was expected.
     pub detail: String,
-    /// All errors of a document, that of `detail` first.
+    /// All errors of a document, starting with that of `detail`.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub complaints: Vec<String>,
 }

@@ -8,7 +8,7 @@ use std::process::ExitCode;
 use std::time::Duration;
 
 /// Time-out for connecting, and for the answer.
-const PATIENCE: Duration = Duration::from_secs(2);
+const PROBE_TIMEOUT: Duration = Duration::from_secs(2);
 
 /// Exit code 0 if healthy, 1 with a sentence if not.
 pub(crate) fn run(args: &Args) -> ExitCode {
@@ -38,7 +38,7 @@ pub(crate) fn run(args: &Args) -> ExitCode {
 fn connect(host: &str) -> Result<(), String> {
     let mut last = "the name has no address".to_owned();
     for address in host.to_socket_addrs().map_err(|error| error.to_string())? {
-        match TcpStream::connect_timeout(&address, PATIENCE) {
+        match TcpStream::connect_timeout(&address, PROBE_TIMEOUT) {
             Ok(_) => return Ok(()),
             Err(error) => last = error.to_string(),
         }
@@ -63,7 +63,7 @@ fn get(url: &str, ca: Option<&Path>) -> Result<(), String> {
         .map_err(|error| told(&error))?;
     let answer = runtime.block_on(async {
         let client = reqwest::Client::builder()
-            .timeout(PATIENCE)
+            .timeout(PROBE_TIMEOUT)
             .tls_certs_only(certificates)
             .build()?;
         client.get(url).send().await

@@ -1,7 +1,7 @@
 //! `rotortwin part`: a node of a Ray cluster fetches a part of a job from the server, runs it in a separate process like a worker, and
 //! delivers the result.
 //!
-//! The server may be down for ten minutes ([`PATIENCE`]): it may be killed, and another one continues the attempt. Once it says that the
+//! The server may be down for ten minutes ([`OUTAGE_TIMEOUT`]): it may be killed, and another one continues the attempt. Once it says that the
 //! attempt is over (410), the result is no longer needed, and this ends.
 
 use reqwest::header::{AUTHORIZATION, HeaderMap, HeaderValue};
@@ -20,7 +20,7 @@ use tokio::signal::unix::{Signal, SignalKind, signal};
 use tokio::sync::{Notify, mpsc};
 
 /// Longest outage of the server.
-const PATIENCE: Duration = Duration::from_secs(600);
+const OUTAGE_TIMEOUT: Duration = Duration::from_secs(600);
 /// A process starts no further part after this: a submission costs Ray about a second, and others may need its place.
 const LONGEST: Duration = Duration::from_secs(300);
 /// Time-out for an answer.
@@ -160,8 +160,8 @@ impl Server {
                 }
                 Err(error) => causes(&error),
             };
-            if begun.elapsed() > PATIENCE {
-                let silent = PATIENCE.as_secs();
+            if begun.elapsed() > OUTAGE_TIMEOUT {
+                let silent = OUTAGE_TIMEOUT.as_secs();
                 return Err(Stop::Failed(format!(
                     "{}: the server did not accept this for {silent} s: {why}",
                     self.url

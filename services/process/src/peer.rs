@@ -33,7 +33,7 @@ pub struct PeerArgs {
     /// Real-time priority, 1 to 99, and all memory locked
     #[arg(long, value_name = "1-99", num_args = 0..=1, require_equals = true, default_missing_value = DEFAULT_PRIORITY, value_parser = parse_priority)]
     pub priority: Option<u8>,
-    /// End with this parent process
+    /// Exit with this parent process
     #[arg(long, hide = true)]
     pub supervisor_pid: Option<u32>,
 }

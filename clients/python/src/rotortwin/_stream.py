@@ -66,7 +66,7 @@ class Stream(Generic[E]):
         self._settings = settings
         self._path = path
         self._params = params
-        #: Nothing more will come.
+        #: End of the stream.
         self.over = False
         #: The current connection has delivered something.
         self.news = False

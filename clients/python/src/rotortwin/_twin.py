@@ -229,7 +229,7 @@ def session_body(
     settings: Mapping[str, Any] | None,
     topic: bool,
 ) -> Json:
-    """A session to be opened."""
+    """A session to open."""
     if isinstance(vehicle_text, Path):
         vehicle_text = vehicle_text.read_text(encoding="utf-8")
     body = without_none(vehicle=vehicle, vehicle_text=vehicle_text, classifier=classifier)

@@ -43,7 +43,7 @@ _native = native()
 #: Verdict codes other than rotors, which count from 1: as in `telemetry.parquet`.
 HEALTHY, UNKNOWN, NOT_READY, AMBIGUOUS = 0, -1, -2, -3
 
-#: Steps of a window.
+#: Steps per window.
 WINDOW = 25
 #: Length of a window, s.
 WINDOW_S = WINDOW * STEP_S

@@ -39,7 +39,7 @@ class Problem(RotortwinError):
         self.status = status
         #: A stable name for programs, such as `/problems/not-found`.
         self.kind = kind
-        #: The kind in words.
+        #: Kind of problem, in words.
         self.title = title
         #: One sentence: what, where, what was expected.
         self.detail = detail

@@ -64,7 +64,7 @@ class QueryAnswer:
 
     columns: list[QueryColumn]
     rows: list[list[Any]]
-    #: There are more rows than these.
+    #: True if there are more rows than these.
     more: bool
 
     def dicts(self) -> list[Json]:
@@ -85,7 +85,7 @@ class Run:
     seed: int
     link: str
     pace: str
-    #: Larger goes first.
+    #: Larger values run first.
     priority: int
     submitted_ms: int
     #: How often it was begun.
@@ -97,13 +97,13 @@ class Run:
     #: Who flies, who detects: `beside` the plant, on a `worker`, `external`; `{"autopilot": NAME}`.
     controller: str | Mapping[str, str] = "beside"
     fdi: str = "beside"
-    #: The run that it was forked from, or the campaign whose flight it is.
+    #: The run that it was forked from, or the campaign that the flight belongs to.
     parent: str | None = None
     #: Who has or had it.
     worker: str | None = None
     #: What it waits for in the queue, beside a free worker: its autopilot is busy or away. Not in lists.
     waits_because: str | None = None
-    #: Bytes of its files.
+    #: Size of its files, bytes.
     bytes: int = 0
     started_ms: int | None = None
     finished_ms: int | None = None
@@ -114,7 +114,7 @@ class Run:
     run_hash: str | None = None
     #: Why it failed, one sentence.
     error: str | None = None
-    #: What is allowed and most likely not meant.
+    #: Settings that are allowed but probably unintended.
     warnings: Sequence[str] = ()
     #: What it was, what the detectors said (`summary.json`); not in lists.
     summary: Json | None = None
@@ -132,7 +132,7 @@ class Job:
     id: str
     #: What it is, such as `campaign`.
     kind: str
-    #: Of the campaign, of the log, …
+    #: Name of the campaign, of the log, …
     name: str
     status: Status
     submitted_ms: int
@@ -154,7 +154,7 @@ class Job:
     finished_ms: int | None = None
     #: Who has or had it.
     worker: str | None = None
-    #: Bytes of its files.
+    #: Size of its files, bytes.
     bytes: int = 0
     #: Why it failed, one sentence.
     error: str | None = None
@@ -187,7 +187,7 @@ class CampaignFlight:
     false_alarm_events: int
     #: What was set on each axis.
     parameters: Mapping[str, Any] = field(default_factory=dict)
-    #: Rotors that were ever faulty, from 1.
+    #: Rotors that were faulty at any time, from 1.
     faulty_rotors: Sequence[int] = ()
     #: Why it was not flown to its end.
     reason: str | None = None
@@ -222,15 +222,15 @@ class BlindCase:
     answer: str
     #: What the answer is worth, such as `right`, `missed`.
     outcome: str
-    #: That the diagnosis took, s.
+    #: Duration of the diagnosis, s.
     seconds: float
     #: What was hidden: `id`, `rotor`, `onset_s`, `parameters`.
     effects: Sequence[Json] = ()
-    #: With small deviations of every other parameter.
+    #: With small deviations in all other parameters.
     clutter: bool = False
     #: ln of the Bayes factor of the first named effect.
     evidence: float | None = None
-    #: Largest relative error of the parameters of each rightly named effect.
+    #: Largest relative error of the parameters of each correctly named effect.
     parameter_errors: Sequence[float] = ()
     #: Of the onset, s.
     onset_error_s: float | None = None
@@ -250,17 +250,17 @@ class Ticket:
 
     #: `controller` or `fdi`.
     role: str
-    #: Where the plant is met: `zenoh:connect=tcp/HOST:PORT`.
+    #: Address of the plant: `zenoh:connect=tcp/HOST:PORT`.
     link: str
     #: 16 hex digits; part of all topics of the run.
     run_id: str
-    #: Version of the messages of `proto/` that the plant speaks.
+    #: Version of the messages of `proto/` that the plant uses.
     messages: int
     #: Longest wait of the plant for all peers to join, ms from the event `join`.
     join_timeout_ms: int
     #: Longest wait of the plant for the reply of a running peer, ms.
     step_timeout_ms: int
-    #: What starts our own part there.
+    #: Command that starts the built-in peer there.
     command: str
 
 
@@ -280,9 +280,9 @@ class Artifact:
 class Channel:
     """Something that was recorded of a run at every step."""
 
-    #: Unique in the run.
+    #: Name, unique in the run.
     name: str
-    #: As people write it (`m/s`); `1` for fractions and codes.
+    #: Unit as written for people (`m/s`); `1` for fractions and codes.
     unit: str
     #: What it means.
     description: str
@@ -302,11 +302,11 @@ class Autopilot:
     lockstep: bool
     #: `free`, `busy` with a run, `away`: the process that offers it is not running.
     state: str
-    #: Process that offers it, or did.
+    #: Process that offers or offered it.
     worker: str
     #: The run that has it, if it may be seen.
     run: str | None = None
-    #: What it called itself in its last flight.
+    #: Name that it reported in its last flight.
     version: str | None = None
     #: End of that flight.
     flown_ms: int | None = None
@@ -314,7 +314,7 @@ class Autopilot:
 
 @dataclass(frozen=True)
 class Verification:
-    """What a second execution gave."""
+    """Result of a second execution."""
 
     #: The hashes are equal.
     same: bool
@@ -338,7 +338,7 @@ class Complaint:
     sentence: str
     #: Dotted path; none: the document as a whole.
     key: str | None = None
-    #: Of the text, from 1.
+    #: Line of the text, from 1.
     line: int | None = None
 
 
@@ -348,7 +348,7 @@ class Validation:
 
     #: It can be used.
     valid: bool
-    #: What is allowed and most likely not meant.
+    #: Settings that are allowed but probably unintended.
     warnings: list[str]
     #: All that is wrong.
     complaints: list[Complaint]
@@ -420,7 +420,8 @@ class FdiWindow:
     sequential: Json
     #: Why the verdicts are `cannot_judge`: on the ground, upset, or the model does not explain the motion.
     cannot_judge: Json | None = None
-    #: Smallest loss of each rotor, as a share of its thrust, that would now be detected within 10 s; empty without a verdict and while a fault or an obstacle is reported.
+    #: Smallest loss of each rotor, as a fraction of its thrust, that would now be detected within 10 s; empty
+    #: without a verdict and while a fault or an obstacle is reported.
     smallest_loss: list[float] = field(default_factory=list)
     #: The last load that was dropped or taken up since the calibration began: `time_s`, `named_s`, `mass_kg`, `probability`.
     load: Json | None = None
@@ -430,12 +431,12 @@ class FdiWindow:
 
 @dataclass(frozen=True)
 class FdiAnswer:
-    """What a chunk of measurements gave."""
+    """Result of a chunk of measurements."""
 
     first_step: int
-    #: Step that the next chunk is to begin with.
+    #: Step at which the next chunk must begin.
     next_step: int
-    #: The chunk had been accepted before; this is its original response.
+    #: The chunk had already been accepted; this is the original response.
     repeated: bool
     #: Windows that ended in it.
     windows: list[FdiWindow]
@@ -450,20 +451,20 @@ class FdiState:
     id: str
     #: Vehicle, classifier and settings in effect.
     detectors: Json
-    #: Samples per second that are expected.
+    #: Expected samples per second.
     rate_hz: float
-    #: Step that the next chunk is to begin with.
+    #: Step at which the next chunk must begin.
     next_step: int
     #: Samples taken.
     samples: int
     calibration: CalibrationState
-    #: Step from which on verdicts come, unless a gap is too long.
+    #: Step from which verdicts are given, unless a gap is too long.
     verdicts_from_step: int
     #: Samples with values that no flight can have; left out.
     rejected_samples: int
     #: Lost steps that were coasted over.
     bridged_steps: int
-    #: Steps on the ground, just off it, or upset: the detectors waited.
+    #: Number of steps on the ground, just above it, or upset, in which the detectors paused.
     paused_steps: int
     #: Calibrations begun again after longer gaps.
     restarts: int
@@ -471,7 +472,7 @@ class FdiState:
     changes: list[Json]
     #: It ends when nothing is asked of it for so long, s.
     idle_limit_s: float
-    #: Why there are no verdicts now.
+    #: Why there are no verdicts at present.
     cannot_judge: Json | None = None
     #: The last window.
     last: FdiWindow | None = None
@@ -530,7 +531,7 @@ class Effectiveness:
 
     #: `thrust`, `roll`, `pitch`, `yaw`.
     rows: Sequence[str]
-    #: A row for each, a column a rotor.
+    #: One row for each of these, one column per rotor.
     matrix: Sequence[Sequence[float]]
 
 
@@ -540,13 +541,13 @@ class Hover:
 
     #: Weight, N.
     thrust_n: float
-    #: Least-norm thrusts that carry it without a torque, N.
+    #: Minimum-norm thrusts that carry the weight without torque, N.
     rotor_thrust_n: Sequence[float]
-    #: Duties for them at that voltage, fraction.
+    #: Duties for these thrusts at that voltage, fraction.
     duty: Sequence[float]
     #: State of charge, fraction.
     state_of_charge: float
-    #: Of the battery under this load, V.
+    #: Battery voltage under this load, V.
     voltage_v: float
 
 
@@ -557,12 +558,12 @@ class VehicleGeometry:
     #: Of the vehicle.
     name: str
     mass_kg: float
-    #: To the furthest rotor, m.
+    #: Distance to the farthest rotor, m.
     arm_m: float
     gravity_m_s2: float
     #: Principal moments of inertia.
     inertia_body_kg_m2: Sequence[float]
-    #: In the order of their numbers.
+    #: Ordered by number.
     rotors: list[RotorGeometry]
     #: What thrusts do.
     effectiveness: Effectiveness
@@ -572,9 +573,9 @@ class VehicleGeometry:
 
 @dataclass(frozen=True)
 class Buckets:
-    """A value for each bucket; None: nothing of it counts."""
+    """One value per bucket; None: no sample counts."""
 
-    #: Of the samples that count.
+    #: Mean of the samples that count.
     mean: Sequence[float | None]
     #: The lowest sample.
     low: Sequence[float | None]
@@ -584,13 +585,13 @@ class Buckets:
 
 @dataclass(frozen=True)
 class ModelSeries:
-    """What one model makes of a channel."""
+    """Prediction of one model for a channel."""
 
     #: As in the result of the comparison.
     label: str
-    #: Measured less residual.
+    #: Predicted: measured minus residual.
     predicted: Buckets
-    #: Measured less predicted.
+    #: Residual: measured minus predicted.
     residual: Buckets
 
 
@@ -600,7 +601,7 @@ class BucketNoise:
 
     #: Of a sample.
     sample: float
-    #: Of the mean of a whole bucket.
+    #: That of the mean of a whole bucket.
     mean: float
 
 
@@ -608,7 +609,7 @@ class BucketNoise:
 class ChannelSeries:
     """One channel of a compared log: what was measured, and what each model makes of it."""
 
-    #: Place of the log in the result, from 0.
+    #: Index of the log in the result, from 0.
     log: int
     #: Name of the log.
     name: str
@@ -627,7 +628,7 @@ class ChannelSeries:
     measured: Buckets
     #: In the order of the result.
     models: list[ModelSeries]
-    #: What pure noise does.
+    #: Level of pure noise.
     noise: BucketNoise
 
 
@@ -648,7 +649,7 @@ class FlightCondition:
 class ConditionSeries:
     """The flight conditions of a compared log."""
 
-    #: Place of the log in the result, from 0.
+    #: Index of the log in the result, from 0.
     log: int
     #: Name of the log.
     name: str
@@ -685,7 +686,7 @@ class HiddenTruth:
     effects: list[HiddenEffect]
     #: Name of the vehicle.
     vehicle: str
-    #: Of every random stream.
+    #: Seed of all random streams.
     seed: int
     duration_s: float
     #: At the start, fraction.
@@ -708,7 +709,7 @@ class ManoeuvreEvidence:
 
 @dataclass(frozen=True)
 class ProposedManoeuvre:
-    """A manoeuvre with what it is expected to show."""
+    """A manoeuvre with its expected evidence."""
 
     #: Its name.
     manoeuvre: str
@@ -759,7 +760,7 @@ class LibraryCampaign:
 
     #: What `campaigns.submit` takes.
     name: str
-    #: What it tries; empty where its document does not say it.
+    #: What it tests; empty if its document does not say.
     description: str
 
 

@@ -115,7 +115,7 @@ class Logs(Resource[Job]):
         vehicle: str | None = None,
         idempotency_key: str | None = None,
     ) -> Job:
-        """Imports an uploaded log once more, in another way: another log, with the first one as its parent.
+        """Imports an uploaded log again with other settings, as a new log whose parent is the first one.
 
         mapping: a text or `Path`, as `rotortwin log map` and `draft_mapping` write it. The rest: as for `submit`.
         """

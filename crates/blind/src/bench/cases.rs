@@ -7,7 +7,7 @@ use crate::random::Stream;
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
-/// What a set of cases is to show.
+/// Purpose of a set of cases.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, ToSchema, clap::ValueEnum)]
 #[schema(as = BlindPreset)]
 #[serde(rename_all = "kebab-case")]
@@ -80,7 +80,7 @@ pub struct Case {
     pub scale: f64,
     /// With clutter.
     pub clutter: bool,
-    /// Times the generator's white force and torque.
+    /// Factor on the generator's white force and torque.
     #[serde(default = "usual")]
     pub disturbance: f64,
     /// Hidden effects, a companion before the effect that needs it.

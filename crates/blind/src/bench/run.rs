@@ -39,9 +39,9 @@ pub struct Request {
     pub presets: Vec<Preset>,
     /// Cases of each.
     pub n: usize,
-    /// Seed of the draws.
+    /// Seed of the random draws.
     pub seed: u64,
-    /// Vehicle documents, taken in turn.
+    /// Vehicle documents, used in turn.
     pub vehicles: Vec<String>,
     /// Length of a flight, s.
     pub duration_s: f64,

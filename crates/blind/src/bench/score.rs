@@ -8,7 +8,7 @@ use crate::hidden::Hidden;
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
-/// What became of a case.
+/// Outcome of a case.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize, ToSchema)]
 #[schema(as = BlindOutcome)]
 #[serde(rename_all = "kebab-case")]
@@ -54,7 +54,7 @@ pub struct Row {
     pub named: String,
     /// ln Bayes factor of the first named effect.
     pub evidence: Option<f64>,
-    /// Largest relative error of the parameters of each rightly named effect.
+    /// Largest relative error of the parameters of each correctly named effect.
     pub parameter_errors: Vec<f64>,
     /// Whether the 95 % interval of each such parameter covers the truth.
     pub covered: Vec<bool>,

@@ -6,15 +6,15 @@ use serde::Serialize;
 use std::collections::BTreeMap;
 use utoipa::ToSchema;
 
-/// A share with its 95 % interval (Wilson's).
+/// A fraction with its 95 % interval (Wilson).
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, ToSchema)]
 #[schema(as = BlindShare)]
 pub struct Share {
     /// How many.
     pub count: usize,
-    /// Of how many.
+    /// Denominator.
     pub of: usize,
-    /// count/of.
+    /// `count/of`.
     pub share: f64,
     /// Interval.
     pub low: f64,
@@ -63,47 +63,48 @@ impl Share {
     }
 }
 
-/// Figures of one set of rows.
+/// Figures for one set of rows.
 #[derive(Debug, Clone, Serialize, ToSchema)]
 #[schema(as = BlindGroup)]
 pub struct Group {
     /// Preset and flight.
     pub name: String,
-    /// Cases.
+    /// Number of cases.
     pub cases: usize,
-    /// Exactly right, or rightly not testable.
+    /// Exactly right, or correctly reported as not testable.
     pub right_or_not_testable: Share,
-    /// First name right, of the cases where something is hidden.
+    /// First name correct, of the cases where something is hidden.
     pub top1: Share,
-    /// Every hidden effect named.
+    /// All hidden effects were named.
     pub all_found: Share,
-    /// Exactly the hidden set.
+    /// Exactly the hidden set was named.
     pub exact: Share,
-    /// In the named group, of the cases where something of the catalogue was named.
+    /// Hidden effect inside the named group, of the cases where an effect of the catalogue was named.
     pub in_group: Share,
-    /// Rightly not testable.
+    /// Correctly reported as not testable.
     pub not_testable: Share,
     /// Nothing named although it should have been detectable.
     pub missed: Share,
-    /// Wrong, without a doubt.
+    /// Wrong, not flagged as uncertain.
     pub confidently_wrong: Share,
-    /// Wrong, with a doubt.
+    /// Wrong, flagged as uncertain.
     pub wrong_flagged: Share,
-    /// Of the cases with nothing hidden.
+    /// False alarms, of the cases with nothing hidden.
     pub false_alarms: Share,
     /// Of the cases outside the catalogue.
     pub flagged: Share,
     /// No answer.
     pub failed: Share,
-    /// Relative parameter error of rightly named effects: median and 90th percentile.
+    /// Relative parameter error of correctly named effects: median and 90th percentile.
     pub parameter_error: Option<[f64; 2]>,
-    /// 95 % intervals that cover the truth.
+    /// 95 % intervals that contain the truth.
     pub coverage: Share,
-    /// Onsets within 1 s.
+    /// Onsets correct within 1 s.
     pub onset_within_1_s: Share,
-    /// χ² per residual after the named effects were added: median and worst, of right answers; the oracle's is 1.
+    /// χ² per residual after the named effects were added: median and worst, over correct answers; that of the oracle
+    /// is 1.
     pub chi2_after: Option<[f64; 2]>,
-    /// s per diagnosis: median and worst.
+    /// Seconds per diagnosis: median and worst.
     pub seconds: [f64; 2],
 }
 

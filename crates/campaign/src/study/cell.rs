@@ -32,7 +32,7 @@ pub enum Cell {
     Integer(i64),
     /// A number.
     Number(f64),
-    /// A text.
+    /// A string.
     Text(String),
 }
 

@@ -138,9 +138,9 @@ pub struct CaseDocument {
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, utoipa::ToSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct Criteria {
-    /// A fault counts as isolated in time if its rotor is named within this after the onset, s.
+    /// A fault counts as isolated in time if its rotor is named within this time after the onset, s.
     pub isolate_within_s: f64,
-    /// `--hunt`: a right verdict later than this is a failure, s.
+    /// `--hunt`: a correct verdict later than this is a failure, s.
     pub late_after_s: f64,
     /// Largest tilt before a flight counts as lost, degrees.
     pub lost_tilt_deg: f64,

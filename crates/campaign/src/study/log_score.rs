@@ -19,7 +19,7 @@ pub struct LogScore {
     pub inside_of: u64,
 }
 
-/// Counts of one detector by its name; `by_severity` is empty where a loss is of unknown size.
+/// Counts of one detector by its name; `by_severity` is empty if a loss is of unknown size.
 #[derive(Debug, Serialize, Deserialize, ToSchema)]
 pub struct NamedScore {
     /// `t_test`, `network` or `sequential`.

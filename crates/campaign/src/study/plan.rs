@@ -132,7 +132,7 @@ pub struct PlannedFlight {
     pub index: u64,
     /// Seed of its noise and draws of the vehicle.
     pub seed: u64,
-    /// In the order of the axes.
+    /// Values in the order of the axes.
     pub parameters: Vec<Parameter>,
 }
 
@@ -488,7 +488,7 @@ impl Campaign {
                 if let Err(error) = self.scenario(&flight)
                     && !is_of_the_combination(&error)
                 {
-                    let reason = format!("with {} = {name}: {}", axis.name, told(&error));
+                    let reason = format!("with {} = {name}: {}", axis.name, sentence_of(&error));
                     return Err(self.file.refuse(&format!("axis[{place}]"), reason));
                 }
             }
@@ -522,7 +522,7 @@ impl Campaign {
                     format!(" with {}", parameters.join(", "))
                 };
                 let key = if self.axes.is_empty() { "set" } else { "axis" };
-                let reason = format!("flight {index}{with}: {}", told(&error));
+                let reason = format!("flight {index}{with}: {}", sentence_of(&error));
                 return Err(self.file.refuse(key, reason));
             }
         }
@@ -716,7 +716,7 @@ pub(super) fn is_of_the_combination(error: &ConfigError) -> bool {
 }
 
 /// Key and reason: the file is the base scenario's, but the value does not come from it.
-fn told(error: &ConfigError) -> String {
+fn sentence_of(error: &ConfigError) -> String {
     match error.key() {
         Some(key) => format!("scenario key `{key}`: {}", error.reason()),
         None => error.reason().to_owned(),

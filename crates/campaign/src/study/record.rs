@@ -46,7 +46,7 @@ pub struct FlightRecord {
     pub parameters: Vec<(String, Cell)>,
     /// How it ended.
     pub status: FlightStatus,
-    /// Why, unless it was flown to its end.
+    /// Why it was not flown to its end; empty if it was.
     pub reason: String,
     /// Hash over all samples; that of the run folder of the same flight.
     pub run_hash: String,
@@ -54,7 +54,7 @@ pub struct FlightRecord {
     pub steps: u64,
     /// Rotors of the vehicle; 0 if it was refused.
     pub rotor_count: u32,
-    /// First onset of a fault, s; absent if no rotor was ever faulty.
+    /// First onset of a fault, s; absent if no rotor was faulty at any time.
     pub fault_onset_s: Option<f64>,
     /// Rotors that were ever faulty: bit 0 is rotor 1.
     pub faulty_rotors: u32,

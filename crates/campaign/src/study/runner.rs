@@ -159,7 +159,7 @@ pub fn run(
             } else {
                 fly_guarded(campaign, engine, range)
             };
-            progress(told(&records));
+            progress(progress_of(&records));
             let done = {
                 let mut open = open.lock().unwrap_or_else(PoisonError::into_inner);
                 let entry = open.entry(shard).or_insert_with(|| Open {
@@ -201,7 +201,7 @@ pub fn run(
     Ok(if complete { RunEnd::Complete } else { RunEnd::Stopped })
 }
 
-fn told(records: &[FlightRecord]) -> Progress {
+fn progress_of(records: &[FlightRecord]) -> Progress {
     let sequential = |record: &FlightRecord| {
         record
             .detectors

@@ -39,7 +39,7 @@ pub fn severity_name(bin: usize) -> String {
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 #[schema(as = DetectorCounts)]
 pub struct DetectorScore {
-    /// Steps of a window.
+    /// Steps per window.
     pub window_steps: u64,
     /// Windows with a verdict.
     pub windows: u64,
@@ -55,7 +55,7 @@ pub struct DetectorScore {
     pub healthy_windows: u64,
     /// Of these, with a verdict other than healthy.
     pub false_alarm_windows: u64,
-    /// Uninterrupted series of such windows.
+    /// Uninterrupted sequences of such windows.
     pub false_alarm_events: u64,
     /// Steps from the onset to the end of the first window with any verdict other than healthy.
     pub detected_after_steps: Option<u64>,
@@ -63,11 +63,11 @@ pub struct DetectorScore {
     pub isolated_after_steps: Option<u64>,
     /// To the end of the window from which on all are correct.
     pub settled_after_steps: Option<u64>,
-    /// Verdict of the last window; −2 if it was never ready.
+    /// Verdict of the last window; −2 if the detector was never ready.
     pub final_verdict: i32,
     /// Truth, verdict, windows.
     pub confusion: Vec<(i32, i32, u64)>,
-    /// Bin of severity, faulty windows, of these right.
+    /// Bin of severity, faulty windows, number of these that are correct.
     pub by_severity: Vec<(usize, u64, u64)>,
 }
 

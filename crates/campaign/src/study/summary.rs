@@ -11,61 +11,61 @@ use serde::Serialize;
 use std::collections::BTreeMap;
 use utoipa::ToSchema;
 
-/// Totals of a campaign, without any wall-clock time, so that the same flights give the same bytes.
+/// Totals of a campaign, without wall-clock times, so that the same flights give the same bytes.
 #[derive(Debug, Clone, Serialize, ToSchema)]
 pub struct CampaignSummary {
     /// Its name.
     campaign: String,
     /// Program and version.
     program: String,
-    /// Of the campaign; flights draw theirs from it.
+    /// Seed of the campaign; those of the flights are drawn from it.
     seed: u64,
-    /// Flights of the whole campaign.
+    /// Number of flights of the whole campaign.
     planned_flights: u64,
-    /// All of them are there.
+    /// True if no flight is missing.
     complete: bool,
-    /// Flights that are there.
+    /// Number of flights present.
     flights: u64,
     /// Flown to their end.
     done: u64,
     /// Lost, or ended by an error.
     failed: u64,
-    /// Impossible by their documents.
+    /// Rejected because their documents are invalid.
     refused: u64,
-    /// Steps of 2.5 ms.
+    /// Number of steps of 2.5 ms.
     steps: u64,
     /// Simulated time, h.
     flown_h: f64,
     /// XXH3-128 over the records of all flights in order.
     hash: String,
-    /// What counts as in time and as lost.
+    /// Limits for isolation in time and for a lost flight.
     criteria: Criteria,
     /// By name of the detector.
     detectors: BTreeMap<String, DetectorSummary>,
-    /// The sequential detector at other limits of its evidence.
+    /// The sequential detector at other evidence thresholds.
     operating_curve: Vec<OperatingPoint>,
     /// By axis and value. An axis with too many distinct values is left out.
     axes: Vec<AxisSummary>,
-    /// Estimated less true loss of thrust at the end, where the right rotor is named.
+    /// Estimated minus true loss of thrust at the end, where the correct rotor is named.
     thrust_loss_error: Option<LossErrorSummary>,
 }
 
-/// A detector over some flights.
+/// One detector over a set of flights.
 #[derive(Debug, Clone, Serialize, ToSchema)]
 pub struct BriefSummary {
-    /// Windows of flights in which it was ready.
+    /// Windows of flights in which the detector was ready.
     windows: u64,
-    /// Share of them that are right.
+    /// Fraction of these that are correct.
     right: Option<f64>,
     /// Its 95 % interval over flights.
     right_95: Option<[f64; 2]>,
-    /// Rows of false alarms.
+    /// False alarms; consecutive windows count once.
     false_alarm_events: u64,
     /// Time without a fault, h.
     healthy_h: f64,
     /// Flights with a fault.
     fault_flights: u64,
-    /// From the onset to the first right verdict.
+    /// Delay from the onset to the first correct verdict.
     isolated: DelaySummary,
     /// Flights isolated within `criteria.isolate_within_s`.
     isolated_in_time: u64,
@@ -76,15 +76,15 @@ pub struct BriefSummary {
 pub struct DetectorSummary {
     #[serde(flatten)]
     brief: BriefSummary,
-    /// Share of right windows without a fault.
+    /// Fraction of correct windows among those without a fault.
     healthy_right: Option<f64>,
-    /// Share of right windows with one.
+    /// Fraction of correct windows among those with a fault.
     faulty_right: Option<f64>,
-    /// Windows with a fault called healthy.
+    /// Windows with a fault and the verdict healthy.
     missed: u64,
     /// Windows naming a healthy rotor.
     wrong_rotor: u64,
-    /// Flights that ever named a healthy rotor after the onset.
+    /// Flights with any verdict after the onset that named a healthy rotor.
     wrong_rotor_flights: u64,
     /// Windows neither correct nor missed, naming no healthy rotor.
     unclear: u64,
@@ -94,11 +94,11 @@ pub struct DetectorSummary {
     false_alarms_per_h_95: Option<[f64; 2]>,
     /// Flights with a false alarm.
     false_alarm_flights: u64,
-    /// From the onset to the first verdict but healthy.
+    /// Delay from the onset to the first verdict other than healthy.
     detected: DelaySummary,
-    /// From the onset to the first of the right verdicts that last to the end.
+    /// Delay from the onset to the first of the correct verdicts that last to the end.
     settled: DelaySummary,
-    /// 95 % interval of the share isolated in time (Wilson).
+    /// 95 % interval of the fraction isolated in time (Wilson).
     isolated_in_time_95: Option<[f64; 2]>,
     /// Rows of truth, verdict, windows; codes as in `verdict` of the telemetry.
     confusion_truth_verdict_windows: Vec<[i64; 3]>,
@@ -108,19 +108,19 @@ pub struct DetectorSummary {
     onsets_by_severity: Vec<SeverityOnsets>,
 }
 
-/// The sequential detector at one limit of its evidence.
+/// The sequential detector at one evidence threshold.
 #[derive(Debug, Clone, Serialize, ToSchema)]
 pub struct OperatingPoint {
     #[serde(flatten)]
     detector: DetectorSummary,
-    /// The limit, nats.
+    /// Evidence threshold, nats.
     evidence_nats: f32,
 }
 
-/// Times after onsets; nearest-rank quantiles.
+/// Delays after onsets; nearest-rank quantiles.
 #[derive(Debug, Clone, Serialize, ToSchema)]
 pub struct DelaySummary {
-    /// Flights in which it came at all.
+    /// Flights in which the event occurred.
     flights: u64,
     /// s.
     median_s: Option<f64>,
@@ -137,7 +137,7 @@ pub struct SeverityWindows {
     loss: String,
     /// How many.
     windows: u64,
-    /// Share of them that are right.
+    /// Fraction of these that are correct.
     right: Option<f64>,
     /// Its 95 % interval over flights.
     right_95: Option<[f64; 2]>,
@@ -150,18 +150,18 @@ pub struct SeverityOnsets {
     loss: String,
     /// How many.
     flights: u64,
-    /// Of them isolated in time.
+    /// Of these, isolated in time.
     in_time: u64,
-    /// From the onset to the first right verdict.
+    /// Delay from the onset to the first correct verdict.
     isolated: DelaySummary,
 }
 
-/// Flights by the values of one axis.
+/// Flights grouped by the values of one axis.
 #[derive(Debug, Clone, Serialize, ToSchema)]
 pub struct AxisSummary {
     /// Its name.
     axis: String,
-    /// Value by value.
+    /// One entry per value.
     groups: Vec<AxisValueSummary>,
 }
 
@@ -172,7 +172,7 @@ pub struct AxisValueSummary {
     value: String,
     /// How many.
     flights: u64,
-    /// Of them not flown to their end.
+    /// Of these, not flown to their end.
     failed: u64,
     /// By name of the detector.
     detectors: BTreeMap<String, BriefSummary>,
@@ -181,13 +181,13 @@ pub struct AxisValueSummary {
 /// How well the loss of thrust is estimated.
 #[derive(Debug, Clone, Serialize, ToSchema)]
 pub struct LossErrorSummary {
-    /// Flights that named the right rotor at their end.
+    /// Flights that named the correct rotor at their end.
     flights: u64,
     /// Mean error, N.
     mean_n: f64,
     /// Root of the mean squared error, N.
     rms_n: f64,
-    /// Flights whose 95 % interval holds the truth.
+    /// Flights whose 95 % interval contains the truth.
     interval_holds_truth: u64,
 }
 

@@ -99,7 +99,7 @@ pub struct DetectorTotals {
     pub isolated: Delays,
     /// Delay to the first of the correct verdicts that last to the end.
     pub settled: Delays,
-    /// Flights that ever named a healthy rotor after the onset.
+    /// Flights with any verdict after the onset that named a healthy rotor.
     pub wrong_rotor_flights: u64,
     /// Faulty windows by their loss.
     pub by_severity: BTreeMap<usize, ClusterSums>,
@@ -219,7 +219,7 @@ pub struct AxisTotals {
 pub struct GroupTotals {
     /// The value, or the ends of the bin.
     pub name: String,
-    /// Flights.
+    /// Number of flights.
     pub flights: u64,
     /// Flights that did not reach their end.
     pub failed: u64,

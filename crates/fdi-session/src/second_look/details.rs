@@ -42,7 +42,7 @@ impl Interval {
     }
 }
 
-/// What may have happened.
+/// Kind of explanation.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum ExplanationKind {
     /// These rotors lost thrust.

@@ -38,7 +38,7 @@ const AT_LIMIT: f64 = 0.02;
 /// Share of the samples that must be left without those, to leave them out.
 const LEFT: f64 = 0.5;
 /// Share of a swing with motors at their limits above which this is reported if nothing fits.
-const TOLD: f64 = 0.1;
+const REPORTED_AT_LIMIT: f64 = 0.1;
 /// Pause between two axes, s.
 const REST_S: f64 = 1.5;
 /// Longest landing, s.
@@ -248,7 +248,7 @@ impl Stand {
         self.land(autopilot, say);
         let most = self.at_limit[0].max(self.at_limit[1]);
         judge(&self.airframe, &shares, rotor_of_channel, autopilot.identity().peer).map_err(|sentence| {
-            if most < TOLD {
+            if most < REPORTED_AT_LIMIT {
                 return sentence;
             }
             format!(

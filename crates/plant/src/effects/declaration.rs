@@ -150,13 +150,13 @@ pub struct ParameterDeclaration {
     pub meaning: &'static str,
     /// Size or shape.
     pub kind: ParameterKind,
-    /// Lowest value met on real vehicles.
+    /// Lowest value found on real vehicles.
     pub plausible_low: f64,
-    /// Highest value met on real vehicles.
+    /// Highest value found on real vehicles.
     pub plausible_high: f64,
     /// Plausible size: standard deviation of the slab of the prior.
     pub size: f64,
-    /// Standard deviation of the spike of the prior: what every real vehicle has unnoticed.
+    /// Standard deviation of the spike of the prior: deviations that every real vehicle has.
     pub clutter: f64,
     /// Value of an ordinary case, for examples and tests.
     pub typical: f64,
@@ -318,7 +318,7 @@ impl fmt::Debug for Build {
 pub struct EffectDeclaration {
     /// Key in documents: `rotor-drag`.
     pub id: &'static str,
-    /// Name shown to people.
+    /// Readable name.
     pub name: &'static str,
     /// Row of the catalogue of effects, from 1; absent for effects of users.
     pub catalogue_number: Option<u8>,
@@ -332,7 +332,7 @@ pub struct EffectDeclaration {
     pub channels: &'static [ChannelGroup],
     /// Parameters; an effect with two sizes has both or neither.
     pub parameters: &'static [ParameterDeclaration],
-    /// One instance belongs to one rotor.
+    /// Each instance belongs to one rotor.
     pub per_rotor: bool,
     /// It can begin in mid-flight, as a broken blade or a wind does; a resistance, a density or an inertia is there from the start.
     pub may_set_in: bool,
@@ -345,7 +345,7 @@ pub struct EffectDeclaration {
     pub excited_by: &'static str,
     /// Ids of effects with a similar signature.
     pub confused_with: &'static [&'static str],
-    /// Where equation and sizes come from.
+    /// Source of the equation and the sizes.
     pub source: &'static str,
     /// Makes the physics.
     #[serde(skip)]

@@ -23,7 +23,7 @@ pub struct EffectInstance {
     /// Rotor, from 1, of an effect of one rotor.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub rotor: Option<usize>,
-    /// When it sets in, s; from the start if absent.
+    /// Onset, s; absent: present from the start.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub onset_s: Option<f64>,
     /// Values by the names of the declaration; absent sizes are 0, absent shapes typical.

@@ -20,7 +20,7 @@ use crate::vector::Vector3;
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct VehicleModel {
-    /// Name shown to people.
+    /// Readable name.
     pub name: String,
     /// Where the numbers come from.
     pub description: String,
@@ -122,7 +122,7 @@ pub struct ListedRotor {
     pub number: u32,
     /// m, body, from the centre of mass.
     pub position_body_m: [f64; 3],
-    /// Seen from above.
+    /// Rotation sense, seen from above.
     pub spin: SpinDirection,
     /// c_D/c_L, m.
     pub moment_ratio_m: f64,
@@ -143,7 +143,7 @@ pub enum SpinDirection {
 pub struct RotorPlacement {
     /// m, body.
     pub position_body: Vector3,
-    /// Seen from above.
+    /// Rotation sense, seen from above.
     pub spin: SpinDirection,
     /// c_D/c_L, m.
     pub moment_ratio: f64,

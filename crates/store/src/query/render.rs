@@ -35,7 +35,7 @@ impl Format {
 /// A table and its run.
 #[derive(Clone, Debug, PartialEq)]
 pub struct RunTable {
-    /// Id.
+    /// Id of the run.
     pub run: String,
     /// The result.
     pub table: Table,

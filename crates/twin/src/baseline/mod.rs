@@ -48,15 +48,15 @@ const LOSS_STEP: f64 = 0.01;
 /// Fixed-point steps of the balance with another gain; the error shrinks by the gain's change each time.
 const BALANCE_STEPS: usize = 60;
 
-/// Something that may have changed.
+/// A possible change.
 #[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]
 #[schema(as = TrimChange)]
 pub struct Change {
-    /// Id of the effect in the catalogue; for a load `mass` with `centre-of-mass`.
+    /// Id of the effect in the catalogue; for a load, `mass` with `centre-of-mass`.
     pub effect: String,
     /// Rotor, from 1.
     pub rotor: Option<usize>,
-    /// The other of two rotors.
+    /// The second of two rotors.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub second_rotor: Option<usize>,
     /// In words.
@@ -72,39 +72,40 @@ pub struct Change {
 pub struct Trim {
     /// In words.
     pub sentence: String,
-    /// What is named: the fewest that together have [`NAMED`]; none if nothing has changed.
+    /// The named changes: the fewest that together have [`NAMED`]; empty if nothing has changed.
     pub named: Vec<Change>,
-    /// All that may have changed, most probable first.
+    /// All possible changes, most probable first.
     pub ranking: Vec<Change>,
-    /// Posterior probability that nothing has changed.
+    /// Posterior probability of no change.
     pub unchanged: f64,
-    /// Thrust asked of each rotor over that of the healthy flights, less 1.
+    /// Commanded thrust of each rotor relative to that of the healthy flights, minus 1.
     pub thrust_change: Vec<f64>,
-    /// Relative spread of healthy flights: common to all rotors, and per rotor in addition.
+    /// Relative spread of healthy flights: common to all rotors, and additionally per rotor.
     pub spread: [f64; 2],
-    /// Healthy flights.
+    /// Number of healthy flights.
     pub baseline: Vec<String>,
-    /// Smallest loss of one rotor that would be named, whichever rotor it is; none up to 60 %.
+    /// Smallest loss of one rotor that would be named, whichever rotor it is; absent if there is none up to 60 %.
     pub smallest_loss: Option<f64>,
     /// The same with more healthy flights of the same spread.
     pub with_more: Vec<MoreFlights>,
-    /// True if all healthy flights are of one day and what is compared is of another: its spread is then assumed, not known.
+    /// True if all healthy flights are from one day and the flight compared is from another: its spread is then
+    /// assumed, not known.
     pub another_day: bool,
-    /// Vibration at the speed of each rotor against the healthy flights, where the logs show it.
+    /// Vibration at the speed of each rotor against the healthy flights, if the logs show it.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub vibration: Option<vibration::Change>,
-    /// Why there is none, one sentence.
+    /// Why there is no result, one sentence.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub no_vibration: Option<String>,
 }
 
-/// What more healthy flights would show.
+/// Detectable size with more healthy flights.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, ToSchema)]
 #[schema(as = TrimMoreFlights)]
 pub struct MoreFlights {
-    /// Healthy flights.
+    /// Number of healthy flights.
     pub flights: usize,
-    /// Smallest loss of one rotor that would be named, whichever rotor it is; none up to 60 %.
+    /// Smallest loss of one rotor that would be named, whichever rotor it is; absent if there is none up to 60 %.
     pub smallest_loss: Option<f64>,
 }
 

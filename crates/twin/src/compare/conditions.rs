@@ -122,13 +122,14 @@ pub fn of(series: &Series) -> Vec<Condition> {
 pub struct Dependence {
     /// Key of the condition.
     pub condition: &'static str,
-    /// For people.
+    /// Readable name.
     pub title: &'static str,
     /// Unit of the condition.
     pub unit: &'static str,
-    /// Share of the variance of the residual's block means that lies between the bins, 0 to 1, corrected for their number.
+    /// Fraction of the variance of the residual's block means that lies between the bins, 0 to 1, corrected for their
+    /// number.
     pub explained: f64,
-    /// The bins with enough data, by rising condition.
+    /// The bins with enough data, by increasing condition.
     pub bins: Vec<Bin>,
 }
 
@@ -139,11 +140,11 @@ pub struct Bin {
     pub at: f64,
     /// Mean residual, unit of the channel.
     pub mean: f64,
-    /// Half of the band that 95 % of the means of pure noise stay within.
+    /// Half width of the band that contains 95 % of the means of pure noise.
     pub band_95: f64,
     /// chi² per block: 1 for pure noise.
     pub chi2: f64,
-    /// Blocks.
+    /// Number of blocks.
     pub blocks: usize,
 }
 

@@ -38,7 +38,7 @@ const CHANCE_LIMIT: f64 = 5.0;
 /// Or where the whole error, noise included, exceeds this multiple of the noise (variances).
 const CHI2_LIMIT: f64 = 1.25;
 
-/// What a channel says about the model.
+/// Result of the test of one channel.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, ToSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum ChannelVerdict {
@@ -57,22 +57,22 @@ pub struct ChannelResult {
     pub channel: &'static str,
     /// F, M, KV, KA, KP, V.
     pub group: &'static str,
-    /// Of the errors below.
+    /// Unit of the errors below.
     pub unit: &'static str,
-    /// What it says.
+    /// The result.
     pub verdict: ChannelVerdict,
-    /// Samples that count.
+    /// Number of samples that count.
     pub samples: usize,
     /// Root mean square of the residual.
     #[schema(value_type = Option<f64>)]
     pub rms: f64,
-    /// Deviation of a sample of pure noise.
+    /// Standard deviation of a sample of pure noise.
     #[schema(value_type = Option<f64>)]
     pub noise: f64,
     /// Root mean square of means over 0.1 s.
     #[schema(value_type = Option<f64>)]
     pub smoothed_rms: f64,
-    /// What pure noise gives there.
+    /// Value of pure noise there.
     #[schema(value_type = Option<f64>)]
     pub smoothed_noise: f64,
     /// Mean square of the whitened residual: 1 for pure noise.
@@ -81,12 +81,12 @@ pub struct ChannelResult {
     /// Mean square of the standardised sums over 0.25 s: 1 for white noise.
     #[schema(value_type = Option<f64>)]
     pub low_frequency: f64,
-    /// Deviation of `low_frequency` by chance.
+    /// Standard deviation of `low_frequency` by chance.
     #[schema(value_type = Option<f64>)]
     pub low_frequency_chance: f64,
     /// Whiteness of the samples.
     pub ljung_box: Option<LjungBox>,
-    /// Inputs that the residual follows, outside of their 99 % band first.
+    /// Inputs that the residual correlates with, those outside their 99 % band first.
     pub inputs: Vec<InputTest>,
     /// Dependence on the flight conditions, strongest first.
     pub conditions: Vec<Dependence>,
@@ -94,10 +94,10 @@ pub struct ChannelResult {
     pub strip: Vec<Option<f64>>,
 }
 
-/// The stretch in which a channel that fails is farthest off.
+/// The interval with the largest error of a channel that fails.
 #[derive(Debug, Clone, Serialize, ToSchema)]
 pub struct WorstMoment {
-    /// Begin, s.
+    /// Start, s.
     pub start_s: f64,
     /// End, s.
     pub end_s: f64,
@@ -108,7 +108,7 @@ pub struct WorstMoment {
     pub error: f64,
     /// Its unit.
     pub unit: &'static str,
-    /// In deviations of such a mean by noise.
+    /// In standard deviations of such a mean due to noise.
     #[schema(value_type = Option<f64>)]
     pub deviations: f64,
     /// Conditions at that time: title, value, unit.
@@ -116,7 +116,7 @@ pub struct WorstMoment {
     pub conditions: Vec<(&'static str, f64, &'static str)>,
 }
 
-/// Error of a group of channels in physical units: the height of a waterfall's step.
+/// Error of a group of channels in physical units: the height of one step of the waterfall chart.
 #[derive(Debug, Clone, Serialize, ToSchema)]
 pub struct GroupError {
     /// `force`, `torque`, `voltage`, `acceleration`, `attitude rate`, `velocity`.
@@ -126,7 +126,7 @@ pub struct GroupError {
     /// Root mean square over the group's channels of means over 0.1 s.
     #[schema(value_type = Option<f64>)]
     pub error: f64,
-    /// What pure noise gives.
+    /// Value of pure noise.
     #[schema(value_type = Option<f64>)]
     pub noise: f64,
 }
@@ -134,9 +134,9 @@ pub struct GroupError {
 /// One model on one log.
 #[derive(Debug, Clone, Serialize, ToSchema)]
 pub struct ModelOnLog {
-    /// As the caller names the model.
+    /// Label of the model.
     pub model: String,
-    /// Whether no channel fails and at least one can be tested.
+    /// True if no channel fails and at least one can be tested.
     pub agrees: bool,
     /// All 16 channels.
     pub channels: Vec<ChannelResult>,
@@ -147,7 +147,7 @@ pub struct ModelOnLog {
     pub chi2: f64,
     /// Open-loop prediction.
     pub open_loop: Vec<OpenLoopError>,
-    /// Worst moments, worst first.
+    /// Intervals with the largest errors, worst first.
     pub worst: Vec<WorstMoment>,
     /// What was fitted to the log before the comparison.
     pub nuisances: NuisanceValues,

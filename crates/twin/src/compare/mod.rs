@@ -53,7 +53,7 @@ pub struct NuisanceValues {
     pub charge_at_start: f64,
 }
 
-/// A stretch of a log that no channel counts.
+/// An interval of a log that counts for no channel.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, ToSchema)]
 pub struct Excluded {
     /// s.
@@ -71,17 +71,17 @@ pub struct LogComparison {
     pub duration_s: f64,
     /// Hz, after resampling.
     pub rate_hz: f64,
-    /// What was resampled, is missing, and what that rules out.
+    /// What was resampled, what is missing, and what cannot be tested without it.
     pub notes: Vec<String>,
     /// Noise of the readings, estimated from the log.
     pub noise: NoiseModel,
-    /// Stretches that do not count: ends, ground.
+    /// Intervals that do not count: start and end, on the ground.
     pub excluded: Vec<Excluded>,
     /// One entry per model, in the caller's order.
     pub models: Vec<ModelOnLog>,
 }
 
-/// Models against logs.
+/// Models compared with logs.
 #[derive(Debug, Clone, Serialize, ToSchema)]
 pub struct Comparison {
     /// Program and version.
@@ -97,11 +97,11 @@ pub struct Comparison {
 /// A model, by label and content.
 #[derive(Debug, Clone, Serialize, ToSchema)]
 pub struct ModelReference {
-    /// As the caller names it.
+    /// Label of the model.
     pub label: String,
     /// Content hash.
     pub hash: String,
-    /// Effects in it.
+    /// Number of effects.
     pub effects: Vec<String>,
 }
 

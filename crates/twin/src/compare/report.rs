@@ -72,7 +72,7 @@ struct ChannelPicture {
     residuals: Vec<Residual>,
 }
 
-/// Deviations of pure noise, 1 sigma.
+/// Standard deviations of pure noise.
 #[derive(Serialize)]
 struct NoiseOfBucket {
     sample: Option<f64>,

@@ -69,7 +69,7 @@ pub struct LjungBox {
     /// Probability of a larger Q by chance.
     #[schema(value_type = Option<f64>)]
     pub p_value: f64,
-    /// Correlation of neighbours.
+    /// Correlation of neighbouring samples.
     #[schema(value_type = Option<f64>)]
     pub lag_one: f64,
 }
@@ -113,7 +113,7 @@ pub fn chi_squared_tail(value: f64, freedom: f64) -> f64 {
     0.5 * libm::erfc(z / std::f64::consts::SQRT_2)
 }
 
-/// Largest correlation of a residual with an input that came before it.
+/// Largest correlation of a residual with an earlier input.
 #[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]
 pub struct InputTest {
     /// Name of the input.
@@ -121,9 +121,9 @@ pub struct InputTest {
     /// Correlation coefficient at the lag where it is largest.
     #[schema(value_type = Option<f64>)]
     pub correlation: f64,
-    /// The residual follows the input by this, s.
+    /// Lag of the residual behind the input, s.
     pub lag_s: f64,
-    /// Band that 99 % of unrelated series stay within at all lags together.
+    /// Band that contains 99 % of unrelated series, at all lags together.
     #[schema(value_type = Option<f64>)]
     pub band_99: f64,
     /// Number of blocks.

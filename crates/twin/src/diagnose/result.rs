@@ -40,18 +40,18 @@ pub enum Verdict {
         /// Keys of the constants.
         constants: Vec<String>,
     },
-    /// The error is real and not, or not wholly, explained by the catalogue.
+    /// The error is real and not, or only partly, explained by the catalogue.
     OutsideCatalogue,
     /// Sensors or clocks of the log are at fault; the physics agrees.
     LogFault {
         /// Ids of the faults.
         effects: Vec<String>,
     },
-    /// Nothing of the log can be compared with the model.
+    /// No channel of the log can be compared with the model.
     NothingTestable,
 }
 
-/// A rival that explains the data nearly as well, or why it lost.
+/// A rival that explains the data nearly as well, or why it was rejected.
 #[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]
 #[schema(as = RivalEffect)]
 pub struct Rival {
@@ -59,11 +59,11 @@ pub struct Rival {
     pub effect: String,
     /// Rotor, from 1.
     pub rotor: Option<usize>,
-    /// Name shown.
+    /// Readable name.
     pub label: String,
     /// ln of the Bayes factor of the finding against it.
     pub evidence_gap: f64,
-    /// Why it lost, or that it did not.
+    /// Why it was rejected, or that it was not.
     pub reason: String,
     /// The result of the test; `reason` is that in words.
     #[serde(skip)]
@@ -86,42 +86,42 @@ pub(crate) enum Outcome {
     OtherShape(&'static str),
 }
 
-/// A residual against what an effect does to its channel.
+/// A residual against the contribution of an effect to its channel.
 #[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]
 #[schema(as = FindingPicture)]
 pub struct Picture {
-    /// Log: the one that moves the effect most.
+    /// Log in which the effect is largest.
     pub log: String,
     /// Channel.
     pub channel: String,
     /// Unit of all numbers.
     pub unit: String,
-    /// By rising contribution of the effect.
+    /// By increasing contribution of the effect.
     pub bins: Vec<PictureBin>,
 }
 
-/// Means of the blocks in which the effect contributes about as much.
+/// Means over blocks with similar contributions of the effect.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, ToSchema)]
 pub struct PictureBin {
     /// Mean contribution of the effect.
     pub at: f64,
     /// Mean residual without the effect.
     pub before: f64,
-    /// Mean residual with it.
+    /// Mean residual with the effect.
     pub after: f64,
-    /// Half of the band that 95 % of the means of pure noise stay within.
+    /// Half width of the band that contains 95 % of the means of pure noise.
     pub band_95: f64,
-    /// Blocks of 0.25 s.
+    /// Number of blocks of 0.25 s.
     pub blocks: usize,
 }
 
 /// An effect that was found.
 #[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]
 pub struct Finding {
-    /// As documents name it.
+    /// Effect, as named in documents.
     #[schema(value_type = schema::EffectInstance)]
     pub instance: EffectInstance,
-    /// Name shown.
+    /// Readable name.
     pub label: String,
     /// Physics, sensor fault or timing fault.
     #[schema(value_type = schema::EffectClass)]
@@ -133,17 +133,17 @@ pub struct Finding {
     /// ln of the Bayes factor against clutter.
     #[schema(value_type = Option<f64>)]
     pub ln_bayes_factor: f64,
-    /// Posterior probability among the library with equal prior odds.
+    /// Posterior probability within the catalogue, with equal prior odds.
     pub posterior: f64,
-    /// Channels in which the effect shows most, strongest first.
+    /// Channels in which the effect is most visible, strongest first.
     pub channels: Vec<String>,
     /// Rivals with an evidence gap below 5.
     pub also_compatible: Vec<Rival>,
-    /// Rivals that were tried and lost.
+    /// Rivals that were fitted and rejected.
     pub lost: Vec<Rival>,
-    /// When it sets in, if not from the start.
+    /// Onset, if not from the start.
     pub onset_s: Option<f64>,
-    /// In plain words.
+    /// Explanation in plain words.
     pub reason: String,
     /// Size of the first parameter that would have been seen, in its unit; `None` where that means nothing.
     #[serde(skip)]
@@ -151,7 +151,7 @@ pub struct Finding {
     /// The constant whose error this is, and what it should be; the sentence names it.
     #[serde(skip)]
     pub(crate) constant: Option<ConstantWanted>,
-    /// The residual against what the effect does, without it and with it; absent where there is nothing to draw.
+    /// The residual against the contribution of the effect, without and with it; absent if there is nothing to plot.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub picture: Option<Picture>,
 }
@@ -162,7 +162,7 @@ pub(crate) struct ConstantWanted {
     /// In words.
     pub(crate) name: String,
     pub(crate) unit: String,
-    /// As the vehicle has it.
+    /// Value in the vehicle document.
     pub(crate) value: f64,
     /// With the error that was found.
     pub(crate) wanted: f64,
@@ -170,26 +170,26 @@ pub(crate) struct ConstantWanted {
     pub(crate) interval_95: f64,
 }
 
-/// One row of the ranking about the given model.
+/// One row of the ranking on the given model.
 #[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]
 pub struct Ranked {
     /// Id in the catalogue.
     pub effect: String,
     /// Rotor, from 1.
     pub rotor: Option<usize>,
-    /// Name shown.
+    /// Readable name.
     pub label: String,
     /// Equation.
     pub equation: String,
     /// Class.
     #[schema(value_type = schema::EffectClass)]
     pub class: EffectClass,
-    /// Parameters by the linear fit.
+    /// Parameters from the linear fit.
     pub parameters: Vec<FittedParameter>,
     /// ln of the Bayes factor against clutter.
     #[schema(value_type = Option<f64>)]
     pub ln_bayes_factor: f64,
-    /// Change of chi² on the held-out blocks, both ways; negative is better.
+    /// Change of chi² on the held-out blocks, in both directions; negative is better.
     #[schema(value_type = Option<f64>)]
     pub held_out_chi2_change: f64,
 }
@@ -201,14 +201,14 @@ impl Ranked {
     }
 }
 
-/// An effect that this flight cannot show at its plausible size.
+/// An effect that is undetectable in this flight at its plausible size.
 #[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]
 pub struct NotTestable {
     /// Id in the catalogue.
     pub effect: String,
     /// Rotor, from 1.
     pub rotor: Option<usize>,
-    /// Name shown.
+    /// Readable name.
     pub label: String,
     /// Parameter.
     pub parameter: String,
@@ -216,7 +216,8 @@ pub struct NotTestable {
     pub unit: String,
     /// Plausible size.
     pub plausible_size: f64,
-    /// Smallest size with an expected ln Bayes factor equal to the threshold; absent if the flight carries no information on it.
+    /// Smallest size with an expected ln Bayes factor equal to the threshold; absent if the flight contains no
+    /// information on it.
     pub minimum_size: Option<f64>,
     /// What would excite it.
     pub excited_by: String,
@@ -227,11 +228,11 @@ pub struct NotTestable {
 pub struct NotConsidered {
     /// Id in the catalogue.
     pub effect: String,
-    /// Name shown.
+    /// Readable name.
     pub label: String,
-    /// Columns of a log that would make it testable; none of them is in any of the logs.
+    /// Columns of a log that would make it testable; none of the logs has any of them.
     pub columns: Vec<String>,
-    /// What in the model or on the flight would make it testable, if it is no column.
+    /// What in the model or in the flight would make it testable, if not a column.
     pub setting: Option<String>,
     /// Why, in plain words.
     pub reason: String,
@@ -262,7 +263,7 @@ pub struct ChannelGoodness {
     pub log: String,
     /// Channel.
     pub channel: String,
-    /// chi² per sample of the given model, nuisances fitted.
+    /// chi² per sample of the given model, with nuisance parameters fitted.
     #[schema(value_type = Option<f64>)]
     pub chi2_before: f64,
     /// chi² per sample with the effects found.
@@ -279,11 +280,12 @@ pub struct ChannelGoodness {
 /// Absolute goodness of fit.
 #[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]
 pub struct Goodness {
-    /// Share of the slow excess error (0.25 s means) that the effects found explain; absent if there is no excess.
+    /// Fraction of the excess low-frequency error (0.25 s means) explained by the effects found; absent if there is
+    /// no excess.
     pub explained_share: Option<f64>,
     /// By channel.
     pub channels: Vec<ChannelGoodness>,
-    /// Channels with an error that nothing explains.
+    /// Channels with an unexplained error.
     pub unexplained: Vec<String>,
 }
 
@@ -305,14 +307,14 @@ pub struct DiagnosedModel {
     pub hash: String,
 }
 
-/// What a diagnosis says.
+/// Result of a diagnosis.
 #[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]
 pub struct Diagnosis {
-    /// The model that the logs were compared with: what was found belongs to no other one.
+    /// The model that the logs were compared with; the findings apply to no other one.
     pub model: DiagnosedModel,
     /// The answer.
     pub verdict: Verdict,
-    /// The answer in a sentence.
+    /// The verdict in a sentence.
     pub sentence: String,
     /// Missing physics, in the order in which it was found.
     pub effects: Vec<Finding>,
@@ -321,21 +323,21 @@ pub struct Diagnosis {
     /// Guessed constants of the vehicle for which the flights indicate another value.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub calibrate: Vec<Calibration>,
-    /// All candidates about the given model, best first.
+    /// All candidates, ranked on the given model, best first.
     pub ranking: Vec<Ranked>,
     /// What this flight cannot show.
     pub not_testable: Vec<NotTestable>,
     /// What could not be considered, with the column or setting that would make it testable.
     pub not_considered: Vec<NotConsidered>,
-    /// The smallest size of each effect that would have been seen.
+    /// The smallest detectable size of each effect.
     pub detectable: Vec<NotTestable>,
     /// Absolute goodness of fit.
     pub goodness: Goodness,
     /// Errors on held-out blocks.
     pub held_out: Vec<HeldOutError>,
-    /// Where the error is not in the catalogue: terms that would explain it, as an effect of a user.
+    /// For an error that is not in the catalogue: terms that would explain it, as a user-defined effect.
     pub proposal: Option<Proposal>,
-    /// What the logs have changed against healthy flights, if any were given.
+    /// Changes with respect to healthy flights, if any were given.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub trim: Option<Trim>,
     /// Logs.
@@ -359,31 +361,33 @@ pub struct Calibration {
     pub name: String,
     /// SI unit; empty for a ratio.
     pub unit: String,
-    /// As the vehicle has it.
+    /// Value in the vehicle document.
     pub value: f64,
     /// Lower end of the 95 % interval of the guess.
     pub low: f64,
     /// Upper end.
     pub high: f64,
-    /// Whether the class alone has said it, or a log has narrowed it.
+    /// Whether the value comes from the size class alone or was narrowed by a log.
     pub source: Source,
     /// Value that the flights indicate.
     pub wanted: f64,
-    /// Half width of its 95 % interval, everything else as it is.
+    /// Half width of its 95 % interval, everything else unchanged.
     pub wanted_interval_95: f64,
-    /// ln of the Bayes factor against the value as it is.
+    /// ln of the Bayes factor against the present value.
     pub ln_bayes_factor: f64,
-    /// Nothing can be called missing before it is known; else the guess is within its class, and the flights know it better.
+    /// True if nothing can be called missing before the constant is known; false if the guess is plausible for the
+    /// size class and the flights only refine it.
     pub blocking: bool,
     /// Why it was guessed.
     pub how: String,
-    /// What would make it better.
+    /// How to improve it.
     pub better: String,
-    /// What puts it right in a model.
+    /// The effect that corrects it in a model.
     pub correction: Correction,
 }
 
-/// The effect that is the error of a constant, with the values that the flights indicate: added to a model, the constant has its wanted value.
+/// The effect that represents the error of a constant, with the values that the flights indicate: with it, the
+/// model behaves as if the constant had its indicated value.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, ToSchema)]
 #[schema(as = ConstantCorrection)]
 pub struct Correction {

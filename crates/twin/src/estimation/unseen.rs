@@ -51,7 +51,7 @@ pub struct HeldOutError {
     /// Without the effects found.
     #[schema(value_type = Option<f64>)]
     pub before: f64,
-    /// With them.
+    /// With the effects found.
     #[schema(value_type = Option<f64>)]
     pub after: f64,
     /// Standard deviation of `after − before`, from the scatter over the blocks.
@@ -63,7 +63,7 @@ pub struct HeldOutError {
 }
 
 /// Share by which an error must rise to count, and for the sentence to report a change.
-const TOLD: f64 = 0.01;
+const LEAST_RISE: f64 = 0.01;
 
 /// Rise in standard deviations from which an error counts as risen: one in a thousand by chance.
 const RISEN: f64 = 3.0;
@@ -77,7 +77,7 @@ impl HeldOutError {
     /// last of n blocks changes one of them, which is one deviation of their scatter however large it is.
     pub fn rises(&self) -> bool {
         let rise = self.after - self.before;
-        rise > self.negligible && (rise > TOLD * self.before || rise > RISEN * self.change_deviation)
+        rise > self.negligible && (rise > LEAST_RISE * self.before || rise > RISEN * self.change_deviation)
     }
 
     /// Share of the mean square that the effects found explain; below 0 where they make it worse.

@@ -28,29 +28,29 @@ pub struct FlightPicture {
     pub start_s: f64,
     /// Last row, s.
     pub end_s: f64,
-    /// What the log's own clock says at our 0 s, where it has one.
+    /// Time of the log's own clock at our 0 s, if it has one.
     pub clock_start_s: Option<f64>,
-    /// On the ground, in the air, …; and what happened.
+    /// Parts (on the ground, in the air, …) and events.
     pub parts: FlightParts,
     /// Middle of each bucket, s.
     pub time_s: Vec<f64>,
-    /// North and east, m; absent where the log has no position.
+    /// North and east, m; absent if the log has no position.
     pub track: Option<Track>,
-    /// Above the zero of the log's position, or above the ground where it has only that, m.
+    /// Height above the zero of the log's position, or above the ground if the log has only that, m.
     pub height_m: Option<Vec<Option<f64>>>,
-    /// Roll, pitch and yaw, degrees; yaw goes beyond 180° instead of jumping.
+    /// Roll, pitch and yaw, degrees; yaw is unwrapped.
     pub attitude_deg: Option<[Vec<Option<f64>>; 3]>,
-    /// At the battery's terminals, V.
+    /// Voltage at the battery's terminals, V.
     pub voltage_v: Option<Vec<Option<f64>>>,
     /// Command of each motor.
     pub outputs: Vec<MotorOutput>,
-    /// Largest output: where motors are saturated.
+    /// Largest possible output, at which motors saturate.
     pub output_limit: f64,
-    /// Spectra of the accelerometer and the gyroscope in the air; absent where the log has neither, or no flight.
+    /// Spectra of accelerometer and gyroscope in the air; absent if the log has neither, or no flight.
     pub vibration: Option<Vibration>,
 }
 
-/// Where the vehicle went, from above.
+/// Track of the vehicle, from above.
 #[derive(Clone, Debug, PartialEq, Serialize, ToSchema)]
 pub struct Track {
     /// m.

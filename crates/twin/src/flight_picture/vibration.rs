@@ -32,17 +32,17 @@ const FEWEST_SPEEDS: usize = 50;
 /// Vibration of a vehicle in the air.
 #[derive(Clone, Debug, PartialEq, Serialize, ToSchema)]
 pub struct Vibration {
-    /// Of each value of the spectra, Hz.
+    /// Frequencies of the spectra, Hz.
     pub frequency_hz: Vec<f64>,
-    /// Specific force along body x, y, z: m/s² per √Hz; `null` above what its source holds.
+    /// Specific force along body x, y, z: m/s² per √Hz; `null` above the bandwidth of its source.
     pub accelerometer: Option<[Vec<Option<f64>>; 3]>,
-    /// Body rates p, q, r: rad/s per √Hz; `null` above what its source holds.
+    /// Body rates p, q, r: rad/s per √Hz; `null` above the bandwidth of its source.
     pub gyroscope: Option<[Vec<Option<f64>>; 3]>,
     /// Speeds of the rotors, if the speed controllers report them.
     pub rotors: Vec<RotorSpeed>,
-    /// Seconds of flight that the spectra are means of.
+    /// Seconds of flight over which the spectra are averaged.
     pub seconds: f64,
-    /// What the spectra cannot show, each a sentence.
+    /// Limits of the spectra, one sentence each.
     pub notes: Vec<String>,
 }
 
@@ -51,11 +51,11 @@ pub struct Vibration {
 pub struct RotorSpeed {
     /// From 1.
     pub rotor: usize,
-    /// Below it the rotor turned in 5 % of the time, Hz.
+    /// 5th percentile, Hz.
     pub low_hz: f64,
     /// Median, Hz.
     pub median_hz: f64,
-    /// Above it the rotor turned in 5 % of the time, Hz.
+    /// 95th percentile, Hz.
     pub high_hz: f64,
 }
 

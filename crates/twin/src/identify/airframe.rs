@@ -26,7 +26,7 @@ use crate::model::constants::Source;
 
 /// Motor outputs slower than this rule out a stated frame only if the motion identifies the right one: that takes 15
 /// Hz.
-const SURE_HZ: f64 = 15.0;
+const CONCLUSIVE_DUTY_HZ: f64 = 15.0;
 
 /// The manoeuvre from which the drag could be identified.
 const STRAIGHT_RUN: &str = "a straight run at 4 m/s or more, there and back, with velocity in the log";
@@ -39,11 +39,11 @@ pub struct Airframe {
     /// In the order of the outputs; in units of the arm.
     #[serde(skip)]
     pub places: Vec<Place>,
-    /// How it is known.
+    /// Where this comes from.
     pub source: Source,
     /// In words.
     pub how: String,
-    /// What the motion says, where it was asked.
+    /// What the motion indicates, if it was evaluated.
     pub motion: Option<Wiring>,
     /// The motion contradicts it, but the user insists: torques computed with this frame do not determine the inertia.
     #[serde(skip)]
@@ -104,7 +104,7 @@ pub(crate) fn stated_places(log: &FlightLog) -> Option<(String, Vec<Place>, Stri
         capacity_ah: None,
         cells: None,
     };
-    let (name, places, _, how) = told(log, &nothing_entered).ok().flatten()?;
+    let (name, places, _, how) = stated_airframe(log, &nothing_entered).ok().flatten()?;
     Some((name, places, how))
 }
 
@@ -128,8 +128,8 @@ pub fn known_rotor_places(log: &FlightLog) -> Option<Vec<RotorPlace>> {
 pub(crate) fn find(log: &FlightLog, grids: &[Grid], request: &Request, class: &Class) -> Result<Airframe, String> {
     let rotors = grids[0].duty.len();
     let motion = wiring::search(grids, class);
-    let told = told(log, request)?;
-    if let Some((name, places, source, how)) = told {
+    let stated = stated_airframe(log, request)?;
+    if let Some((name, places, source, how)) = stated {
         if places.len() != rotors {
             return Err(format!(
                 "{}: the frame {name} ({how}) has {} rotors, {rotors} outputs move (outputs {}); where some of these are no motors, `order` of a mapping says which are",
@@ -149,7 +149,13 @@ pub(crate) fn find(log: &FlightLog, grids: &[Grid], request: &Request, class: &C
         // with the motion that they damp.
         let rate = log.duty_rate().filter(SensorRate::is_slower).map(|rate| rate.source_hz);
         let unsure = motion.as_ref().is_some_and(|motion| motion.best.doubt().is_some());
-        let too_slow_hz = rate.filter(|hz| *hz < if unsure { SURE_HZ } else { LEAST_TO_CONTRADICT_HZ });
+        let too_slow_hz = rate.filter(|hz| {
+            *hz < if unsure {
+                CONCLUSIVE_DUTY_HZ
+            } else {
+                LEAST_TO_CONTRADICT_HZ
+            }
+        });
         let how = match stated_against {
             None => how,
             Some((motion, None)) if motion.best.doubt().is_some() => how,
@@ -305,9 +311,9 @@ fn frame_names() -> String {
         .join(", ")
 }
 
-type Told = (String, Vec<Place>, Source, String);
+type StatedAirframe = (String, Vec<Place>, Source, String);
 
-fn told(log: &FlightLog, request: &Request) -> Result<Option<Told>, String> {
+fn stated_airframe(log: &FlightLog, request: &Request) -> Result<Option<StatedAirframe>, String> {
     let of = |frame: &Frame, source, how: String| Some((frame.name.to_owned(), frame.places(), source, how));
     if let Some(name) = &request.frame {
         let frame = Frame::named(name).ok_or_else(|| format!("--frame {name}: expected one of {}", frame_names()))?;
@@ -387,7 +393,7 @@ const DEAD_ZONE_DEVIATION: f64 = 0.01;
 
 /// The drag of climbs must surely be below this share of the drag along the body for the difference to be attributed to
 /// the rotors. A thrust curve fitted to the same flight can absorb half of a drag that acts along all axes.
-const LITTLE_IN_CLIMBS: f64 = 0.3;
+const MOST_CLIMB_DRAG_SHARE: f64 = 0.3;
 
 /// Deviation of ln c/Jz above which the flight is not informative about it.
 const YAW_LOG_DEVIATION: f64 = 1.0;
@@ -410,10 +416,10 @@ fn whose(data: f64, prior: f64) -> Source {
 ///   far the value is from the class's, in the class's deviations
 fn whose_in_all(data: f64, (posterior, prior): (f64, f64), moved: f64) -> Source {
     /// Posterior over prior deviation of a value whose log is twice as uncertain as the class.
-    const SURER: f64 = 0.894;
+    const NARROWED_RATIO: f64 = 0.894;
     const MOVED: f64 = 0.5;
     match whose(data, prior) {
-        Source::Class if posterior < SURER * prior || moved.abs() > MOVED => Source::LogAndClass,
+        Source::Class if posterior < NARROWED_RATIO * prior || moved.abs() > MOVED => Source::LogAndClass,
         source => source,
     }
 }
@@ -501,7 +507,7 @@ impl Findings<'_> {
         const NOTHING: f64 = -1.0;
         let is_slow = |log: &FlightLog| {
             let rate = log.duty_rate().filter(SensorRate::is_slower);
-            rate.is_some_and(|rate| rate.source_hz < SURE_HZ)
+            rate.is_some_and(|rate| rate.source_hz < CONCLUSIVE_DUTY_HZ)
         };
         if self.rotors < 6 || self.logs.iter().any(is_slow) {
             return None;
@@ -877,7 +883,7 @@ impl Findings<'_> {
         let one = match slow::drag(self.grids) {
             Drag::Measured(k, deviation) => {
                 if let Some((up, up_deviation)) = slow::drag_in_climbs(self.grids, &self.fitted.curve)
-                    && up + Z95 * up_deviation < LITTLE_IN_CLIMBS * k
+                    && up + Z95 * up_deviation < MOST_CLIMB_DRAG_SHARE * k
                 {
                     let body = up.max(0.0);
                     let estimate = |key, name, value: f64, deviation: f64| {

@@ -5,7 +5,7 @@
 
 use serde::Serialize;
 
-/// A size of vehicle.
+/// A size class of vehicles.
 #[derive(Debug, Clone, Copy, Serialize, utoipa::ToSchema)]
 #[schema(as = VehicleClass)]
 pub struct Class {
@@ -15,15 +15,15 @@ pub struct Class {
     pub slope: f64,
     /// τ of the thrust, s.
     pub lag_s: f64,
-    /// From the command in the log to the motor, s.
+    /// Delay from the command in the log to the motor, s.
     pub delay_s: f64,
     /// J/(m l²), roll, pitch.
     pub inertia_ratio: [f64; 2],
     /// Torque per thrust, m.
     pub moment_ratio_m: f64,
-    /// k/m, 1/s.
+    /// Linear drag over mass, k/m, 1/s.
     pub drag_per_s: f64,
-    /// Electrical efficiency against momentum theory: hover power is ideal power over this.
+    /// Electrical efficiency against momentum theory: ideal hover power over actual power.
     pub efficiency: f64,
     /// Specific energy of the battery over the vehicle's mass, Ah·V/kg.
     pub energy_wh_per_kg: f64,

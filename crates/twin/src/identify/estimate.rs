@@ -8,7 +8,7 @@ use serde::Serialize;
 #[derive(Debug, Clone, PartialEq, Serialize, utoipa::ToSchema)]
 #[schema(as = IdentifiedValue)]
 pub struct Estimate {
-    /// Key of the vehicle document (`body.mass_kg`), or a name of its own for what the document has no key for.
+    /// Key of the vehicle document (`body.mass_kg`), or a name of its own if the document has no key for it.
     pub key: String,
     /// In words.
     pub name: String,
@@ -20,11 +20,11 @@ pub struct Estimate {
     pub low: f64,
     /// Upper end.
     pub high: f64,
-    /// Its origin.
+    /// Source.
     pub source: Source,
-    /// How it was found, in a few words.
+    /// Method, in a few words.
     pub how: String,
-    /// What would make it better; empty where nothing is needed.
+    /// How to improve it; empty if not needed.
     pub better: String,
 }
 

@@ -12,7 +12,7 @@ use std::collections::BTreeMap;
 pub struct Place {
     /// Forward, right: unit of the arm.
     pub position: [f64; 2],
-    /// Seen from above.
+    /// Rotation sense, seen from above.
     pub spin: SpinDirection,
 }
 

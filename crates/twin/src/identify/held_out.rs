@@ -23,11 +23,11 @@ use crate::log::FlightLog;
 pub struct Score {
     /// In words.
     pub channel: &'static str,
-    /// Where measured and predicted are compared.
+    /// Where measurement and prediction are compared.
     pub band: Band,
     /// R² of the class default, with the hover level of the log.
     pub class_default: f64,
-    /// R² of what the other half gave.
+    /// R² of the vehicle fitted to the other half.
     pub calibrated: f64,
 }
 
@@ -41,7 +41,8 @@ pub struct HeldOut {
     pub seconds: f64,
     /// By channel.
     pub scores: Vec<Score>,
-    /// Gain of the second half over that of the first: roll, pitch. Near 1 if both halves agree on the vehicle.
+    /// Gain fitted to the second half over that of the first: roll, pitch. Near 1 if both halves agree on the
+    /// vehicle.
     pub gain_ratio: [f64; 2],
 }
 

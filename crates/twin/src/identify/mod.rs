@@ -63,9 +63,9 @@ pub struct IdentifyError(pub String);
 /// What no log holds.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Request {
-    /// With battery, kg.
+    /// Mass including battery, kg.
     pub mass_kg: f64,
-    /// From the centre to the furthest rotor, m.
+    /// Distance from the centre to the farthest rotor, m.
     pub arm_m: f64,
     /// Frame by name ([`frames::FRAMES`]) instead of the log's.
     pub frame: Option<String>,
@@ -141,15 +141,15 @@ pub struct Identified {
     pub class: Class,
     /// Outputs of the log that drive rotors, from 1.
     pub outputs: Vec<usize>,
-    /// Where the rotors are, and how that is known.
+    /// Rotor positions, and where they come from.
     pub airframe: Airframe,
-    /// Used parts.
+    /// Parts of the logs that were used.
     pub airborne: Vec<Part>,
     /// Every value with its interval.
     pub values: Vec<Estimate>,
     /// Rates and noise of the streams.
     pub sensors: Vec<SensorRate>,
-    /// What was found on the way.
+    /// Notes.
     pub notes: Vec<String>,
     /// How well each half predicts the other, where it is one log and long enough: the estimates need it anyhow.
     #[serde(skip)]
@@ -160,18 +160,18 @@ pub struct Identified {
     pub(crate) request: Request,
 }
 
-/// What an identification gives: each value with its 95 % interval and where it comes from, and the documents of the vehicle.
+/// Result of an identification: each value with its 95 % interval and source, and the documents of the vehicle.
 #[derive(Debug, Serialize, utoipa::ToSchema)]
 pub struct Identification<'a> {
     /// Its values.
     pub identified: &'a Identified,
     /// How well each half of a flight predicts the other.
     pub held_out: &'a [HeldOut],
-    /// Files, where the job wrote some.
+    /// Files, if the job wrote any.
     pub written: Vec<String>,
     /// Vehicle document (TOML).
     pub vehicle: &'a str,
-    /// Blade document (TOML) that it names.
+    /// Blade document (TOML) that the vehicle document names.
     pub blades: &'a str,
 }
 

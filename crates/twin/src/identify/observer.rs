@@ -75,7 +75,7 @@ pub(crate) fn lift_grid(step_s: f64) -> impl Iterator<Item = Gains> {
     })
 }
 
-/// Correlation of neighbours.
+/// Correlation of neighbouring samples.
 pub(crate) fn neighbour_correlation(errors: &[f64]) -> f64 {
     let power: f64 = errors.iter().map(|e| e * e).sum();
     let product: f64 = errors.windows(2).map(|pair| pair[0] * pair[1]).sum();

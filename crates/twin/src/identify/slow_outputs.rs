@@ -58,7 +58,7 @@ impl Slow {
         );
     }
 
-    /// What would make it better.
+    /// How to improve it.
     fn setting(&self) -> &'static str {
         match self.kind {
             SourceKind::Px4Ulog => "PX4: set SDLOG_PROFILE to high rate (17), which logs actuator_motors at full rate",

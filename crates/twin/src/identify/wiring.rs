@@ -38,7 +38,7 @@ pub struct Wiring {
     pub places: Vec<Place>,
     /// −Σ ln(1 − ρ²).
     pub score: f64,
-    /// Above the next order.
+    /// Margin to the next order.
     pub margin: f64,
     /// ρ of roll, pitch, yaw.
     pub correlation: [f64; 3],

@@ -61,18 +61,18 @@ pub struct OnLog {
     pub log: String,
     /// True if no fit has seen it.
     pub held_out: bool,
-    /// As the comparison says.
+    /// Result of the comparison.
     pub agrees: bool,
     /// Mean chi² of the tested channels.
     #[schema(value_type = Option<f64>)]
     pub chi2: f64,
-    /// Errors of quantities, with what noise alone gives.
+    /// Errors by quantity, with the level of pure noise.
     pub errors: Vec<GroupError>,
     /// Open-loop prediction.
     pub open_loop: Vec<OpenLoopError>,
 }
 
-/// One step of the waterfall.
+/// One step of the waterfall chart.
 #[derive(Debug, Clone, Serialize, ToSchema)]
 #[schema(as = ImprovementRow)]
 pub struct Row {
@@ -80,17 +80,17 @@ pub struct Row {
     pub version: String,
     /// Content hash.
     pub hash: String,
-    /// What this version has that the one before had not.
+    /// What this version adds to the previous one.
     pub added: Option<String>,
     /// Its parameters.
     pub parameters: Vec<Value>,
-    /// ln of its Bayes factor.
+    /// ln of the Bayes factor of the addition.
     pub ln_bayes_factor: Option<f64>,
-    /// True for the row of the truth.
+    /// True for the row of the true model.
     pub oracle: bool,
     /// On each log, fitted ones first.
     pub logs: Vec<OnLog>,
-    /// What is odd about this step.
+    /// Anything unusual about this step.
     pub remarks: Vec<String>,
 }
 
@@ -117,14 +117,14 @@ pub enum End {
     MostRounds,
 }
 
-/// What the loop came to.
+/// Result of the improvement loop.
 #[derive(Debug, Clone, Serialize, ToSchema)]
 pub struct Improvement {
     /// Program and version.
     pub tool: &'static str,
     /// Why it ended.
     pub end: End,
-    /// In a sentence.
+    /// Reason in one sentence.
     pub reason: String,
     /// Versions, in order; the oracle last.
     pub rows: Vec<Row>,
@@ -137,7 +137,7 @@ pub struct Improvement {
     /// The last version.
     #[serde(skip)]
     pub model: ModelVersion,
-    /// What to fly next, where the caller knows.
+    /// What to fly next, if known.
     pub next_flight: Option<String>,
 }
 

@@ -47,15 +47,15 @@ pub struct Draft {
     /// The mapping file (TOML), as an import takes it.
     #[serde(rename = "mapping")]
     pub toml: String,
-    /// How the table is laid out, and its clock.
+    /// Layout of the table, and its clock.
     pub layout: DraftedLayout,
     /// Every column of the table.
     pub columns: Vec<DraftedColumn>,
-    /// Which columns become what.
+    /// Which columns are mapped to what.
     pub rows: Vec<DraftedRow>,
-    /// What only the owner of the log can tell; they stand in the mapping file, too.
+    /// Questions that only the owner of the log can answer; the mapping file contains them too.
     pub questions: Vec<DraftQuestion>,
-    /// Columns that no row takes.
+    /// Columns that no row uses.
     pub left_out: Vec<String>,
 }
 
@@ -67,13 +67,13 @@ pub struct DraftedLayout {
     pub separator: String,
     /// `.` or `,`.
     pub decimal: String,
-    /// Lines before the header.
+    /// Number of lines before the header.
     pub skip_lines: usize,
     /// Column that holds the time.
     pub clock: Option<String>,
-    /// How it is written: `s`, `ms`, `us`, `ns`, `mm:ss`, `hh:mm:ss` or `date hh:mm:ss`.
+    /// Format of the time: `s`, `ms`, `us`, `ns`, `mm:ss`, `hh:mm:ss` or `date hh:mm:ss`.
     pub clock_format: Option<String>,
-    /// Rows per second where no column holds the time: a guess that a question is about.
+    /// Rows per second if no column holds the time: a guess, which a question asks to confirm.
     pub rate_hz: Option<f64>,
     /// What the choice of the clock is based on.
     pub evidence: String,
@@ -83,19 +83,19 @@ pub struct DraftedLayout {
 #[derive(Debug, Clone, Serialize, ToSchema)]
 #[schema(as = TableColumn)]
 pub struct DraftedColumn {
-    /// As a mapping names it: commas and colons of the header are spaces.
+    /// Name as used in a mapping: commas and colons of the header are replaced by spaces.
     pub name: String,
     /// Unit that the header states.
     pub unit: Option<String>,
     /// Its first cells.
     pub examples: Vec<String>,
-    /// Least number in the rows that were looked at; none if no cell is a number.
+    /// Smallest number in the rows that were read; absent if no cell is a number.
     pub low: Option<f64>,
-    /// Greatest number.
+    /// Largest number.
     pub high: Option<f64>,
-    /// Cells that are numbers.
+    /// Number of cells that are numeric.
     pub numbers: usize,
-    /// Cells that were looked at.
+    /// Number of cells that were read.
     pub cells: usize,
 }
 
@@ -103,18 +103,18 @@ pub struct DraftedColumn {
 #[derive(Debug, Clone, Default, Serialize, ToSchema)]
 #[schema(as = TableRow)]
 pub struct DraftedRow {
-    /// What the columns become: `accel`, `rates`, `attitude`, `quaternion`, `velocity`, `position`, `duty`, `rotor_speed`, `battery_voltage_v` or
-    /// `battery_current_a`.
+    /// Target of the columns: `accel`, `rates`, `attitude`, `quaternion`, `velocity`, `position`, `duty`,
+    /// `rotor_speed`, `battery_voltage_v` or `battery_current_a`.
     pub to: String,
-    /// The columns, in its order.
+    /// The columns, in their order in the target.
     pub from: Vec<String>,
     /// Unit of the columns.
     pub unit: Option<String>,
     /// Axes of the columns.
     pub frame: Option<String>,
-    /// Of motor outputs: the number that means zero throttle.
+    /// Motor outputs: the number that means zero throttle.
     pub low: Option<f64>,
-    /// Of motor outputs: the number that means full throttle.
+    /// Motor outputs: the number that means full throttle.
     pub high: Option<f64>,
     /// What the guess is based on.
     pub evidence: String,
@@ -124,7 +124,7 @@ pub struct DraftedRow {
 #[derive(Debug, Clone, Serialize, ToSchema)]
 #[schema(as = TableQuestion)]
 pub struct DraftQuestion {
-    /// `clock`, or the `to` of the row that it is about, whether the draft has this row or not.
+    /// `clock`, or the `to` of the row concerned, whether or not the draft contains this row.
     pub about: String,
     /// The question, and what is assumed until it is answered.
     pub sentence: String,

@@ -34,7 +34,7 @@ impl EventKind {
     }
 }
 
-/// Something that happened.
+/// An event of the flight.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, utoipa::ToSchema)]
 pub struct FlightEvent {
     /// What.
@@ -43,7 +43,7 @@ pub struct FlightEvent {
     pub start_s: f64,
     /// s, on the log's time.
     pub end_s: f64,
-    /// Motor output that it is about, from 1, as in `duty_1`.
+    /// Motor output concerned, from 1, as in `duty_1`.
     pub output: Option<usize>,
     /// One clause with figures.
     pub detail: String,

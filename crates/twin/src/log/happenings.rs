@@ -190,7 +190,7 @@ fn of_copter(mode: f64) -> String {
 }
 
 fn arming(log: &SourceLog) -> Vec<FlightEvent> {
-    let told = |time: f64, armed: bool| {
+    let armed_event = |time: f64, armed: bool| {
         let words = if armed { "armed" } else { "disarmed" };
         event(EventKind::Mode, time, time, words.to_owned())
     };
@@ -204,7 +204,7 @@ fn arming(log: &SourceLog) -> Vec<FlightEvent> {
         Some(
             changed
                 .into_iter()
-                .map(|(time, state)| told(time, state == 1.0))
+                .map(|(time, state)| armed_event(time, state == 1.0))
                 .collect(),
         )
     };
@@ -218,8 +218,8 @@ fn arming(log: &SourceLog) -> Vec<FlightEvent> {
     let numbers = events.and_then(|events| Some((events, field(events, &["Id"])?)));
     numbers.map_or_else(Vec::new, |(events, numbers)| {
         let of = |(time, number): (&f64, &f64)| match *number as i64 {
-            10 => Some(told(*time, true)),
-            11 => Some(told(*time, false)),
+            10 => Some(armed_event(*time, true)),
+            11 => Some(armed_event(*time, false)),
             _ => None,
         };
         events.time_s.iter().zip(numbers).filter_map(of).collect()
@@ -381,7 +381,7 @@ mod tests {
         }
     }
 
-    fn told(log: &SourceLog) -> Vec<(EventKind, f64, String)> {
+    fn events_of(log: &SourceLog) -> Vec<(EventKind, f64, String)> {
         of(log, 100.0)
             .into_iter()
             .map(|e| (e.kind, e.start_s, e.detail))
@@ -402,7 +402,7 @@ mod tests {
             )],
             ..SourceLog::default()
         };
-        let found: Vec<String> = told(&log)
+        let found: Vec<String> = events_of(&log)
             .into_iter()
             .map(|(_, at, words)| format!("{at} {words}"))
             .collect();
@@ -430,12 +430,12 @@ mod tests {
             )],
             ..SourceLog::default()
         };
-        assert_eq!(told(&with(3.0, 5.0))[0].2, "flight mode Loiter");
+        assert_eq!(events_of(&with(3.0, 5.0))[0].2, "flight mode Loiter");
         assert_eq!(
-            told(&with(12.0, f64::from(4 << 16 | 5 << 24)))[0].2,
+            events_of(&with(12.0, f64::from(4 << 16 | 5 << 24)))[0].2,
             "flight mode Return"
         );
-        assert_eq!(told(&with(3.0, 5.0))[1].2, "armed");
+        assert_eq!(events_of(&with(3.0, 5.0))[1].2, "armed");
     }
 
     #[test]
@@ -451,7 +451,7 @@ mod tests {
             parameter_changes: [&changes[..], &[change(110.0, "F")]].concat(),
             ..SourceLog::default()
         };
-        let found = told(&log);
+        let found = events_of(&log);
         assert_eq!(found.len(), 2);
         assert_eq!(
             found[0].2,
@@ -504,13 +504,13 @@ mod tests {
             )],
             ..SourceLog::default()
         };
-        let one = told(&log(rows(&|t| if (10.0..12.0).contains(&t) { 1820.0 } else { 1500.0 })));
+        let one = events_of(&log(rows(&|t| if (10.0..12.0).contains(&t) { 1820.0 } else { 1500.0 })));
         assert_eq!(
             one,
             [(EventKind::Pilot, one[0].1, "the pilot's sticks: roll +80 %".to_owned())]
         );
         assert!((one[0].1 - 10.0).abs() < 0.11);
-        let many = told(&log(rows(&|t| if t.rem_euclid(3.0) < 1.0 { 1820.0 } else { 1500.0 })));
+        let many = events_of(&log(rows(&|t| if t.rem_euclid(3.0) < 1.0 { 1820.0 } else { 1500.0 })));
         assert!(many.len() == 1 && many[0].2.contains("20 times"), "{many:?}");
     }
 }

@@ -89,7 +89,7 @@ pub struct ReadOptions {
     pub most_cells: Option<usize>,
 }
 
-/// What a log was read from.
+/// File format of a log.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, utoipa::ToSchema)]
 #[serde(rename_all = "snake_case")]
 #[schema(as = LogSourceKind)]
@@ -140,10 +140,10 @@ impl SourceKind {
     }
 }
 
-/// Where a log comes from.
+/// Source of a log.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, utoipa::ToSchema)]
 pub struct LogSource {
-    /// Kind of file; of a stored import, that of the file which was imported.
+    /// File format; for a stored import, that of the imported file.
     pub kind: SourceKind,
     /// The file; empty for a log made in this process.
     #[schema(value_type = String)]

@@ -5,20 +5,21 @@ use super::findings::Finding;
 use super::rotor_order::RotorOrder;
 use serde::{Deserialize, Serialize};
 
-/// Account of one import.
+/// Report of one import.
 #[derive(Clone, Debug, Default, Serialize, utoipa::ToSchema)]
 pub struct ImportReport {
-    /// Rows accepted.
+    /// Number of rows accepted.
     pub rows: usize,
     /// Median sample rate of the rows, Hz.
     pub sample_rate_hz: f64,
-    /// What the log's own clock (time since boot, as the tools of the autopilot show it) says at our 0 s; none where ours is its own, s.
+    /// Time of the log's own clock (time since boot, as the autopilot's tools show it) at our 0 s; absent if they are
+    /// the same, s.
     pub clock_start_s: Option<f64>,
     /// Outputs of the autopilot, from 1, that drive the rotors, in their order; empty if the columns of the file are the rotors.
     pub rotor_outputs: Vec<usize>,
     /// Intervals without rows, longer than [`GAP_FACTOR`] median intervals.
     pub gaps: Vec<Gap>,
-    /// When it was flown, where the file says so.
+    /// Date of the flight, if the file contains it.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub flown: Option<Flown>,
     /// The kind of vehicle, if the log itself states that it is not a multirotor; one clause.
@@ -30,17 +31,17 @@ pub struct ImportReport {
     /// What autopilot and pilot did; listed with the events of the flight.
     #[serde(skip)]
     pub happenings: Vec<FlightEvent>,
-    /// How streams of different rate were put on the time base; empty if the file has one time base.
+    /// How streams of different rates were brought to the time base; empty if the file has one time base.
     pub streams: Vec<Stream>,
-    /// Columns that were not read as numbers or stayed without use, with the reason.
+    /// Columns that were not numeric or not used, with the reason.
     pub unused_columns: Vec<UnusedColumn>,
-    /// Columns that are not canonical; kept.
+    /// Columns that are not canonical; they are kept.
     pub unknown_columns: Vec<String>,
-    /// Cells without a value, per column (only columns that have some).
+    /// Empty cells per column (only columns that have some).
     pub missing_cells: Vec<MissingCells>,
-    /// What is missing and what that rules out.
+    /// What is missing, and what cannot be tested without it.
     pub missing: Vec<Missing>,
-    /// Delays between columns that physics couples, estimated; not applied unless stated.
+    /// Estimated delays between columns that are physically coupled; not applied unless stated.
     pub delays: Vec<Delay>,
     /// What looks wrong although it could be read.
     pub findings: Vec<Finding>,
@@ -52,14 +53,14 @@ pub struct ImportReport {
     pub notes: Vec<String>,
 }
 
-/// The calendar's time of a log.
+/// Calendar time of a log.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, utoipa::ToSchema)]
 #[serde(deny_unknown_fields)]
 #[schema(as = LogFlown)]
 pub struct Flown {
     /// Seconds since 1970-01-01 UTC at our 0 s.
     pub unix_s: f64,
-    /// What says so, in words.
+    /// Its source, in words.
     pub from: String,
 }
 
@@ -83,11 +84,11 @@ pub struct Gap {
 pub struct Stream {
     /// Topic or message name.
     pub name: String,
-    /// Samples in it.
+    /// Number of samples.
     pub samples: usize,
     /// Median rate, Hz.
     pub sample_rate_hz: f64,
-    /// How it came onto the time base of the log.
+    /// How it was brought to the time base of the log.
     pub resampling: String,
 }
 
@@ -115,17 +116,17 @@ pub struct MissingCells {
 pub struct Missing {
     /// The columns.
     pub columns: Vec<String>,
-    /// What is ruled out, one clause.
+    /// What cannot be tested, one clause.
     pub rules_out: String,
 }
 
-/// Estimated delay of one signal behind another that physics couples to it.
+/// Estimated delay of one signal behind another, physically coupled one.
 #[derive(Clone, Debug, PartialEq, Serialize, utoipa::ToSchema)]
 #[schema(as = LogDelay)]
 pub struct Delay {
-    /// Column(s) that come late if the delay is positive.
+    /// Column(s) that are late if the delay is positive.
     pub signal: String,
-    /// What it was compared with.
+    /// Signal that it was compared with.
     pub against: String,
     /// Delay of `signal`, s.
     pub delay_s: f64,

@@ -33,11 +33,11 @@ pub struct SensorRate {
     pub rows_hz: f64,
     /// New values per second, Hz.
     pub source_hz: f64,
-    /// Deviation of the noise between neighbouring new values, in the unit of the column.
+    /// Standard deviation of the noise between neighbouring new values, in the unit of the column.
     pub noise: f64,
     /// Root mean square error of the rows between new values, in the unit of the column; 0 if every row is new.
     pub between: f64,
-    /// Values are held between the new ones, not joined by lines.
+    /// Values are held between the new ones, not interpolated.
     pub held: bool,
 }
 

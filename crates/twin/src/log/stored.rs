@@ -88,12 +88,12 @@ impl Kept {
     }
 }
 
-/// `NAME.import.json`: what was read of a file, and what was made of it.
+/// `NAME.import.json`: what was read from a file, and how it was converted.
 #[derive(Debug, Serialize, ToSchema)]
 pub struct ImportAccount<'a> {
-    /// For people: channels, rates, gaps, what is missing and what that rules out.
+    /// Readable report: channels, rates, gaps, what is missing and what cannot be tested without it.
     account: String,
-    /// On the ground, in the air, …; and what happened.
+    /// Parts (on the ground, in the air, …) and events.
     flight_parts: FlightParts,
     /// One line.
     headline: String,

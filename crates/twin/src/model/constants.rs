@@ -17,7 +17,7 @@ use serde::{Deserialize, Serialize};
 /// How the description of a vehicle ends that an identification wrote.
 pub const FROM_LOG: &str = "; mass and arm as entered";
 
-/// Where a value came from.
+/// Source of a value.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, utoipa::ToSchema)]
 #[serde(rename_all = "kebab-case")]
 #[schema(as = ConstantSource)]
@@ -63,7 +63,7 @@ impl Source {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct ConstantInterval {
-    /// Key of the vehicle document (`body.mass_kg`), or a name of its own for what the document has no key for.
+    /// Key of the vehicle document (`body.mass_kg`), or a name of its own if the document has no key for it.
     pub key: String,
     /// In words.
     pub name: String,
@@ -75,11 +75,11 @@ pub struct ConstantInterval {
     pub low: f64,
     /// Upper end.
     pub high: f64,
-    /// Its origin.
+    /// Source.
     pub source: Source,
     /// How it was found.
     pub how: String,
-    /// What would make it better; empty where nothing is needed.
+    /// How to improve it; empty if not needed.
     pub better: String,
 }
 

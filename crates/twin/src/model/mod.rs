@@ -143,7 +143,7 @@ pub struct HeldOut {
     pub unit: String,
     /// Without the effect.
     pub before: f64,
-    /// With it.
+    /// With the effect.
     pub after: f64,
 }
 

@@ -21,13 +21,13 @@ use crate::log::FlightLog;
 use crate::model::ModelVersion;
 use crate::predict::{CHANNELS, PredictError, Predictor};
 
-/// What data with an effect in them are expected to say.
+/// Expected evidence from data with one of the effects in it.
 #[derive(Debug, Clone, Serialize, utoipa::ToSchema)]
 #[schema(as = ManoeuvreEvidence)]
 pub struct Evidence {
     /// ln Bayes factor against the other effect of the pair.
     pub against_other: f64,
-    /// ln Bayes factor against the strongest of all other candidates, "nothing" included.
+    /// ln Bayes factor against the strongest of all other candidates, including "nothing".
     pub against_all: f64,
     /// That candidate.
     pub strongest_rival: String,

@@ -95,7 +95,7 @@ impl Rival {
     }
 }
 
-/// A manoeuvre with what it is expected to show.
+/// A manoeuvre with its expected evidence.
 #[derive(Debug, Clone, Serialize, utoipa::ToSchema)]
 #[schema(as = ProposedManoeuvre)]
 pub struct Proposal {
@@ -105,9 +105,9 @@ pub struct Proposal {
     pub description: String,
     /// s.
     pub duration_s: f64,
-    /// The first effect in the data.
+    /// Evidence if the first effect is in the data.
     pub first: Evidence,
-    /// The second effect in the data.
+    /// Evidence if the second effect is in the data.
     pub second: Evidence,
 }
 

@@ -52,7 +52,7 @@ pub struct PredictError(pub String);
 
 impl From<Refusal> for PredictError {
     fn from(refusal: Refusal) -> Self {
-        Self(told(&refusal))
+        Self(sentence_of(&refusal))
     }
 }
 
@@ -539,7 +539,7 @@ fn rate_gain(covariance: Covariance, step_s: f64) -> f64 {
 }
 
 /// A rejected effect as a sentence.
-fn told(refusal: &Refusal) -> String {
+fn sentence_of(refusal: &Refusal) -> String {
     format!("{}: {}", refusal.key, refusal.reason)
 }
 

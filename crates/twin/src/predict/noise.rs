@@ -38,7 +38,7 @@ pub struct NoiseModel {
     /// rad/s.
     #[schema(value_type = Option<f64>)]
     pub rates_rad_s: f64,
-    /// m/s², the white disturbance force included.
+    /// m/s², including the white disturbance force.
     #[schema(value_type = Option<f64>)]
     pub accel_m_s2: f64,
     /// V.

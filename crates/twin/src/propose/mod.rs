@@ -38,14 +38,14 @@ const ID: &str = "proposed-effect";
 /// Factor by which a value may grow before it counts as implausible.
 const RANGE: f64 = 3.0;
 
-/// One proposed term: what acts, where, and on what evidence.
+/// One proposed term: what acts, where, and the evidence.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct ProposedTerm {
-    /// Places and what acts there: `force_x: air_velocity_x * airspeed^2`.
+    /// Channels and what acts on them: `force_x: air_velocity_x * airspeed^2`.
     pub acts: Vec<String>,
     /// Name of the factor.
     pub parameter: String,
-    /// Fitted on everything.
+    /// Fitted to all data.
     #[schema(value_type = Option<f64>)]
     pub factor: f64,
     /// Standard deviation by a jackknife over 5 s blocks.
@@ -53,15 +53,16 @@ pub struct ProposedTerm {
     pub deviation: f64,
     /// Unit.
     pub unit: String,
-    /// Correlation of the residual, before any term, with the term.
+    /// Correlation of the residual, before any term is added, with the term.
     #[schema(value_type = Option<f64>)]
     pub correlation: f64,
-    /// Share of the excess error in the channels that it acts on which this and the terms before it remove on unseen blocks.
+    /// Fraction of the excess error, in the channels that it acts on, that this and the previous terms remove on
+    /// unseen blocks.
     #[schema(value_type = Option<f64>)]
     pub held_out_share: f64,
 }
 
-/// What a channel's residual follows most, among all candidates.
+/// The candidate with which a channel's residual correlates most.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct Correlate {
     /// Channel: `fx`.
@@ -76,12 +77,13 @@ pub struct Correlate {
 /// A proposal.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct Proposal {
-    /// The terms as an effect document, as `effect_files` of a scenario takes it; absent if no term explains anything unseen.
+    /// The terms as an effect document, as `effect_files` of a scenario takes it; absent if no term explains any
+    /// unseen data.
     #[schema(value_type = Option<serde_json::Value>)]
     pub document: Option<EffectDocument>,
-    /// Its terms, in the order in which they were taken.
+    /// Its terms, in the order in which they were added.
     pub terms: Vec<ProposedTerm>,
-    /// For each channel that fails, what its residual follows most.
+    /// For each channel that fails, the input with which its residual correlates most.
     pub correlates: Vec<Correlate>,
     /// Errors of the quantities on blocks that the fit did not see, without and with the terms.
     #[serde(skip)]

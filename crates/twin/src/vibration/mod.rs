@@ -45,7 +45,7 @@ const SAME_BAND_HZ: f64 = 2.0;
 /// Growth below which a rotor is not reported, at the lower end of its interval.
 const LEAST_GROWTH: f64 = 1.2;
 
-/// Sensor whose vibration was taken.
+/// Sensor that measured the vibration.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, ToSchema)]
 #[serde(rename_all = "kebab-case")]
 #[schema(as = VibrationSensor)]
@@ -89,9 +89,10 @@ pub struct Line {
     pub rotor: usize,
     /// Mean speed in the air, Hz.
     pub speed_hz: f64,
-    /// Amplitude over the three axes at the vehicle's mean rotor speed, in the sensor's unit; none where another rotor turns alike all the time.
+    /// Amplitude over the three axes at the vehicle's mean rotor speed, in the sensor's unit; absent if another rotor
+    /// turns at the same speed all the time.
     pub amplitude: Option<f64>,
-    /// 95 % interval of it.
+    /// 95 % interval of the amplitude.
     pub interval_95: Option<[f64; 2]>,
     /// True if the line exceeds the noise.
     pub seen: bool,
@@ -99,13 +100,14 @@ pub struct Line {
     pub blocks: usize,
 }
 
-/// The strongest line of a flight whose rotor speeds are from duty and voltage.
+/// The strongest line of a flight whose rotor speeds are derived from duty and voltage.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, ToSchema)]
 #[schema(as = StrongestVibration)]
 pub struct Strongest {
     /// Rotor that explains it best, from 1.
     pub rotor: usize,
-    /// Its power as the best of the other rotors explains it, over that: near 1 where all rotors turn alike, as in a hover.
+    /// Power explained by the best other rotor, relative to that of this rotor: near 1 if all rotors turn at the same
+    /// speed, as in a hover.
     pub rival: f64,
     /// True if the rotor can be separated from the others.
     pub told_apart: bool,
@@ -121,18 +123,20 @@ pub struct Vibration {
     pub sensor: Sensor,
     /// Rate of the sensor, Hz.
     pub rate_hz: f64,
-    /// What the speeds of the rotors are from, in words.
+    /// Source of the rotor speeds, in words.
     pub speeds_from: String,
-    /// Mean speed of all rotors in the air, to which amplitudes refer, Hz; where no speeds are known, frequency of the strongest vibration.
+    /// Mean speed of all rotors in the air, to which amplitudes refer, Hz; if no speeds are known, frequency of the
+    /// strongest vibration.
     pub reference_hz: f64,
-    /// Amplitude of the rotors' lines together (root of the sum of squares), in the sensor's unit; where no speeds are known, that of all vibration in the band.
+    /// Combined amplitude of the rotors' lines (root sum of squares), in the sensor's unit; if no speeds are known,
+    /// that of all vibration in the band.
     pub amplitude: f64,
-    /// Band of the vibration of the vehicle as a whole, Hz, where neither rotor speeds nor a model are given.
+    /// Vibration band of the whole vehicle, Hz, if neither rotor speeds nor a model are given.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub band_hz: Option<[f64; 2]>,
-    /// Where the speeds are from duty and voltage: what is known of the strongest line.
+    /// If the speeds are derived from duty and voltage: what is known of the strongest line.
     pub strongest: Option<Strongest>,
-    /// Rotors in their order; empty where no speeds are known.
+    /// Rotors in their order; empty if no speeds are known.
     pub rotors: Vec<Line>,
     /// ln of the amplitude of all over Ω².
     #[serde(skip)]
@@ -142,13 +146,13 @@ pub struct Vibration {
     levels: Vec<Option<Level>>,
 }
 
-/// Rotor whose line has grown against healthy flights.
+/// Growth of a rotor's line against healthy flights.
 #[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]
 #[schema(as = VibrationGrowth)]
 pub struct Growth {
-    /// Rotor, from 1; none for all together.
+    /// Rotor, from 1; absent for all together.
     pub rotor: Option<usize>,
-    /// Its amplitude over that of the healthy flights, at the same speed.
+    /// Ratio of its amplitude to that of the healthy flights, at the same speed.
     pub factor: f64,
     /// 95 % interval.
     pub interval_95: [f64; 2],
@@ -156,17 +160,18 @@ pub struct Growth {
     pub posterior: f64,
 }
 
-/// Vibration against that of healthy flights.
+/// Vibration compared with that of healthy flights.
 #[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]
 #[schema(as = VibrationChange)]
 pub struct Change {
     /// In words.
     pub sentence: String,
-    /// Rotors that vibrate more with a probability of 95 %, strongest first. With speeds from duty and voltage at most one, with the growth of all lines together.
+    /// Rotors that vibrate more with a probability of 95 %, strongest first. If speeds are derived from duty and
+    /// voltage, at most one, with the growth of all lines together.
     pub named: Vec<Growth>,
     /// Growth of all lines together: factor, 95 % interval, posterior.
     pub together: Growth,
-    /// Every rotor that can be separated in all flights; empty if speeds are from duty and voltage.
+    /// Every rotor that can be separated in all flights; empty if speeds are derived from duty and voltage.
     pub rotors: Vec<Growth>,
     /// Each of the logs.
     pub flights: Vec<Vibration>,

@@ -14,7 +14,7 @@ use utoipa::ToSchema;
 #[derive(Debug, Clone, PartialEq, Deserialize, Serialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub(crate) struct SampleBody {
-    /// North, east, down, m. The detectors do not use it.
+    /// North, east, down, m. Not used by the detectors.
     #[serde(default)]
     #[schema(min_items = 3, max_items = 3)]
     pub(crate) position_ned_m: [f32; 3],
@@ -30,9 +30,9 @@ pub(crate) struct SampleBody {
     /// Duty of each rotor, held from this sample to the next, fraction; rotor 1 first.
     #[schema(max_items = 16)]
     pub(crate) duty: Vec<f32>,
-    /// At the battery's terminals, V.
+    /// Voltage at the battery's terminals, V.
     pub(crate) battery_voltage_v: f32,
-    /// When it was taken, s, by any clock; lets the server find wrong rates and gaps.
+    /// When it was taken, s, by any clock; used to detect wrong rates and gaps.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub(crate) time_s: Option<f64>,
 }

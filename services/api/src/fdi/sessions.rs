@@ -107,33 +107,34 @@ pub(crate) struct Entry {
 /// A session and its state.
 #[derive(Debug, Serialize, ToSchema)]
 pub(crate) struct SessionView {
-    /// Used in URLs; cannot be guessed.
+    /// Id for URLs; cannot be guessed.
     id: String,
     /// The detectors in effect.
     detectors: DetectorsView,
-    /// Samples per second that are expected.
+    /// Expected samples per second.
     rate_hz: f64,
-    /// Step that the next chunk is to begin with; before the first chunk any.
+    /// Step at which the next chunk must begin; any before the first chunk.
     next_step: u64,
-    /// Samples taken.
+    /// Number of samples accepted.
     samples: u64,
-    /// How far the calibration is.
+    /// Progress of the calibration.
     calibration: CalibrationState,
-    /// Step from which on verdicts come, unless a gap is too long.
+    /// Step from which verdicts are given, unless a gap is too long.
     verdicts_from_step: u64,
-    /// Samples with impossible values, ignored by the engine.
+    /// Number of samples with impossible values, ignored by the engine.
     rejected_samples: u64,
-    /// Lost steps over which the engine extrapolated.
+    /// Number of lost steps over which the engine extrapolated.
     bridged_steps: u64,
-    /// Calibrations begun again: after longer gaps, on the ground or upset, after motions that the model does not explain.
+    /// Number of restarted calibrations: after longer gaps, on the ground or upset, after motion that the model does
+    /// not explain.
     restarts: u64,
-    /// Steps on the ground, just off it, or upset: the detectors waited.
+    /// Number of steps on the ground, just above it, or upset, in which the detectors paused.
     paused_steps: u64,
-    /// Why there are no verdicts now.
+    /// Why there are no verdicts at present.
     cannot_judge: Option<ObstacleView>,
     /// The last window.
     last: Option<WindowView>,
-    /// Verdicts of the sequential detector, each time that it changed; the latest 1000.
+    /// Changes of the sequential detector's verdict; the latest 1000.
     changes: Vec<ChangeView>,
     /// Idle time after which the session ends, s.
     idle_limit_s: f64,

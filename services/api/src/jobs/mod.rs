@@ -68,7 +68,7 @@ impl Status {
     }
 }
 
-/// What a job is.
+/// Kind of a job.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 #[serde(rename_all = "kebab-case")]
 pub(crate) enum JobKind {

@@ -61,11 +61,11 @@ impl DocumentKind {
 /// An error in a document.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, ToSchema)]
 pub(crate) struct Complaint {
-    /// Dotted path of the key; none: the document as a whole.
+    /// Dotted path of the key; absent: the whole document.
     pub(crate) key: Option<String>,
-    /// Of the text, from 1.
+    /// Line of the text, from 1.
     pub(crate) line: Option<usize>,
-    /// All in one sentence: where, what was expected, what was found.
+    /// The complete message in one sentence: where, what was expected, what was found.
     pub(crate) sentence: String,
 }
 

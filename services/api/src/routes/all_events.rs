@@ -36,7 +36,7 @@ pub(crate) struct StreamQuery {
     /// `false`: without the kind `progress`.
     #[param(default = true)]
     progress: Option<bool>,
-    /// `false`: end with what there is now.
+    /// `false`: end the stream after the current events.
     #[param(default = true)]
     wait: Option<bool>,
 }
@@ -45,9 +45,9 @@ pub(crate) struct StreamQuery {
 #[derive(ToSchema)]
 #[expect(dead_code, reason = "for the OpenAPI document: axum writes the fields")]
 pub(crate) struct AnyEvent {
-    /// Place in the stream: what `Last-Event-ID` and `after` take.
+    /// Position in the stream: the value for `Last-Event-ID` and `after`.
     id: String,
-    /// Kind, such as `ended`; `open` is the stream's own, with the place that it begins at.
+    /// Kind, such as `ended`; `open` belongs to the stream itself and gives the position at which it begins.
     event: String,
     /// A JSON object: `job`, `collection`, `kind` of the job, `seq` and `data` as in the stream of that job.
     data: String,

@@ -22,7 +22,7 @@ pub(crate) struct Artifact {
     path: String,
     /// Bytes.
     size: u64,
-    /// Where to get it.
+    /// URL of the file.
     href: String,
 }
 

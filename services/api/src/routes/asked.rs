@@ -15,14 +15,14 @@ pub(crate) struct Flights {
     pub(super) runs: Vec<String>,
 }
 
-/// Which model.
+/// The model.
 #[derive(Debug, Clone, Deserialize, Serialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub(crate) struct ModelChoice {
     /// Name of one of the server's vehicles: its nominal model.
     #[serde(default)]
     pub(super) vehicle: Option<String>,
-    /// Id of an improvement: the model that it ended with.
+    /// Id of an improvement: its final model.
     #[serde(default)]
     pub(super) improvement: Option<String>,
     /// A version of a model, as `rotortwin model export` writes it (TOML).
@@ -31,7 +31,7 @@ pub(crate) struct ModelChoice {
     /// Name of a model, under `/api/v1/models`: its version at the head of `main`, or `NAME@v1`, `NAME@BRANCH`.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub(super) model: Option<String>,
-    /// Comparison: what to call the model in the result.
+    /// Comparison: label of the model in the result.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     #[schema(min_length = 1, max_length = 200)]
     pub(super) label: Option<String>,

@@ -16,19 +16,19 @@ use utoipa::ToSchema;
 /// An autopilot that runs can name.
 #[derive(Debug, Serialize, ToSchema)]
 pub(crate) struct ListedAutopilot {
-    /// As `{"controller": {"autopilot": NAME}}` of a submission names it.
+    /// Name for `{"controller": {"autopilot": NAME}}` in a submission.
     name: String,
     /// `ardupilot`, `px4`, `betaflight`.
     kind: String,
-    /// True if it waits for the plant in each of its steps. Without this, two flights with the same seed differ.
+    /// True if it waits for the plant in each step. Otherwise two flights with the same seed differ.
     lockstep: bool,
-    /// `free`; `busy`: a run has it; `away`: the process that offers it is not running.
+    /// `free`; `busy`: used by a run; `away`: the process that offers it is not running.
     state: AutopilotState,
     /// The run that uses it, if the caller may see that run.
     run: Option<String>,
-    /// Process that offers it, or did.
+    /// Process that offers or offered it.
     worker: String,
-    /// What it called itself in its last flight.
+    /// Name that it reported in its last flight.
     version: Option<String>,
     /// End of that flight, ms since 1970, UTC.
     flown_ms: Option<i64>,

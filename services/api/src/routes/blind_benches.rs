@@ -44,17 +44,17 @@ const LAID_OUT: &str = "config";
 /// Taken where no vehicle is named, as by the command.
 const USUAL_VEHICLE: &str = "f550";
 
-/// A vehicle that flies.
+/// A vehicle to fly.
 #[derive(Debug, Clone, Deserialize, Serialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub(crate) struct BenchVehicle {
-    /// Name of one of the server's vehicles, or with `text`: what to call it.
+    /// Name of one of the server's vehicles; with `text`: the name to give it.
     #[schema(min_length = 1, max_length = 64, pattern = "^[a-z0-9][a-z0-9._-]*$")]
     vehicle: String,
-    /// A vehicle document (TOML), as it would be in the library's `vehicles`.
+    /// A vehicle document (TOML), as in the library's `vehicles`.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     text: Option<String>,
-    /// With `text`: its blade document (TOML), instead of the one of the library that it names.
+    /// With `text`: its blade document (TOML), in place of the library's document that it names.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     blades: Option<String>,
 }
@@ -67,13 +67,13 @@ pub(crate) struct BlindBenchSubmission {
     #[serde(default = "usual_presets")]
     #[schema(schema_with = presets_schema)]
     presets: Vec<Preset>,
-    /// Cases of each preset.
+    /// Cases per preset.
     #[schema(minimum = 1, maximum = 10_000)]
     n: usize,
-    /// Of the draws.
+    /// Seed of the random draws.
     #[serde(default = "usual_seed")]
     seed: u64,
-    /// Used in turn; none: `f550`.
+    /// Vehicles, used in turn; empty: `f550`.
     #[serde(default)]
     vehicles: Vec<BenchVehicle>,
     /// Length of a flight, s.
@@ -107,7 +107,7 @@ fn presets_schema() -> Array {
         .schema_type(Type::String)
         .enum_values(Some(Preset::all().iter().map(|preset| preset.name())));
     ArrayBuilder::new()
-        .description(Some("What is to be shown: one after the other; by default `mixed`."))
+        .description(Some("Presets to run, one after another; default `mixed`."))
         .items(name)
         .min_items(Some(1))
         .build()

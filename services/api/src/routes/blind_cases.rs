@@ -78,37 +78,37 @@ impl CasesQuery {
 pub(crate) struct BlindCase {
     /// From 0, over all presets.
     case: usize,
-    /// What it belongs to.
+    /// Preset of the case.
     preset: Preset,
     /// Name of the vehicle.
     vehicle: String,
     /// Built-in flight.
     flight: String,
-    /// Of the flight: decimal digits, as it does not fit a number of JavaScript.
+    /// Seed of the flight, in decimal digits because it does not fit a JavaScript number.
     seed: String,
     /// What was hidden.
     effects: Vec<Hidden>,
-    /// With small deviations of every other parameter.
+    /// With small deviations in all other parameters.
     clutter: bool,
-    /// Its row of the confusion matrix.
+    /// Row of the confusion matrix.
     hidden: String,
-    /// Its column of the confusion matrix.
+    /// Column of the confusion matrix.
     named: String,
     /// The effects that were named, in words with their rotors; empty: none.
     answer: String,
-    /// What the answer is worth.
+    /// Score of the answer.
     outcome: Outcome,
     /// ln of the Bayes factor of the first named effect.
     evidence: Option<f64>,
-    /// Largest relative error of the parameters of each rightly named effect.
+    /// Largest relative error of the parameters of each correctly named effect.
     parameter_errors: Vec<f64>,
-    /// Of the onset, s.
+    /// Error of the onset, s.
     onset_error_s: Option<f64>,
-    /// That the diagnosis took, s.
+    /// Duration of the diagnosis, s.
     seconds: f64,
     /// Why there is no answer.
     failure: Option<String>,
-    /// Id of the log that this case was flown again as; absent if it was not, or not by the caller's tenant.
+    /// Id of the log if this case was flown again; absent if it was not, or not by the caller's tenant.
     log: Option<String>,
 }
 

@@ -87,7 +87,7 @@ pub(crate) struct FlightsQuery {
     limit: Option<i64>,
 }
 
-/// What was set on one axis.
+/// Value on one axis.
 #[derive(Debug, Serialize, ToSchema)]
 pub(crate) struct FlightParameter {
     /// Name of the axis.
@@ -99,40 +99,40 @@ pub(crate) struct FlightParameter {
 /// A flight of a campaign.
 #[derive(Debug, Serialize, ToSchema)]
 pub(crate) struct CampaignFlight {
-    /// From 0.
+    /// Index of the flight, from 0.
     flight: u64,
-    /// Of all noise: decimal digits, as it does not fit a number of JavaScript.
+    /// Seed of all noise, in decimal digits because it does not fit a JavaScript number.
     seed: String,
-    /// In the order of the axes.
+    /// Values in the order of the axes.
     parameters: Vec<FlightParameter>,
     /// How it ended.
     status: FlightStatus,
-    /// Why, unless it was flown to its end.
+    /// Why it was not flown to its end; absent if it was.
     reason: Option<String>,
-    /// Over all samples: that of the run of the same flight.
+    /// Hash over all samples, equal to that of the run of the same flight.
     run_hash: String,
-    /// Rotors that were ever faulty, from 1.
+    /// Rotors that were faulty at any time, from 1.
     faulty_rotors: Vec<u32>,
-    /// First onset of a fault, s; absent if no rotor was ever faulty.
+    /// First onset of a fault, s; absent if no rotor was faulty at any time.
     fault_onset_s: Option<f64>,
     /// Windows of the detector with this truth and verdict.
     windows: u64,
-    /// Its verdict at the end; −2 if it was never ready.
+    /// Final verdict; −2 if the detector was never ready.
     verdict_at_end: i32,
-    /// From the onset to its first verdict other than healthy, s.
+    /// Detection delay: from the onset to its first verdict other than healthy, s.
     detected_after_s: Option<f64>,
-    /// From the onset to its first right verdict, s.
+    /// Isolation delay: from the onset to its first correct verdict, s.
     isolated_after_s: Option<f64>,
-    /// False alarms: rows of windows.
+    /// False alarms; consecutive windows count once.
     false_alarm_events: u64,
-    /// Id of the run that this flight was flown as; absent if it was not, or not by the caller's tenant.
+    /// Id of the run if this flight was flown as one; absent if it was not, or not by the caller's tenant.
     run: Option<String>,
 }
 
 /// A page of flights, in their order.
 #[derive(Debug, Serialize, ToSchema)]
 pub(crate) struct CampaignFlightPage {
-    /// Fewer than `limit`, even none, where few of 20,000 flights are of this kind.
+    /// May hold fewer than `limit`, or none, if few of 20,000 flights match.
     items: Vec<CampaignFlight>,
     /// `cursor` of the next page; absent on the last one.
     next: Option<String>,

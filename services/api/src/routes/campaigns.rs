@@ -34,17 +34,18 @@ super::collection!(
 /// The file of a campaign that came as a text.
 const SUBMITTED: &str = "submitted-campaign.toml";
 
-/// Many flights: grids and random draws over anything that a scenario can say, with statistics of the detectors.
+/// Many flights: grids and random draws over any setting of a scenario, with statistics of the detectors.
 #[derive(Debug, Deserialize, Serialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub(crate) struct CampaignSubmission {
     /// Name of one of the server's campaigns; or give `text`.
     #[serde(default)]
     campaign: Option<String>,
-    /// A campaign document (TOML), as it would be in the library's `campaigns`.
+    /// A campaign document (TOML), as in the library's `campaigns`.
     #[serde(default)]
     text: Option<String>,
-    /// Id of a classifier that was trained here: the network of the FDI engine in every flight, instead of the scenario's.
+    /// Id of a classifier that was trained here: the network of the FDI engine in every flight, instead of that of
+    /// the scenario.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     classifier: Option<String>,
     /// From −100 to 100; larger values run first.

@@ -33,11 +33,11 @@ super::collection!(
 /// Data sets, at most.
 const MOST_SEEDS: u32 = 100;
 
-/// A classifier to be trained.
+/// A classifier to train.
 #[derive(Debug, Deserialize, Serialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub(crate) struct Training {
-    /// What it reads and how it is trained.
+    /// Method: inputs and training of the network.
     #[serde(default)]
     method: Method,
     /// Name of one of the server's scenarios: vehicle, controller, sensors, detector settings.
@@ -50,7 +50,7 @@ pub(crate) struct Training {
     /// First seed; the others follow.
     #[serde(default = "one")]
     first_seed: u64,
-    /// What is trained otherwise than the method says.
+    /// Deviations from the method's training settings.
     #[serde(default, skip_serializing_if = "Hyperparameters::is_empty")]
     hyperparameters: Hyperparameters,
     /// From −100 to 100; larger values run first.
@@ -144,14 +144,15 @@ pub(crate) async fn submit(
 #[derive(Debug, Deserialize, Serialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub(crate) struct Evaluation {
-    /// Name of a scenario: vehicle, mismatch, sensors, detector settings; by default the one that it was trained with.
+    /// Name of a scenario: vehicle, mismatch, sensors, detector settings; default: the one that the classifier was
+    /// trained with.
     #[serde(default)]
     scenario: Option<String>,
     /// Data sets of the protocol: four courses, two charges, a fault in each rotor.
     #[serde(default = "five")]
     #[schema(minimum = 1, maximum = 100)]
     repeats: u32,
-    /// Of all draws.
+    /// Seed of all random draws.
     #[serde(default = "fresh")]
     seed: u64,
     /// From −100 to 100; larger values run first.

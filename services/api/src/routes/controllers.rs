@@ -23,19 +23,19 @@ const MOST_RUNS: usize = 100;
 pub(crate) struct ComparedRuns {
     /// Comma-separated ids, at most 100.
     runs: String,
-    /// A vehicle has recovered from a fault when it stays this close to its reference, m; 0.5 without it.
+    /// A vehicle has recovered from a fault when it stays this close to its reference, m; default 0.5.
     #[param(exclusive_minimum = 0)]
     within_m: Option<f64>,
 }
 
-/// A row a run.
+/// Controllers compared, one row per run.
 #[derive(Debug, Serialize, ToSchema)]
 pub(crate) struct ComparedControllers {
-    /// The bound of the recovery, m.
+    /// Bound that defines recovery, m.
     within_m: f64,
     /// In the order in which the runs were named.
     rows: Vec<ControllerRow>,
-    /// In what the runs differ apart from their controllers, one sentence each; empty: they can be compared.
+    /// How the runs differ apart from their controllers, one sentence each; empty: they can be compared.
     differences: Vec<String>,
 }
 

@@ -28,7 +28,7 @@ pub(crate) struct Names {
 #[derive(Debug, Serialize, ToSchema)]
 pub(crate) struct StoredDocument {
     name: String,
-    /// Of the text; the ETag without its quotes.
+    /// Content hash: the ETag without its quotes.
     hash: String,
 }
 

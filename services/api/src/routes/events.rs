@@ -30,7 +30,7 @@ pub(crate) struct StreamEvent {
     id: String,
     /// Kind, such as `progress`.
     event: String,
-    /// What it says: a JSON object.
+    /// Content: a JSON object.
     data: String,
 }
 

@@ -6,7 +6,7 @@ use rotortwin_jobs::training::Method;
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
-/// The request, in short. Which of these it is follows from `kind`.
+/// Short form of the request. Its type follows from `kind`.
 #[derive(Debug, Clone, Serialize, ToSchema)]
 #[serde(untagged)]
 pub(crate) enum JobFacts {
@@ -48,71 +48,71 @@ impl JobFacts {
     }
 }
 
-/// Of a campaign.
+/// Short form of the request for a campaign.
 #[derive(Debug, Clone, Serialize, ToSchema)]
 pub(crate) struct CampaignFacts {
-    /// That are planned.
+    /// Number of planned flights.
     pub(super) flights: u64,
-    /// Of all its draws.
+    /// Seed of all its random draws.
     pub(super) seed: u64,
     /// Id of the job that trained its network.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub(super) classifier: Option<String>,
-    /// Jobs that it is divided into.
+    /// Number of jobs into which it is split.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub(super) parts: Option<usize>,
 }
 
-/// Of a part of a campaign.
+/// Short form of the request for a part of a campaign.
 #[derive(Debug, Clone, Serialize, ToSchema)]
 pub(crate) struct CampaignPartFacts {
-    /// Number of its first flight.
+    /// Index of its first flight.
     pub(super) first_flight: u64,
-    /// Flights.
+    /// Number of flights.
     pub(super) flights: u64,
 }
 
-/// Of a blind bench.
+/// Short form of the request for a blind bench.
 #[derive(Debug, Clone, Serialize, ToSchema)]
 pub(crate) struct BlindBenchFacts {
-    /// Of all presets.
+    /// Number of cases of all presets.
     pub(super) cases: usize,
-    /// What is to be shown.
+    /// Presets.
     pub(super) presets: Vec<Preset>,
-    /// Cases of each preset.
+    /// Cases per preset.
     pub(super) n: usize,
-    /// Of the draws.
+    /// Seed of the random draws.
     pub(super) seed: u64,
-    /// Names, taken in turn.
+    /// Names, used in turn.
     pub(super) vehicles: Vec<String>,
     /// Length of a flight, s.
     pub(super) duration_s: f64,
-    /// Jobs that it is divided into.
+    /// Number of jobs into which it is split.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub(super) parts: Option<usize>,
 }
 
-/// Of a part of a blind bench.
+/// Short form of the request for a part of a blind bench.
 #[derive(Debug, Clone, Serialize, ToSchema)]
 pub(crate) struct BlindBenchPartFacts {
     /// Number of its first case, over all presets.
     pub(super) first_case: u64,
-    /// Cases.
+    /// Number of cases.
     pub(super) cases: u64,
 }
 
-/// Of a log that was uploaded.
+/// Short form of the upload of a log.
 #[derive(Debug, Clone, Serialize, Deserialize, ToSchema)]
 pub(crate) struct UploadFacts {
-    /// Name of the file that was sent.
+    /// Name of the uploaded file.
     pub(super) file: String,
-    /// Of that file.
+    /// Size of the file, bytes.
     pub(super) bytes: u64,
-    /// Hash of that file (XXH3, 64 bits).
+    /// Hash of the file (XXH3, 64 bits).
     pub(super) xxh3: String,
-    /// Where the server keeps that file, to read it again.
+    /// Where the server keeps the file, to read it again.
     pub(super) upload: String,
-    /// Name of the vehicle that it was read for.
+    /// Name of the vehicle that it was checked against.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub(super) vehicle: Option<String>,
 }
@@ -124,10 +124,10 @@ impl UploadFacts {
     }
 }
 
-/// Of a log of the independent simulator.
+/// Short form of the request for a log from the independent simulator.
 #[derive(Debug, Clone, Serialize, ToSchema)]
 pub(crate) struct ExampleFacts {
-    /// True.
+    /// Always true.
     pub(super) example: bool,
     /// Name of the vehicle.
     pub(super) vehicle: String,
@@ -138,54 +138,54 @@ pub(crate) struct ExampleFacts {
     pub(super) case: Option<usize>,
 }
 
-/// Of a comparison, a diagnosis or an improvement.
+/// Short form of the request for a comparison, a diagnosis or an improvement.
 #[derive(Debug, Clone, Serialize, ToSchema)]
 pub(crate) struct TwinFacts {
-    /// Compared, diagnosed or improved.
+    /// The model.
     pub(super) model: ModelChoice,
-    /// With which flights.
+    /// Names of the flights.
     pub(super) flights: Flights,
-    /// Of a comparison.
+    /// Labels in the result of a comparison.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub(super) more_models: Vec<ModelChoice>,
 }
 
-/// Of a vehicle from logs.
+/// Short form of the request for an identification.
 #[derive(Debug, Clone, Serialize, ToSchema)]
 pub(crate) struct IdentificationFacts {
     /// Name of the vehicle.
     pub(super) vehicle: String,
-    /// Of this vehicle.
+    /// Number of flights.
     pub(super) flights: Flights,
-    /// With battery, kg.
+    /// Mass including battery, kg.
     pub(super) mass_kg: f64,
-    /// From the centre to the furthest rotor, m.
+    /// Distance from the centre to the farthest rotor, m.
     pub(super) arm_m: f64,
 }
 
-/// Of the proposal of a next flight.
+/// Short form of the request for a proposal of a next flight.
 #[derive(Debug, Clone, Serialize, ToSchema)]
 pub(crate) struct NextFlightFacts {
-    /// As it stands.
+    /// The current model.
     pub(super) model: ModelChoice,
     /// The two effects.
     pub(super) between: [String; 2],
 }
 
-/// Of a classifier that is trained.
+/// Short form of the request for a classifier.
 #[derive(Debug, Clone, Serialize, Deserialize, ToSchema)]
 pub(crate) struct ClassifierFacts {
     /// What the network reads and how it is trained.
     pub(super) method: Method,
-    /// Name of the scenario that it is trained with.
+    /// Name of the scenario used for the training.
     pub(super) scenario: String,
-    /// Data sets.
+    /// Number of data sets.
     pub(super) seeds: u32,
-    /// The others follow.
+    /// First seed; the others follow.
     pub(super) first_seed: u64,
 }
 
-/// Of a run that is flown again.
+/// Short form of the request for a second execution.
 #[derive(Debug, Clone, Serialize, ToSchema)]
 pub(crate) struct VerificationFacts {
     /// Id of the run.

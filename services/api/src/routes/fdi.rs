@@ -38,7 +38,8 @@ pub(crate) enum RotorModel {
     Linear,
 }
 
-/// Settings of the detectors, as the `[fdi]` table of a scenario; what is absent is as the classifier was trained, else as in a scenario.
+/// Settings of the detectors, as in the `[fdi]` table of a scenario; absent keys are as the classifier was
+/// trained, otherwise the scenario defaults.
 #[derive(Debug, Clone, Default, Deserialize, Serialize, ToSchema)]
 #[serde(deny_unknown_fields, default)]
 pub(crate) struct SettingsBody {
@@ -77,14 +78,14 @@ impl From<SettingsBody> for DetectorSettings {
     }
 }
 
-/// A session to be opened.
+/// A session to open.
 #[derive(Debug, Default, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub(crate) struct SessionBody {
     /// Name of one of the server's vehicles; or give `vehicle_text`.
     #[serde(default)]
     vehicle: Option<String>,
-    /// A vehicle document (TOML), as it would be in the library's `vehicles`.
+    /// A vehicle document (TOML), as in the library's `vehicles`.
     #[serde(default)]
     vehicle_text: Option<String>,
     /// Name of one of the server's classifiers; without one the network gives no verdict.
@@ -156,7 +157,7 @@ const FIELDS: [FieldView; 7] = [
     },
 ];
 
-/// What a session requires as input, and where.
+/// Input format and endpoints of a session.
 #[derive(Debug, Serialize, ToSchema)]
 pub(crate) struct FeedView {
     /// POST chunks here with `?first_step=N`.
@@ -171,9 +172,9 @@ pub(crate) struct FeedView {
     fields: Vec<FieldView>,
     /// Maximum number of samples in a chunk.
     longest_chunk: usize,
-    /// Chunks that may be sent again; they get the same answer.
+    /// Number of recent chunks that may be sent again; they get the same response.
     remembered_chunks: usize,
-    /// Lost steps that are bridged (`after_gap`); after more the calibration begins again.
+    /// Maximum number of lost steps that are bridged (`after_gap`); longer gaps restart the calibration.
     longest_bridge: u64,
 }
 
@@ -218,7 +219,7 @@ pub(crate) fn detectors(
     (status = 415, description = "the body is not JSON", body = Problem, content_type = "application/problem+json"),
     (status = 422, description = "no detectors can be built for this model", body = Problem, content_type = "application/problem+json"),
     (status = 429, description = "more requests or open sessions than are allowed", body = Problem, content_type = "application/problem+json"),
-    (status = 503, description = "other tenants have too many sessions open, or the server is ending", body = Problem, content_type = "application/problem+json")
+    (status = 503, description = "other tenants have too many sessions open, or the server is shutting down", body = Problem, content_type = "application/problem+json")
 ))]
 pub(crate) async fn open(
     State(app): State<Arc<App>>,
@@ -275,7 +276,7 @@ pub(crate) fn find(app: &App, caller: &Caller, id: Result<Path<String>, PathReje
     app.fdi.get(caller, &id)
 }
 
-/// Sessions that are open.
+/// Open sessions.
 #[derive(Debug, Serialize, ToSchema)]
 pub(crate) struct OpenSessions {
     items: Vec<SessionView>,

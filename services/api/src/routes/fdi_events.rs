@@ -39,17 +39,20 @@ pub(crate) struct WatchQuery {
 pub(crate) struct SessionEvent {
     /// `open`, `session` or `closed`.
     event: String,
-    /// A JSON object: all that are open, as `GET /fdi/sessions` lists them; the one that changed, as `GET /fdi/sessions/ID` shows it; or its `id`.
+    /// A JSON object: all open sessions, as in `GET /fdi/sessions`; the changed one, as in `GET /fdi/sessions/ID`; or
+    /// its `id`.
     data: String,
 }
 
-/// Your FDI sessions as they change (server-sent events): to watch, the scope `read` is enough, and watching keeps none alive.
+/// Your FDI sessions as they change (server-sent events). The scope `read` is enough, and watching does not keep
+/// a session alive.
 ///
-/// It begins with `open`, all that are open now. Then `session`, a session that was opened or fed since, at most ten times a second, and `closed`.
-/// Nothing is numbered: who comes again gets `open` again, which is all there is.
+/// The stream begins with `open`: all sessions that are open now. Then come `session`, for a session that was
+/// opened or fed since, at most ten times per second, and `closed`. Events are not numbered: a client that
+/// reconnects gets a new `open`, which is the complete state.
 #[utoipa::path(get, path = "/api/v1/fdi/events", tag = "fdi", operation_id = "fdi_session_events", params(WatchQuery), responses(
     (status = 200, description = "a stream", body = SessionEvent, content_type = "text/event-stream"),
-    (status = 400, description = "no such parameter", body = Problem, content_type = "application/problem+json")
+    (status = 400, description = "unknown parameter", body = Problem, content_type = "application/problem+json")
 ))]
 pub(crate) async fn events(
     State(app): State<Arc<App>>,

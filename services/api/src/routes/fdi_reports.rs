@@ -35,9 +35,9 @@ const LONGEST: Duration = Duration::from_secs(120);
 #[into_params(parameter_in = Query)]
 #[serde(deny_unknown_fields)]
 pub(crate) struct Which {
-    /// Id of a log that was imported here, or of a run that is done: then there is no body.
+    /// Id of a log that was imported here, or of a run that is done; the body is then empty.
     log: Option<String>,
-    /// Part of the log: seconds `FROM:TO`, a segment, or `order:2-5-6-3-1-4` where its columns are those of other rotors.
+    /// Part of the log: seconds `FROM:TO`, a segment, or `order:2-5-6-3-1-4` to assign its columns to other rotors.
     part: Option<String>,
     /// Name of one of the server's vehicles.
     vehicle: String,
@@ -45,17 +45,19 @@ pub(crate) struct Which {
     classifier: Option<String>,
     /// Start of the calibration, s.
     calibration_start_s: Option<f64>,
-    /// End of the calibration, s; the vehicle is taken for healthy until then.
+    /// End of the calibration, s; the vehicle is assumed healthy until then.
     calibration_end_s: Option<f64>,
-    /// With `true` the answer holds `flight` as well: trajectory, parts, motor outputs and vibration, as a page draws them.
+    /// `true`: the response also contains `flight`: trajectory, parts, motor outputs and vibration, for plotting.
     #[serde(default)]
     flight: bool,
 }
 
-/// Runs the detectors on a flight log, uploaded or already imported: verdicts over time, final verdict, what the log lacks.
+/// Runs the detectors on a flight log, uploaded or already imported: verdicts over time, final verdict, missing
+/// channels.
 ///
-/// The body is a log: canonical CSV or Parquet (as written by `rotortwin log import`), or an autopilot's. A log of 32 to 400 Hz is
-/// judged at its own rate, any other resampled to the nearest of these. It is not stored.
+/// The body is a log: canonical CSV or Parquet (as written by `rotortwin log import`), or an autopilot's. A log
+/// of 32 to 400 Hz is judged at its own rate; any other log is resampled to the nearest of these. The log is not
+/// stored.
 #[utoipa::path(post, path = "/api/v1/fdi/reports", tag = "fdi", operation_id = "judge_log", params(Which),
     request_body(description = "the log, at most 128 MiB", content(
         (String = "text/csv"), (Vec<u8> = "application/vnd.apache.parquet"), (Vec<u8> = "application/octet-stream"))),
@@ -65,7 +67,7 @@ pub(crate) struct Which {
         (status = 404, description = "vehicle, classifier, log or run not found", body = Problem, content_type = "application/problem+json"),
         (status = 409, description = "the log or run is not done", body = Problem, content_type = "application/problem+json"),
         (status = 413, description = "request body too large", body = Problem, content_type = "application/problem+json"),
-        (status = 422, description = "not a flight log, or the log of another vehicle", body = Problem, content_type = "application/problem+json"),
+        (status = 422, description = "not a flight log, or the log of a different vehicle", body = Problem, content_type = "application/problem+json"),
         (status = 503, description = "too many logs are being judged; retry later", body = Problem, content_type = "application/problem+json"),
         (status = 507, description = "disk full", body = Problem, content_type = "application/problem+json")
     ))]
@@ -86,15 +88,15 @@ pub(crate) async fn judge(
 pub(crate) struct KnownTruth {
     /// Column of the log with the truth: 0 healthy, the damaged rotor, −1 several; `fault_label` of a run.
     truth_column: Option<String>,
-    /// The truth as rows `time_s,rotor,loss`, several with `;` between them, such as `31.2,3,0.08;52,3,0`: from this time of the log on the rotor
-    /// has lost this share of its thrust; 0: recovered, empty: unknown size. A healthy log has `0,0,`.
+    /// The truth as rows `time_s,rotor,loss`, separated by `;`, such as `31.2,3,0.08;52,3,0`: from this log time on,
+    /// the rotor has lost this fraction of its thrust; 0: recovered, empty: unknown size. For a healthy log: `0,0,`.
     truth: Option<String>,
 }
 
-/// A log judged, and how right the detectors were.
+/// A judged log, with the score of the detectors.
 #[derive(Debug, Serialize, Deserialize, ToSchema)]
 pub(crate) struct ScoredReport {
-    /// What the detectors say.
+    /// Result of the detectors.
     #[schema(value_type = LogReport)]
     report: serde_json::Value,
     /// Score of these verdicts.
@@ -113,7 +115,7 @@ pub(crate) struct ScoredReport {
         (status = 404, description = "vehicle, classifier, log or run not found", body = Problem, content_type = "application/problem+json"),
         (status = 409, description = "the log or run is not done", body = Problem, content_type = "application/problem+json"),
         (status = 413, description = "request body too large", body = Problem, content_type = "application/problem+json"),
-        (status = 422, description = "not a flight log, the log of another vehicle, or no truth in it", body = Problem, content_type = "application/problem+json"),
+        (status = 422, description = "not a flight log, the log of a different vehicle, or it contains no truth", body = Problem, content_type = "application/problem+json"),
         (status = 503, description = "too many logs are being judged; retry later", body = Problem, content_type = "application/problem+json"),
         (status = 507, description = "disk full", body = Problem, content_type = "application/problem+json")
     ))]

@@ -25,8 +25,9 @@ const LARGEST_MESSAGE: usize = 2 << 20;
 
 /// Measurements in, verdicts out, over a WebSocket.
 ///
-/// Text: `{"first_step": N, "samples": [...]}`, answered with what the `measurements` route answers, or with
-/// `{"refusal": "...", "next_step": N}`. Binary: `FdiMeasurements`, answered with `FdiVerdicts` (proto/rotortwin/v1/fdi_service.proto).
+/// Text: `{"first_step": N, "samples": [...]}`; the reply is that of the `measurements` route, or `{"refusal":
+/// "...", "next_step": N}`. Binary: `FdiMeasurements`; the reply is `FdiVerdicts`
+/// (proto/rotortwin/v1/fdi_service.proto).
 #[utoipa::path(get, path = "/api/v1/fdi/sessions/{id}/stream", tag = "fdi", operation_id = "stream_fdi_session", params(("id" = String, Path)), responses(
     (status = 101, description = "WebSocket"),
     (status = 400, description = "not a WebSocket request", body = Problem, content_type = "application/problem+json"),

@@ -16,7 +16,7 @@ use std::ffi::OsString;
 use std::time::Duration;
 
 /// Longest time that a log takes.
-const PATIENCE: Duration = Duration::from_secs(60);
+const ANSWER_TIMEOUT: Duration = Duration::from_secs(60);
 
 /// A flight over time, of an imported log.
 #[utoipa::path(get, path = "/api/v1/logs/{id}/flight", tag = "logs", operation_id = "log_flight", params(("id" = String, Path)), responses(
@@ -35,7 +35,7 @@ pub(crate) async fn of_log(
     picture(&app, &caller, JobKind::Log, &id?.0).await
 }
 
-/// A flight over time, of a run: what its sensors said, not the truth.
+/// A flight over time, of a run: as measured by its sensors, not the truth.
 #[utoipa::path(get, path = "/api/v1/runs/{id}/flight", tag = "telemetry", operation_id = "run_flight", params(("id" = String, Path)), responses(
     (status = 200, description = "the flight", body = FlightPicture),
     (status = 400, description = "invalid id", body = Problem, content_type = "application/problem+json"),
@@ -68,5 +68,5 @@ async fn picture(app: &App, caller: &Caller, kind: JobKind, id: &str) -> Result<
             .replace(&format!("{path}: "), "the log: ")
             .replace(&path, "the log")
     };
-    answered(app, words, PATIENCE, for_callers).await.map(json)
+    answered(app, words, ANSWER_TIMEOUT, for_callers).await.map(json)
 }

@@ -17,24 +17,24 @@ const ROWS: [&str; 4] = ["thrust", "roll", "pitch", "yaw"];
 /// Where nothing else is said, a vehicle hovers with a full battery.
 const FULL: f64 = 1.0;
 
-/// A vehicle as its document says; x forward, y right, z down, from the centre of mass.
+/// The geometry of a vehicle document; x forward, y right, z down, from the centre of mass.
 #[derive(Debug, Serialize, ToSchema)]
 pub(crate) struct VehicleGeometry {
-    /// Of the vehicle.
+    /// Name of the vehicle.
     name: String,
     /// kg.
     mass_kg: f64,
-    /// To the furthest rotor, m.
+    /// Distance to the farthest rotor, m.
     arm_m: f64,
     /// m/s².
     gravity_m_s2: f64,
     /// Principal moments of inertia, kg m².
     inertia_body_kg_m2: [f64; 3],
-    /// In the order of their numbers.
+    /// Ordered by number.
     rotors: Vec<RotorView>,
-    /// What thrusts do.
+    /// Effect of the thrusts.
     effectiveness: Effectiveness,
-    /// In still air; absent where the battery cannot lift it.
+    /// Hover in still air; absent if the battery cannot lift the vehicle.
     hover: Option<Hover>,
 }
 
@@ -45,7 +45,7 @@ pub(crate) struct RotorView {
     number: usize,
     /// m.
     position_body_m: [f64; 3],
-    /// Seen from above.
+    /// Rotation sense, seen from above.
     spin: SpinView,
     /// Drag torque per thrust, m.
     moment_ratio_m: f64,
@@ -64,7 +64,7 @@ pub(crate) enum SpinView {
 pub(crate) struct Effectiveness {
     /// `thrust`, `roll`, `pitch`, `yaw`.
     rows: [&'static str; 4],
-    /// A row for each, a column a rotor.
+    /// One row for each of these, one column per rotor.
     matrix: [Vec<f64>; 4],
 }
 
@@ -73,13 +73,13 @@ pub(crate) struct Effectiveness {
 pub(crate) struct Hover {
     /// Weight, N.
     thrust_n: f64,
-    /// Least-norm thrusts that carry it without a torque, N.
+    /// Minimum-norm thrusts that carry the weight without torque, N.
     rotor_thrust_n: Vec<f64>,
-    /// Duties for them at that voltage, fraction.
+    /// Duties for these thrusts at that voltage, fraction.
     duty: Vec<f64>,
     /// State of charge, fraction.
     state_of_charge: f64,
-    /// Of the battery under this load, V.
+    /// Battery voltage under this load, V.
     voltage_v: f64,
 }
 

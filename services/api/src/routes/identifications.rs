@@ -34,25 +34,25 @@ super::collection!(
     "/api/v1/identifications/{id}/artifacts/{*path}"
 );
 
-/// A vehicle to be identified.
+/// A vehicle to identify.
 #[derive(Debug, Deserialize, Serialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub(crate) struct IdentificationSubmission {
-    /// What to call the vehicle: the name that it gets in the library, if it is kept.
+    /// Name of the vehicle in the library, if it is kept.
     #[schema(min_length = 1, max_length = 64, pattern = "^[a-z0-9][a-z0-9._-]*$")]
     name: String,
-    /// Flights of it, all with the same rotors.
+    /// Flights of the vehicle, all with the same rotors.
     flights: Flights,
-    /// With battery, kg.
+    /// Mass including battery, kg.
     #[schema(exclusive_minimum = 0)]
     mass_kg: f64,
-    /// Distance from the centre of the vehicle to the furthest rotor, m.
+    /// Distance from the centre of the vehicle to the farthest rotor, m.
     #[schema(exclusive_minimum = 0)]
     arm_m: f64,
-    /// Frame, where the log does not say it, such as `quad-x` (numbers as in ArduPilot).
+    /// Frame, if the log does not state it, such as `quad-x` (numbers as in ArduPilot).
     #[schema(max_length = 40)]
     frame: Option<String>,
-    /// Use this frame even if the motion contradicts it; otherwise it is rejected, with the evidence.
+    /// Use this frame even if the motion contradicts it; otherwise the job fails, with the evidence.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     trust_frame: bool,
     /// Capacity of the battery, A h.
@@ -61,7 +61,7 @@ pub(crate) struct IdentificationSubmission {
     /// Cells of the battery in series.
     #[schema(minimum = 1, maximum = 24)]
     cells: Option<u32>,
-    /// Tables of a thrust bench of one rotor, or of a datasheet, as `--bench` of the command takes them; at most 1 MiB.
+    /// Thrust-bench tables of one rotor, or datasheet tables, as for `--bench` of the command; at most 1 MiB.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     #[schema(max_items = 16)]
     bench: Vec<BenchTable>,
@@ -70,14 +70,14 @@ pub(crate) struct IdentificationSubmission {
     held_out: bool,
 }
 
-/// A table of a thrust bench.
+/// A thrust-bench table.
 #[derive(Debug, Deserialize, Serialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub(crate) struct BenchTable {
-    /// Name of the file, as the result names it.
+    /// File name, used in the result.
     #[schema(min_length = 1, max_length = 100)]
     name: String,
-    /// The file: a header, then a row for each reading.
+    /// The file: a header, then one row per reading.
     text: String,
 }
 
@@ -147,9 +147,10 @@ impl IdentificationSubmission {
     }
 }
 
-/// Identifies a vehicle from flight logs; what no log holds is its mass and its arm.
+/// Identifies a vehicle from flight logs, its mass and its arm length, which no log contains.
 ///
-/// The result is each value with its 95 % interval and where it comes from, and the documents of the vehicle and its blades.
+/// The result contains each value with its 95 % interval and source, and the documents of the vehicle and its
+/// blades.
 #[utoipa::path(post, path = "/api/v1/identifications", tag = "identifications", operation_id = "submit_identification", request_body = IdentificationSubmission,
     params(("Idempotency-Key" = Option<String>, Header, description = "a retry with the same key and body returns the existing job")),
     responses(
@@ -224,7 +225,8 @@ struct Texts {
     blades: String,
 }
 
-/// Stores the identified vehicle and its blades in the library, for your tenant; an earlier one of the same name is replaced.
+/// Stores the identified vehicle and its blades in the library, for your tenant; an existing one of the same name
+/// is replaced.
 #[utoipa::path(post, path = "/api/v1/identifications/{id}/keep", tag = "identifications", operation_id = "keep_identification",
     params(("id" = String, Path)), responses(
     (status = 201, description = "stored in the library", body = KeptVehicle, headers(("Location" = String, description = "URL of the vehicle"))),

@@ -23,14 +23,14 @@ pub(super) const LONGEST_WALL_S: u64 = 24 * 3600;
 /// An attempt takes at most this long where nothing is said, s.
 const USUAL_WALL_S: u64 = 6 * 3600;
 
-/// A job that is no run: a campaign, a diagnosis, …
+/// A job other than a run: a campaign, a diagnosis, …
 #[derive(Debug, Serialize, ToSchema)]
 pub(crate) struct JobView {
     /// Later jobs have larger ids.
     id: String,
     /// What it is.
     kind: JobKind,
-    /// Of the campaign, of the log, …
+    /// Name of the campaign, of the log, …
     name: String,
     /// Its tenant.
     tenant: String,
@@ -38,7 +38,7 @@ pub(crate) struct JobView {
     status: Status,
     /// Jobs of a tenant with larger values run first.
     priority: i64,
-    /// The request, in short.
+    /// Short form of the request.
     #[schema(value_type = JobFacts)]
     facts: serde_json::Value,
     /// The job that it was made from.
@@ -53,15 +53,15 @@ pub(crate) struct JobView {
     finished_ms: Option<i64>,
     /// Number of attempts.
     attempts: i64,
-    /// Worker that does or did the job.
+    /// Worker that executes or executed the job.
     worker: Option<String>,
     /// A cancellation has been requested.
     cancel_requested: bool,
-    /// Bytes of its files, an upload among them.
+    /// Size of its files, including an upload, bytes.
     bytes: i64,
     /// Why it failed, one sentence.
     error: Option<String>,
-    /// What came out. Not in lists.
+    /// The result. Not in lists.
     #[schema(value_type = Option<serde_json::Value>)]
     result: Option<serde_json::Value>,
 }
@@ -146,7 +146,7 @@ impl ListQuery {
 /// What every submission can say beside its subject.
 #[derive(Debug, Clone, Copy, Default)]
 pub(super) struct Terms {
-    /// Larger goes first.
+    /// Larger values run first.
     pub(super) priority: i64,
     /// An attempt takes at most this long, s of wall time.
     pub(super) max_wall_s: Option<u64>,

@@ -47,29 +47,29 @@ super::documents!(
     "/api/v1/models/{name}"
 );
 
-/// A scenario to check: the name of one of the server's, or a text.
+/// A scenario to check: the name of one of the server's, or its text.
 #[derive(Debug, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub(crate) struct ToValidate {
     /// Name of one of the server's scenarios.
     scenario: Option<String>,
-    /// A scenario document (TOML), as it would be in the library's `scenarios`.
+    /// A scenario document (TOML), as in the library's `scenarios`.
     text: Option<String>,
     /// Keys to set on the named scenario, `key=value`.
     #[serde(default)]
     set: Vec<String>,
 }
 
-/// What a check found.
+/// Result of a check.
 #[derive(Debug, Serialize, ToSchema)]
 pub(crate) struct Validation {
-    /// It can be used.
+    /// True if the document is valid.
     valid: bool,
-    /// Why not, one sentence: the first of the complaints.
+    /// Why it is invalid, one sentence: the first of the complaints.
     refusal: Option<String>,
-    /// All errors. Later ones were found after earlier ones had been corrected or left out.
+    /// All errors. Later ones were found after the earlier ones had been corrected or left out.
     complaints: Vec<Complaint>,
-    /// What is allowed and most likely not meant.
+    /// Settings that are allowed but probably unintended.
     warnings: Vec<String>,
     /// Of a scenario: every setting in effect (TOML).
     effective: Option<String>,
@@ -197,7 +197,7 @@ pub(crate) struct EffectCatalogue {
     items: Vec<DeclaredEffect>,
 }
 
-/// The catalogue of effects: the built-in ones and the documents of the library, as the diagnosis knows them.
+/// The catalogue of effects: the built-in ones and the library's effect documents, as used by the diagnosis.
 #[utoipa::path(get, path = "/api/v1/catalogue", tag = "library", operation_id = "catalogue", responses(
     (status = 200, description = "declarations", body = EffectCatalogue),
     (status = 422, description = "a document in the library is not a valid effect", body = Problem, content_type = "application/problem+json")
@@ -213,16 +213,16 @@ pub(crate) async fn catalogue(app: Shared, caller: Caller) -> Result<Json<Effect
 /// A campaign of the library.
 #[derive(Debug, Serialize, ToSchema)]
 pub(crate) struct LibraryCampaign {
-    /// What `POST /api/v1/campaigns` takes as `campaign`.
+    /// Value for `campaign` in `POST /api/v1/campaigns`.
     name: String,
-    /// What it tries; empty where its document does not say it.
+    /// What it tests; empty if its document does not say.
     description: String,
 }
 
 /// The campaigns of the library.
 #[derive(Debug, Serialize, ToSchema)]
 pub(crate) struct LibraryCampaigns {
-    /// In the order of their names.
+    /// Ordered by name.
     items: Vec<LibraryCampaign>,
 }
 

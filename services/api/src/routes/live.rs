@@ -61,14 +61,14 @@ pub(crate) struct Subscription {
     from_s: Option<f64>,
 }
 
-/// What comes: JSON text messages, distinguished by `type`.
+/// Messages of the stream: JSON text, distinguished by `type`.
 #[derive(Serialize, ToSchema)]
 #[serde(tag = "type", rename_all = "lowercase")]
 #[expect(dead_code, reason = "for the OpenAPI document: the messages are written by hand")]
 pub(crate) enum LiveMessage {
-    /// What will be sent; again after each change of it.
+    /// What will be sent; repeated after each change.
     Start {
-        /// Id.
+        /// Id of the run.
         run: String,
         /// State of the run.
         status: String,
@@ -77,29 +77,29 @@ pub(crate) enum LiveMessage {
         /// Maximum samples per second of wall clock.
         rate_hz: f64,
     },
-    /// What was before, some rows at a time; `sample` continues after it without a gap.
+    /// Recorded samples, some rows at a time; `sample` continues after them without a gap.
     History {
         /// Simulated time of each row.
         time_s: Vec<f64>,
         /// Step number of each row.
         step: Vec<u64>,
-        /// Values by channel, one a row; `null`: none.
+        /// Values by channel, one per row; `null`: no value.
         values: BTreeMap<String, Vec<Option<f64>>>,
-        /// Thinning factor of a long flight: one of this many samples was kept.
+        /// Decimation factor of a long flight: one of this many samples was kept.
         thinned: bool,
     },
-    /// A row.
+    /// One sample.
     Sample {
         /// Simulated time.
         time_s: f64,
-        /// Step number. It falls back if the run is flown again.
+        /// Step number. It restarts if the run is flown again.
         step: u64,
-        /// Value by channel; `null`: none.
+        /// Value by channel; `null`: no value.
         values: BTreeMap<String, Option<f64>>,
     },
-    /// The client was too slow for some samples.
+    /// The client was too slow to receive some samples.
     Lost {
-        /// Number since the last such message.
+        /// Number of lost samples since the last such message.
         count: u64,
     },
     /// A message of the client is invalid; the state is unchanged.
@@ -107,13 +107,13 @@ pub(crate) enum LiveMessage {
         /// One sentence.
         detail: String,
     },
-    /// Nothing more will come.
+    /// End of the stream.
     End {
         /// State of the run.
         status: String,
-        /// Samples that were sent.
+        /// Number of samples sent.
         samples: u64,
-        /// Samples that the client was too slow for.
+        /// Number of samples lost because the client was too slow.
         lost: u64,
     },
 }
@@ -123,7 +123,7 @@ pub(crate) enum LiveMessage {
 pub(crate) struct LiveChannel {
     /// Key in `values`.
     name: String,
-    /// Of its values; 1: none.
+    /// Unit of its values; `1`: dimensionless.
     unit: String,
 }
 

@@ -31,7 +31,7 @@ const USUAL_DURATION_S: f64 = 60.0;
 /// s.
 const DURATION_S: [f64; 2] = [10.0, 600.0];
 
-/// What an example shows.
+/// Purpose of an example.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize, Serialize, ToSchema)]
 #[serde(rename_all = "kebab-case")]
 pub(crate) enum ExamplePreset {
@@ -53,27 +53,27 @@ impl From<ExamplePreset> for Example {
     }
 }
 
-/// An example to be flown: a preset, or an effect.
+/// An example to fly: a preset, or an effect.
 #[derive(Debug, Deserialize, Serialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub(crate) struct ExampleSubmission {
-    /// What it is to show.
+    /// Preset.
     preset: Option<ExamplePreset>,
-    /// What is hidden instead: an id, of a size and on a rotor that the seed draws, or `id:parameter=value,…`.
+    /// Hidden effect: an id, with size and rotor drawn from the seed, or `id:parameter=value,…`.
     #[schema(max_length = 200)]
     effect: Option<String>,
-    /// Of every random stream, and of what is drawn; without it another flight each time.
+    /// Seed of all random streams and draws; by default a new one each time.
     seed: Option<u64>,
-    /// Name of one of the library's vehicles; `f550` without it.
+    /// Name of one of the library's vehicles; default `f550`.
     vehicle: Option<String>,
-    /// s; 60 without it.
+    /// Length of the flight, s; default 60.
     #[schema(minimum = 10, maximum = 600)]
     duration_s: Option<f64>,
 }
 
 /// Generates an example log with the independent simulator, with or without a hidden effect: a log like any other.
 ///
-/// Nothing of the job says what is hidden; `GET /api/v1/logs/{id}/truth` reveals it.
+/// The job does not reveal what is hidden; `GET /api/v1/logs/{id}/truth` does.
 #[utoipa::path(post, path = "/api/v1/logs/generate", tag = "logs", operation_id = "generate_log", request_body = ExampleSubmission,
     params(("Idempotency-Key" = Option<String>, Header, description = "a retry with the same key and body returns the existing log")),
     responses(
@@ -154,13 +154,13 @@ pub(crate) struct HiddenTruth {
     effects: Vec<Hidden>,
     /// Name of the vehicle.
     vehicle: String,
-    /// Of every random stream.
+    /// Seed of all random streams.
     seed: u64,
     /// s.
     duration_s: f64,
     /// Charge at the start, fraction.
     state_of_charge: f64,
-    /// Lift bias of each rotor, N: what the comparison takes as nuisance.
+    /// Lift bias of each rotor, N: a nuisance parameter of the comparison.
     lift_biases_n: Vec<f64>,
 }
 
@@ -181,7 +181,7 @@ impl From<Truth> for HiddenTruth {
 #[utoipa::path(get, path = "/api/v1/logs/{id}/truth", tag = "logs", operation_id = "log_truth", params(("id" = String, Path)), responses(
     (status = 200, description = "the truth", body = HiddenTruth),
     (status = 400, description = "invalid id", body = Problem, content_type = "application/problem+json"),
-    (status = 404, description = "log not found, or its truth is not known", body = Problem, content_type = "application/problem+json"),
+    (status = 404, description = "log not found, or its truth is unknown", body = Problem, content_type = "application/problem+json"),
     (status = 409, description = "the job is not done", body = Problem, content_type = "application/problem+json")
 ))]
 pub(crate) async fn truth(

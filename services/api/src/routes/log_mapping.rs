@@ -16,17 +16,17 @@ use std::ffi::OsString;
 use std::time::Duration;
 
 /// Longest time that a table takes.
-const PATIENCE: Duration = Duration::from_secs(60);
+const ANSWER_TIMEOUT: Duration = Duration::from_secs(60);
 
-/// Drafts a mapping for an uploaded CSV whose columns have names of their own, whether its import failed or not.
+/// Drafts a mapping for an uploaded CSV with column names of its own, whether or not its import failed.
 ///
-/// The draft guesses from names and numbers; what they leave open is a question. `POST /api/v1/logs/{id}/import` takes `mapping` as it is, or
-/// with other choices.
+/// The draft is guessed from names and numbers; what they leave open becomes a question. `POST
+/// /api/v1/logs/{id}/import` takes `mapping` as returned, or edited.
 #[utoipa::path(get, path = "/api/v1/logs/{id}/mapping", tag = "logs", operation_id = "draft_log_mapping", params(("id" = String, Path)), responses(
     (status = 200, description = "the draft", body = Draft),
     (status = 400, description = "invalid id", body = Problem, content_type = "application/problem+json"),
     (status = 404, description = "log not found, not uploaded, or the uploaded file was deleted", body = Problem, content_type = "application/problem+json"),
-    (status = 422, description = "the file is no table of text, or too large", body = Problem, content_type = "application/problem+json"),
+    (status = 422, description = "the file is not a text table, or is too large", body = Problem, content_type = "application/problem+json"),
     (status = 503, description = "too many logs are being read; retry later", body = Problem, content_type = "application/problem+json")
 ))]
 pub(crate) async fn draft(
@@ -43,6 +43,6 @@ pub(crate) async fn draft(
     // Its owner knows the file by the name that it was sent under.
     let path = file.display().to_string();
     let for_callers = |text: &str| text.replace(&path, &facts.file);
-    let text = answered(&app, words, PATIENCE, for_callers).await?;
+    let text = answered(&app, words, ANSWER_TIMEOUT, for_callers).await?;
     Ok(json(for_callers(&text)))
 }

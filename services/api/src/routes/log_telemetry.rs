@@ -15,7 +15,7 @@ use axum::response::{IntoResponse as _, Response};
 use rotortwin_store::query::{self, TelemetryFile, render::RunTable};
 use std::path::PathBuf;
 
-/// What an imported log holds.
+/// Contents of an imported log.
 #[utoipa::path(get, path = "/api/v1/logs/{id}/channels", tag = "logs", operation_id = "log_channels", params(("id" = String, Path)), responses(
     (status = 200, description = "the channels", body = Channels),
     (status = 400, description = "invalid id", body = Problem, content_type = "application/problem+json"),
@@ -37,7 +37,7 @@ pub(crate) async fn channels(
     Ok(Json(answer.await?))
 }
 
-/// Samples of an imported log, decimated so that a picture shows the same.
+/// Samples of an imported log, decimated so that a plot looks the same.
 #[utoipa::path(get, path = "/api/v1/logs/{id}/telemetry", tag = "logs", operation_id = "log_telemetry", params(("id" = String, Path), Selection), responses(
     (status = 200, description = "the samples; `run` holds the id of the log", content(
         (Telemetry = "application/json"), (String = "text/csv"), (Vec<u8> = "application/vnd.apache.parquet"))),

@@ -63,8 +63,8 @@ pub(crate) struct Import {
 
 /// Uploads a flight log (the body is the file), and imports it.
 ///
-/// Afterwards `artifacts/log.parquet` and `log.toml` are the log in canonical form, and the result is the account of the import: channels,
-/// gaps, delays, what is missing and what that makes untestable.
+/// Afterwards `artifacts/log.parquet` and `log.toml` are the log in canonical form, and the result is the import
+/// report: channels, gaps, delays, what is missing and what cannot be tested without it.
 #[utoipa::path(post, path = "/api/v1/logs", tag = "logs", operation_id = "submit_log",
     request_body(content = Vec<u8>, content_type = "application/octet-stream"),
     params(Import, ("Idempotency-Key" = Option<String>, Header, description = "a retry with the same key and file returns the existing log")),
@@ -148,7 +148,7 @@ fn facts(import: &Import, size: u64, hash: &str, key: &str) -> UploadFacts {
     }
 }
 
-/// How an uploaded log is to be read again.
+/// How to read an uploaded log again.
 #[derive(Debug, Default, Deserialize, Serialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub(crate) struct ImportAgain {
@@ -162,13 +162,14 @@ pub(crate) struct ImportAgain {
     damaged: bool,
     /// Name of one of the library's vehicles to check the log against: number and order of the rotors.
     vehicle: Option<String>,
-    /// A mapping (TOML) whose rows override the built-in ones of PX4, ArduPilot and Crazyflie logs: columns, units, axes, order of the motors;
-    /// of a CSV with columns of its own what `GET /api/v1/logs/{id}/mapping` drafts.
+    /// A mapping (TOML) whose rows override the built-in ones of PX4, ArduPilot and Crazyflie logs: columns, units,
+    /// axes, order of the motors; for a CSV with column names of its own, the draft of `GET
+    /// /api/v1/logs/{id}/mapping`.
     #[schema(max_length = 65_536)]
     mapping: Option<String>,
 }
 
-/// Imports an uploaded log once more, in another way: another log, with the first one as its parent.
+/// Imports an uploaded log again with other settings, as a new log whose parent is the first one.
 #[utoipa::path(post, path = "/api/v1/logs/{id}/import", tag = "logs", operation_id = "import_log_again", request_body = ImportAgain,
     params(("id" = String, Path), ("Idempotency-Key" = Option<String>, Header, description = "a retry with the same key and body returns the existing log")),
     responses(

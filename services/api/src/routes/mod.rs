@@ -114,11 +114,11 @@ struct SignIn;
 impl Modify for SignIn {
     fn modify(&self, document: &mut utoipa::openapi::OpenApi) {
         let token = HttpBuilder::new().scheme(HttpAuthScheme::Bearer).description(Some(
-            "A token of `rotortwin token create`; not needed as long as no token has ever been made",
+            "A token of `rotortwin token create`; not needed until the first token has been created",
         ));
         let session = ApiKeyValue::with_description(
             crate::sessions::COOKIE,
-            "A browser's session, which `POST /api/v1/session` gives for a token",
+            "A browser session, which `POST /api/v1/session` gives in exchange for a token",
         );
         let parts = document.components.get_or_insert_default();
         parts.add_security_scheme("token", SecurityScheme::Http(token.build()));

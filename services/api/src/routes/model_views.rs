@@ -10,7 +10,7 @@ use utoipa::ToSchema;
 /// A model with all its versions and branches.
 #[derive(Debug, Serialize, ToSchema)]
 pub(crate) struct ModelHistory {
-    /// Under which submissions name it.
+    /// Name to use in submissions.
     name: String,
     /// True if its versions are stored; otherwise it is a vehicle or a single version of the library, which would become version 0.
     begun: bool,
@@ -18,20 +18,20 @@ pub(crate) struct ModelHistory {
     vehicle: String,
     /// Number of its rotors.
     rotors: usize,
-    /// In the order of their names.
+    /// Ordered by name.
     branches: Vec<BranchView>,
-    /// In the order of their numbers.
+    /// Ordered by number.
     versions: Vec<VersionView>,
 }
 
 /// A branch of a model.
 #[derive(Debug, Serialize, ToSchema)]
 pub(crate) struct BranchView {
-    /// `main`, or its own name.
+    /// `main`, or the name it was given.
     name: String,
     /// Its version.
     version: u32,
-    /// Content hash of that version: `If-Match` of what is to come after it.
+    /// Content hash of that version: the `If-Match` of the next change.
     hash: String,
 }
 
@@ -40,19 +40,19 @@ pub(crate) struct BranchView {
 pub(crate) struct VersionView {
     /// Number, from 0, over all branches.
     version: u32,
-    /// `f550@v1`: under this name it can be submitted.
+    /// `f550@v1`: the name to use in submissions.
     label: String,
     /// Content hash.
     pub(crate) hash: String,
     /// Number of the version that it was made from.
     parent: Option<u32>,
-    /// Why it exists, for people.
+    /// Reason for the version, a note for readers.
     note: String,
-    /// Effects and keys that differ from the parent.
+    /// Number of effects and keys that differ from the parent.
     changed: Vec<String>,
     /// All its effects, in the order in which they were added.
     effects: Vec<EffectView>,
-    /// When it was made, ms since 1970, UTC; absent for what is not kept yet.
+    /// When it was made, ms since 1970, UTC; absent if it is not stored yet.
     made_ms: Option<i64>,
 }
 
@@ -63,7 +63,7 @@ pub(crate) struct EffectView {
     effect: String,
     /// Rotor, from 1, of an effect of one rotor.
     rotor: Option<usize>,
-    /// When it begins, s of the flight.
+    /// Onset, s of the flight.
     onset_s: Option<f64>,
     /// `rotor-drag`, `rotor-thrust-scale#3`.
     label: String,
@@ -75,7 +75,7 @@ pub(crate) struct EffectView {
     ln_bayes_factor: Option<f64>,
     /// Posterior probability among the effects of the catalogue.
     posterior: Option<f64>,
-    /// Names of the logs that it was fitted on.
+    /// Names of the logs that it was fitted to.
     logs: Vec<String>,
     /// Errors on data that the fit did not see.
     held_out: Vec<HeldOutView>,
@@ -84,11 +84,11 @@ pub(crate) struct EffectView {
 /// A value of an effect.
 #[derive(Debug, Serialize, ToSchema)]
 pub(crate) struct ParameterView {
-    /// As in the catalogue, with its unit at the end.
+    /// Name as in the catalogue, with its unit at the end.
     name: String,
     /// In that unit.
     value: f64,
-    /// Standard deviation; absent where the value is taken as exact.
+    /// Standard deviation; absent if the value is taken as exact.
     deviation: Option<f64>,
 }
 
@@ -103,7 +103,7 @@ pub(crate) struct HeldOutView {
     unit: String,
     /// Without the effect.
     before: f64,
-    /// With it.
+    /// With the effect.
     after: f64,
 }
 
@@ -114,7 +114,7 @@ pub(crate) struct DifferenceView {
     from: String,
     /// After.
     to: String,
-    /// Parameters of effects that came, went or changed.
+    /// Parameters of effects that were added, removed or changed.
     parameters: Vec<ParameterChangeView>,
     /// Keys of vehicle and blades that changed.
     keys: Vec<KeyChangeView>,
@@ -127,9 +127,9 @@ pub(crate) struct ParameterChangeView {
     effect: String,
     /// Name in the catalogue.
     parameter: String,
-    /// Absent where it is new.
+    /// Absent if it is new.
     before: Option<ValueView>,
-    /// Absent where it went.
+    /// Absent if it was removed.
     after: Option<ValueView>,
 }
 
@@ -137,7 +137,7 @@ pub(crate) struct ParameterChangeView {
 #[derive(Debug, Serialize, ToSchema)]
 pub(crate) struct ValueView {
     value: f64,
-    /// Absent where the value is taken as exact.
+    /// Absent if the value is taken as exact.
     deviation: Option<f64>,
 }
 
@@ -146,22 +146,22 @@ pub(crate) struct ValueView {
 pub(crate) struct KeyChangeView {
     /// `vehicle.body.mass_kg`.
     key: String,
-    /// TOML; absent where it is new.
+    /// TOML; absent if it is new.
     before: Option<String>,
-    /// TOML; absent where it went.
+    /// TOML; absent if it was removed.
     after: Option<String>,
 }
 
-/// What an addition made.
+/// Result of an addition.
 #[derive(Debug, Serialize, ToSchema)]
 pub(crate) struct AddedVersion {
     /// Name of the model.
     pub(crate) model: String,
-    /// Branch that is at the version now.
+    /// Branch that now points to the version.
     pub(crate) branch: String,
     /// The new version.
     pub(crate) version: VersionView,
-    /// What it has that the one before had not.
+    /// What changed since the previous version.
     pub(crate) difference: DifferenceView,
 }
 
@@ -170,11 +170,11 @@ pub(crate) struct AddedVersion {
 pub(crate) struct UndoneVersion {
     /// Name of the model.
     pub(crate) model: String,
-    /// Branch that was put back.
+    /// Branch that was moved back.
     pub(crate) branch: String,
-    /// Number of the version that it stood at.
+    /// Number of the version that it pointed to before.
     pub(crate) left: u32,
-    /// Its present version.
+    /// Its current version.
     pub(crate) version: VersionView,
 }
 

@@ -30,29 +30,29 @@ use utoipa::{IntoParams, ToSchema};
 /// A note is not longer, bytes.
 const LONGEST_NOTE: usize = 1000;
 
-/// A model to begin.
+/// A model to start.
 #[derive(Debug, Deserialize, Serialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub(crate) struct NewModel {
     /// Its name.
     #[schema(min_length = 1, max_length = 64, pattern = "^[a-z0-9][a-z0-9._-]*$")]
     name: String,
-    /// Its version 0, whatever that was elsewhere.
+    /// A version file that becomes its version 0, whatever its number was elsewhere.
     model: ModelChoice,
 }
 
-/// What is to be added: the effects of a diagnosis, what it proposes, or one effect by hand.
+/// What to add: the effects found by a diagnosis, its proposal, or one effect by hand.
 #[derive(Debug, Deserialize, Serialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub(crate) struct Addition {
-    /// Which branch is continued; `main` without it.
+    /// Branch to extend; default `main`.
     branch: Option<String>,
-    /// Id of a diagnosis that was made on this model: all the effects that it found.
+    /// Id of a diagnosis that was made on this model: adds all effects that it found.
     diagnosis: Option<String>,
-    /// With `diagnosis`: only this one of them, from 1.
+    /// With `diagnosis`: only this effect, from 1.
     #[schema(minimum = 1)]
     pick: Option<usize>,
-    /// With `diagnosis`: what it proposes for an error that is in no catalogue.
+    /// With `diagnosis`: its proposal for an error that is not in the catalogue.
     #[serde(default)]
     proposal: bool,
     /// An effect by hand.
@@ -71,7 +71,7 @@ pub(crate) struct HandEffect {
     effect: String,
     /// Rotor, from 1, of an effect of one rotor.
     rotor: Option<usize>,
-    /// When it begins, s of the flight.
+    /// Onset, s of the flight.
     onset_s: Option<f64>,
     /// Values by name, in the units of the catalogue.
     parameters: BTreeMap<String, f64>,
@@ -80,22 +80,22 @@ pub(crate) struct HandEffect {
     deviations: BTreeMap<String, f64>,
 }
 
-/// Which branch is put back.
+/// Branch to move back.
 #[derive(Debug, Default, Deserialize, Serialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub(crate) struct Undo {
-    /// `main` without it.
+    /// Default `main`.
     branch: Option<String>,
 }
 
-/// A branch to make.
+/// A branch to create.
 #[derive(Debug, Deserialize, Serialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub(crate) struct NewBranch {
     /// Its name: a valid document name that cannot be mistaken for a version.
     #[schema(min_length = 1, max_length = 64, pattern = "^[a-z0-9][a-z0-9._-]*$")]
     name: String,
-    /// Where it begins: `v1`, or a branch; `main` without it.
+    /// Where it begins: `v1`, or a branch; default `main`.
     at: Option<String>,
 }
 
@@ -115,7 +115,7 @@ pub(crate) struct Between {
 #[into_params(parameter_in = Query)]
 #[serde(deny_unknown_fields)]
 pub(crate) struct VersionQuery {
-    /// `toml`, the file that says everything, or `json`, in short; `toml` without it.
+    /// `toml`, the complete file, or `json`, a summary; default `toml`.
     #[param(inline)]
     format: Option<VersionFormat>,
 }
@@ -127,7 +127,7 @@ pub(crate) enum VersionFormat {
     Json,
 }
 
-/// Begins a model: a vehicle, or a version from elsewhere, becomes its version 0.
+/// Starts a model: a vehicle, or a version exported elsewhere, becomes its version 0.
 #[utoipa::path(post, path = "/api/v1/models", tag = "models", operation_id = "create_model", request_body = NewModel, responses(
     (status = 201, description = "created", body = ModelHistory, headers(("Location" = String, description = "URL of the history of the model"))),
     (status = 400, description = "malformed request, or invalid name", body = Problem, content_type = "application/problem+json"),
@@ -184,7 +184,7 @@ pub(crate) async fn history(
     ModelHistory::new(&name, base.begun, &base.model).map(Json)
 }
 
-/// Makes the next version of a model: with what a diagnosis found, or with an effect by hand.
+/// Makes the next version of a model, with the findings of a diagnosis or with an effect added by hand.
 ///
 /// For a vehicle of the library, this starts a model with its name. With `If-Match: "HASH"` of the base version, a concurrent
 /// change is rejected with 412.
@@ -315,7 +315,7 @@ pub(crate) async fn undo(
     Ok(([(header::ETAG, tag)], Json(undone)).into_response())
 }
 
-/// Makes a branch at a version of a model.
+/// Creates a branch at a version of a model.
 #[utoipa::path(post, path = "/api/v1/models/{name}/branches", tag = "models", operation_id = "branch_model", request_body = NewBranch,
     params(("name" = String, Path)), responses(
     (status = 201, description = "created", body = ModelHistory),
@@ -395,7 +395,7 @@ pub(crate) async fn diff(
     )))
 }
 
-/// One version of a model (`v1`, or a branch): the file that says everything, or in short.
+/// One version of a model (`v1`, or a branch): the complete file, or a summary.
 #[utoipa::path(get, path = "/api/v1/models/{name}/versions/{at}", tag = "models", operation_id = "get_model_version",
     params(("name" = String, Path), ("at" = String, Path), VersionQuery), responses(
     (status = 200, description = "the version", content((String = "application/toml"), (VersionView = "application/json")),

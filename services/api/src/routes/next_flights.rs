@@ -36,7 +36,7 @@ const MODELS: &str = "models";
 #[derive(Debug, Deserialize, Serialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub(crate) struct NextFlightSubmission {
-    /// The present model.
+    /// The current model.
     model: ModelChoice,
     /// Ids in the catalogue; with the rotor where an effect has one: `rotor-thrust-scale#3`.
     #[schema(min_items = 2, max_items = 2)]

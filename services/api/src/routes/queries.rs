@@ -27,7 +27,7 @@ const LONGEST_SQL: usize = 100_000;
 /// Longest answer, bytes.
 const LONGEST_ANSWER: u64 = 32 << 20;
 /// Longest wait for those that came before.
-const PATIENCE: Duration = Duration::from_secs(30);
+const QUEUE_TIMEOUT: Duration = Duration::from_secs(30);
 /// Most that a query puts onto the disk, MB.
 const MOST_SPILLED_MB: u64 = 4000;
 /// Memory that a query may use in addition to Python's own, MB, if jobs may use four times as much.
@@ -38,12 +38,12 @@ const NO_ENGINE: &str = "SQL over results needs";
 const TOO_LONG: &str = "the query exceeded";
 const TOO_LARGE: &str = "the query process ended without a result";
 
-/// A query, and whose files it is about.
+/// A query, and the jobs whose files it reads.
 #[derive(Debug, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub(crate) struct SqlQuery {
-    /// One SELECT in DuckDB's SQL. Files of one name are a table of that name, such as `telemetry` of runs and `campaign` of campaigns, in
-    /// which the column `folder` begins with the id of the job.
+    /// One SELECT in DuckDB's SQL. Files of the same name form a table of that name, such as `telemetry` of runs and
+    /// `campaign` of campaigns, in which the column `folder` begins with the id of the job.
     #[schema(max_length = 100_000)]
     sql: String,
     /// Ids of runs.
@@ -60,29 +60,30 @@ pub(crate) struct SqlQuery {
     rows: Option<u32>,
 }
 
-/// A column of an answer.
+/// A column of a result.
 #[derive(Debug, Serialize, Deserialize, ToSchema)]
 pub(crate) struct QueryColumn {
     name: String,
-    /// DuckDB's name of it: `DOUBLE`, `BIGINT`, `VARCHAR`, …
+    /// DuckDB's type: `DOUBLE`, `BIGINT`, `VARCHAR`, …
     #[serde(rename = "type")]
     kind: String,
 }
 
-/// The answer to a query, as `rotortwin query --json` writes it: `rows[i][j]` belongs to `columns[j]`.
+/// The result of a query, as `rotortwin query --json` writes it: `rows[i][j]` belongs to `columns[j]`.
 #[derive(Debug, Serialize, Deserialize, ToSchema)]
 pub(crate) struct QueryAnswer {
     columns: Vec<QueryColumn>,
-    /// Numbers, truth values, texts, lists, objects; null is no value, or no number. What JSON has no word for is a text.
+    /// Numbers, booleans, strings, lists, objects; null: no value, or not a number. Types that JSON lacks are
+    /// strings.
     #[schema(value_type = Vec<Vec<serde_json::Value>>)]
     rows: Vec<Vec<Value>>,
-    /// There are more rows than these.
+    /// True if there are more rows than these.
     more: bool,
 }
 
 /// Runs an SQL query over the Parquet files of done jobs: at most 30 s (`--query-time`) and 32 MiB.
 #[utoipa::path(post, path = "/api/v1/queries", tag = "queries", operation_id = "query", request_body = SqlQuery, responses(
-    (status = 200, description = "the answer", body = QueryAnswer),
+    (status = 200, description = "the result", body = QueryAnswer),
     (status = 400, description = "invalid body", body = Problem, content_type = "application/problem+json"),
     (status = 404, description = "job not found", body = Problem, content_type = "application/problem+json"),
     (status = 409, description = "one of the jobs is not done", body = Problem, content_type = "application/problem+json"),
@@ -110,7 +111,7 @@ pub(crate) async fn query(
         )));
     }
     let folders = folders(&app, &caller, &query).await?;
-    let turn = tokio::time::timeout(PATIENCE, app.queries.acquire()).await;
+    let turn = tokio::time::timeout(QUEUE_TIMEOUT, app.queries.acquire()).await;
     let Ok(Ok(_turn)) = turn else {
         return Err(Problem::unavailable("too many queries at the same time; retry later"));
     };

@@ -30,7 +30,7 @@ const MOST_POINTS: usize = 20_000;
 #[into_params(parameter_in = Query)]
 #[serde(deny_unknown_fields)]
 pub(crate) struct Interval {
-    /// Place of the log in the result, from 0; 0 without it.
+    /// Index of the log in the result, from 0; default 0.
     #[serde(default)]
     #[param(default = 0)]
     log: usize,
@@ -50,7 +50,7 @@ pub(crate) struct Interval {
 pub(crate) struct OfChannel {
     /// Which channel, such as `fx`.
     channel: String,
-    /// Place of the log in the result, from 0; 0 without it.
+    /// Index of the log in the result, from 0; default 0.
     #[serde(default)]
     #[param(default = 0)]
     log: usize,
@@ -63,27 +63,27 @@ pub(crate) struct OfChannel {
     points: Option<usize>,
 }
 
-/// A value for each bucket; `null`: nothing of it counts.
+/// One value per bucket; `null`: no sample counts.
 #[derive(Debug, Default, Serialize, ToSchema)]
 pub(crate) struct Buckets {
-    /// Of the samples that count.
+    /// Mean of the samples that count.
     mean: Vec<Option<f64>>,
-    /// The lowest one.
+    /// Minimum.
     low: Vec<Option<f64>>,
-    /// The highest one.
+    /// Maximum.
     high: Vec<Option<f64>>,
 }
 
-/// One channel of one log: what was measured, and what each model makes of it.
+/// One channel of one log: the measurement, and the prediction of each model.
 #[derive(Debug, Serialize, ToSchema)]
 pub(crate) struct ChannelSeries {
-    /// Place of the log in the result, from 0.
+    /// Index of the log in the result, from 0.
     log: usize,
     /// Its name.
     name: String,
     /// Channel.
     channel: String,
-    /// Of all values.
+    /// Unit of all values.
     unit: String,
     /// First sample of the log, s.
     start_s: f64,
@@ -95,38 +95,38 @@ pub(crate) struct ChannelSeries {
     bucket_s: f64,
     /// Middle of each bucket, s.
     time_s: Vec<f64>,
-    /// What was measured.
+    /// Measured values.
     measured: Buckets,
     /// In the order of the result.
     models: Vec<ModelSeries>,
-    /// What pure noise does.
+    /// Level of pure noise.
     noise: NoiseOfBucket,
 }
 
-/// What one model makes of a channel.
+/// Prediction of one model for a channel.
 #[derive(Debug, Serialize, ToSchema)]
 pub(crate) struct ModelSeries {
-    /// As in the result.
+    /// Label, as in the result.
     label: String,
-    /// Measured less residual.
+    /// Predicted: measured minus residual.
     predicted: Buckets,
-    /// Measured less predicted.
+    /// Residual: measured minus predicted.
     residual: Buckets,
 }
 
-/// Deviations of pure noise, 1 sigma.
+/// Standard deviations of pure noise.
 #[derive(Debug, Serialize, ToSchema)]
 pub(crate) struct NoiseOfBucket {
-    /// Of a sample.
+    /// That of a sample.
     sample: f64,
-    /// Of the mean of a whole bucket.
+    /// That of the mean of a whole bucket.
     mean: f64,
 }
 
 /// The flight conditions of one log.
 #[derive(Debug, Serialize, ToSchema)]
 pub(crate) struct ConditionSeries {
-    /// Place of the log in the result, from 0.
+    /// Index of the log in the result, from 0.
     log: usize,
     /// Its name.
     name: String,
@@ -136,7 +136,7 @@ pub(crate) struct ConditionSeries {
     bucket_s: f64,
     /// Middle of each bucket, s: those of a channel's series with the same interval and number of buckets.
     time_s: Vec<f64>,
-    /// Each of them.
+    /// The conditions.
     items: Vec<ConditionMeans>,
 }
 
@@ -145,7 +145,7 @@ pub(crate) struct ConditionSeries {
 pub(crate) struct ConditionMeans {
     /// Key, as in the result.
     name: String,
-    /// For people.
+    /// Readable name.
     title: String,
     /// Unit.
     unit: String,

@@ -41,9 +41,9 @@ pub(crate) struct JobWithResult<R: ToSchema> {
 pub(crate) struct DeclaredEffect {
     /// Key in documents: `rotor-drag`.
     id: String,
-    /// Name shown to people.
+    /// Readable name.
     name: String,
-    /// Row of the catalogue, from 1; absent for effects of users.
+    /// Row of the catalogue, from 1; absent for user-defined effects.
     catalogue_number: Option<u8>,
     /// `physics`, `sensor-fault`, `timing-fault`, `nuisance`, `noise`.
     class: String,
@@ -51,21 +51,21 @@ pub(crate) struct DeclaredEffect {
     equation: String,
     /// Where it acts.
     places: Vec<String>,
-    /// Groups of channels in which it shows.
+    /// Groups of channels in which it is visible.
     channels: Vec<String>,
-    /// Sizes and shapes.
+    /// Parameters: sizes and shapes.
     parameters: Vec<DeclaredParameter>,
-    /// One instance belongs to one rotor.
+    /// Each instance belongs to one rotor.
     per_rotor: bool,
-    /// It can begin in mid-flight; `false`: what it is an error of does not change by itself.
+    /// It can begin in mid-flight; `false`: the constant that it is an error of does not change by itself.
     may_set_in: bool,
-    /// Effects of which one must be there for this one to act.
+    /// Effects of which at least one must be present for this one to act.
     needs: Vec<String>,
-    /// What a flight must contain for it to show.
+    /// What a flight must contain to make it visible.
     excited_by: String,
     /// Ids of effects with a similar signature.
     confused_with: Vec<String>,
-    /// Where equation and sizes come from.
+    /// Source of the equation and the sizes.
     source: String,
 }
 
@@ -76,28 +76,28 @@ pub(crate) struct DeclaredParameter {
     name: String,
     /// Letter in the equation.
     symbol: String,
-    /// Empty for fractions.
+    /// Unit; empty for fractions.
     unit: String,
     /// What it is.
     meaning: String,
     /// `size`, or `shape`.
     kind: String,
-    /// Lowest value met on real vehicles.
+    /// Lowest value found on real vehicles.
     plausible_low: f64,
-    /// Highest value met on real vehicles.
+    /// Highest value found on real vehicles.
     plausible_high: f64,
     /// Standard deviation of the slab of the prior.
     size: f64,
-    /// Standard deviation of the spike of the prior: what every real vehicle has unnoticed.
+    /// Standard deviation of the spike of the prior: deviations that every real vehicle has.
     clutter: f64,
-    /// Value of an ordinary case.
+    /// Typical value.
     typical: f64,
-    /// The constant of the vehicle that it is an error of; absent if there is none.
+    /// The constant of the vehicle whose error it is; absent if there is none.
     #[serde(skip_serializing_if = "Option::is_none")]
     corrects: Option<CorrectedConstant>,
 }
 
-/// A constant of a vehicle that a parameter is an error of.
+/// A constant of a vehicle whose error a parameter represents.
 #[derive(Debug, Serialize, ToSchema)]
 pub(crate) struct CorrectedConstant {
     /// Key of the vehicle document, or a name of its own.

@@ -36,9 +36,9 @@ pub(super) struct Facts {
 pub(crate) struct Run {
     /// Later runs have larger ids.
     id: String,
-    /// Of the scenario.
+    /// Name of the scenario.
     name: String,
-    /// Of the vehicle.
+    /// Name of the vehicle.
     vehicle: String,
     /// Its tenant.
     tenant: String,
@@ -48,15 +48,15 @@ pub(crate) struct Run {
     seed: u64,
     /// How the processes are connected.
     link: Link,
-    /// How fast.
+    /// Pace of the run.
     pace: Pace,
-    /// Who flies.
+    /// Controller of the run.
     controller: Controller,
-    /// Who detects.
+    /// FDI engine of the run.
     fdi: Place,
-    /// Larger goes first.
+    /// Larger values run first.
     priority: i64,
-    /// The run that it was forked from, or the campaign whose flight it is.
+    /// The run that it was forked from, or the campaign that the flight belongs to.
     parent: Option<String>,
     /// ms since 1970, UTC.
     submitted_ms: i64,
@@ -66,24 +66,24 @@ pub(crate) struct Run {
     finished_ms: Option<i64>,
     /// Number of attempts.
     attempts: i64,
-    /// Worker that does or did the job.
+    /// Worker that executes or executed the job.
     worker: Option<String>,
     /// What a queued run waits for besides a free worker: its autopilot is busy or away. Not in lists.
     waits_because: Option<String>,
     /// A cancellation has been requested.
     cancel_requested: bool,
-    /// Bytes of its files.
+    /// Size of its files, bytes.
     bytes: i64,
     /// Verdict of the sequential detector at the end: 0 healthy, a rotor from 1, 100 i + j two rotors, −1 unknown fault, −2 not ready,
     /// −3 ambiguous. Absent before the end.
     verdict: Option<i32>,
-    /// Over all samples: equal for equal scenario, seed and program, whatever the link.
+    /// Hash over all samples: equal for equal scenario, seed and program, whatever the link.
     run_hash: Option<String>,
     /// Why it failed, one sentence.
     error: Option<String>,
-    /// What is allowed and most likely not meant.
+    /// Settings that are allowed but probably unintended.
     warnings: Vec<String>,
-    /// What it was, what the detectors said: `summary.json`. Not in lists.
+    /// Summary of the flight and of the detectors' verdicts: `summary.json`. Not in lists.
     #[schema(value_type = Option<rotortwin_store::Summary>)]
     summary: Option<serde_json::Value>,
 }
@@ -223,17 +223,17 @@ pub(super) fn flight_of(run: &Job) -> Result<Flight, Problem> {
 pub(crate) struct Ticket {
     /// `controller` or `fdi`.
     role: String,
-    /// Where the plant is met: `zenoh:connect=tcp/HOST:PORT`.
+    /// Address of the plant: `zenoh:connect=tcp/HOST:PORT`.
     link: String,
     /// 16 hex digits; part of all topics of the run.
     run_id: String,
-    /// Version of the messages of `proto/` that the plant speaks.
+    /// Version of the messages of `proto/` that the plant uses.
     messages: u32,
     /// Longest wait of the plant for all peers to join, ms from the event `join`.
     join_timeout_ms: u64,
     /// Longest wait of the plant for the reply of a running peer, ms.
     step_timeout_ms: u64,
-    /// What starts our own part there.
+    /// Command that starts the built-in peer there.
     command: String,
 }
 

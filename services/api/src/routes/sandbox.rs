@@ -14,7 +14,7 @@ use std::time::Duration;
 use utoipa::IntoParams;
 
 /// Longest time that a picture takes.
-const PATIENCE: Duration = Duration::from_secs(60);
+const ANSWER_TIMEOUT: Duration = Duration::from_secs(60);
 
 /// On which vehicle, how large.
 #[derive(Debug, Deserialize, IntoParams)]
@@ -32,12 +32,12 @@ pub(crate) struct Asked {
         pattern = "^[^,:=]+:[^,:=]+(,[^,:=]+:[^,:=]+)*$"
     )]
     parameters: Option<String>,
-    /// Manoeuvre to fly; without it all are flown and the one that shows the effect best is used.
+    /// Manoeuvre to fly; by default all are flown, and the one that shows the effect best is used.
     #[param(example = "speed-runs")]
     flight: Option<String>,
 }
 
-/// What an effect does to the channels of a simulated flight, over time and over the conditions that excite it.
+/// How an effect changes the channels of a simulated flight, over time and over the conditions that excite it.
 #[utoipa::path(get, path = "/api/v1/catalogue/{effect}/picture", tag = "library", operation_id = "effect_picture", params(("effect" = String, Path), Asked), responses(
     (status = 200, description = "the channels that the effect changes most", body = EffectPicture),
     (status = 400, description = "invalid parameter", body = Problem, content_type = "application/problem+json"),
@@ -83,5 +83,5 @@ pub(crate) async fn picture(
         words.push(library.file("effects", &name, "toml").into());
     }
     let for_callers = |sentence: &str| library.without_root(&sentence);
-    answered(&app, words, PATIENCE, for_callers).await.map(json)
+    answered(&app, words, ANSWER_TIMEOUT, for_callers).await.map(json)
 }

@@ -16,9 +16,9 @@ use std::sync::{Arc, LazyLock};
 use utoipa::{IntoParams, ToSchema};
 
 /// Longest wait for the store of files.
-const STORE_PATIENCE: std::time::Duration = std::time::Duration::from_secs(3);
+const STORE_TIMEOUT: std::time::Duration = std::time::Duration::from_secs(3);
 
-/// The process lives.
+/// The process is alive.
 #[utoipa::path(get, path = "/healthz", tag = "server", responses((status = 200, description = "alive", body = String)))]
 pub(crate) async fn healthz() -> &'static str {
     "alive\n"
@@ -47,7 +47,7 @@ pub(crate) async fn readyz(State(app): State<Arc<App>>) -> Result<String, Proble
             "the disk of the jobs' files is full: no worker begins a job there until it has room",
         ));
     }
-    match tokio::time::timeout(STORE_PATIENCE, app.artifacts.ping()).await {
+    match tokio::time::timeout(STORE_TIMEOUT, app.artifacts.ping()).await {
         // A cluster that does not answer keeps only parts waiting, and their nodes have to find this server all the same.
         Ok(Ok(())) => Ok(match &app.context.ray {
             None => "ready\n".to_owned(),
@@ -58,7 +58,7 @@ pub(crate) async fn readyz(State(app): State<Arc<App>>) -> Result<String, Proble
         ))),
         Err(_) => Err(Problem::unavailable(format!(
             "the file store does not respond within {} s",
-            STORE_PATIENCE.as_secs()
+            STORE_TIMEOUT.as_secs()
         ))),
     }
 }

@@ -20,7 +20,7 @@ const LONGEST_TOKEN: usize = 200;
 #[derive(Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub(crate) struct SignIn {
-    /// As `rotortwin token create` printed it.
+    /// As printed by `rotortwin token create`.
     #[schema(max_length = 200)]
     token: String,
 }
@@ -82,7 +82,7 @@ pub(crate) async fn get(app: Shared, headers: HeaderMap) -> Result<Json<SignedIn
     ))
 }
 
-/// Signs in: turns a token into a cookie that browsers send by themselves, also with event streams and WebSockets.
+/// Signs in: exchanges a token for a cookie, which browsers also send with event streams and WebSockets.
 #[utoipa::path(post, path = "/api/v1/session", tag = "server", operation_id = "sign_in", request_body = SignIn, responses(
     (status = 200, description = "signed in", body = SignedIn, headers(("Set-Cookie" = Option<String>, description = "the session"))),
     (status = 400, description = "malformed request", body = Problem, content_type = "application/problem+json"),

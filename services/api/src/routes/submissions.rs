@@ -23,23 +23,23 @@ use utoipa::ToSchema;
 /// Peers from outside are waited for at most this long, ms.
 const LONGEST_JOIN_MS: u64 = 3_600_000;
 
-/// A flight to be flown.
+/// A flight to submit.
 #[derive(Debug, Deserialize, Serialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub(crate) struct Submission {
     /// Name of one of the server's scenarios; or give `text`.
     #[serde(default)]
     scenario: Option<String>,
-    /// A scenario document (TOML), as it would be in the library's `scenarios`.
+    /// A scenario document (TOML), as in the library's `scenarios`.
     #[serde(default)]
     text: Option<String>,
-    /// All documents of a flight (TOML), as the summary of a run holds them: nothing is looked up in the library.
+    /// All documents of a flight (TOML), as in the summary of a run: nothing is looked up in the library.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     documents: Option<String>,
-    /// Id of a classifier that was trained here: the network of the FDI engine, instead of the scenario's.
+    /// Id of a classifier that was trained here: the network of the FDI engine, instead of that of the scenario.
     #[serde(default)]
     classifier: Option<String>,
-    /// The vehicle and effects of this model fly, instead of the scenario's vehicle.
+    /// This model flies, with its vehicle and effects, instead of the scenario's vehicle.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     model: Option<ModelChoice>,
     /// The model assumed by the detectors, as far as their parameters can represent it.
@@ -48,7 +48,7 @@ pub(crate) struct Submission {
     /// Keys to set on the named scenario: `key=value`, such as `initial.state_of_charge=0.4`.
     #[serde(default)]
     set: Vec<String>,
-    /// Seed of all noise; by default the scenario's.
+    /// Seed of all noise; default: the scenario's.
     #[serde(default)]
     seed: Option<u64>,
     /// How plant, controller and FDI engine are connected.
@@ -61,11 +61,11 @@ pub(crate) struct Submission {
     #[serde(default)]
     #[schema(minimum = -100, maximum = 100)]
     priority: i64,
-    /// Who flies: ours with the plant, ours on a worker that offers it, a third-party one that joins with the run's ticket, or an autopilot
-    /// by its name.
+    /// Controller: the built-in one with the plant, the built-in one on a worker that offers it, a third-party one
+    /// that joins with the run's ticket, or an autopilot by its name.
     #[serde(default)]
     controller: Controller,
-    /// Who detects: as for the controller.
+    /// FDI engine: same choices as for the controller.
     #[serde(default)]
     fdi: Place,
     /// Longest wait for external peers, ms.
@@ -327,10 +327,10 @@ fn check_places(body: &Submission) -> Result<(), Problem> {
 #[derive(Debug, Default, Deserialize, Serialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub(crate) struct Fork {
-    /// No propeller is damaged, no sensor fails.
+    /// No propeller is damaged and no sensor fails.
     #[serde(default)]
     healthy: bool,
-    /// Seed of all noise; by default that of the run.
+    /// Seed of all noise; default: that of the run.
     #[serde(default)]
     seed: Option<u64>,
     /// From −100 to 100; larger values run first.

@@ -32,19 +32,20 @@ const SUMMARY_SCHEMA: &str = "#/components/schemas/RunSummary";
 #[into_params(parameter_in = Query)]
 #[serde(deny_unknown_fields)]
 pub(crate) struct TableQuery {
-    /// Numbers of the summary, separated by commas: `steps,detectors.sequential.delay_s`; without it only what columns there are.
+    /// Values of the summary, separated by commas: `steps,detectors.sequential.delay_s`; without it, only the
+    /// available columns.
     #[param(min_length = 1)]
     columns: Option<String>,
     /// Only runs of this scenario.
     name: Option<String>,
     /// Only runs forked from this one.
     parent: Option<String>,
-    /// Only those in this state; by default those that are done.
+    /// Only those in this state; by default `done`.
     status: Option<Status>,
-    /// Rows, 1 to 20000, the latest first.
+    /// Maximum number of rows, 1 to 20000, latest first.
     #[param(minimum = 1, maximum = 20_000, default = 20_000)]
     limit: Option<i64>,
-    /// `json` or `csv`; `json` without it.
+    /// `json` or `csv`; default `json`.
     #[param(inline)]
     format: Option<Format>,
 }
@@ -60,12 +61,12 @@ pub(crate) enum Format {
 #[derive(Debug, Serialize, ToSchema)]
 pub(crate) struct Table {
     columns: Vec<String>,
-    /// Numbers, truth values, texts; null where a run has none.
+    /// Numbers, booleans, strings; null if a run has no value.
     #[schema(value_type = Vec<Vec<serde_json::Value>>)]
     rows: Vec<Vec<Value>>,
 }
 
-/// Compares runs: a row for each, with the requested numbers of its summary.
+/// Compares runs: one row per run, with the requested values of its summary.
 #[utoipa::path(get, path = "/api/v1/table", tag = "runs", operation_id = "compare_runs", params(TableQuery), responses(
     (status = 200, description = "the table; without `columns`, one row with the column names of the latest runs", body = Table),
     (status = 400, description = "invalid query", body = Problem, content_type = "application/problem+json"),

@@ -28,7 +28,7 @@ const MOST_RUNS: usize = 100;
 
 static QUERIES: Semaphore = Semaphore::const_new(AT_ONCE);
 
-/// How an answer is written.
+/// Format of a response.
 #[derive(Debug, Clone, Copy, Deserialize, ToSchema)]
 #[serde(rename_all = "kebab-case")]
 pub(crate) enum AnswerFormat {
@@ -58,9 +58,9 @@ impl AnswerFormat {
 /// A channel of a run.
 #[derive(Debug, Serialize, ToSchema)]
 pub(crate) struct ChannelInfo {
-    /// Unique in the run.
+    /// Name, unique in the run.
     name: String,
-    /// As people write it (`m/s`); `1` for fractions and codes.
+    /// Unit as written for people (`m/s`); `1` for fractions and codes.
     unit: String,
     /// What it means.
     description: String,
@@ -72,7 +72,7 @@ pub(crate) struct ChannelInfo {
 /// Channels of a run.
 #[derive(Debug, Serialize, ToSchema)]
 pub(crate) struct Channels {
-    /// Samples of each.
+    /// Number of samples of each.
     rows: u64,
     /// In the order of the file.
     items: Vec<ChannelInfo>,
@@ -95,7 +95,7 @@ impl Channels {
     }
 }
 
-/// What was recorded of a run.
+/// What a run recorded.
 #[utoipa::path(get, path = "/api/v1/runs/{id}/channels", tag = "telemetry", operation_id = "run_channels", params(("id" = String, Path)), responses(
     (status = 200, description = "the channels", body = Channels),
     (status = 400, description = "invalid id", body = Problem, content_type = "application/problem+json"),
@@ -132,7 +132,7 @@ pub(crate) struct Selection {
     /// largest value in the order in which they occurred.
     #[param(minimum = 2)]
     points: Option<usize>,
-    /// By default what `Accept` says, or JSON.
+    /// Default: as `Accept` says, or JSON.
     #[param(inline)]
     format: Option<AnswerFormat>,
 }
@@ -160,18 +160,18 @@ pub(super) fn names(list: &str) -> Vec<String> {
 /// Samples of one run.
 #[derive(Debug, Serialize, ToSchema)]
 pub(crate) struct Telemetry {
-    /// Id.
+    /// Id of the run.
     run: String,
     /// Samples in the interval.
     source_rows: u64,
-    /// Rows of the answer.
+    /// Number of rows.
     rows: u64,
-    /// There are fewer rows than samples.
+    /// True if the samples were decimated.
     decimated: bool,
     /// Unit by channel.
     #[schema(value_type = BTreeMap<String, String>)]
     units: serde_json::Value,
-    /// Values by channel, `time_s` first; `null`: none.
+    /// Values by channel, `time_s` first; `null`: no value.
     #[schema(value_type = BTreeMap<String, Vec<Option<f64>>>)]
     data: serde_json::Value,
 }
@@ -183,7 +183,7 @@ pub(crate) struct ManyTelemetry {
     items: Vec<Telemetry>,
 }
 
-/// Samples of a run, decimated so that a picture shows the same.
+/// Samples of a run, decimated so that a plot looks the same.
 #[utoipa::path(get, path = "/api/v1/runs/{id}/telemetry", tag = "telemetry", operation_id = "run_telemetry", params(("id" = String, Path), Selection), responses(
     (status = 200, description = "the samples", content(
         (Telemetry = "application/json"), (String = "text/csv"), (Vec<u8> = "application/vnd.apache.parquet"))),
@@ -218,7 +218,8 @@ pub(crate) struct Runs {
     runs: String,
 }
 
-/// The same channels of several runs, to be compared: JSON has an object a run, CSV and Parquet a first column `run`.
+/// The same channels of several runs, for comparison: in JSON one object per run, in CSV and Parquet a first
+/// column `run`.
 #[utoipa::path(get, path = "/api/v1/telemetry", tag = "telemetry", operation_id = "compare_telemetry", params(Runs, Selection), responses(
     (status = 200, description = "the samples", content(
         (ManyTelemetry = "application/json"), (String = "text/csv"), (Vec<u8> = "application/vnd.apache.parquet"))),

@@ -60,24 +60,25 @@ const MOST_MODELS: usize = 16;
 /// A submission brings at most this many effects of its own.
 const MOST_EFFECTS: usize = 32;
 
-/// A model and the flights that it is compared with.
+/// A model and the flights to compare it with.
 #[derive(Debug, Deserialize, Serialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub(crate) struct TwinSubmission {
-    /// Which model.
+    /// The model.
     model: ModelChoice,
-    /// Comparison: more models, each compared with the same flights; in the result they come after `model`, in this order.
+    /// Comparison: more models, each compared with the same flights; they follow `model` in the result, in this
+    /// order.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     more_models: Vec<ModelChoice>,
-    /// Which flights; all of one vehicle.
+    /// Flights, all of one vehicle.
     flights: Flights,
-    /// Diagnosis: your own effects that may be named, too (TOML).
+    /// Diagnosis: your own effects to consider as well (TOML).
     #[serde(default)]
     effects: Vec<String>,
-    /// Diagnosis: names of effect documents of the library that may be named, too.
+    /// Diagnosis: names of the library's effect documents to consider as well.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     library_effects: Vec<String>,
-    /// Improvement: flights that no fit sees, as proof.
+    /// Improvement: held-out flights, not used in any fit.
     #[serde(default)]
     held_out: Option<Flights>,
     /// From −100 to 100; larger values run first.
@@ -141,7 +142,7 @@ submission!(
     "/api/v1/improvements",
     "improvements",
     "submit_improvement",
-    "Compares, diagnoses, adds what is missing, compares again, until the model agrees. `artifacts/model.toml` is the final version.",
+    "Compares, diagnoses, adds what is missing, and compares again until the model agrees. `artifacts/model.toml` is the final version.",
     JobKind::Improvement
 );
 

@@ -36,7 +36,7 @@ super::collection!(
 );
 
 /// A request waits this long; the job continues. Proxies and clients give up after 30 to 60 s.
-const PATIENCE: Duration = Duration::from_secs(20);
+const WAIT_TIMEOUT: Duration = Duration::from_secs(20);
 /// Time limit of the second execution.
 const LONGEST: Duration = Duration::from_secs(600);
 /// Another process may have written the end.
@@ -45,21 +45,22 @@ const KIND: JobKind = JobKind::Verification;
 /// Where the job finds the run.
 const RUN: &str = "run";
 
-/// What a second execution gave.
+/// Result of a second execution.
 #[derive(Debug, Serialize, ToSchema)]
 pub(crate) struct Verification {
     /// The hashes are equal.
     same: bool,
-    /// Of the run.
+    /// Run hash of the run.
     recorded: String,
-    /// Of the second execution, in one process.
+    /// Run hash of the second execution, in one process.
     again: String,
-    /// Why the hashes may differ: an external controller flew the run, and ours the second execution. Absent otherwise.
+    /// Why the hashes may differ: an external controller flew the run, and the built-in one the second execution.
+    /// Absent otherwise.
     #[serde(skip_serializing_if = "Option::is_none")]
     note: Option<String>,
-    /// How long it took with its time in the queue, ms.
+    /// Duration including the time in the queue, ms.
     wall_ms: i64,
-    /// Id of the job that did it: `/api/v1/verifications/{id}`.
+    /// Id of the verification job: `/api/v1/verifications/{id}`.
     job: String,
 }
 
@@ -68,7 +69,7 @@ pub(crate) struct Verification {
 #[utoipa::path(post, path = "/api/v1/runs/{id}/verify", tag = "runs", operation_id = "verify_run",
     params(("id" = String, Path), ("Idempotency-Key" = Option<String>, Header, description = "a retry with the same key waits for the same job")), responses(
     (status = 200, description = "compared", body = Verification),
-    (status = 202, description = "it continues: ask again with the same Idempotency-Key, or follow the job", body = JobView,
+    (status = 202, description = "still running: ask again with the same Idempotency-Key, or follow the job", body = JobView,
      headers(("Location" = String, description = "URL of the job"))),
     (status = 400, description = "invalid id", body = Problem, content_type = "application/problem+json"),
     (status = 404, description = "run not found", body = Problem, content_type = "application/problem+json"),
@@ -139,7 +140,7 @@ pub(crate) async fn verify(
     compared(&app, Some(&run), &job.id).await
 }
 
-/// The answer once the job has ended, or the job as it is after [`PATIENCE`]. `run`: the run that it repeats, if it
+/// The answer once the job has ended, or the job as it is after [`WAIT_TIMEOUT`]. `run`: the run that it repeats, if it
 /// exists.
 async fn compared(app: &App, run: Option<&Job>, id: &str) -> Result<Response, Problem> {
     let job = ended(app, id).await?;
@@ -198,7 +199,7 @@ fn note_of_others(run: &Job) -> Option<String> {
     ))
 }
 
-/// The job once it has ended, or as it is after [`PATIENCE`].
+/// The job once it has ended, or as it is after [`WAIT_TIMEOUT`].
 async fn ended(app: &App, id: &str) -> Result<Job, Problem> {
     let begun = tokio::time::Instant::now();
     let mut news = app.database.hub.watch(id);
@@ -206,7 +207,7 @@ async fn ended(app: &App, id: &str) -> Result<Job, Problem> {
     loop {
         let gone = || Problem::not_found(format!("the verification {id} was deleted"));
         let job = app.database.get(id).await?.ok_or_else(gone)?;
-        if job.status.is_final() || begun.elapsed() > PATIENCE {
+        if job.status.is_final() || begun.elapsed() > WAIT_TIMEOUT {
             return Ok(job);
         }
         if *ending.borrow_and_update() {

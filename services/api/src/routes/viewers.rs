@@ -26,14 +26,14 @@ use tokio::sync::broadcast::{Receiver, error::RecvError};
 /// How often to check whether the run has ended, in case no notification arrives.
 const LOOK: Duration = Duration::from_secs(2);
 /// A viewer that receives nothing for this long is gone.
-const PATIENCE: Duration = Duration::from_secs(10);
+const SEND_TIMEOUT: Duration = Duration::from_secs(10);
 
-/// A run live in Foxglove and Lichtblick, by Foxglove's WebSocket protocol.
+/// A run, live in Foxglove and Lichtblick, over Foxglove's WebSocket protocol.
 #[utoipa::path(get, path = "/api/v1/runs/{id}/foxglove", tag = "telemetry", operation_id = "run_foxglove", params(("id" = String, Path)), responses(
     (status = 101, description = "a WebSocket with the subprotocol foxglove.sdk.v1 or foxglove.websocket.v1"),
     (status = 400, description = "not a WebSocket request with one of these subprotocols", body = Problem, content_type = "application/problem+json"),
     (status = 404, description = "run not found", body = Problem, content_type = "application/problem+json"),
-    (status = 422, description = "this version cannot show the run", body = Problem, content_type = "application/problem+json"),
+    (status = 422, description = "this version cannot display the run", body = Problem, content_type = "application/problem+json"),
     (status = 426, description = "not a WebSocket request", body = Problem, content_type = "application/problem+json")
 ))]
 pub(crate) async fn view(
@@ -192,7 +192,7 @@ impl Show {
 }
 
 async fn send(socket: &mut WebSocket, message: Message) -> Result<(), Gone> {
-    match tokio::time::timeout(PATIENCE, socket.send(message)).await {
+    match tokio::time::timeout(SEND_TIMEOUT, socket.send(message)).await {
         Ok(Ok(())) => Ok(()),
         Ok(Err(_)) | Err(_) => Err(Gone),
     }

@@ -23,7 +23,7 @@ const HEARTBEAT: Duration = Duration::from_millis(250);
 /// Time for a process to exit after a request before it is killed.
 const GRACE: Duration = Duration::from_millis(900);
 /// How long writing an event is retried.
-const EVENT_PATIENCE: Duration = Duration::from_secs(10);
+const EVENT_TIMEOUT: Duration = Duration::from_secs(10);
 /// Minimum interval between live samples sent to servers in other processes.
 const LIVE_NOTICE: Duration = Duration::from_millis(100);
 /// Events of a part also reported for the whole: a completed case of a bench.
@@ -274,7 +274,7 @@ async fn write_event(context: &WorkerContext, job: &Job, token: &str, kind: &str
                 tell_whole(context, job, token, kind, line).await;
                 return held;
             }
-            Err(error) if begun.elapsed() < EVENT_PATIENCE => {
+            Err(error) if begun.elapsed() < EVENT_TIMEOUT => {
                 tracing::warn!(job = job.id, %error, "an event cannot be written; trying again");
                 tokio::time::sleep(Duration::from_millis(250)).await;
             }

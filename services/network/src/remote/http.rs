@@ -11,9 +11,9 @@ use std::time::Duration;
 use tokio::time::Instant;
 
 /// How long a server that was reached before is retried.
-const PATIENCE: Duration = Duration::from_secs(60);
+const RETRY_TIMEOUT: Duration = Duration::from_secs(60);
 /// How long one that was never reached is retried: most likely the address is wrong.
-const FIRST_PATIENCE: Duration = Duration::from_secs(3);
+const FIRST_CONTACT_TIMEOUT: Duration = Duration::from_secs(3);
 /// Time-out for a plain request.
 const ANSWER: Duration = Duration::from_secs(30);
 /// Upper bound of the retry delay that the server requests.
@@ -239,7 +239,7 @@ impl Remote {
             .get(RETRY_AFTER)
             .and_then(|value| value.to_str().ok()?.parse().ok())
             .map(Duration::from_secs);
-        match patience.next(PATIENCE, asked).filter(|_| again) {
+        match patience.next(RETRY_TIMEOUT, asked).filter(|_| again) {
             Some(pause) => Ok(pause),
             None => Err(refusal(answer).await),
         }
@@ -250,9 +250,9 @@ impl Remote {
         // An untrusted certificate, or none: a retry does not help.
         let hopeless = words.contains("certificate") || words.contains("InvalidContentType");
         let limit = if self.reached.load(Ordering::Relaxed) {
-            PATIENCE
+            RETRY_TIMEOUT
         } else {
-            FIRST_PATIENCE
+            FIRST_CONTACT_TIMEOUT
         };
         patience.next(limit, None).filter(|_| !hopeless).ok_or_else(|| {
             RemoteError::Failed(format!(

@@ -54,7 +54,7 @@ const MOST_KNOWN: usize = 10_000;
 pub struct EffectDocument {
     /// Key in scenarios and models: small letters, digits, hyphens.
     pub id: String,
-    /// Name shown to people.
+    /// Readable name.
     pub name: String,
     /// What a flight must contain for the effect to show.
     #[serde(default, skip_serializing_if = "String::is_empty")]
@@ -62,7 +62,7 @@ pub struct EffectDocument {
     /// Ids of effects with a similar signature.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub confused_with: Vec<String>,
-    /// Where equation and sizes come from.
+    /// Source of the equation and the sizes.
     #[serde(default, skip_serializing_if = "String::is_empty")]
     pub source: String,
     /// True if one instance belongs to one rotor.
@@ -96,7 +96,7 @@ pub struct ParameterEntry {
     /// Plausible size; half the range if absent.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub size: Option<f64>,
-    /// Value of an ordinary case.
+    /// Typical value.
     pub typical: f64,
 }
 

@@ -148,11 +148,11 @@ fn of_sensor(problem: &Problem, candidate: usize) -> bool {
 /// The evidence of all other channels, with the parameters at `opened` as free as the open effects. The priors' pull
 /// counts: at the present point biases of the rotors may imitate the effect in question.
 fn posterior_without_voltage(problem: &Problem, opened: &[usize]) -> Option<Posterior> {
-    let mut deaf = problem.weights.clone();
-    for weights in &mut deaf {
+    let mut without_voltage = problem.weights.clone();
+    for weights in &mut without_voltage {
         weights[V] = 0.0;
     }
-    let normal = problem.normal_with(&deaf, |_| true);
+    let normal = problem.normal_with(&without_voltage, |_| true);
     let mut prior = problem.deviations(&problem.active);
     for &i in opened {
         prior[i] = 1.0;

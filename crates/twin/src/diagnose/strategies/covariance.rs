@@ -425,11 +425,11 @@ fn fitted(problem: &Problem, posterior: &Posterior) -> Result<Option<Gusts>, Pre
 
 /// All linear parameters fitted anew with the gusts in the noise of the forces; the other channels count as before.
 fn posterior_with(problem: &Problem, filtered: &[Filtered], old: &Posterior) -> Option<Posterior> {
-    let mut deaf = problem.weights.clone();
-    for weights in &mut deaf {
+    let mut without_forces = problem.weights.clone();
+    for weights in &mut without_forces {
         weights[F..KV].fill(0.0);
     }
-    let mut normal = problem.normal_with(&deaf, |_| true);
+    let mut normal = problem.normal_with(&without_forces, |_| true);
     for (l, filtered) in filtered.iter().enumerate() {
         let own = problem.linear[l].columns.len();
         let forces = normal_of(std::slice::from_ref(filtered), 1..1 + own, 0..3);

@@ -19,17 +19,17 @@ const ALARM_RAD_S: f64 = 1.0;
 /// Tilt up to which an alarm counts, rad: 70°.
 const UPRIGHT_RAD: f64 = 1.22;
 /// Specific force that turns a vehicle over by itself, m/s².
-const BLOW: f64 = 25.0;
+const IMPACT_M_S2: f64 = 25.0;
 /// Averages of sink rate and excess, s.
 const MEAN_S: f64 = 0.4;
 /// What an excess is counted from, s.
 const PAST_S: f64 = 10.0;
 /// An arm responds to its rotors if their correlation reaches this at the best lag within this time, s …
-const ANSWERS: f64 = 0.8;
-const ANSWERS_WITHIN_S: f64 = 0.25;
+const RESPONSE_CORRELATION: f64 = 0.8;
+const RESPONSE_LAG_S: f64 = 0.25;
 /// … over this long after the alarm, and not less, s …
-const ANSWER_S: f64 = 1.2;
-const LEAST_ANSWER_S: f64 = 0.8;
+const RESPONSE_WINDOW_S: f64 = 1.2;
+const LEAST_RESPONSE_WINDOW_S: f64 = 0.8;
 /// … with a gain that is this share of the gain before, if that correlates at least this well.
 const GAIN_SHARE: f64 = 0.6;
 const CORRELATED: f64 = 0.3;
@@ -95,7 +95,7 @@ fn struck(signals: &Signals, bin: usize) -> bool {
     signals
         .shock
         .as_ref()
-        .is_some_and(|shock| before.into_iter().any(|bin| shock[bin] > BLOW))
+        .is_some_and(|shock| before.into_iter().any(|bin| shock[bin] > IMPACT_M_S2))
 }
 
 fn by_limit(signals: &Signals, part: &FlightPart, begin_s: f64) -> Option<FlightEvent> {
@@ -235,12 +235,12 @@ fn answers(
     let from_s = signals.start_s[bin] - MEAN_S;
     let blow_s = signals.shock.as_ref().and_then(|shock| {
         let after = signals.between(from_s, f64::INFINITY);
-        after.into_iter().find(|bin| shock[*bin] > BLOW)
+        after.into_iter().find(|bin| shock[*bin] > IMPACT_M_S2)
     });
-    let to_s = (signals.start_s[bin] + ANSWER_S)
+    let to_s = (signals.start_s[bin] + RESPONSE_WINDOW_S)
         .min(part.end_s)
         .min(blow_s.map_or(f64::INFINITY, |bin| signals.start_s[bin]));
-    if to_s - from_s < LEAST_ANSWER_S {
+    if to_s - from_s < LEAST_RESPONSE_WINDOW_S {
         return false;
     }
     let (correlation, gain) = follows(signals, &rise, &asked, (from_s, to_s));
@@ -250,14 +250,14 @@ fn answers(
         &asked,
         ((from_s - 3.0 * PAST_S).max(begin_s), from_s - 1.0),
     );
-    correlation > ANSWERS && gain > 0.0 && (before < CORRELATED || gain > GAIN_SHARE * gain_before)
+    correlation > RESPONSE_CORRELATION && gain > 0.0 && (before < CORRELATED || gain > GAIN_SHARE * gain_before)
 }
 
 /// How the rate of change of one signal follows another within a span, s: the largest correlation of all lags, and the gain there.
 fn follows(signals: &Signals, rate: &[f64], asked: &[f64], (from_s, to_s): (f64, f64)) -> (f64, f64) {
     let bins = signals.between(from_s, to_s);
     let step_s = signals.end_s[0] - signals.start_s[0];
-    let lags = (ANSWERS_WITHIN_S / step_s).round() as usize;
+    let lags = (RESPONSE_LAG_S / step_s).round() as usize;
     let mut best = (0.0, 0.0);
     for lag in 0..=lags {
         let pairs: Vec<(f64, f64)> = bins

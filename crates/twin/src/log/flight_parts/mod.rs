@@ -29,7 +29,7 @@ use signals::Signals;
 /// Most events that are listed; a motor that rattles against its limit makes thousands.
 const MOST_EVENTS: usize = 200;
 
-/// What a part of a flight is.
+/// Kind of a part of a flight.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, utoipa::ToSchema)]
 #[serde(rename_all = "kebab-case")]
 #[schema(as = FlightPartKind)]
@@ -74,20 +74,20 @@ pub struct FlightPart {
     pub start_s: f64,
     /// s, on the log's time.
     pub end_s: f64,
-    /// How that is known, one clause; empty where the kind says it all.
+    /// The evidence for it, one clause; empty if the kind is self-explanatory.
     pub why: String,
 }
 
-/// Parts of a flight and what happened in it.
+/// Parts of a flight, and events in it.
 #[derive(Clone, Debug, PartialEq, Serialize, utoipa::ToSchema)]
 pub struct FlightParts {
-    /// In the order of time, without overlap.
+    /// In chronological order, without overlap.
     pub parts: Vec<FlightPart>,
-    /// In the order of time.
+    /// In chronological order.
     pub events: Vec<FlightEvent>,
-    /// Events beyond those that are listed.
+    /// Number of events that are not listed.
     pub more_events: usize,
-    /// What this was found from, in words.
+    /// Channels used to find this, in words.
     pub found_from: Vec<&'static str>,
 }
 

@@ -22,14 +22,14 @@ const TILT_GOOD_RAD: f64 = 1.05;
 /// Tilt of a vehicle that has recovered from a tumble, rad: 30°.
 const TILT_UPRIGHT_RAD: f64 = 0.52;
 /// Specific force of an impact, m/s².
-const BLOW: f64 = 35.0;
+const IMPACT_M_S2: f64 = 35.0;
 /// Specific forces logged at less than this, Hz, contain aliased samples of a vibration …
 const ALIASED_HZ: f64 = 30.0;
 /// … of which one counts as an impact only if the body responds by turning, rad/s, or leaning, rad, within this time of
 /// it, s.
-const ANSWER_RATE_RAD_S: f64 = 1.5;
-const ANSWER_LEAN_RAD: f64 = 0.17;
-const ANSWER_S: f64 = 0.3;
+const RESPONSE_RATE_RAD_S: f64 = 1.5;
+const RESPONSE_LEAN_RAD: f64 = 0.17;
+const RESPONSE_WITHIN_S: f64 = 0.3;
 /// Motors this low for this long: no flight, s.
 const FALLEN_S: f64 = 3.0;
 /// Motors low and the vehicle at rest for this long: on the ground, s.
@@ -161,7 +161,7 @@ pub(super) fn hard_landings(signals: &Signals, parts: &[FlightPart]) -> Vec<Flig
         .filter_map(|part| {
             let bins = signals.between(part.start_s, part.end_s);
             let worst = bins.max_by(|a, b| shock[*a].total_cmp(&shock[*b]))?;
-            (shock[worst] > BLOW).then(|| FlightEvent {
+            (shock[worst] > IMPACT_M_S2).then(|| FlightEvent {
                 kind: EventKind::HardLanding,
                 start_s: signals.start_s[worst],
                 end_s: signals.end_s[worst],
@@ -265,7 +265,7 @@ fn lies_from(signals: &Signals, still: &[bool]) -> usize {
     let (Some(shock), Some(height)) = (&signals.shock, &signals.height) else {
         return none;
     };
-    let Some(blow) = shock.iter().rposition(|shock| beyond(*shock, BLOW)) else {
+    let Some(blow) = shock.iter().rposition(|shock| beyond(*shock, IMPACT_M_S2)) else {
         return none;
     };
     let rest = signals.between(signals.end_s[blow] + SETTLES_S, f64::INFINITY);
@@ -282,7 +282,7 @@ fn lies_from(signals: &Signals, still: &[bool]) -> usize {
 /// Bins in which a vehicle rests on the ground while its motors carry most of it, each run from the touch on: it
 /// descended, a force other than its motors pushed it, and then it stands still, as low as anywhere before and with
 /// less thrust than carried it in the calm moments of its flight. Such a landing may be soft: its impact need not reach
-/// [`BLOW`].
+/// [`IMPACT_M_S2`].
 fn lies_lightly(signals: &Signals, effort: &[f64], still: &[bool], on_ground: &[bool]) -> Vec<Range<usize>> {
     let (Some(shock), Some(height)) = (&signals.shock, &signals.height) else {
         return Vec::new();
@@ -533,7 +533,7 @@ fn back_upright(signals: &Signals, upset: &Upset) -> bool {
     };
     let upright = tilt.last().is_some_and(|tilt| *tilt < TILT_UPRIGHT_RAD);
     let since = signals.between(upset.start_s, f64::INFINITY);
-    let struck = |shock: &Vec<f64>| since.clone().any(|bin| beyond(shock[bin], BLOW));
+    let struck = |shock: &Vec<f64>| since.clone().any(|bin| beyond(shock[bin], IMPACT_M_S2));
     upright && !signals.shock.as_ref().is_some_and(struck)
 }
 
@@ -627,7 +627,7 @@ struct Upset {
 impl Upset {
     fn why(&self) -> String {
         let tilt = (self.tilt_rad > 0.0).then(|| format!("tilt up to {:.0}°", self.tilt_rad.to_degrees()));
-        let shock = (self.shock > BLOW).then(|| format!("{:.0} m/s²", self.shock));
+        let shock = (self.shock > IMPACT_M_S2).then(|| format!("{:.0} m/s²", self.shock));
         [tilt, shock].into_iter().flatten().collect::<Vec<_>>().join(", ")
     }
 }
@@ -649,7 +649,7 @@ fn upsets(signals: &Signals, run: Range<usize>) -> Vec<Upset> {
     let mut found: Vec<Upset> = Vec::new();
     for bin in run.clone() {
         let (tilt_rad, shock) = (tilt(bin), shock(bin));
-        if !beyond(tilt_rad, TILT_END_RAD) && !beyond(shock, BLOW) {
+        if !beyond(tilt_rad, TILT_END_RAD) && !beyond(shock, IMPACT_M_S2) {
             continue;
         }
         let (start_s, end_s) = (signals.start_s[bin], signals.end_s[bin]);
@@ -684,15 +684,15 @@ fn is_one_sample_of_a_vibration(signals: &Signals, upset: &Upset) -> bool {
     if !alone || beyond(upset.tilt_rad, TILT_END_RAD) || (signals.rates.is_none() && signals.lean.is_none()) {
         return false;
     }
-    let about = signals.between(upset.start_s - ANSWER_S, upset.end_s + ANSWER_S);
+    let about = signals.between(upset.start_s - RESPONSE_WITHIN_S, upset.end_s + RESPONSE_WITHIN_S);
     let turns = signals
         .rates
         .iter()
         .flatten()
-        .any(|rate| about.clone().any(|bin| beyond(rate[bin].abs(), ANSWER_RATE_RAD_S)));
+        .any(|rate| about.clone().any(|bin| beyond(rate[bin].abs(), RESPONSE_RATE_RAD_S)));
     let leans = signals.lean.iter().flatten().any(|lean| {
         let values = || about.clone().map(|bin| lean[bin]).filter(|lean| lean.is_finite());
-        values().fold(f64::NEG_INFINITY, f64::max) - values().fold(f64::INFINITY, f64::min) > ANSWER_LEAN_RAD
+        values().fold(f64::NEG_INFINITY, f64::max) - values().fold(f64::INFINITY, f64::min) > RESPONSE_LEAN_RAD
     });
     !turns && !leans
 }

@@ -37,7 +37,7 @@ pub(crate) struct Layout {
     /// `.` or `,`.
     #[serde(default = "point")]
     pub(crate) decimal: String,
-    /// Lines before the header.
+    /// Number of lines before the header.
     #[serde(default)]
     pub(crate) skip_lines: usize,
     /// Column that holds the time.

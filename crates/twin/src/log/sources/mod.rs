@@ -149,7 +149,7 @@ impl Asked<'_> {
 pub(crate) struct SourceLog {
     pub(crate) streams: Vec<RawStream>,
     pub(crate) parameters: BTreeMap<String, f64>,
-    /// In the order of time.
+    /// In chronological order.
     pub(crate) parameter_changes: Vec<ParameterChange>,
     pub(crate) notes: Vec<String>,
     /// What is in the file and was not read.
