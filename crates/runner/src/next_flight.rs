@@ -12,7 +12,7 @@ use rotortwin_plant::STEP_NS;
 use rotortwin_plant::effects::{Catalogue, EffectInstance};
 use rotortwin_scenario::Scenario;
 use rotortwin_store::telemetry::SENSED;
-use rotortwin_twin::diagnose::{Diagnosis, Verdict};
+use rotortwin_twin::diagnose::{Diagnosis, Verdict, in_sentence};
 use rotortwin_twin::log::FlightLog;
 use rotortwin_twin::model::store::Found;
 use rotortwin_twin::model::{ModelEffect, ModelStore, ModelVersion, Provenance};
@@ -188,13 +188,9 @@ fn table(proposals: &[Proposal], a: &Rival, b: &Rival) -> Grid {
             p.manoeuvre.clone(),
             format!("{:.0}", p.duration_s),
             format!("{:.1}", p.first.against_other),
-            format!("{:.1} {}", p.first.against_all, p.first.strongest_rival.to_lowercase()),
+            format!("{:.1} {}", p.first.against_all, in_sentence(&p.first.strongest_rival)),
             format!("{:.1}", p.second.against_other),
-            format!(
-                "{:.1} {}",
-                p.second.against_all,
-                p.second.strongest_rival.to_lowercase()
-            ),
+            format!("{:.1} {}", p.second.against_all, in_sentence(&p.second.strongest_rival)),
         ]);
     }
     table

@@ -103,7 +103,7 @@ pub(crate) fn set_apart(found: Vec<Finding>, library: &Library) -> Parted {
                     && d.channels.iter().all(|group| shown.contains(group))
             }) && !calibrations.iter().any(|constant| acts_through(finding, constant));
             if makes_up {
-                withheld.push(finding.label.to_lowercase());
+                withheld.push(super::words::in_sentence(&finding.label));
             }
             !makes_up
         });

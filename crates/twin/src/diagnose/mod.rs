@@ -39,6 +39,7 @@ pub use result::{
     Calibration, ChannelGoodness, DiagnosedModel, Diagnosis, Finding, Goodness, HeldOutError, NotConsidered,
     NotTestable, Picture, PictureBin, Ranked, Rival, Timing, Verdict,
 };
+pub use words::in_sentence;
 
 use rotortwin_plant::effects::EffectDocument;
 

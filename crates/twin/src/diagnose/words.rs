@@ -12,6 +12,17 @@ use crate::model::constants::Source;
 /// Effects that a sentence names before it counts the rest.
 const MOST_NAMED: usize = 3;
 
+/// The name of an effect within a sentence: without its capital, unless that belongs to an abbreviation (`GPS delay`).
+pub fn in_sentence(label: &str) -> String {
+    let mut letters = label.chars();
+    match (letters.next(), letters.next()) {
+        (Some(first), Some(second)) if !second.is_uppercase() => {
+            first.to_lowercase().chain(label.chars().skip(1)).collect()
+        }
+        _ => label.to_owned(),
+    }
+}
+
 /// `k_d = 0.2530 ± 0.0020 N·s/m`, with half the width of the 95 % interval.
 pub(crate) fn parameter(p: &FittedParameter) -> String {
     let unit = if p.unit.is_empty() {
@@ -118,7 +129,7 @@ fn or_unconsidered(diagnosis: &Diagnosis) -> String {
         .not_considered
         .iter()
         .filter(|one| matches!(one.why, Reason::Columns(_) | Reason::NothingToActThrough(_)));
-    let names: Vec<String> = would.map(|one| one.label.to_lowercase()).collect();
+    let names: Vec<String> = would.map(|one| in_sentence(&one.label)).collect();
     match names.as_slice() {
         [] => String::new(),
         few if few.len() <= MOST_NAMED => format!(" Not considered: {}.", few.join(", ")),
@@ -135,7 +146,7 @@ pub(crate) fn doubt(doubt: &Doubt) -> String {
     match doubt {
         Doubt::StretchedClutter => "what only implausible parameters would explain".to_owned(),
         Doubt::ImpossibleSize(label) => {
-            format!("what only an impossible size of {} would explain", label.to_lowercase())
+            format!("what only an impossible size of {} would explain", in_sentence(label))
         }
         Doubt::ImpossibleConstant(constant) => format!("what only an impossible value of {constant} would explain"),
         Doubt::LookAlikes => "what three effects of one kind patch together".to_owned(),
@@ -165,7 +176,7 @@ fn names(rivals: &[Rival]) -> String {
     } else {
         rivals
             .iter()
-            .map(|r| r.label.to_lowercase())
+            .map(|r| in_sentence(&r.label))
             .collect::<Vec<_>>()
             .join(", ")
     }
@@ -204,7 +215,7 @@ fn sentence(diagnosis: &Diagnosis) -> String {
                         quantity(one.value, &one.unit)
                     )
                 });
-                format!("{}, {}{onset}{constant}", f.label.to_lowercase(), parameters(f))
+                format!("{}, {}{onset}{constant}", in_sentence(&f.label), parameters(f))
             })
             .collect::<Vec<_>>()
             .join("; and ")
@@ -268,7 +279,9 @@ fn sentence(diagnosis: &Diagnosis) -> String {
             )
         }
         Verdict::OutsideCatalogue => {
-            let unexplained = diagnosis.goodness.unexplained.join(", ");
+            let unexplained = &diagnosis.goodness.unexplained;
+            let stay = if unexplained.len() == 1 { "stays" } else { "stay" };
+            let unexplained = unexplained.join(", ");
             let part = if found.is_empty() {
                 String::new()
             } else {
@@ -278,7 +291,7 @@ fn sentence(diagnosis: &Diagnosis) -> String {
                 )
             };
             format!(
-                "The error is real and not, or not wholly, in the catalogue: {unexplained} stay unexplained.{part}{}",
+                "The error is real and not, or not wholly, in the catalogue: {unexplained} {stay} unexplained.{part}{}",
                 or_unconsidered(diagnosis)
             )
         }

@@ -426,7 +426,10 @@ fn with_finding(version: &ModelVersion, finding: &Finding, logs: &[FlightLog]) -
             held_out: Vec::new(),
         },
     };
-    version.with_effects([effect], format!("improve: {}", finding.label.to_lowercase()))
+    version.with_effects(
+        [effect],
+        format!("improve: {}", crate::diagnose::in_sentence(&finding.label)),
+    )
 }
 
 fn row(request: &Request<'_>, model: &NamedModel, finding: Option<&Finding>) -> Result<Row, PredictError> {

@@ -4,6 +4,7 @@
 use super::Pass;
 use crate::diagnose::findings;
 use crate::diagnose::state::State;
+use crate::diagnose::words::in_sentence;
 use crate::estimation::columns::Active;
 use crate::estimation::gauss_newton::Fitted;
 use crate::estimation::posterior::posterior_of;
@@ -27,7 +28,7 @@ impl Pass for BackwardElimination {
             settled(&mut state.problem)?;
         }
         while let Some((candidate, channels)) = impossible(&state.problem)? {
-            let label = state.problem.library.candidates[candidate].label().to_lowercase();
+            let label = in_sentence(&state.problem.library.candidates[candidate].label());
             let mut others = state.problem.active.clone();
             others.retain(|one| one.candidate != candidate);
             let fitted = state.problem.fit(&others)?;

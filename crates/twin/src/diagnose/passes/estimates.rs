@@ -6,7 +6,7 @@ use rotortwin_plant::effects::EffectClass;
 use super::Pass;
 use crate::diagnose::result::Calibration;
 use crate::diagnose::state::{Doubt, State};
-use crate::diagnose::{calibration, findings, picture};
+use crate::diagnose::{calibration, findings, picture, words};
 use crate::estimation::settle::averaged;
 use crate::predict::PredictError;
 
@@ -31,7 +31,7 @@ impl Pass for Estimates {
         if !unproved.is_empty() {
             state.diagnosis.notes.push(format!(
                 "rejected: an error by a factor of {}, which explains less than half of what was measured where it shows most",
-                unproved.join(", ").to_lowercase()
+                unproved.iter().map(|label| words::in_sentence(label)).collect::<Vec<_>>().join(", ")
             ));
         }
         let parted = calibration::set_apart(found, &state.problem.library);

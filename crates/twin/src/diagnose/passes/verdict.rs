@@ -5,6 +5,7 @@ use super::held_out::HeldOutCheck;
 use super::refinement::LEFT_FACTOR;
 use crate::diagnose::result::{Diagnosis, HeldOutError, Verdict};
 use crate::diagnose::state::{Doubt, State};
+use crate::diagnose::words::in_sentence;
 use crate::diagnose::{calibration, findings, words};
 use crate::estimation::parameters::number;
 use crate::predict::PredictError;
@@ -73,7 +74,7 @@ fn forget_what_raises(diagnosis: &mut Diagnosis, doubts: &[Doubt]) {
         risen.unit
     );
     let all = diagnosis.effects.drain(..).chain(diagnosis.sensor_or_timing.drain(..));
-    let names: Vec<String> = all.map(|finding| finding.label.to_lowercase()).collect();
+    let names: Vec<String> = all.map(|finding| in_sentence(&finding.label)).collect();
     diagnosis
         .notes
         .push(format!("not believed: {}; {with}", names.join(", ")));
