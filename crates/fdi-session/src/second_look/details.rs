@@ -20,7 +20,7 @@ const CORRELATION_S: f64 = 0.5;
 /// A slope of this many standard deviations is a changing loss.
 const MOVES_SIGMAS: f64 = 3.0;
 /// Half the width of a 95 % interval in standard deviations.
-const SIGMAS: f64 = 1.96;
+pub(super) const SIGMAS: f64 = 1.96;
 
 /// A quantity with its 95 % interval.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]

@@ -32,7 +32,7 @@ pub use details::{Details, Explained, ExplanationKind, Interval, Motion};
 pub use load::LoadChange;
 
 use super::validity::Obstacle;
-use details::Track;
+use details::{SIGMAS, Track};
 use growth::{GrowthWatch, Lone};
 use joint::JointFilter;
 use load::{Found, LoadWatch, Seen};
@@ -48,8 +48,6 @@ use std::collections::VecDeque;
 use trust::Trust;
 use wrench::{AtSpeed, WrenchFilter};
 
-/// Half the width of a 95 % interval in standard deviations.
-const SIGMAS: f64 = 1.96;
 /// Model error of a severity: share of itself, and share of the rotor's hover thrust.
 const MODEL_ERROR: f64 = 0.008;
 const MODEL_FLOOR: f64 = 0.0005;

@@ -6,10 +6,10 @@
 
 use super::Request;
 use super::class::{self, largest_radius_m};
+use super::grid::GRAVITY;
 use std::f64::consts::PI;
 use std::ops::RangeInclusive;
 
-const GRAVITY_M_S2: f64 = 9.81;
 /// Disc loadings of ordinary vehicles, N/m².
 const ORDINARY: RangeInclusive<f64> = 8.0..=300.0;
 /// Disc loadings with which nothing flies, or nothing stays whole, N/m².
@@ -43,7 +43,7 @@ pub(super) const MOMENT_RATIO_OVER_ARM: std::ops::RangeInclusive<f64> = 0.004..=
 /// N/m² of a vehicle with this many rotors.
 fn loading(mass_kg: f64, arm_m: f64, rotors: usize) -> f64 {
     let radius = largest_radius_m(rotors, arm_m);
-    mass_kg * GRAVITY_M_S2 / (rotors as f64 * PI * radius * radius)
+    mass_kg * GRAVITY / (rotors as f64 * PI * radius * radius)
 }
 
 /// The unit that somebody meant, if another one makes the vehicle ordinary.

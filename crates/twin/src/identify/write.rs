@@ -122,7 +122,7 @@ fn vehicle(found: &Identified, name: &str) -> String {
         ));
     }
     line("]".to_owned());
-    line("gravity_m_s2 = 9.81".to_owned());
+    line(format!("gravity_m_s2 = {}", super::grid::GRAVITY));
     line(format!(
         "linear_drag_kg_s = {}{}",
         short(numbers.drag),
