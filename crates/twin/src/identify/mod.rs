@@ -21,6 +21,7 @@ mod curve;
 mod estimate;
 mod excitation;
 mod filters;
+mod findings;
 mod fit;
 pub mod frames;
 mod grid;
@@ -319,7 +320,7 @@ fn estimate_all(
         );
     }
     let rotors = places.len();
-    let (numbers, values) = airframe::Findings {
+    let (numbers, values) = findings::Findings {
         request,
         class,
         grids,
