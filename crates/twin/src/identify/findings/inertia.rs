@@ -6,6 +6,7 @@ use crate::identify::class;
 use crate::identify::estimate::Estimate;
 use crate::identify::fit::GAIN;
 use crate::identify::plausible::{GYRATION_OVER_ARM, gyration_over_arm, has_possible_gyration};
+use crate::identify::slow_outputs::ADVICE;
 use crate::model::constants::Source;
 
 impl Findings<'_> {
@@ -52,7 +53,7 @@ impl Findings<'_> {
                     GYRATION_OVER_ARM.end()
                 );
                 notes.push(format!(
-                    "{name}: {impossible}; the class default is written: check mass, arm, frame and the order of the outputs before all else"
+                    "{name}: {impossible}; the class default is written{ADVICE}"
                 ));
                 of_class(axis, impossible)
             } else if source == Source::Class {
