@@ -1,10 +1,10 @@
 var e=`# Recording of ROS 2 (MCAP) → canonical flight log. Keys of a row: see px4-ulog.toml; \`from\` names a type ("nav_msgs/Odometry:field") or a
 # topic ("/drone1/odom:field"), fields as in the definition of the message.
-# Of several topics of one type the fastest that spans the recording is taken; topics = ["/drone2/", "/vio/odom"] at the top of a mapping puts
-# those before others whose names begin so.
+# Of several topics of one type, the fastest that spans the recording is used; topics = ["/drone2/", "/vio/odom"] at the top of a mapping prefers
+# topics whose names begin so.
 # Units and frames: REP-103 and REP-145 (world east-north-up, body forward-left-up) for nav_msgs, sensor_msgs, geometry_msgs; PX4's message
-# definitions (north-east-down, forward-right-down) for px4_msgs. \`world_velocity\` and \`discharge\` are made while reading: an odometry's
-# twist is that of the body, and a battery's current is negative where it discharges.
+# definitions (north-east-down, forward-right-down) for px4_msgs. \`world_velocity\` and \`discharge\` are derived while reading: an odometry's
+# twist is in the body frame, and a battery's current is negative while it discharges.
 
 source = "ros2"
 base = ["px4_msgs/VehicleAngularVelocity", "px4_msgs/SensorCombined", "sensor_msgs/Imu", "px4_msgs/VehicleOdometry", "nav_msgs/Odometry"]
