@@ -324,30 +324,35 @@ fn scenario_random_deaths_of_nodes_server_and_postgres_change_no_byte() {
 
     let begun = Instant::now();
     let (mut dead, mut deaths) = ([false; 2], [0; 3]);
-    while begun.elapsed() < Duration::from_secs(seconds) {
+    // What happens next: each kind in each round, in an order by chance.
+    let mut round = Vec::new();
+    while begun.elapsed() < Duration::from_secs(seconds) || deaths.contains(&0) {
+        if round.is_empty() {
+            round = vec!["server", "Postgres", "node", "node"];
+        }
         sleep(Duration::from_secs(2) + random.duration(Duration::from_secs(4)));
-        let node = usize::from(random.below(2) == 1);
-        match random.below(4) {
-            0 => {
+        match round.swap_remove(random.below(round.len() as u64) as usize) {
+            "server" => {
                 server.kill();
                 sleep(random.duration(Duration::from_secs(2)));
                 server = Server::start_at(&address, &data, &words);
                 deaths[1] += 1;
             }
-            1 => {
+            "Postgres" => {
                 postgres.kill();
                 sleep(random.duration(Duration::from_secs(2)));
                 postgres.up();
                 deaths[2] += 1;
             }
-            _ if dead[node] => {
-                cluster.add_node(node);
-                dead[node] = false;
-            }
             _ => {
-                cluster.kill_node(node);
-                dead[node] = true;
-                deaths[0] += 1;
+                let node = random.below(2) as usize;
+                if dead[node] {
+                    cluster.add_node(node);
+                } else {
+                    cluster.kill_node(node);
+                    deaths[0] += 1;
+                }
+                dead[node] = !dead[node];
             }
         }
     }
