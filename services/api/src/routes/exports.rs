@@ -7,6 +7,7 @@
 
 use crate::App;
 use crate::access::Caller;
+use crate::clock::now_ms;
 use crate::problem::Problem;
 use axum::body::Body;
 use axum::extract::rejection::{PathRejection, QueryRejection};
@@ -26,7 +27,7 @@ use tower_http::services::ServeFile;
 use utoipa::{IntoParams, ToSchema};
 
 /// No export takes this long: older files were left by a server that died.
-const LEFT_BEHIND: Duration = Duration::from_secs(3600);
+const LEFT_BEHIND_MS: i64 = 3_600_000;
 
 /// What to write.
 #[derive(Debug, Clone, Copy, Deserialize, ToSchema)]
@@ -126,20 +127,17 @@ pub(crate) async fn export(
 async fn write(app: &App, source: PathBuf, format: ExportFormat, ended: SystemTime) -> Result<Unnamed, Problem> {
     static NUMBER: AtomicU64 = AtomicU64::new(0);
     let folder = app.artifacts.place("exports");
-    let now = SystemTime::now()
-        .duration_since(SystemTime::UNIX_EPOCH)
-        .unwrap_or_default();
+    let now_ms = now_ms();
     // The time stands first, for `remove_old`.
     let name = format!(
-        "{}-{}-{}",
-        now.as_secs(),
+        "{now_ms}-{}-{}",
         std::process::id(),
         NUMBER.fetch_add(1, Ordering::Relaxed)
     );
     let written = super::telemetry::blocking(move || {
         let io = |path: PathBuf| move |source| QueryError::Io { path, source };
         std::fs::create_dir_all(&folder).map_err(io(folder.clone()))?;
-        remove_old(&folder, now);
+        remove_old(&folder, now_ms);
         let path = folder.join(name);
         let file = File::create_new(&path).map_err(io(path.clone()))?;
         let made = Unnamed(path);
@@ -157,13 +155,12 @@ async fn write(app: &App, source: PathBuf, format: ExportFormat, ended: SystemTi
         .ok_or_else(|| Problem::disk_full("the export cannot be written: the disk of the data folder is full"))
 }
 
-/// * `now`: since 1970
-fn remove_old(folder: &std::path::Path, now: Duration) {
+fn remove_old(folder: &std::path::Path, now_ms: i64) {
     let Ok(entries) = std::fs::read_dir(folder) else { return };
     for entry in entries.filter_map(Result::ok) {
         let name = entry.file_name();
-        let began = name.to_str().and_then(|name| name.split('-').next()?.parse().ok());
-        if began.is_none_or(|began| now.as_secs().saturating_sub(began) > LEFT_BEHIND.as_secs()) {
+        let began_ms: Option<i64> = name.to_str().and_then(|name| name.split('-').next()?.parse().ok());
+        if began_ms.is_none_or(|began_ms| now_ms - began_ms > LEFT_BEHIND_MS) {
             drop(Unnamed(entry.path()));
         }
     }
