@@ -411,6 +411,7 @@ pub(crate) struct Battery {
 
 pub(crate) fn battery(grids: &[Grid], curve: &Curve) -> Battery {
     let mut found = Battery::default();
+    let (mut resistances, mut powers) = (Vec::new(), Vec::new());
     for grid in grids {
         let Some(voltage) = &grid.voltage else { continue };
         let rest = grid
@@ -444,9 +445,7 @@ pub(crate) fn battery(grids: &[Grid], curve: &Curve) -> Battery {
                 }
             }
         }
-        if let Some(fit) = resistance(&rows) {
-            found.resistance = Some(fit);
-        }
+        resistances.extend(resistance(&rows));
         let (mut power, mut ideal, mut parts) = (0.0, 0.0, Vec::new());
         for part in grid.pieces(4.0) {
             let p: f64 = part.clone().map(|k| voltage[k] * current[k]).sum();
@@ -468,11 +467,34 @@ pub(crate) fn battery(grids: &[Grid], curve: &Curve) -> Battery {
         }
         if parts.len() >= 3 {
             let (mean, deviation) = mean_deviation(parts.iter().copied());
-            found.power = Some((power / ideal, (deviation / mean).hypot(0.03)));
+            let value = power / ideal;
+            powers.push((value, value * (deviation / mean).hypot(POWER_SCALE)));
         }
     }
+    found.resistance = pooled(&resistances, CURRENT_SCALE);
+    found.power = pooled(&powers, POWER_SCALE).map(|(value, deviation)| (value, deviation / value));
     found.cells = found.start_v.and_then(cells);
     found
+}
+
+/// A value of several flights and its deviation, by the inverse variances; wider by the flights' own spread where that is more than their
+/// deviations (the scale factor of the Particle Data Group), and never below the error that all share, `common` of the value.
+fn pooled(flights: &[(f64, f64)], common: f64) -> Option<(f64, f64)> {
+    if let [] | [_] = flights {
+        return flights.first().copied();
+    }
+    let weight: f64 = flights.iter().map(|(_, deviation)| deviation.powi(-2)).sum();
+    let mean = flights
+        .iter()
+        .map(|(value, deviation)| value / deviation.powi(2))
+        .sum::<f64>()
+        / weight;
+    let chi2: f64 = flights
+        .iter()
+        .map(|(value, deviation)| ((value - mean) / deviation).powi(2))
+        .sum();
+    let scale = (chi2 / (flights.len() as f64 - 1.0)).max(1.0).sqrt();
+    Some((mean, (scale / weight.sqrt()).max(common * mean)))
 }
 
 /// Cells in series: the only number whose cell voltage at the start is that of a charged or storage LiPo.
@@ -492,6 +514,9 @@ fn cells(start_v: f64) -> Option<u32> {
 /// Deviation of a current sensor's scale: what remains after a power module's own calibration. The resistance is wrong
 /// by the same factor, and no residual of the fit below reveals it, nor that noise of the current flattens the slope.
 const CURRENT_SCALE: f64 = 0.02;
+
+/// Error of the electrical power that flights of one vehicle share, relative.
+const POWER_SCALE: f64 = 0.03;
 
 /// R of V = V0 − R I − k Q, where the current varies; Ω with its deviation.
 fn resistance(rows: &[[f64; 3]]) -> Option<(f64, f64)> {
@@ -551,6 +576,25 @@ mod tests {
         ] {
             assert_eq!(cells(volts), Some(expected), "{volts} V");
         }
+    }
+
+    /// The last flight alone was taken: the order of the logs changed the vehicle by 44 %.
+    #[test]
+    fn regress_flights_are_pooled_in_any_order_and_their_spread_counts() {
+        assert_eq!(pooled(&[], 0.02), None);
+        assert_eq!(pooled(&[(0.03, 0.001)], 0.02), Some((0.03, 0.001)));
+        let (value, deviation) = pooled(&[(0.031, 0.001), (0.040, 0.001)], 0.02).unwrap();
+        let (turned, _) = pooled(&[(0.040, 0.001), (0.031, 0.001)], 0.02).unwrap();
+        assert!((value - 0.0355).abs() < 1e-9 && (value - turned).abs() < 1e-12);
+        assert!(
+            (value - 1.96 * deviation) < 0.031 && 0.040 < value + 1.96 * deviation,
+            "{deviation}"
+        );
+        let (_, alike) = pooled(&[(0.03, 0.001), (0.03, 0.001), (0.03, 0.001)], 0.02).unwrap();
+        assert!(
+            (alike - 0.0006).abs() < 1e-9,
+            "{alike}: not below the scale of the sensor"
+        );
     }
 
     #[test]

@@ -127,7 +127,7 @@ impl Findings<'_> {
                 "thrust curve: hover level, this slope, and its bend".to_owned(),
             ),
         };
-        Estimate::normal(
+        let mut estimate = Estimate::normal(
             "rotors.thrust_slope",
             "n = d ln thrust/d ln duty at hover",
             "",
@@ -136,7 +136,10 @@ impl Findings<'_> {
             slope_source,
         )
         .how(slope_how)
-        .better("10 s of throttle pulses; a thrust stand")
+        .better("10 s of throttle pulses; a thrust stand");
+        // No rotor's thrust falls with its duty.
+        estimate.low = estimate.low.max(0.0);
+        estimate
     }
 
     /// s, the slope of ln thrust over ln voltage.
