@@ -289,7 +289,8 @@ fn file_of(folder: &Path, number: u64) -> PathBuf {
     folder.join(NETWORKS).join(format!("{number:05}.json"))
 }
 
-/// Complete or not at all.
+/// Complete or not at all. Under a name of this process's own until then: unlike a campaign's, this folder has no lock, and two processes may
+/// train the same network there.
 fn write(path: &Path, value: &impl Serialize) -> Result<(), Failure> {
     let text = serde_json::to_string_pretty(value).expect("text and numbers are JSON");
     let aside = path.with_extension(format!("{}.part", std::process::id()));
