@@ -143,6 +143,7 @@ pub(super) fn text_of(report: &LogReport, against: Option<&str>) -> String {
     if report.counts.iter().any(|count| count.decided > 0) {
         text += &format!("{counts}\n");
     }
+    text += &contradicted(report).map_or_else(String::new, |sentence| format!("\n{sentence}\n"));
     for load in &report.loads {
         text += &format!("\nLoad         {}", load_text(load));
     }
@@ -162,7 +163,7 @@ pub(super) fn text_of(report: &LogReport, against: Option<&str>) -> String {
 fn answer(report: &LogReport) -> String {
     let probability = |view: &SequentialView| match view.verdict.verdict {
         VerdictKind::NotReady | VerdictKind::CannotJudge => String::new(),
-        VerdictKind::Healthy if is_unclear(view) => format!(" (healthy: probability {:.3})", view.probability),
+        VerdictKind::Healthy if view.is_unclear() => format!(" (healthy: probability {:.3})", view.probability),
         _ => format!(" (probability {:.3})", view.probability),
     };
     let said = |view: &SequentialView| format!("{}{}", verdict_text(view), probability(view));
@@ -185,25 +186,50 @@ fn answer(report: &LogReport) -> String {
     let crash = crash.map_or_else(String::new, |time| {
         format!("; the crash from {:.2} s on is not judged", time.from_s)
     });
+    let smallest = report
+        .final_window
+        .as_ref()
+        .map(|window| window.smallest_loss.as_slice());
     let sequential = report.counts.iter().find(|count| count.detector == "sequential");
     match sequential.and_then(|count| count.first_alarm_s) {
         Some(time_s) => format!("{verdicts}; first alarm at {time_s:.2} s{crash}"),
-        None if report
-            .final_window
-            .as_ref()
-            .is_some_and(|window| hides_all(&window.smallest_loss)) =>
-        {
+        None if smallest.is_some_and(hides_all) => {
             format!(
                 "nothing can be said of the rotors, as not even the loss of a whole one would be seen ({verdicts}; no alarm){crash}"
+            )
+        }
+        None if smallest.is_some_and(hides_most) => {
+            let most = smallest.into_iter().flatten().copied().fold(0.0, f32::max);
+            format!(
+                "only the loss of {:.0} % of a rotor's thrust or more would be seen at the end, and none was ({verdicts}; no alarm){crash}",
+                100.0 * most
             )
         }
         None => format!("{verdicts}; no alarm{crash}"),
     }
 }
 
+/// Why the T-test alarms most of the time where the sequential detector does not.
+fn contradicted(report: &LogReport) -> Option<String> {
+    let count = |detector: &str| report.counts.iter().find(|count| count.detector == detector);
+    let (t_test, sequential) = (count("t_test")?, count("sequential")?);
+    (sequential.alarmed == 0 && sequential.decided > 0 && 2 * t_test.alarmed > t_test.decided).then(|| {
+        format!(
+            "T-test       it alarms in {} of {} windows, as it takes every lasting deviation from the model for a fault, also of a model that does not \
+             fit; the sequential detector's verdict is the one to act on",
+            t_test.alarmed, t_test.decided
+        )
+    })
+}
+
 /// Whether not even the loss of a whole rotor would be seen, of any.
 fn hides_all(smallest: &[f32]) -> bool {
     !smallest.is_empty() && smallest.iter().all(|loss| *loss >= 1.0)
+}
+
+/// Whether the loss of half of a rotor would not be seen, of some.
+fn hides_most(smallest: &[f32]) -> bool {
+    smallest.iter().any(|loss| *loss > 0.5)
 }
 
 /// Smallest detectable loss at the end of the log.
@@ -324,19 +350,14 @@ fn explanation_text(one: &ExplanationView) -> String {
 }
 
 fn is_healthy(view: &SequentialView) -> bool {
-    view.verdict.verdict == VerdictKind::Healthy && !is_unclear(view)
-}
-
-/// No alarm, although health is the less likely explanation: the evidence for a rotor has not lasted, or is that of none.
-fn is_unclear(view: &SequentialView) -> bool {
-    view.verdict.verdict == VerdictKind::Healthy && view.probability < 0.5
+    view.verdict.verdict == VerdictKind::Healthy && !view.is_unclear()
 }
 
 /// A verdict as one line of terminal text.
 pub fn verdict_text(view: &SequentialView) -> String {
     match view.verdict.verdict {
         VerdictKind::NotReady => "calibrating".to_owned(),
-        VerdictKind::Healthy if is_unclear(view) => {
+        VerdictKind::Healthy if view.is_unclear() => {
             "unclear: more than health explains, and no rotor stands out".to_owned()
         }
         VerdictKind::Healthy => "healthy".to_owned(),
@@ -378,6 +399,7 @@ mod tests {
     fn regress_a_flight_that_hides_the_loss_of_a_rotor_is_told_by_its_smallest_losses() {
         assert!(hides_all(&[1.0, 1.2, 1.0, 1.0]));
         assert!(!hides_all(&[0.4, 1.2, 1.0, 1.0]) && !hides_all(&[]));
+        assert!(hides_most(&[0.4, 1.2, 1.0, 1.0]) && !hides_most(&[0.1, 0.4]) && !hides_most(&[]));
         assert!(smallest_text(&[1.0; 4]).is_some_and(|text| text.contains("nothing")));
     }
 }

@@ -465,6 +465,13 @@ impl FdiSession {
         self
     }
 
+    /// The same for samples that are all of a flight in the air, as their caller knows from the whole log.
+    #[must_use]
+    pub fn in_the_air(mut self) -> Self {
+        self.flight = self.flight.in_the_air();
+        self
+    }
+
     /// The same, for a healthy flight that a learner learns from.
     #[must_use]
     pub fn that_learns(mut self, learner: Learner) -> Self {

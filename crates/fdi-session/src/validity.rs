@@ -40,6 +40,8 @@ const STANDS_THRUST: f32 = 0.65;
 const STANDS_TIME: f32 = 0.2;
 /// … after an upset, s.
 const STANDS_TIME_UPSET: f32 = 1.0;
+/// … and where the whole flight shows that it is in the air: only the thrust of another vehicle's model lasts this long.
+const STANDS_TIME_IN_THE_AIR: f32 = 5.0;
 /// It flies if the rotors carry more than this, and anything else at most [`FLIES_SUPPORT`], for [`FLIES_TIME`].
 const FLIES_THRUST: f32 = 0.75;
 const FLIES_SUPPORT: f32 = 0.25;
@@ -70,6 +72,9 @@ const CALM_WINDOWS: u16 = 8;
 /// Unexplained for more consecutive windows than this, the filters have learnt something wrong: the calibration begins
 /// again.
 const SPOILT_WINDOWS: u16 = 16;
+
+/// Loss of a rotor, of its thrust, beyond which the figure would mean nothing.
+const MOST_SAID: f32 = 2.0;
 
 /// Code of a verdict that would mean nothing, in JSON and in reports on logs; messages have [`NOT_READY`] and a note,
 /// as their readers may be older.
@@ -148,9 +153,13 @@ impl std::fmt::Display for Obstacle {
             ),
             Self::ImpossibleLoss { rotor, share } => write!(
                 out,
-                "the model does not explain the motion: rotor {} would have lost {:.0} % of its thrust",
-                rotor + 1,
-                100.0 * share
+                "the model does not explain the motion: it would take {} rotor {}",
+                if share < MOST_SAID {
+                    format!("the loss of {:.0} % of the thrust of", 100.0 * share)
+                } else {
+                    "the loss of several times the thrust of".to_owned()
+                },
+                rotor + 1
             ),
         }
     }
@@ -183,6 +192,8 @@ pub struct FlightWatch {
     tilted: u16,
     climbed: bool,
     carried: f32,
+    /// The caller knows from the whole flight that it is in the air.
+    in_the_air: bool,
 }
 
 impl FlightWatch {
@@ -200,12 +211,27 @@ impl FlightWatch {
             tilted: 0,
             climbed: false,
             carried: 0.0,
+            in_the_air: false,
+        }
+    }
+
+    /// For samples of which the caller knows that the vehicle is in the air, as from the parts of a whole log: closed
+    /// throttles in a descent are then not taken for the ground, and a hard climb ends what was.
+    #[must_use]
+    pub fn in_the_air(self) -> Self {
+        Self {
+            in_the_air: true,
+            ..self
         }
     }
 
     /// Restarts after a gap.
     pub fn restart(&mut self) {
-        *self = Self::new(&self.config);
+        let in_the_air = self.in_the_air;
+        *self = Self {
+            in_the_air,
+            ..Self::new(&self.config)
+        };
     }
 
     /// Lagged thrust of every healthy rotor at the last sample, N.
@@ -261,11 +287,9 @@ impl FlightWatch {
         let settled = self.seen > samples(2.0 * SUPPORT_TIME);
         let stands = support > STANDS_SUPPORT && self.carried < STANDS_THRUST;
         self.standing = count(settled && stands, self.standing);
-        self.flying = count(
-            self.carried > FLIES_THRUST && support.abs() < FLIES_SUPPORT,
-            self.flying,
-        );
-        self.climbed = self.flying > 0 && (self.climbed || speed_down < -CLIMBS);
+        let alone = self.in_the_air || support.abs() < FLIES_SUPPORT;
+        self.flying = count(self.carried > FLIES_THRUST && alone, self.flying);
+        self.climbed = self.flying > 0 && (self.climbed || self.in_the_air || speed_down < -CLIMBS);
         self.tilted = if ahead > MOST_TILT {
             self.tilted.saturating_add(1)
         } else {
@@ -274,7 +298,12 @@ impl FlightWatch {
         let upset = self.tilted >= UPSET_SAMPLES;
         // In a tumble speeds come late, and rotors are idle: only what lasts is the ground.
         let upset_now = matches!(self.flight, Flight::Upset(..));
-        let stands = self.standing >= samples(if upset_now { STANDS_TIME_UPSET } else { STANDS_TIME });
+        let stands = self.standing
+            >= samples(match (self.in_the_air, upset_now) {
+                (true, _) => STANDS_TIME_IN_THE_AIR,
+                (false, true) => STANDS_TIME_UPSET,
+                (false, false) => STANDS_TIME,
+            });
         let flies = self.flying >= samples(if self.climbed { FLIES_TIME } else { LONGEST_LIGHT });
         self.flight = match self.flight {
             _ if stands => Flight::Ground,
@@ -554,6 +583,29 @@ mod tests {
         assert_eq!(after(&mut watch, &config, 2.0, |t| (1.0, g / 6.0 * t, 0.0)), None);
     }
 
+    /// A pilot closed the throttle for half a second in a descent; "on the ground" it was for the remaining 112 s.
+    #[test]
+    fn regress_closed_throttles_in_the_air_are_not_the_ground() {
+        let config = config();
+        let descent = |t: f32| (if t < 0.6 { 0.07 } else { 1.2 }, 5.0 - 0.1 * t, 0.0);
+        let mut watch = FlightWatch::new(&config);
+        assert!(matches!(
+            after(&mut watch, &config, 3.0, descent),
+            Some(Obstacle::Ground { .. })
+        ));
+        let mut watch = FlightWatch::new(&config).in_the_air();
+        assert_eq!(after(&mut watch, &config, 3.0, descent), None);
+        // Rotors that carry half of the weight for long are those of another model.
+        assert!(matches!(
+            after(&mut watch, &config, 8.0, |_| (0.5, 0.0, 0.0)),
+            Some(Obstacle::Ground { .. })
+        ));
+        assert_eq!(
+            after(&mut watch, &config, 1.5, |_| (1.2, 0.0, 0.0)),
+            Some(Obstacle::TakeOff)
+        );
+    }
+
     #[test]
     fn val_an_upset_begins_before_70_degrees_and_ends_after_it() {
         let config = config();
@@ -633,7 +685,7 @@ mod tests {
         let found = window(147.0, 140.0).expect("5880 %");
         assert_eq!(
             found.to_string(),
-            "the model does not explain the motion: rotor 3 would have lost 5880 % of its thrust"
+            "the model does not explain the motion: it would take the loss of several times the thrust of rotor 3"
         );
         // It stays until the motion has been explained for half a second; then the calibration begins again.
         for _ in 0..7 {

@@ -222,6 +222,9 @@ fn called(verdict: &Verdict) -> &'static str {
     }
 }
 
+/// Smallest size that shows, over the plausible one, beyond which the factor tells nothing.
+const FAR_TOO_LARGE: f64 = 10.0;
+
 /// The diagnosis for a terminal: the verdict first.
 fn text(diagnosis: &Diagnosis) -> String {
     let mut text = diagnosis.trim.as_ref().map_or_else(String::new, trim);
@@ -270,16 +273,19 @@ fn text(diagnosis: &Diagnosis) -> String {
     if !diagnosis.not_testable.is_empty() {
         text += "Not testable on this flight\n";
         for row in &diagnosis.not_testable {
-            let need = row.minimum_size.map_or_else(
-                || "nothing of it shows".to_owned(),
-                |size| {
-                    format!(
-                        "would need {} (plausible {})",
-                        format!("{} {}", short(size), row.unit).trim_end(),
-                        short(row.plausible_size)
-                    )
-                },
-            );
+            let need = match row.minimum_size {
+                None => "nothing of it shows".to_owned(),
+                // The number would be that of no vehicle.
+                Some(size) if size > FAR_TOO_LARGE * row.plausible_size => format!(
+                    "nothing of a plausible size ({}) shows by far",
+                    format!("{} {}", short(row.plausible_size), row.unit).trim_end()
+                ),
+                Some(size) => format!(
+                    "would need {} (plausible {})",
+                    format!("{} {}", short(size), row.unit).trim_end(),
+                    short(row.plausible_size)
+                ),
+            };
             text += &format!(
                 "  {}: {} {need}; excited by {}\n",
                 row.label, row.parameter, row.excited_by

@@ -282,7 +282,9 @@ fn val_a_log_without_velocity_holds_no_gusts_and_a_search_ends_when_its_time_is_
     };
     let stopped = diagnose(&[log], &model, &options).expect("a diagnosis");
     assert!(
-        stopped.sentence.starts_with("Stopped after") && stopped.effects.is_empty() && !stopped.ranking.is_empty(),
+        stopped.sentence.starts_with("Stopped by the time limit")
+            && stopped.effects.is_empty()
+            && !stopped.ranking.is_empty(),
         "{}",
         stopped.sentence
     );

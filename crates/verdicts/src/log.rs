@@ -589,6 +589,9 @@ fn run(
     }
     let session = session(&config).expect("the detectors were checked");
     let session = if axial.is_some() { session.by_force() } else { session };
+    // What is not in the air is not passed to the session.
+    let known = !parts.parts.is_empty() && parts.parts.iter().all(|part| part.kind != PartKind::Unknown);
+    let session = if known { session.in_the_air() } else { session };
     let mut judge = Judge::new(session, parts, rate_hz);
     judge.lists = every_window;
     judge.voltage = voltage;
@@ -703,6 +706,9 @@ fn duties(block: &[Vec<f64>], row: usize, rotor_count: usize) -> [f32; MAX_ROTOR
     duty
 }
 
+/// Probability from which health is clear again after it was not.
+const CLEAR_AGAIN: f32 = 0.9;
+
 /// Feeds a session and counts its verdicts.
 struct Judge {
     session: FdiSession,
@@ -719,6 +725,8 @@ struct Judge {
     lists: bool,
     windows: Vec<WindowView>,
     last_code: Option<i32>,
+    /// The last change in the timeline is "unclear", which has the code of "healthy".
+    unclear: bool,
     counts: [DetectorCount; 4],
     alarmed: [bool; 4],
     notes: Vec<String>,
@@ -758,6 +766,7 @@ impl Judge {
             lists: false,
             windows: Vec::new(),
             last_code: None,
+            unclear: false,
             counts: ["t_test", "network", "sequential", NETWORK_OVER_TIME].map(count),
             alarmed: [false; 4],
             notes: Vec::new(),
@@ -976,12 +985,15 @@ impl Judge {
             self.loads
                 .extend(WindowView::from(window).later(since_first_row_s).load);
         }
-        if self.last_code != Some(code) {
+        let now = SequentialView::in_window(window);
+        let turns = now.is_unclear() != self.unclear && (now.is_unclear() || now.probability > CLEAR_AGAIN);
+        if self.last_code != Some(code) || turns {
             let mut change = ChangeView::of(window);
             change.time_s += since_first_row_s;
-            self.last_code = Some(code);
             self.turn(change);
+            self.unclear = now.is_unclear();
         }
+        self.last_code = Some(code);
     }
 
     /// A window with a verdict.

@@ -319,6 +319,9 @@ fn rotors_of(mask: u32) -> Vec<u32> {
         .collect()
 }
 
+/// Probability of health below which it is not said.
+const LEAST_CLEAR: f32 = 0.5;
+
 impl SequentialView {
     /// No verdict, for the reason given next to it.
     pub fn cannot_judge() -> Self {
@@ -340,6 +343,12 @@ impl SequentialView {
         } else {
             Self::of(&window.report).with(&window.details)
         }
+    }
+
+    /// No alarm, although health is the less likely explanation: the evidence for a rotor has not lasted, or is that of
+    /// none.
+    pub fn is_unclear(&self) -> bool {
+        self.verdict.verdict == VerdictKind::Healthy && self.probability < LEAST_CLEAR
     }
 
     fn with(mut self, details: &Details) -> Self {

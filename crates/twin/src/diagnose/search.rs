@@ -72,7 +72,7 @@ pub(crate) fn search(
     words::render(&mut diagnosis);
     if stopped {
         diagnosis.sentence = format!(
-            "Stopped after {limit_s:.0} s, before the search was complete; proved so far: {}",
+            "Stopped by the time limit of {limit_s:.0} s, before the search was complete. As far as it got: {}",
             diagnosis.sentence
         );
     }
@@ -96,6 +96,9 @@ fn begin<'a>(
     // level or a drift of the thrust.
     let voltage = predictors.iter().any(|p| holds(p, Requirement::BatteryVoltage));
     library.retain(|c| voltage || !c.declaration.search.requires.contains(&Requirement::BatteryVoltage));
+    // An airspeed that nothing tells would be taken as none.
+    let airspeed = predictors.iter().any(|p| holds(p, Requirement::AirVelocity));
+    library.retain(|c| airspeed || !c.declaration.search.requires.contains(&Requirement::AirVelocity));
     library.take_priors(constants);
     library.tighten(|one| {
         predictors[0]
@@ -152,6 +155,8 @@ fn begin<'a>(
         threshold,
         options,
         began_s,
+        looked_s: began_s,
+        longest_s: 0.0,
         stopped: false,
         diagnosis,
     }

@@ -35,6 +35,9 @@ pub(crate) struct State<'a> {
     pub(crate) options: &'a Options<'a>,
     /// When the diagnosis began, on the clock of the options, s.
     pub(crate) began_s: f64,
+    /// When the clock was looked at last, and the longest step between two looks, s.
+    pub(crate) looked_s: f64,
+    pub(crate) longest_s: f64,
     /// True once something was left out because the time was up.
     pub(crate) stopped: bool,
     /// The answer so far.
@@ -47,9 +50,13 @@ impl State<'_> {
         (self.options.progress)(text, share);
     }
 
-    /// True if the time is up; the caller then leaves out the rest of its search.
+    /// True if the time is up, or would be before a step as long as the longest so far ended; the caller then leaves
+    /// out the rest of its search.
     pub(crate) fn time_is_up(&mut self) -> bool {
-        let up = self.options.is_over(self.began_s);
+        let now_s = (self.options.clock)();
+        self.longest_s = self.longest_s.max(now_s - self.looked_s);
+        self.looked_s = now_s;
+        let up = self.options.is_over(self.began_s - self.longest_s);
         self.stopped |= up;
         up
     }

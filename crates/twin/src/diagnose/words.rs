@@ -182,6 +182,25 @@ fn names(rivals: &[Rival]) -> String {
     }
 }
 
+/// Errors on unseen blocks that rise with what a sentence names, as its next sentence.
+fn rising(diagnosis: &Diagnosis) -> String {
+    let risen = diagnosis.held_out.iter().filter(|error| error.rises()).map(|error| {
+        format!(
+            "the {} error on unseen blocks rises with it ({} → {} m{})",
+            error.quantity,
+            number(1e3 * error.before),
+            number(1e3 * error.after),
+            error.unit
+        )
+    });
+    let risen: Vec<String> = risen.collect();
+    if risen.is_empty() {
+        String::new()
+    } else {
+        format!(" Not confirmed: {}.", risen.join(", "))
+    }
+}
+
 /// The verdict as a sentence.
 fn sentence(diagnosis: &Diagnosis) -> String {
     let share = diagnosis.goodness.explained_share.map_or(String::new(), |share| {
@@ -273,9 +292,10 @@ fn sentence(diagnosis: &Diagnosis) -> String {
                 .any(|one| one.blocking && !one.source.is_guess() && ratio_of(&one.key).is_some());
             let ratios = if in_ratios { RATIOS } else { "" };
             format!(
-                "Calibrate first ({}): {}.{ratios}{part}",
+                "Calibrate first ({}): {}.{ratios}{part}{}",
                 HOW_TO_CALIBRATE,
-                constants.join("; and ")
+                constants.join("; and "),
+                rising(diagnosis)
             )
         }
         Verdict::OutsideCatalogue => {
@@ -291,7 +311,8 @@ fn sentence(diagnosis: &Diagnosis) -> String {
                 )
             };
             format!(
-                "The error is real and not, or not wholly, in the catalogue: {unexplained} {stay} unexplained.{part}{}",
+                "The error is real and not, or not wholly, in the catalogue: {unexplained} {stay} unexplained.{part}{}{}",
+                rising(diagnosis),
                 or_unconsidered(diagnosis)
             )
         }

@@ -20,10 +20,14 @@ pub(super) struct Compared<'a> {
     pub(super) class: f64,
     /// Value and deviation by half, if both determine it.
     pub(super) halves: Option<[(f64, f64); 2]>,
+    /// Value and deviation by flight, of those that determine it, if there are several.
+    pub(super) flights: Vec<(f64, f64)>,
     /// What one half gives, if that cannot be.
     pub(super) impossible: Option<f64>,
     /// How each half predicts the other in the channel that the value shows in.
     pub(super) score: Option<&'a Score>,
+    /// Deviation of the class.
+    pub(super) class_deviation: f64,
     /// A number on that scale, for people.
     pub(super) shown: &'a dyn Fn(f64) -> String,
 }
@@ -45,6 +49,24 @@ impl Compared<'_> {
                     self.name,
                     (self.shown)(first),
                     (self.shown)(second)
+                ));
+            }
+        }
+        if self.flights_differ() {
+            let cover = self
+                .flights
+                .iter()
+                .map(|(value, _)| (value - self.whole).abs())
+                .fold(0.0, f64::max)
+                / Z95;
+            if cover > deviation {
+                deviation = cover;
+                source = Source::LogAndClass;
+                let each: Vec<String> = self.flights.iter().map(|(value, _)| (self.shown)(*value)).collect();
+                notes.push(format!(
+                    "{}: the flights, each by itself, give {}, farther apart than their errors: the interval covers them",
+                    self.name,
+                    each.join(", ")
                 ));
             }
         }
@@ -72,7 +94,25 @@ impl Compared<'_> {
                 self.name, score.channel, score.calibrated, score.class_default
             ));
         }
+        if let Some(score) = self.score.filter(|score| score.calibrated < 0.0) {
+            let cover = self.class_deviation.max((self.whole - self.class).abs() / Z95);
+            if cover > deviation {
+                deviation = cover;
+                source = Source::LogAndClass;
+                notes.push(format!(
+                    "{}: {} in seconds that were not fitted is predicted worse than by its mean (R² {:.2}): the value is known no better than by the \
+                     class",
+                    self.name, score.channel, score.calibrated
+                ));
+            }
+        }
         (deviation, source)
+    }
+
+    fn flights_differ(&self) -> bool {
+        let apart = |[first, second]: [&(f64, f64); 2]| halves_differ(&[*first, *second]);
+        let mut firsts = self.flights.iter().enumerate();
+        firsts.any(|(k, first)| self.flights[k + 1..].iter().any(|second| apart([first, second])))
     }
 }
 
@@ -92,9 +132,48 @@ mod tests {
             class: -1.0,
             halves: Some(halves),
             impossible: None,
+            flights: Vec::new(),
             score,
+            class_deviation: 0.3,
             shown: &|value| format!("{value:.2}"),
         }
+    }
+
+    /// n = 1.27, 0.86, 1.12 and 0.83 of four flights of one vehicle, each with an interval that excluded the others.
+    #[test]
+    fn regress_flights_that_differ_widen_the_interval() {
+        let mut notes = Vec::new();
+        let mut found = |flights: &[(f64, f64)]| {
+            let one = Compared {
+                flights: flights.to_vec(),
+                ..compared([(0.0, 0.1), (0.0, 0.1)], None)
+            };
+            one.checked((0.05, Source::Log), &mut notes)
+        };
+        assert_eq!(found(&[(0.03, 0.02), (-0.03, 0.02)]), (0.05, Source::Log));
+        let (deviation, source) = found(&[(0.3, 0.05), (-0.15, 0.05), (0.1, 0.05)]);
+        assert!((deviation * Z95 - 0.3).abs() < 1e-12 && source == Source::LogAndClass);
+        assert!(notes[0].contains("give 0.30, -0.15, 0.10, farther apart"), "{notes:?}");
+    }
+
+    #[test]
+    fn regress_what_predicts_worse_than_the_mean_is_known_no_better_than_by_the_class() {
+        let nothing = Score {
+            channel: "the same without drift",
+            band: Band {
+                low_hz: 0.1,
+                high_hz: 10.0,
+            },
+            class_default: -1.34,
+            calibrated: -0.46,
+        };
+        let mut notes = Vec::new();
+        let one = compared([(0.0, 0.1), (0.0, 0.1)], Some(&nothing));
+        let (deviation, source) = one.checked((0.05, Source::Log), &mut notes);
+        assert!(deviation * Z95 >= 1.0 && source == Source::LogAndClass, "{notes:?}");
+        let same_as_class = Compared { class: 0.01, ..one };
+        let (deviation, source) = same_as_class.checked((0.05, Source::Log), &mut notes);
+        assert!(deviation == 0.3 && source == Source::LogAndClass, "{notes:?}");
     }
 
     #[test]

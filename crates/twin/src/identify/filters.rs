@@ -52,6 +52,14 @@ impl Biquad {
     }
 }
 
+/// What a second-order Butterworth low-pass, as of an autopilot's sensor, leaves of a signal that it has settled on at
+/// its first row; nothing is changed where the rows are too slow for the corner to matter.
+pub(crate) fn through_low_pass(values: &mut [f64], corner_hz: f64, step_s: f64) {
+    if corner_hz < 0.45 / step_s {
+        Biquad::low_pass(corner_hz, step_s).run(values);
+    }
+}
+
 /// A band, Hz; `low` 0: no high-pass.
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, utoipa::ToSchema)]
 #[schema(as = FrequencyBand)]

@@ -12,6 +12,7 @@ use std::ops::Range;
 use super::actuator::lagged;
 use super::class::{self, Class};
 use super::curve::Curve;
+use super::filters::through_low_pass;
 use super::frames::Place;
 use super::grid::{Grid, mean_deviation};
 use super::observer::{
@@ -367,7 +368,7 @@ impl Channels {
 
 /// Model inputs of one piece.
 pub(crate) struct Series {
-    /// Sum of the rotors' thrust over mass at each row, m/s².
+    /// Sum of the rotors' thrust over mass at each row, m/s², as the accelerometer's low-pass leaves it.
     pub(crate) lift: Vec<f64>,
     /// Lever times thrust over mass, mean over the step, less its mean: roll, pitch, yaw; in units of the arm.
     pub(crate) torque: [Vec<f64>; 3],
@@ -409,6 +410,9 @@ impl Series {
                     *sum += lever * thrust;
                 }
             }
+        }
+        if let Some(corner_hz) = grid.accel_low_pass_hz {
+            through_low_pass(&mut lift, corner_hz, grid.step_s);
         }
         for torque in &mut torque {
             let mean = torque.iter().sum::<f64>() / torque.len() as f64;

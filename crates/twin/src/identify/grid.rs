@@ -2,6 +2,7 @@
 
 use std::ops::Range;
 
+use super::slow_outputs::Slow;
 use crate::log::flight_parts::EventKind;
 use crate::log::rest::{quiet_mean, scale_of};
 use crate::log::{FlightLog, GAP_FACTOR, names};
@@ -57,6 +58,8 @@ pub(crate) struct Grid {
     pub(crate) accel: [Option<Vec<f64>>; 3],
     /// True if the force along z is derived from the estimator's acceleration, for lack of an accelerometer.
     pub(crate) accel_from_estimator: bool,
+    /// Corner of the autopilot's low-pass of the accelerometer, Hz, where it is known.
+    pub(crate) accel_low_pass_hz: Option<f64>,
     pub(crate) voltage: Option<Vec<f64>>,
     pub(crate) current: Option<Vec<f64>>,
     /// Roll, pitch, yaw.
@@ -69,6 +72,8 @@ pub(crate) struct Grid {
     pub(crate) rest: Option<Range<usize>>,
     /// Measured |a| at rest over 9.81 m/s²; readings are divided by it.
     pub(crate) accel_scale: Option<f64>,
+    /// Motor outputs that come too slowly for roll and pitch.
+    pub(crate) slow_outputs: Option<Slow>,
     /// Logged above 600 Hz, and decimated.
     pub(crate) fast: bool,
     pub(crate) notes: Vec<String>,
@@ -138,6 +143,7 @@ impl Grid {
             rates: three(names::RATES),
             accel,
             accel_from_estimator,
+            accel_low_pass_hz: log.accelerometer_low_pass().map(|filter| filter.corner_hz),
             voltage: owned(names::BATTERY_VOLTAGE),
             current: owned(names::BATTERY_CURRENT),
             attitude: three(names::ATTITUDE),
@@ -145,11 +151,13 @@ impl Grid {
             airborne: Vec::new(),
             rest: None,
             accel_scale: None,
+            slow_outputs: None,
             fast: false,
             notes: Vec::new(),
         };
         grid.find_rest();
         grid.decimate();
+        grid.slow_outputs = Slow::of(log, grid.step_s, grid.fast);
         grid.find_airborne()?;
         grid.leave_out_motors_off(log)?;
         Ok(grid)

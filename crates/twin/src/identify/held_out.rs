@@ -13,6 +13,7 @@ use super::fit::{self, Fitted, Series};
 use super::frames::Place;
 use super::grid::Grid;
 use super::plausible::{has_possible_gyration, has_possible_moment};
+use super::slow_outputs::Slow;
 use super::yaw::{self, Yaw, derivative};
 use super::{IdentifyError, Request, prepare, slow};
 use crate::log::FlightLog;
@@ -132,7 +133,11 @@ impl Halves {
         let (first, second): (Vec<Grid>, Vec<Grid>) = grids.iter().filter_map(split).map(|[a, b]| (a, b)).unzip();
         let step_s = first.iter().map(|grid| grid.step_s).reduce(f64::max)?;
         let fast = first.iter().all(|grid| grid.fast);
-        let lift = Band::of_lift(step_s, fast);
+        let mut lift = Band::of_lift(step_s, fast);
+        // Above its low-pass an accelerometer shows nothing that could be predicted.
+        for corner_hz in first.iter().filter_map(|grid| grid.accel_low_pass_hz) {
+            lift.high_hz = lift.high_hz.min(corner_hz);
+        }
         let channels: [(&'static str, Band); 5] = [
             (LIFT, lift),
             (LIFT_WITHOUT_DRIFT, Band { low_hz: 0.1, ..lift }),
@@ -255,10 +260,12 @@ fn calibrate(grids: &[Grid], places: &[Place], class: &Class, request: &Request,
     } else {
         (fitted, _) = fit::with_a_possible_slope(&problem(voltage_slope), arm_m, fitted);
     }
-    // What no vehicle has is not written, so it is not judged either: the class's value is in its place.
+    // What no vehicle has, or slow outputs cannot tell, is not written, so it is not judged either: the class's value is
+    // in its place.
+    let slow_outputs = Slow::slowest(grids).is_some();
     let of_class = fit::class_gain(class, arm_m);
     let gain = [0, 1].map(|axis| {
-        if has_possible_gyration(fitted.gain[axis], arm_m) {
+        if !slow_outputs && has_possible_gyration(fitted.gain[axis], arm_m) {
             fitted.gain[axis]
         } else {
             of_class[axis]
@@ -268,12 +275,17 @@ fn calibrate(grids: &[Grid], places: &[Place], class: &Class, request: &Request,
     let (yaw_gain, reaction_s) = yaw
         .filter(|yaw| has_possible_moment(yaw.gain, gain, arm_m))
         .map_or((default_yaw(class, arm_m), 0.0), |yaw| {
-            (yaw.gain, yaw.reaction.value_s())
+            (yaw.gain, if slow_outputs { 0.0 } else { yaw.reaction.value_s() })
         });
+    let (lag_s, delay_s) = if slow_outputs {
+        (class.lag_s, class.delay_s)
+    } else {
+        (fitted.lag_s, fitted.delay_s)
+    };
     let model = Model {
         curve: fitted.curve,
-        lag_s: fitted.lag_s,
-        delay_s: fitted.delay_s,
+        lag_s,
+        delay_s,
         gain,
         yaw_gain,
         reaction_s,

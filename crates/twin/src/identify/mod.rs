@@ -309,6 +309,21 @@ fn estimate_all(
     }
     notes.extend(slow::unlike(grids, &fitted.curve));
     let yaw = yaw::fit(grids, places, &fitted);
+    let flights: Vec<(fit::Fitted, Excitation)> = match grids {
+        [_] => Vec::new(),
+        _ => grids
+            .iter()
+            .map(|grid| {
+                let only = std::slice::from_ref(grid);
+                let problem = fit::Problem {
+                    grids: only,
+                    bench: bench.as_ref().and_then(bench::About::prior),
+                    ..problem(voltage_slope.0)
+                };
+                (fit::fit(&problem, request.arm_m), Excitation::of(only))
+            })
+            .collect(),
+    };
     let halves = Halves::of(grids, places, &class, request, given_bench);
     if grids.iter().all(|grid| grid.rates.is_some() && grid.accel[2].is_some()) {
         notes.extend(excitation.note());
@@ -320,6 +335,7 @@ fn estimate_all(
         );
     }
     let rotors = places.len();
+    let slow_outputs = slow_outputs::Slow::slowest(grids);
     let (numbers, values) = findings::Findings {
         request,
         class,
@@ -328,16 +344,18 @@ fn estimate_all(
         fitted: &fitted,
         yaw,
         halves: halves.as_ref(),
+        flights: &flights,
         voltage_slope,
         has_voltage,
         rotors,
         against_the_motion: airframe.against_the_motion,
         excitation,
+        slow_outputs: slow_outputs.is_some(),
         bench: bench.as_ref(),
         impossible_slope,
     }
     .values(&mut notes);
-    if let Some(slow) = slow_outputs::Slow::of(logs, grids) {
+    if let Some(slow) = slow_outputs {
         slow.tell(&mut notes);
     }
     if let Some(doubt) = plausible::doubt(request, rotors, numbers.cells) {

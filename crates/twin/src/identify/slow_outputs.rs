@@ -5,6 +5,7 @@
 //! up and down again, so the torque to which the vehicle responded is not in the log: a fit then makes the vehicle too
 //! sluggish, by any factor.
 
+use super::filters::Band;
 use super::grid::Grid;
 use crate::log::{FlightLog, SensorRate, SourceKind};
 
@@ -14,7 +15,8 @@ const SAMPLES: f64 = 3.0;
 pub(super) const ADVICE: &str = ": check mass, arm, frame and the order of the outputs before all else";
 
 /// Outputs that are too slow.
-pub(super) struct Slow {
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Slow {
     hz: f64,
     /// What roll and pitch are compared up to, Hz.
     band_hz: f64,
@@ -22,20 +24,21 @@ pub(super) struct Slow {
 }
 
 impl Slow {
-    /// The slowest of the logs, if its outputs are too slow.
-    pub(super) fn of(logs: &[FlightLog], grids: &[Grid]) -> Option<Self> {
-        let rates = logs.iter().zip(grids).filter_map(|(log, grid)| {
-            let rate = log.duty_rate().filter(SensorRate::is_slower)?;
-            let band = super::Band::of_torque(grid.step_s, grid.fast);
-            Some(Self {
-                hz: rate.source_hz,
-                band_hz: band.high_hz,
-                kind: log.source.kind,
-            })
-        });
-        rates
-            .filter(|slow| slow.hz < SAMPLES * slow.band_hz)
-            .min_by(|a, b| a.hz.total_cmp(&b.hz))
+    /// Those of a log, if they are too slow for the band that its rows are compared in ([`Band::of_torque`]).
+    pub(super) fn of(log: &FlightLog, step_s: f64, fast: bool) -> Option<Self> {
+        let rate = log.duty_rate().filter(SensorRate::is_slower)?;
+        let slow = Self {
+            hz: rate.source_hz,
+            band_hz: Band::of_torque(step_s, fast).high_hz,
+            kind: log.source.kind,
+        };
+        (slow.hz < SAMPLES * slow.band_hz).then_some(slow)
+    }
+
+    /// The slowest of the logs.
+    pub(super) fn slowest(grids: &[Grid]) -> Option<Self> {
+        let slow = grids.iter().filter_map(|grid| grid.slow_outputs);
+        slow.min_by(|a, b| a.hz.total_cmp(&b.hz))
     }
 
     /// Puts this before all other notes, and removes those that blame something else instead.

@@ -955,6 +955,19 @@ const WANTED: [&str; 21] = [
     "error",
 ];
 
+/// Words of a measured or estimated state, which axes alone are then those of a position: `x_estimate`,
+/// `stateEstimate.x`.
+const STATES: [&str; 8] = [
+    "state",
+    "estimate",
+    "estimated",
+    "est",
+    "kalman",
+    "ekf",
+    "vicon",
+    "mocap",
+];
+
 fn map_columns(columns: &mut [Column], out: &mut Writer) {
     let name = |columns: &[Column], index: usize| columns[index].name.clone();
     let names = |columns: &[Column], found: [usize; 3]| found.map(|i| name(columns, i));
@@ -1085,7 +1098,7 @@ fn map_columns(columns: &mut [Column], out: &mut Writer) {
     } else {
         out.ask("rates", "no columns for the body rates (gyroscope) were recognised: which ones are they? Without them no torque can be tested".to_owned());
     }
-    attitude(columns, out);
+    attitude(columns, body, out);
     world(columns, out);
     rotors(columns, out);
     battery(columns, out);
@@ -1165,7 +1178,8 @@ fn quaternion_of_list(columns: &mut [Column], out: &mut Writer) {
     });
 }
 
-fn attitude(columns: &mut [Column], out: &mut Writer) {
+/// * `body`: axes of the accelerometer, if gravity shows them
+fn attitude(columns: &mut [Column], body: Option<&str>, out: &mut Writer) {
     let mut not = WANTED.to_vec();
     not.extend([
         "rate",
@@ -1208,6 +1222,16 @@ fn attitude(columns: &mut [Column], out: &mut Writer) {
             format!(
                 "{}: degrees or radians? The largest of roll and pitch is {tilt:.2}, so {unit} is written here",
                 columns[found[0]].name
+            ),
+        );
+    }
+    if body == Some("flu") {
+        out.ask(
+            "attitude",
+            format!(
+                "{} to {}: the accelerometer's axes are forward, left, up. Are the angles those of such axes (nwu-flu, enu-flu), or those of an autopilot \
+                 (ned-frd: a positive pitch raises the nose)? ned-frd is written here",
+                columns[found[0]].name, columns[found[2]].name
             ),
         );
     }
@@ -1263,8 +1287,10 @@ fn world(columns: &mut [Column], out: &mut Writer) {
                 Some((three_of(list_of(columns, &names, &not, 3)?)?, ""))
             })
             .or_else(|| {
-                // x, y, z and nothing else: the output of a motion capture.
-                let found = triple_of(columns, &AXES[..1], |c| to == "position" && c.words.len() == 1)?;
+                // x, y, z and at most a word for a state: the output of a motion capture or of an estimator.
+                let bare =
+                    |c: &Column| c.words.len() == 1 || c.words.iter().any(|word| STATES.contains(&word.as_str()));
+                let found = triple_of(columns, &AXES[..1], |c| to == "position" && bare(c) && !c.has(&not))?;
                 Some((found, ""))
             });
         let Some((found, frame)) = found else { continue };
@@ -1620,6 +1646,30 @@ mod tests {
     }
 
     /// As a motion capture writes it; the three columns were mistaken for the velocity, which has none.
+    #[test]
+    fn regress_axes_of_an_estimate_are_a_position_and_the_angles_beside_them_are_asked_about() {
+        for names in [
+            "x_estimate,y_estimate,z_estimate",
+            "stateEstimate.x,stateEstimate.y,stateEstimate.z",
+        ] {
+            let mut text = format!("time,{names},acc.x,acc.y,acc.z,stabilizer.roll,stabilizer.pitch,stabilizer.yaw\n");
+            for k in 0..50 {
+                let t = 0.01 * f64::from(k);
+                text += &format!("{t},{},1.0,0.4,{t},0.01,0.99,2.0,{t},-3.0\n", 0.1 * t);
+            }
+            let draft = draft(Path::new("cf.csv"), text.as_bytes()).unwrap();
+            let row = draft.rows.iter().find(|row| row.to == "position").expect("a position");
+            assert_eq!(row.from.join(","), names);
+            let asked = |about: &str, word: &str| {
+                draft
+                    .questions
+                    .iter()
+                    .any(|one| one.about == about && one.sentence.contains(word))
+            };
+            assert!(asked("attitude", "nwu-flu"), "{:?}", draft.questions);
+        }
+    }
+
     #[test]
     fn regress_three_bare_axes_are_a_position() {
         let rows: Vec<String> = (0..50)

@@ -27,6 +27,7 @@ mod findings;
 pub mod flight_parts;
 mod gate;
 mod happenings;
+pub(crate) mod low_pass;
 mod mapping;
 pub mod names;
 mod outputs;

@@ -182,6 +182,9 @@ impl FlightLog {
     }
 
     /// Rate of one column; `None` where too few values are new.
+    ///
+    /// The axes of an inertial sensor come together, so its rate is that of the axis with the most new values: a gyro
+    /// with steps of 1 °/s repeats many readings on an axis that hardly turns.
     pub fn source_rate(&self, column: &str) -> Option<SensorRate> {
         let rows_hz = self.sample_rate_hz();
         let values = self.column(column)?;
@@ -190,11 +193,14 @@ impl FlightLog {
             return None;
         }
         let in_time = in_time(&self.time_s, &knots);
-        let span: f64 = in_time
-            .iter()
-            .map(|pair| self.time_s[pair[1]] - self.time_s[pair[0]])
-            .sum();
-        let source_hz = (in_time.len() as f64 / span).min(rows_hz);
+        let of_sensor = [names::RATES, names::ACCEL]
+            .into_iter()
+            .find(|axes| axes.contains(&column));
+        let others = of_sensor.into_iter().flatten().filter(|axis| *axis != column);
+        let source_hz = others
+            .filter_map(|axis| new_values_hz(&self.time_s, self.column(axis)?))
+            .fold(rate_of(&self.time_s, &in_time), f64::max)
+            .min(rows_hz);
         let angle = names::ATTITUDE.contains(&column);
         let change = |k: usize| {
             let change = values[knots[k]] - values[knots[k - 1]];
@@ -233,6 +239,18 @@ impl FlightLog {
         }
         Some(rate)
     }
+}
+
+/// New values per second; `None` where they are too few.
+fn new_values_hz(time_s: &[f64], values: &[f64]) -> Option<f64> {
+    let knots = knots(time_s, values);
+    (knots.len() >= FEWEST).then(|| rate_of(time_s, &in_time(time_s, &knots)))
+}
+
+/// Rate of new values that follow each other as usual, Hz.
+fn rate_of(time_s: &[f64], in_time: &[&[usize]]) -> f64 {
+    let span: f64 = in_time.iter().map(|pair| time_s[pair[1]] - time_s[pair[0]]).sum();
+    in_time.len() as f64 / span
 }
 
 /// Pairs of neighbouring new values that follow each other as usual.
@@ -315,6 +333,29 @@ mod tests {
         let of = |name: &str| found.iter().find(|rate| rate.column == name).expect(name);
         assert!(!of(names::RATES[0]).is_slower() && of(names::RATES[0]).between == 0.0);
         assert!(of(names::VELOCITY[0]).held && !of(names::VELOCITY[1]).held);
+    }
+
+    /// "Slower than the rows (983 Hz): roll_rate_rad_s 554.9 Hz, pitch_rate_rad_s 471.5 Hz" of one gyroscope.
+    #[test]
+    fn regress_readings_that_repeat_do_not_slow_one_axis_of_a_sensor() {
+        let time: Vec<f64> = (0..4000).map(|k| f64::from(k) * 0.001).collect();
+        let noise = |k: i32| f64::from((k * k * 31 + k * 7) % 101) / 101.0 - 0.5;
+        let degree = 1.0_f64.to_radians();
+        // In whole degrees a second: one axis turns, the others hardly do.
+        let axis = |most: f64| {
+            (0..4000)
+                .map(|k| (most * noise(k)).round() * degree)
+                .collect::<Vec<f64>>()
+        };
+        let columns = names::RATES
+            .map(str::to_owned)
+            .into_iter()
+            .zip([axis(400.0), axis(2.0), axis(3.0)]);
+        let log = FlightLog::from_columns("coarse", time, columns).expect("a log");
+        for name in names::RATES {
+            let rate = log.source_rate(name).expect("a rate");
+            assert!(!rate.is_slower() && rate.between == 0.0, "{rate:?}");
+        }
     }
 
     #[test]

@@ -31,12 +31,17 @@ pub(super) struct Whole {
 /// Band of a sensor, Hz; none if the sensor is too slow for one.
 pub(super) fn of_rate(rate_hz: f64) -> Option<[f64; 2]> {
     let top = FASTEST * rate_hz;
-    (top >= LEAST_WIDTH * SLOWEST_HZ).then_some([SLOWEST_HZ, top])
+    (top >= least_top()).then_some([SLOWEST_HZ, top])
+}
+
+/// Lowest upper end of a band, Hz.
+pub(super) fn least_top() -> f64 {
+    LEAST_WIDTH * SLOWEST_HZ
 }
 
 /// Slowest sensor that has a band, Hz.
 pub(super) fn least_rate() -> f64 {
-    LEAST_WIDTH * SLOWEST_HZ / FASTEST
+    least_top() / FASTEST
 }
 
 /// Vibration within a band; none if no block is whole.

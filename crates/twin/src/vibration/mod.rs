@@ -12,14 +12,15 @@
 //! itself: new propellers differ, too.
 //!
 //! Limits: a sensor sampled at less than some 2.2 times per revolution shows nothing of it; two rotors that always turn
-//! at the same speed cannot be distinguished; filters of the autopilot before logging (notches at rotor speed above
-//! all) remove the signal.
+//! at the same speed cannot be distinguished; filters of the autopilot before logging remove the signal: notches at
+//! rotor speed above all, and low-passes, which end the band where the log states their corner.
 
 mod band;
 mod growth;
 mod orders;
 mod speeds;
 
+use crate::log::low_pass::LowPass;
 use crate::log::{FlightLog, names};
 use crate::model::ModelVersion;
 use crate::predict::PredictError;
@@ -197,42 +198,50 @@ fn vibration_up_to(log: &FlightLog, model: Option<&ModelVersion>, top_hz: f64) -
         (None, None) => return by_sensor(log, "no vibration", |sensor| as_a_whole(&sensor, &air, top_hz)),
     };
     let mean = speeds::mean_in(&log.time_s, &speeds, &air);
-    by_sensor(
-        log,
-        "no vibration by rotor",
-        |Sensed {
-             sensor, axes, rate_hz, ..
-         }| {
-            let fastest = if from_telemetry { mean / TAU } else { speeds::SLOWEST_HZ };
-            if fastest > speeds::FASTEST * rate_hz {
-                return Err(format!(
-                    "the {} comes at {rate_hz:.0} Hz, too slow for rotors at {fastest:.0} Hz{}",
-                    sensor.name(),
-                    if from_telemetry { "" } else { " and above" }
-                ));
-            }
-            let shaken = Shaken {
-                time_s: &log.time_s,
-                axes,
-                speeds: speeds.clone(),
-                reference: mean,
-                blocks: turning(
-                    orders::blocks(&log.time_s, &air, log.sample_rate_hz()),
-                    &speeds,
-                    from_telemetry,
-                ),
-            };
-            of_sensor(log, sensor, rate_hz, shaken, from_telemetry)
-        },
-    )
+    by_sensor(log, "no vibration by rotor", |sensed| {
+        let Sensed {
+            sensor, axes, rate_hz, ..
+        } = sensed;
+        let fastest = if from_telemetry { mean / TAU } else { speeds::SLOWEST_HZ };
+        if fastest > speeds::FASTEST * rate_hz {
+            return Err(format!(
+                "the {} comes at {rate_hz:.0} Hz, too slow for rotors at {fastest:.0} Hz{}",
+                sensor.name(),
+                if from_telemetry { "" } else { " and above" }
+            ));
+        }
+        let shaken = Shaken {
+            time_s: &log.time_s,
+            axes,
+            speeds: speeds.clone(),
+            reference: mean,
+            blocks: turning(
+                orders::blocks(&log.time_s, &air, log.sample_rate_hz()),
+                &speeds,
+                from_telemetry,
+            ),
+        };
+        of_sensor(log, sensor, rate_hz, shaken, from_telemetry).map_err(|reason| reason + &sensed.filtered())
+    })
 }
 
-/// An inertial sensor of a log, and the rate that it comes at, Hz.
+/// An inertial sensor of a log, the rate that it comes at, Hz, and the autopilot's filter before it was logged.
 struct Sensed<'a> {
     log: &'a FlightLog,
     sensor: Sensor,
     axes: [&'a [f64]; 3],
     rate_hz: f64,
+    low_pass: Option<LowPass>,
+}
+
+impl Sensed<'_> {
+    /// What the filter has removed, at the end of a reason.
+    fn filtered(&self) -> String {
+        self.low_pass
+            .map_or_else(String::new, |LowPass { corner_hz, setting }| {
+                format!(" (the autopilot filters it above {corner_hz:.0} Hz before it logs it: {setting})")
+            })
+    }
 }
 
 /// What the first sensor that shows anything shows.
@@ -246,6 +255,10 @@ fn by_sensor<'a>(
 ) -> Result<Vibration, PredictError> {
     let mut reasons = Vec::new();
     for sensor in [Sensor::Accelerometer, Sensor::Gyro] {
+        let low_pass = match sensor {
+            Sensor::Accelerometer => log.accelerometer_low_pass(),
+            Sensor::Gyro => log.gyro_low_pass(),
+        };
         let rate_hz = log.source_rate(sensor.columns()[2]).map_or(0.0, |rate| rate.source_hz);
         let found = match log.vector(sensor.columns()) {
             Some(axes) => of(Sensed {
@@ -253,6 +266,7 @@ fn by_sensor<'a>(
                 sensor,
                 axes,
                 rate_hz,
+                low_pass,
             }),
             None => Err(format!("no {}", sensor.name())),
         };
@@ -271,14 +285,25 @@ fn as_a_whole(sensed: &Sensed<'_>, air: &[(f64, f64)], top_hz: f64) -> Result<Vi
         sensor,
         axes,
         rate_hz,
+        low_pass,
     } = *sensed;
-    let [low, high] = band::of_rate(rate_hz).ok_or_else(|| {
+    let [low, mut high] = band::of_rate(rate_hz).ok_or_else(|| {
         format!(
             "the {} comes at {rate_hz:.0} Hz; at least {:.0} Hz are needed",
             sensor.name(),
             band::least_rate()
         )
     })?;
+    if let Some(LowPass { corner_hz, setting }) = low_pass {
+        if corner_hz < band::least_top() {
+            return Err(format!(
+                "the autopilot filters the {} above {corner_hz:.0} Hz before it logs it ({setting}), so its vibration is not in the log; a corner of at least {:.0} Hz is needed",
+                sensor.name(),
+                band::least_top()
+            ));
+        }
+        high = high.min(corner_hz);
+    }
     let shaken = Shaken {
         time_s: &log.time_s,
         axes,

@@ -23,6 +23,7 @@ impl Pass for Coverage {
                 .any(|one| one.effect == effect && !one.columns.is_empty())
         };
         diagnosis.not_testable.retain(|row| !lacks(&row.effect));
+        diagnosis.ranking.retain(|row| !lacks(&row.effect));
         Ok(())
     }
 }

@@ -43,6 +43,12 @@ impl Pass for FinalVerdict {
         if !matches!(diagnosis.verdict, Verdict::CalibrateFirst { .. }) {
             forget_what_raises(diagnosis, &state.doubts);
         }
+        let nothing_named =
+            diagnosis.effects.is_empty() && diagnosis.sensor_or_timing.is_empty() && diagnosis.calibrate.is_empty();
+        if nothing_named && diagnosis.verdict == Verdict::OutsideCatalogue {
+            // They are the errors of a fit that is not believed.
+            diagnosis.held_out.clear();
+        }
         // While something is unexplained, intervals are too narrow to contradict a guess.
         if state.doubts.is_empty() && diagnosis.goodness.unexplained.is_empty() {
             let learned = calibration::learned(&state.problem)?;

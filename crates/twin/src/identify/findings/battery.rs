@@ -14,6 +14,8 @@ const CENTRE_DEVIATION: f64 = 0.01;
 const EVENNESS_DEVIATION: f64 = 0.03;
 /// Deviation of the thrust at full duty, relative, if the curve only extrapolates.
 const TOP_DEVIATION: f64 = 0.05;
+/// Power coefficients of real vehicles, over their class's: small propellers on long arms take more.
+const USUAL_POWER: std::ops::Range<f64> = 0.4..2.5;
 /// Deviation of a dead zone, duty.
 const DEAD_ZONE_DEVIATION: f64 = 0.01;
 
@@ -79,7 +81,7 @@ impl Findings<'_> {
     }
 
     /// Cells, mean voltage in the air, capacity, resistance, k_P.
-    pub(super) fn battery(&self, values: &mut Vec<Estimate>) -> (u32, f64, f64, f64, f64) {
+    pub(super) fn battery(&self, values: &mut Vec<Estimate>, notes: &mut Vec<String>) -> (u32, f64, f64, f64, f64) {
         let (mass, arm) = (self.request.mass_kg, self.request.arm_m);
         let found = slow::battery(self.grids, &self.fitted.curve);
         let parameter = |names: &[&str]| -> Option<f64> {
@@ -183,6 +185,13 @@ impl Findings<'_> {
             (None, Some((value, deviation))) => (value, deviation, Source::Bench),
             (None, None) => (class_power, 0.35, Source::Class),
         };
+        if source == Source::Log && !USUAL_POWER.contains(&(power / class_power)) {
+            notes.push(format!(
+                "the rotors take {power:.1} W/N^1.5, {:.1} times what vehicles of this class with propellers as large as the arms allow take: check the mass, the \
+                 arm, and the scale of the current sensor",
+                power / class_power
+            ));
+        }
         values.push(
             Estimate::log_normal(
                 "battery.power_coefficient_w_per_n15",

@@ -4,7 +4,8 @@ use super::{Findings, as_far_as_excited, whose_in_all};
 use crate::identify::agreement::Compared;
 use crate::identify::class;
 use crate::identify::estimate::Estimate;
-use crate::identify::fit::GAIN;
+use crate::identify::excitation::Excitation;
+use crate::identify::fit::{Fitted, GAIN};
 use crate::identify::plausible::{GYRATION_OVER_ARM, gyration_over_arm, has_possible_gyration};
 use crate::identify::slow_outputs::ADVICE;
 use crate::model::constants::Source;
@@ -45,6 +46,8 @@ impl Findings<'_> {
             };
             let (value, deviation, source, how) = if !is_its_frame {
                 of_class(axis, "the motion contradicts the frame, so its torques determine no inertia".to_owned())
+            } else if self.slow_outputs {
+                of_class(axis, "the motor outputs come too slowly to determine it".to_owned())
             } else if !has_possible_gyration(fitted.gain[axis], arm) {
                 let impossible = format!(
                     "the flight indicates {flown:.3e} kg·m², a radius of gyration of {gyration:.2} arms, which is impossible for {mass} kg on arms of {arm} m \
@@ -70,17 +73,19 @@ impl Findings<'_> {
                     (fitted.covariance[(i, i)].sqrt(), class::INERTIA_LOG_DEVIATION),
                     source,
                 );
-                let halves = self.by_halves(
-                    |half| ((mass * arm / half.gain[axis]).ln(), half.covariance[(i, i)].sqrt()),
-                    |excitation| excitation.rate[axis],
-                );
+                let by_itself =
+                    |part: &Fitted| ((mass * arm / part.gain[axis]).ln(), part.covariance[(i, i)].sqrt());
+                let excited = |excitation: &Excitation| excitation.rate[axis];
+                let halves = self.by_halves(by_itself, excited);
                 let cannot_be = |value: &f64| !has_possible_gyration(mass * arm / value.exp(), arm);
                 let compared = Compared {
                     name,
                     impossible: halves.iter().flatten().map(|(value, _)| *value).find(cannot_be),
                     whole: flown.ln(),
                     class: of_its_class.ln(),
+                    class_deviation: class::INERTIA_LOG_DEVIATION,
                     halves,
+                    flights: self.by_flight(by_itself, excited),
                     score: self.halves.and_then(|halves| halves.acceleration(axis)),
                     shown: &|logarithm| format!("{:.3e} kg·m²", logarithm.exp()),
                 };

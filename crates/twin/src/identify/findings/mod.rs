@@ -29,12 +29,16 @@ pub(crate) struct Findings<'a> {
     pub(crate) yaw: Option<Yaw>,
     /// The estimates from each half of the flights, if they are long enough.
     pub(crate) halves: Option<&'a Halves>,
+    /// The estimate from each flight by itself, if there are several.
+    pub(crate) flights: &'a [(Fitted, Excitation)],
     pub(crate) voltage_slope: (f64, f64, Source),
     pub(crate) has_voltage: bool,
     pub(crate) rotors: usize,
     /// [`Airframe::against_the_motion`](super::Airframe::against_the_motion)
     pub(crate) against_the_motion: bool,
     pub(crate) excitation: Excitation,
+    /// The motor outputs come too slowly to determine inertias, lag and the torque of the rotors' acceleration.
+    pub(crate) slow_outputs: bool,
     /// Bench results, if they are of this rotor and do not contradict the flight.
     pub(crate) bench: Option<&'a About>,
     /// n that the flight indicates but no propeller has; the curve is then the class's.
@@ -89,8 +93,8 @@ impl Findings<'_> {
         let inertia = self.inertia(is_its_frame, &mut values, notes);
         let (moment_ratio, yaw_inertia, reaction_s) = self.yaw(is_its_frame, inertia, &mut values, notes);
         let (drag, rotor_drag) = self.drag(&mut values, notes);
-        self.thrust(&mut values, notes);
-        let battery = self.battery(&mut values);
+        let lag_s = self.thrust(&mut values, notes);
+        let battery = self.battery(&mut values, notes);
         self.assumed(&mut values, battery.1, battery.4);
         let scale = self.grids.iter().find_map(|grid| grid.accel_scale);
         if let Some(scale) = scale {
@@ -105,7 +109,7 @@ impl Findings<'_> {
                 )
                 .how("mean specific force before take-off; readings were divided by it"),
             );
-        } else if !self.grids[0].accel_from_estimator {
+        } else if self.grids[0].accel[2].is_some() && !self.grids[0].accel_from_estimator {
             notes.push(
                 "no rest before take-off: the accelerometer's scale is not checked (5 s of standing still would do)"
                     .to_owned(),
@@ -114,7 +118,7 @@ impl Findings<'_> {
         let fitted = self.fitted;
         let numbers = Numbers {
             curve: fitted.curve,
-            lag_s: (fitted.lag_s + fitted.delay_s).clamp(0.005, 1.0),
+            lag_s: lag_s.clamp(0.005, 1.0),
             inertia: [inertia[0].0, inertia[1].0, yaw_inertia],
             moment_ratio,
             reaction_s,
@@ -138,6 +142,16 @@ impl Findings<'_> {
     ) -> Option<[(f64, f64); 2]> {
         let halves = self.halves.filter(|halves| halves.excitation.iter().all(excited))?;
         Some(halves.fitted.each_ref().map(value))
+    }
+
+    /// A value and its deviation from each flight that excites it, if there are several.
+    fn by_flight(
+        &self,
+        value: impl Fn(&Fitted) -> (f64, f64),
+        excited: impl Fn(&Excitation) -> bool,
+    ) -> Vec<(f64, f64)> {
+        let told = self.flights.iter().filter(|(_, excitation)| excited(excitation));
+        told.map(|(fitted, _)| value(fitted)).collect()
     }
 
     /// Whether rotors at these places would turn the vehicle far more than it turns, with its own constants and with

@@ -5,6 +5,7 @@ use crate::Z95;
 use crate::identify::agreement::Compared;
 use crate::identify::class;
 use crate::identify::estimate::Estimate;
+use crate::identify::excitation::Excitation;
 use crate::identify::fit::{ALPHA, BETA, DELAY, Fitted, LAG, SLOPES};
 use crate::identify::held_out::Halves;
 use crate::identify::slow;
@@ -18,8 +19,8 @@ const LEVEL_BY_ATTITUDE: f64 = 0.05;
 const LEVEL_BY_WEIGHT: f64 = 0.15;
 
 impl Findings<'_> {
-    /// Level, slope, dependence on voltage and time, and lag.
-    pub(super) fn thrust(&self, values: &mut Vec<Estimate>, notes: &mut Vec<String>) {
+    /// Level, slope, dependence on voltage and time, and lag; lag and delay together, s.
+    pub(super) fn thrust(&self, values: &mut Vec<Estimate>, notes: &mut Vec<String>) -> f64 {
         let fitted = self.fitted;
         let curve = &fitted.curve;
         let measured = self.grids.iter().all(|grid| grid.accel[2].is_some());
@@ -47,7 +48,7 @@ impl Findings<'_> {
         values.push(self.over_voltage(notes));
         self.falls(values);
         values.push(self.level(measured, level));
-        self.lag(values);
+        self.lag(values, notes)
     }
 
     /// n, the slope of ln thrust over ln duty at hover.
@@ -76,7 +77,9 @@ impl Findings<'_> {
             name: "thrust slope",
             whole: curve.slope(),
             class: self.class.slope,
+            class_deviation: class::SLOPE_DEVIATION,
             halves: self.by_halves(slope_of, |excitation| excitation.lift),
+            flights: self.by_flight(slope_of, |excitation| excitation.lift),
             impossible: None,
             score: self.halves.and_then(Halves::lift),
             shown: &|slope| format!("n = {slope:.2}"),
@@ -208,8 +211,11 @@ impl Findings<'_> {
         .how(level_how)
     }
 
-    /// Lag and delay of the motors.
-    fn lag(&self, values: &mut Vec<Estimate>) {
+    /// Lag and delay of the motors; their sum, s.
+    fn lag(&self, values: &mut Vec<Estimate>, notes: &mut Vec<String>) -> f64 {
+        if self.slow_outputs {
+            return self.lag_of_the_class(values);
+        }
         let fitted = self.fitted;
         let covariance = &fitted.covariance;
         let lag_deviation = covariance[(LAG, LAG)].sqrt();
@@ -218,6 +224,25 @@ impl Findings<'_> {
             (lag_deviation, class::LAG_LOG_DEVIATION),
             (fitted.lag_s / self.class.lag_s).ln() / class::LAG_LOG_DEVIATION,
         );
+        // Roll and pitch determine it; the one that is predicted better counts.
+        let turns = |excitation: &Excitation| excitation.rate[0] || excitation.rate[1];
+        let lag_of = |fitted: &Fitted| (fitted.lag_s.ln(), fitted.covariance[(LAG, LAG)].sqrt());
+        let scores = [0, 1].map(|axis| self.halves.and_then(|halves| halves.acceleration(axis)));
+        let compared = Compared {
+            name: "motor lag",
+            whole: fitted.lag_s.ln(),
+            class: self.class.lag_s.ln(),
+            class_deviation: class::LAG_LOG_DEVIATION,
+            halves: self.by_halves(lag_of, turns),
+            flights: self.by_flight(lag_of, turns),
+            impossible: None,
+            score: scores
+                .into_iter()
+                .flatten()
+                .max_by(|a, b| a.calibrated.total_cmp(&b.calibrated)),
+            shown: &|logarithm| format!("{:.1} ms", 1e3 * logarithm.exp()),
+        };
+        let (lag_deviation, lag_source) = compared.checked((lag_deviation, lag_source), notes);
         values.push(
             Estimate::log_normal(
                 "motor.lag_s",
@@ -257,6 +282,46 @@ impl Findings<'_> {
         // A delay has a different effect: without it the lag is τ.
         both.low = both.low.min(fitted.lag_s / (Z95 * lag_deviation).exp());
         values.push(both);
+        sum
+    }
+
+    /// The same if the outputs come too slowly to determine either.
+    fn lag_of_the_class(&self, values: &mut Vec<Estimate>) -> f64 {
+        const HOW: &str = "the motor outputs come too slowly to determine it";
+        let class = &self.class;
+        let both = class.lag_s + class.delay_s;
+        let lag = Estimate::log_normal(
+            "motor.lag_s",
+            "motor lag, τ",
+            "s",
+            class.lag_s,
+            class::LAG_LOG_DEVIATION,
+            Source::Class,
+        );
+        let delay = Estimate::normal(
+            "motor.delay_s",
+            "delay of the command, d",
+            "s",
+            class.delay_s,
+            class::DELAY_DEVIATION_S,
+            Source::Class,
+        );
+        let together = Estimate::normal(
+            "rotors.thrust_lag_s",
+            "lag and delay together",
+            "s",
+            both,
+            (class.lag_s * class::LAG_LOG_DEVIATION).hypot(class::DELAY_DEVIATION_S),
+            Source::Class,
+        );
+        // A delay has a different effect: without it the lag is τ.
+        let low = together.low.min(lag.low);
+        values.extend([
+            lag.how(HOW).better("doublets at 200 Hz or more"),
+            delay.how(HOW),
+            Estimate { low, ..together }.how("the vehicle document has no delay: τ + d"),
+        ]);
+        both
     }
 
     /// Decline of the thrust over time, log by log.

@@ -147,7 +147,8 @@ impl Findings<'_> {
         );
         let ratio = log_ratio.exp();
         let reaction_s = self.reaction(
-            told.map(|yaw| (yaw.reaction, yaw_source)),
+            told.filter(|_| !self.slow_outputs)
+                .map(|yaw| (yaw.reaction, yaw_source)),
             (ratio, inertia_deviation),
             values,
         );
@@ -195,7 +196,10 @@ impl Findings<'_> {
             name: "c/Jz",
             whole: yaw.gain.ln(),
             class: default_yaw(&self.class, self.request.arm_m).ln(),
+            class_deviation: class::MOMENT_LOG_DEVIATION,
             halves: both,
+            // Yaw is fitted with all flights' thrust curve and lag.
+            flights: Vec::new(),
             impossible: None,
             score: halves.acceleration(2),
             shown: &|logarithm| format!("{:.3}/(kg·m)", logarithm.exp() / mass),

@@ -2,10 +2,11 @@
 //!
 //! Body axes of the family are forward, left, up. Added to the stream: `gyro[i]` (deg/s), `acc[i]` (g), `rpm[i]` (min⁻¹), `voltage_v`, `current_a`,
 //! and of INAV `position[i]` (m, NED), `velocity[i]` (m/s, NED), `euler[i]` (deg, FRD in NED). Parameters `motor_low` and `motor_high` are the
-//! motor values of duty 0 and 1.
+//! motor values of duty 0 and 1, `acc_lpf_hz` and `gyro_lowpass_hz` (Hz) the lowest low-pass of either sensor, if any.
 
 use super::super::{RawStream, SourceLog};
 use super::Header;
+use crate::log::low_pass::{BLACKBOX_ACCELEROMETER, BLACKBOX_GYRO};
 use rotortwin_flight_core::MAX_ROTORS;
 
 /// DShot: 48 is the least throttle, 2047 the most.
@@ -37,6 +38,8 @@ pub(super) fn in_units(header: &Header, stream: &mut RawStream, log: &mut Source
         .filter(|one_g| *one_g > 0.0)
         .unwrap_or_else(|| rest_level(stream));
     add(stream, "accSmooth", "acc", &[1.0 / one_g; 3]);
+    let filters = low_passes(header, &firmware);
+    log.parameters.extend(filters.map(|(name, hz)| (name.to_owned(), hz)));
     rotor_speeds(header.number("motor_poles"), stream, log);
     battery(&firmware, stream, log);
     if is_inav {
@@ -45,6 +48,28 @@ pub(super) fn in_units(header: &Header, stream: &mut RawStream, log: &mut Source
         add(stream, "navPos", "position", &[0.01, 0.01, -0.01]);
         add(stream, "navVel", "velocity", &[0.01, 0.01, -0.01]);
     }
+}
+
+/// Corners of the low-pass filters, Hz; off (0) is left out.
+fn low_passes(header: &Header, firmware: &str) -> impl Iterator<Item = (&'static str, f64)> {
+    // Betaflight and Cleanflight write a hundred times its corner, INAV the corner (at most 255 Hz).
+    let corner = header.number("acc_lpf_hz").filter(|hz| *hz > 0.0);
+    let hundredfold = !firmware.starts_with("INAV");
+    let of_accelerometer = corner.map(|hz| if hundredfold && hz > 255.0 { hz / 100.0 } else { hz });
+    // The static ones, and the lower end of the one that moves with the throttle; either may be off.
+    let of_gyro = [
+        "gyro_lowpass_hz",
+        "gyro_lowpass2_hz",
+        "gyro_lowpass_dyn_hz",
+        "gyro_lpf_hz",
+    ]
+    .into_iter()
+    .filter_map(|key| header.number(key))
+    .filter(|hz| *hz > 0.0)
+    .reduce(f64::min);
+    [(BLACKBOX_ACCELEROMETER, of_accelerometer), (BLACKBOX_GYRO, of_gyro)]
+        .into_iter()
+        .filter_map(|(name, hz)| Some((name, hz?)))
 }
 
 /// Rotor speeds from the telemetry of the ESCs (bidirectional DShot), numbered as the outputs `motor[i]` are: a turn of the rotor is one electrical
