@@ -1,4 +1,7 @@
-//! Flapping (pitching) moment: the advancing blade rises, the rotor disc tilts back and turns the vehicle with it.
+//! Flapping (pitching) moment: the advancing blade rises, the rotor disc tilts and turns the vehicle with it.
+//!
+//! With k_f > 0 it lowers the nose in forward flight, as RotorPy has it; a disc that tilts back raises it (Hoffmann,
+//! Huang, Waslander, Tomlin 2007): k_f < 0.
 
 use super::prelude::*;
 
@@ -15,8 +18,8 @@ pub(super) static DECLARATION: EffectDeclaration = EffectDeclaration {
         "moment_n_s",
         "k_f",
         "N·s",
-        "torque of one rotor at hover speed per air speed across the disc",
-        (0.0, 0.006),
+        "torque of one rotor at hover speed per air speed across the disc; positive: the nose goes down in forward flight",
+        (-0.006, 0.006),
         0.003,
         0.003,
     )],
@@ -26,7 +29,7 @@ pub(super) static DECLARATION: EffectDeclaration = EffectDeclaration {
     search: Search::LINEAR.requiring(&[Requirement::AirVelocity]),
     excited_by: "translation",
     confused_with: &["drag-centre", "rotor-interference"],
-    source: "RotorPy k_flap",
+    source: "RotorPy k_flap; Hoffmann, Huang, Waslander, Tomlin 2007 for the other sign",
     build: Build::BuiltIn(|setup| {
         Box::new(Flapping {
             factor: setup.values[0],

@@ -16,7 +16,7 @@ pub(super) static DECLARATION: EffectDeclaration = EffectDeclaration {
         "k_d",
         "N·s/m",
         "drag of all rotors together at hover speed per air speed, beyond `rotors.drag_kg_s` of the vehicle",
-        (0.0, 0.5),
+        (0.0, 0.9),
         0.25,
         0.25,
     )

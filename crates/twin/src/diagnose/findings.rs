@@ -246,12 +246,13 @@ pub(crate) fn look_alikes(problem: &Problem) -> bool {
     alike.count() >= 3
 }
 
-pub(crate) fn verdict(diagnosis: &Diagnosis) -> Verdict {
+/// * `stretched`: the rest is white only because small errors of all parameters were stretched to implausible ones
+pub(crate) fn verdict(diagnosis: &Diagnosis, stretched: bool) -> Verdict {
     let ids = |findings: &[Finding]| findings.iter().map(|f| f.instance.effect.clone()).collect::<Vec<_>>();
     let nothing = diagnosis.effects.is_empty() && diagnosis.sensor_or_timing.is_empty();
     let unexplained = !diagnosis.goodness.unexplained.is_empty();
     let share = diagnosis.goodness.explained_share;
-    if unexplained && (nothing || share.is_some_and(|share| share < LEAST_SHARE)) {
+    if unexplained && (nothing || stretched || share.is_some_and(|share| share < LEAST_SHARE)) {
         // What unseen blocks prove stands, whatever the rest is; but noise such as gusts takes up any error, and proves nothing.
         let can_be = |finding: &Finding| {
             finding.class == EffectClass::Physics && finding.parameters.iter().all(|parameter| parameter.plausible)

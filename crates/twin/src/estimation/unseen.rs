@@ -86,6 +86,12 @@ impl HeldOutError {
         if ratio.is_finite() { 1.0 - ratio * ratio } else { 0.0 }
     }
 
+    /// True if the effects found make the error smaller by more than one deviation of its scatter over the blocks: a
+    /// weak sign, whose absence in all quantities is a strong one.
+    pub(crate) fn improves(&self) -> bool {
+        self.before - self.after > self.negligible.max(self.change_deviation)
+    }
+
     /// True if the effects found make the error substantially smaller.
     pub fn is_smaller(&self) -> bool {
         self.before - self.after > self.negligible && self.explained_share() > WORTH_NAMING

@@ -48,7 +48,13 @@ pub(crate) fn channel_fits(predictor: &Predictor, residual: &PerChannel) -> [Opt
             .map(|k| r[k].abs())
             .collect();
         let samples = sizes.len() as f64;
-        let level = (DEVIATION_PER_MEDIAN * median(&mut sizes)).max(LEAST_LEVEL);
+        // Errors of such a reading persist, which their noise includes: that of a single row is smaller.
+        let least = if predictor.has_persistent_errors(channel) {
+            1.0
+        } else {
+            LEAST_LEVEL
+        };
+        let level = (DEVIATION_PER_MEDIAN * median(&mut sizes)).max(least);
         let mut fit = ChannelFit {
             chi2: r.iter().map(|x| x * x).sum::<f64>() / samples.max(1.0),
             level,

@@ -15,6 +15,7 @@ pub mod channels;
 pub mod noise;
 pub(crate) mod pass;
 pub mod series;
+mod supply;
 pub(crate) mod vectors;
 mod vehicle_size;
 mod whiten;
@@ -28,8 +29,10 @@ use rotortwin_plant::effects::{Catalogue, Constants, EffectClass, EffectInstance
 use rotortwin_plant::error::Refusal;
 use rotortwin_plant::powertrain::battery::Battery;
 use rotortwin_scenario::VehicleDocuments;
+use supply::Readings;
 
 pub use channels::{CHANNELS, NAMES, PerChannel, UNITS};
+use channels::{KP, KV, M, V};
 pub use noise::NoiseModel;
 pub use series::{Drive, Series};
 pub use whiten::{Covariance, RateNoise, Whitener};
@@ -152,6 +155,8 @@ impl Predictor {
             charge: 0.75,
             unlogged_voltage: 0.0,
             rate_gain: [0, 1, 2].map(|axis| rate_gain(covariances[channels::M + axis], series.step_s)),
+            persistent_voltage: Readings::of(&series).persist(),
+            supply: None,
             series: Arc::new(series),
         };
         plant.charge = initial_charge(&plant, &nominal);
@@ -177,6 +182,17 @@ impl Predictor {
         if let Some(scale) = predictor.command_scale(&first) {
             let series = Arc::make_mut(&mut predictor.plant.series);
             series.scale_command(scale);
+            first = predictor.predict(&set, Source::Raw, None);
+        }
+        if noise.supply_m_s2 > 0.0 {
+            let supply = supply::smoothed(predictor.series(), &predictor.nominal, &first.thrust);
+            let series = Arc::make_mut(&mut predictor.plant.series);
+            series.notes.push(
+                "single readings of the voltage are too coarse to drive the rotors of the model: means over a second and the sag under the model's current \
+                 are taken, and what they leave open counts as noise of the force"
+                    .to_owned(),
+            );
+            predictor.plant.supply = Some(Arc::new(supply));
             first = predictor.predict(&set, Source::Raw, None);
         }
         let weight = predictor.nominal.mass_kg * predictor.nominal.gravity_m_s2;
@@ -242,6 +258,16 @@ impl Predictor {
     /// Noise of the readings.
     pub fn noise(&self) -> &NoiseModel {
         &self.noise
+    }
+
+    /// True if errors of the readings behind a channel persist over rows: a coarse voltage, or values that are held from a
+    /// slower stream.
+    pub(crate) fn has_persistent_errors(&self, channel: usize) -> bool {
+        match channel {
+            KV..M | KP..V => self.series().slow.is_held,
+            V => self.plant.persistent_voltage,
+            _ => false,
+        }
     }
 
     /// Size of the vehicle, which determines what is plausible on it.

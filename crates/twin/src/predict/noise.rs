@@ -12,6 +12,7 @@ use rotortwin_plant::effects::Constants;
 
 use super::channels::{CHANNELS, F, KA, KP, KV, M, V};
 use super::series::Series;
+use super::supply::Readings;
 use super::whiten::Covariance;
 
 /// White disturbance force of a step per weight: 0.05 N on 15.2 N.
@@ -44,6 +45,9 @@ pub struct NoiseModel {
     /// V.
     #[schema(value_type = Option<f64>)]
     pub voltage_v: f64,
+    /// Part of `accel_m_s2` that comes from readings of the voltage that are too coarse, m/s²; 0 where they are not.
+    #[serde(skip)]
+    pub supply_m_s2: f64,
     /// Corrections of an estimator's position relative to its velocity, a random walk, m/√s; 0 if every row is
     /// measured.
     #[serde(skip)]
@@ -83,13 +87,17 @@ impl NoiseModel {
         };
         let force = thrust * (c.rotor_count as f64).sqrt() / c.mass_kg;
         let torque = TORQUE_FLOOR * c.mass_kg * c.gravity_m_s2 * arm;
+        let readings = Readings::of(series);
+        let accel_m_s2 = of(&series.raw.accel, slow.accel.max(FORCE_FLOOR * c.gravity_m_s2)).hypot(force);
+        let supply_m_s2 = readings.coarse_error(series, accel_m_s2, c).unwrap_or(0.0);
         Self {
             position_m: of(&series.raw.position, slow.position.max(1e-5)),
             velocity_m_s: of(&series.raw.velocity, slow.velocity.max(1e-4)),
             attitude_rad: of(&series.raw.attitude, slow.attitude.max(1e-5)),
             rates_rad_s: of(&series.raw.rates, slow.rates.max(1e-4)),
-            accel_m_s2: of(&series.raw.accel, slow.accel.max(FORCE_FLOOR * c.gravity_m_s2)).hypot(force),
-            voltage_v: white_deviation(&series.voltage).max(slow.voltage).max(2e-3),
+            accel_m_s2: accel_m_s2.hypot(supply_m_s2),
+            supply_m_s2,
+            voltage_v: readings.deviation().max(2e-3),
             corrections_m_s05: slow.corrections,
             corrections_rad_s05: slow.turns,
             torque_floor_rad_s2: [0, 1, 2].map(|i| torque.hypot(thrust * lever(i)) / c.inertia_body_kg_m2[i][i]),

@@ -100,6 +100,14 @@ pub struct SlowNoise {
     pub accel: f64,
     /// V.
     pub voltage: f64,
+    /// The same of a single row, V.
+    pub voltage_row: f64,
+    /// Noise of a reading of the voltage, without what the rows between two readings miss, V; 0 where every row is new.
+    pub voltage_reading: f64,
+    /// True where values of position or velocity are held.
+    pub is_held: bool,
+    /// Rows per reading of the voltage; 1 where every row is new.
+    pub voltage_rows: f64,
     /// Commanded duty between two samples of the outputs, as white noise on every row with the same effect over many: fraction.
     pub duty: f64,
     /// Mean duty, fraction; 1 where there is none.
@@ -115,12 +123,18 @@ impl SlowNoise {
                 .filter_map(|column| log.source_rate(column))
                 .filter(SensorRate::is_slower)
                 .collect();
-            let deviation = slow.iter().map(SensorRate::deviation).fold(0.0, f64::max);
+            let worst = |of: &dyn Fn(&SensorRate) -> f64| slow.iter().map(of).fold(0.0, f64::max);
+            let deviation = worst(&SensorRate::deviation);
             if let Some(rate) = slow.iter().min_by(|a, b| a.source_hz.total_cmp(&b.source_hz)) {
                 told.push(format!("{what} {:.1} Hz (1σ {deviation:.2e} {unit})", rate.source_hz));
             }
-            deviation
+            // A held value keeps its error until the next one: that counts like a larger one that is new on each row.
+            worst(&|rate| {
+                let rows = if rate.held { rate.rows_hz / rate.source_hz } else { 1.0 };
+                rate.deviation() * rows.sqrt()
+            })
         };
+        let voltage = log.source_rate(names::BATTERY_VOLTAGE).filter(SensorRate::is_slower);
         let mut slow = Self {
             position: worst("position", "m", &names::POSITION),
             corrections: 0.0,
@@ -130,6 +144,14 @@ impl SlowNoise {
             rates: worst("rates", "rad/s", &names::RATES),
             accel: worst("specific force", "m/s²", &names::ACCEL),
             voltage: worst("voltage", "V", &[names::BATTERY_VOLTAGE]),
+            is_held: names::POSITION
+                .iter()
+                .chain(&names::VELOCITY)
+                .filter_map(|column| log.source_rate(column))
+                .any(|rate| rate.held && rate.is_slower()),
+            voltage_row: voltage.as_ref().map_or(0.0, SensorRate::deviation),
+            voltage_reading: voltage.as_ref().map_or(0.0, |rate| rate.noise),
+            voltage_rows: voltage.map_or(1.0, |rate| rate.rows_hz / rate.source_hz),
             duty: 0.0,
             mean_duty: 1.0,
         };
@@ -247,6 +269,8 @@ impl Series {
                 (&thinned, thinned.sample_rate_hz())
             }
         };
+        let centred = log.with_centred_holds();
+        let log = centred.as_ref().unwrap_or(log);
         let duration = log.duration_s();
         let air = in_the_air(log, &mut notes)?;
         let slow = SlowNoise::of(log, &air, &mut notes);

@@ -1,7 +1,8 @@
-//! Backward elimination: removes effects that later findings have made superfluous, and those of an impossible size
-//! that show where no other effect does.
+//! Backward elimination: removes effects that later findings have made superfluous, those without which unseen blocks
+//! are predicted as well, and those of an impossible size that show where no other effect does.
 
 use super::Pass;
+use super::held_out::unproved;
 use crate::diagnose::findings;
 use crate::diagnose::state::State;
 use crate::diagnose::words::in_sentence;
@@ -26,6 +27,15 @@ impl Pass for BackwardElimination {
             state.named.retain(|one| stays(one.candidate));
             move_to(&mut state.problem, &fitted)?;
             settled(&mut state.problem)?;
+        }
+        while let Some((candidate, fitted)) = unproved(&state.problem)? {
+            let label = in_sentence(&state.problem.library.candidates[candidate].label());
+            state.named.retain(|one| one.candidate != candidate);
+            move_to(&mut state.problem, &fitted)?;
+            settled(&mut state.problem)?;
+            state.diagnosis.notes.push(format!(
+                "rejected: {label}, without which the blocks that a fit has not seen are predicted as well"
+            ));
         }
         while let Some((candidate, channels)) = impossible(&state.problem)? {
             let label = in_sentence(&state.problem.library.candidates[candidate].label());

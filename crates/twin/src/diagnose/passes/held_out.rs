@@ -1,11 +1,15 @@
 //! Errors on blocks that the fit did not see: fitted on the even blocks of 5 s, tested on the odd ones, smoothed over 0.1 s.
 
+use rotortwin_plant::effects::EffectClass;
+
 use super::Pass;
 use crate::diagnose::state::{Doubt, State};
 use crate::estimation::columns::{Active, instances};
+use crate::estimation::gauss_newton::Fitted;
 use crate::estimation::normal::not_finite;
 use crate::estimation::posterior::pulled;
 use crate::estimation::problem::Problem;
+use crate::estimation::settle::move_to;
 use crate::estimation::unseen::{HeldOutError, QUANTITIES, Squares, VOLTAGE, change, kind_of};
 use crate::predict::channels::{F, KV, M, V};
 use crate::predict::{CHANNELS, ChannelResiduals, Nuisances, PredictError, Series};
@@ -146,6 +150,64 @@ fn errors(problem: &Problem, plain: &[Nuisances]) -> Result<Vec<HeldOutError>, P
             change(quantity, unit, &of(&before, kind), &of(&after, kind), noise[kind])
         })
         .collect())
+}
+
+/// An effect without which unseen blocks are predicted as well as with it, in every quantity; `None` if there is none.
+///
+/// Not asked of an effect that sets in, which changes too few blocks to tell, nor of one without sizes.
+pub(crate) fn unproved(problem: &Problem) -> Result<Option<(usize, Fitted)>, PredictError> {
+    if problem.active.len() < 2 {
+        return Ok(None);
+    }
+    let all = |problem: &Problem| -> Result<Vec<[Squares; QUANTITIES.len()]>, PredictError> {
+        let (active, nuisances) = even_fit(problem)?;
+        let effects = instances(&problem.library, &active);
+        let mut out = Vec::new();
+        for (l, log) in problem.logs.iter().enumerate() {
+            out.extend(squares(problem, l, &log.predictor.residuals(&nuisances[l], &effects)?));
+        }
+        Ok(out)
+    };
+    let (with, noise) = (all(problem)?, noise(problem));
+    let of = |all: &[[Squares; QUANTITIES.len()]], kind: usize| all.iter().map(|block| block[kind]).collect::<Vec<_>>();
+    for one in &problem.active {
+        let declared = problem.library.candidates[one.candidate].declaration;
+        let needed = problem.active.iter().any(|other| {
+            problem.library.candidates[other.candidate]
+                .declaration
+                .needs
+                .contains(&declared.id)
+        });
+        if declared.class != EffectClass::Physics
+            || one.onset_s.is_some()
+            || needed
+            || problem.library.columns_of(one.candidate).is_empty()
+        {
+            continue;
+        }
+        let others: Vec<Active> = problem
+            .active
+            .iter()
+            .filter(|other| other.candidate != one.candidate)
+            .cloned()
+            .collect();
+        let fitted = problem.fit(&others)?;
+        let mut without = problem.clone();
+        move_to(&mut without, &fitted)?;
+        let before = all(&without)?;
+        let changes: Vec<HeldOutError> = QUANTITIES
+            .iter()
+            .enumerate()
+            .filter_map(|(kind, (quantity, unit))| {
+                change(quantity, unit, &of(&before, kind), &of(&with, kind), noise[kind])
+            })
+            .filter(|error| error.change_deviation.is_finite())
+            .collect();
+        if !changes.is_empty() && !changes.iter().any(HeldOutError::improves) {
+            return Ok(Some((one.candidate, fitted)));
+        }
+    }
+    Ok(None)
 }
 
 #[cfg(test)]

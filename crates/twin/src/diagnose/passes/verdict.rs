@@ -20,7 +20,8 @@ impl Pass for FinalVerdict {
     fn run(&self, state: &mut State<'_>) -> Result<(), PredictError> {
         let diagnosis = &mut state.diagnosis;
         let unexplained = &mut diagnosis.goodness.unexplained;
-        if state.left > LEFT_FACTOR * state.threshold && unexplained.is_empty() {
+        let stretched = state.left > LEFT_FACTOR * state.threshold && unexplained.is_empty();
+        if stretched {
             unexplained.push(words::doubt(&Doubt::StretchedClutter));
         }
         // A guess may be anything; that a constant is wrong which somebody wrote down takes blocks that no fit has seen, by more than they scatter.
@@ -33,10 +34,11 @@ impl Pass for FinalVerdict {
         }
         let blocking = diagnosis.calibrate.iter().filter(|one| one.blocking);
         let constants: Vec<String> = blocking.map(|one| one.key.clone()).collect();
+        forget_what_nothing_needs(diagnosis);
         diagnosis.verdict = if !constants.is_empty() {
             Verdict::CalibrateFirst { constants }
         } else if state.doubts.is_empty() {
-            findings::verdict(diagnosis)
+            findings::verdict(diagnosis, stretched)
         } else {
             Verdict::OutsideCatalogue
         };
@@ -60,6 +62,32 @@ impl Pass for FinalVerdict {
         diagnosis.goodness.unexplained.extend(doubts);
         Ok(())
     }
+}
+
+/// A flight without an error that calls for an explanation, whose unseen blocks are predicted no better with what was
+/// found: it is the noise of an input (a coarse voltage), not physics.
+fn forget_what_nothing_needs(diagnosis: &mut Diagnosis) {
+    let tested = diagnosis
+        .held_out
+        .iter()
+        .filter(|error| error.change_deviation.is_finite());
+    let (mut count, mut better) = (0, false);
+    for error in tested {
+        count += 1;
+        better |= error.improves();
+    }
+    if diagnosis.effects.is_empty() || diagnosis.goodness.explained_share.is_some() || count == 0 || better {
+        return;
+    }
+    let names: Vec<String> = diagnosis
+        .effects
+        .drain(..)
+        .map(|finding| in_sentence(&finding.label))
+        .collect();
+    diagnosis.notes.push(format!(
+        "not believed: {}; no error calls for it, and none on unseen blocks falls with it",
+        names.join(", ")
+    ));
 }
 
 /// Nothing is called present with which the prediction of blocks that no fit has seen becomes worse, not even as a part of the error.

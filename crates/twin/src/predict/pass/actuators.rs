@@ -89,7 +89,7 @@ impl Plant {
     /// alone would pass for a slower motor.
     #[inline]
     fn logged_voltage(&self, k: usize) -> Option<f64> {
-        let voltage = &self.series.voltage;
+        let voltage = self.supply.as_deref().unwrap_or(&self.series.voltage);
         let start = *voltage.get(k)?;
         let end = voltage.get(k + 1).copied().filter(|v| v.is_finite()).unwrap_or(start);
         let mean = 0.5 * (start + end);

@@ -126,6 +126,10 @@ pub(crate) struct Plant {
     pub(crate) battery_model: BatteryModel,
     /// Charge at the start before any offset, fraction.
     pub(crate) charge: f64,
+    /// Errors of the readings of the voltage persist over rows.
+    pub(crate) persistent_voltage: bool,
+    /// What Eq. 19 gets instead of the readings where they are too coarse, V.
+    pub(crate) supply: Option<Arc<Vec<f64>>>,
     /// What Eq. 19 gets where no voltage was logged, V.
     pub(crate) unlogged_voltage: f64,
     /// Gain of the observer of the rates by axis: share of the innovation that is adopted.
