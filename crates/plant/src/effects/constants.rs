@@ -147,12 +147,13 @@ impl Constants {
         let count = placements.len();
         let hover_thrust = vehicle.body.mass_kg * vehicle.body.gravity_m_s2 / count as f64;
         let scale = (hover_thrust / F550_HOVER_THRUST_N).sqrt();
-        let radius = F550_ROTOR_RADIUS_M * scale;
+        let radius = vehicle.rotors.radius_m.unwrap_or(F550_ROTOR_RADIUS_M * scale);
         let zero = [0.0; MAX_ROTORS];
         let mut constants = Self {
             rotor_count: count,
             hover_thrust_n: hover_thrust,
-            hover_rotor_speed_rad_s: hover_rotor_speed_rad_s(hover_thrust),
+            hover_rotor_speed_rad_s: (vehicle.rotors.hover_speed_rad_s)
+                .unwrap_or_else(|| hover_rotor_speed_rad_s(hover_thrust)),
             rotor_reaction_s: vehicle.rotors.reaction_s,
             rotor_drag_kg_s: vehicle.rotors.drag_kg_s,
             rotor_radius_m: radius,

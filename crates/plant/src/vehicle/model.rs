@@ -71,6 +71,13 @@ pub struct Rotors {
     /// drag of the body, which acts along all axes. 0 where the two are not distinguished.
     #[serde(default, skip_serializing_if = "is_zero")]
     pub drag_kg_s: f64,
+    /// R, m: of the propellers. Absent: from the hover thrust, at the disc loading of the F550.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub radius_m: Option<f64>,
+    /// Ω_h, rad/s: speed of a rotor that carries its share of the weight. Absent: from the hover thrust, at the tip speed
+    /// of the F550.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub hover_speed_rad_s: Option<f64>,
     /// ESC and motor, which turn the plant's rotors in place of Eq. 19 and its lag. Controllers, detectors and the twin
     /// still assume Eq. 19, as the paper's do.
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -310,6 +317,12 @@ impl VehicleModel {
         in_range("full_thrust_n", rotors.full_thrust_n, 0.01, 2000.0, "N")?;
         in_range("reaction_s", rotors.reaction_s, 0.0, 1.0, "s")?;
         in_range("drag_kg_s", rotors.drag_kg_s, 0.0, 10.0, "kg/s")?;
+        if let Some(radius_m) = rotors.radius_m {
+            in_range("radius_m", radius_m, 0.005, 5.0, "m")?;
+        }
+        if let Some(speed) = rotors.hover_speed_rad_s {
+            in_range("hover_speed_rad_s", speed, 10.0, 10_000.0, "rad/s")?;
+        }
         if let Some(motor) = &rotors.motor {
             motor.check().map_err(|r| r.under("motor"))?;
             if rotors.reaction_s != 0.0 {

@@ -148,6 +148,7 @@ fn begin<'a>(
         },
         named: Vec::new(),
         left: 0.0,
+        unseen_gain: 0.0,
         plain: Vec::new(),
         before: Vec::new(),
         weather: None,

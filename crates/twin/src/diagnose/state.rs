@@ -22,6 +22,8 @@ pub(crate) struct State<'a> {
     pub(crate) named: Vec<Named>,
     /// Evidence of the best candidate that was not named, nats.
     pub(crate) left: f64,
+    /// ln of the likelihood ratio of what was found on the blocks that the fit did not see.
+    pub(crate) unseen_gain: f64,
     /// Nuisances of the given model: those that a comparison shows.
     pub(crate) plain: Vec<Nuisances>,
     /// Fits of the given model.

@@ -9,6 +9,10 @@ use crate::estimation::parameters::{FittedParameter, SMALLEST, number};
 use crate::log::names::duty_rotor;
 use crate::model::constants::Source;
 
+/// The commonest reason for torques alone that nothing explains.
+const BETWEEN_ROWS: &str = " A controller that runs faster than its log leaves such an error: what its outputs did between two rows is not in it; log them \
+                            as fast as it runs, or their means over each row.";
+
 /// Effects that a sentence names before it counts the rest.
 const MOST_NAMED: usize = 3;
 
@@ -310,8 +314,14 @@ fn sentence(diagnosis: &Diagnosis) -> String {
                     named(&found)
                 )
             };
+            let torques = diagnosis
+                .goodness
+                .unexplained
+                .iter()
+                .all(|channel| ["mx", "my", "mz"].contains(&channel.as_str()));
+            let outputs = if torques && found.is_empty() { BETWEEN_ROWS } else { "" };
             format!(
-                "The error is real and not, or not wholly, in the catalogue: {unexplained} {stay} unexplained.{part}{}{}",
+                "The error is real and not, or not wholly, in the catalogue: {unexplained} {stay} unexplained.{part}{}{outputs}{}",
                 rising(diagnosis),
                 or_unconsidered(diagnosis)
             )

@@ -215,17 +215,17 @@ mod tests {
                 low_hz: 0.5,
                 high_hz: 10.0,
             },
-            class_default: -0.2,
+            class_default: 0.6,
             calibrated,
         };
         let mut notes = Vec::new();
         let same = [(0.0, 0.1), (0.0, 0.1)];
-        let fair = score(-0.21);
+        let fair = score(0.59);
         assert_eq!(
             compared(same, Some(&fair)).checked((0.05, Source::Log), &mut notes).1,
             Source::Log
         );
-        let poor = score(-2.8);
+        let poor = score(0.1);
         let (deviation, source) = compared(same, Some(&poor)).checked((0.05, Source::Log), &mut notes);
         assert!(deviation * Z95 >= 1.0 && source == Source::LogAndClass);
         assert_eq!(

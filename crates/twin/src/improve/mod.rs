@@ -7,7 +7,9 @@
 //! ```
 //! * If a diagnosis names several effects, they are added one at a time, so that each has a row of its own.
 //! * The values of a row are those of the joint fit ([`refit`]): all effects and the nuisances of every fitted log together,
-//!   without clutter. The deviations are those of the diagnosis, which has the clutter in them.
+//!   without clutter. The deviations are those of the diagnosis, which has the clutter in them, and so are the values
+//!   where the joint fit leaves them by more than three deviations: it then absorbs what is unexplained.
+//! * What makes an error of a held-out log larger is not added.
 //! * The oracle is a model with the truth; no fit can beat its row except by chance.
 //!
 //! Limits: what a diagnosis calls a fault of the log is never put into a model. Where a part of the error stays
@@ -111,6 +113,8 @@ pub enum End {
     CannotTell,
     /// The logs hold nothing to test.
     NothingTestable,
+    /// What was found makes an error of a held-out log larger, so it is not added.
+    HeldOutRises,
     /// A step was declined.
     Declined,
     /// Something is still missing after the last round.
@@ -265,7 +269,26 @@ pub fn improve(
         let full = proposals.iter().fold(now.version.clone(), |version, f| {
             with_finding(&version, f, request.fitted)
         });
-        let full = refit::refit(&full, request.fitted)?;
+        let refitted = refit::refit(&full, request.fitted)?;
+        let full = if stays_within(&refitted, &proposals) {
+            refitted
+        } else {
+            full
+        };
+        if let Some(last_row) = rows.last() {
+            let named = NamedModel {
+                label: "all findings".to_owned(),
+                version: full.clone(),
+            };
+            let unseen = Request {
+                fitted: &[],
+                ..*request
+            };
+            if !remarks(last_row, &row(&unseen, &named, None)?).is_empty() {
+                end = Some(End::HeldOutRises);
+                break;
+            }
+        }
         for finding in &proposals {
             let mut next = with_finding(&now.version, finding, request.fitted);
             for effect in &mut next.effect {
@@ -475,10 +498,29 @@ fn row(request: &Request<'_>, model: &NamedModel, finding: Option<&Finding>) -> 
     })
 }
 
+/// Whether the values of a joint fit without clutter are those of the findings within three deviations. Where something
+/// is left unexplained, such a fit absorbs it, in values that belong to no finding.
+fn stays_within(refitted: &ModelVersion, findings: &[Finding]) -> bool {
+    /// Deviations, and the least share of a value that counts as a difference.
+    const FAR: f64 = 3.0;
+    const SHARE: f64 = 0.02;
+    findings.iter().all(|finding| {
+        let same = |e: &&ModelEffect| e.effect == finding.instance.effect && e.rotor == finding.instance.rotor;
+        let Some(effect) = refitted.effect.iter().find(same) else {
+            return true;
+        };
+        finding.parameters.iter().all(|p| {
+            let fitted = effect.parameters.get(&p.name).copied().unwrap_or(p.value);
+            (fitted - p.value).abs() <= (FAR * p.deviation).max(SHARE * p.value.abs())
+        })
+    })
+}
+
 /// Errors of held-out logs that grew.
 fn remarks(before: &Row, after: &Row) -> Vec<String> {
     let mut found = Vec::new();
-    for (old, new) in before.logs.iter().zip(&after.logs).filter(|(_, new)| new.held_out) {
+    let unseen = |row: &'_ Row| row.logs.iter().filter(|log| log.held_out).cloned().collect::<Vec<_>>();
+    for (old, new) in unseen(before).iter().zip(&unseen(after)) {
         for (a, b) in old.errors.iter().zip(&new.errors) {
             if b.error > a.error + WORSE * b.noise {
                 found.push(format!(
@@ -501,6 +543,9 @@ fn reason(end: End, label: &str, diagnosis: Option<&Diagnosis>) -> String {
             let proposal = proposal.map_or_else(String::new, |p| format!(" {}", p.sentence()));
             format!("Ended at {label}, nothing is added to it. {sentence}{proposal}")
         }
+        End::HeldOutRises => format!(
+            "Ended at {label}, nothing is added to it: with what was found an error of a held-out log grows, so it belongs to the fitted flights alone. {sentence}"
+        ),
         End::CannotTell | End::CalibrateFirst => format!("Ended at {label}, nothing is added to it. {sentence}"),
         End::NothingTestable => format!("Ended. {sentence}"),
         End::Declined => format!("Ended at {label}: the next step was declined."),

@@ -34,7 +34,7 @@ impl Pass for FinalVerdict {
         }
         let blocking = diagnosis.calibrate.iter().filter(|one| one.blocking);
         let constants: Vec<String> = blocking.map(|one| one.key.clone()).collect();
-        forget_what_nothing_needs(diagnosis);
+        forget_what_nothing_needs(diagnosis, state.unseen_gain);
         diagnosis.verdict = if !constants.is_empty() {
             Verdict::CalibrateFirst { constants }
         } else if state.doubts.is_empty() {
@@ -66,7 +66,9 @@ impl Pass for FinalVerdict {
 
 /// A flight without an error that calls for an explanation, whose unseen blocks are predicted no better with what was
 /// found: it is the noise of an input (a coarse voltage), not physics.
-fn forget_what_nothing_needs(diagnosis: &mut Diagnosis) {
+fn forget_what_nothing_needs(diagnosis: &mut Diagnosis, unseen_gain: f64) {
+    /// ln of a likelihood ratio on unseen blocks that proves an effect which no error of a quantity shows.
+    const PROVED: f64 = 5.0;
     let tested = diagnosis
         .held_out
         .iter()
@@ -76,7 +78,12 @@ fn forget_what_nothing_needs(diagnosis: &mut Diagnosis) {
         count += 1;
         better |= error.improves();
     }
-    if diagnosis.effects.is_empty() || diagnosis.goodness.explained_share.is_some() || count == 0 || better {
+    if diagnosis.effects.is_empty()
+        || diagnosis.goodness.explained_share.is_some()
+        || count == 0
+        || better
+        || unseen_gain > PROVED
+    {
         return;
     }
     let names: Vec<String> = diagnosis
@@ -85,7 +92,7 @@ fn forget_what_nothing_needs(diagnosis: &mut Diagnosis) {
         .map(|finding| in_sentence(&finding.label))
         .collect();
     diagnosis.notes.push(format!(
-        "not believed: {}; no error calls for it, and none on unseen blocks falls with it",
+        "not believed: {}; no error calls for it, and unseen blocks are predicted no better with it",
         names.join(", ")
     ));
 }
