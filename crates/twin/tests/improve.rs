@@ -463,6 +463,35 @@ fn scenario_an_effect_that_came_with_its_companion_has_its_rivals_beside_that() 
     );
 }
 
+/// Readings of the voltage in steps of 0.1 V, or at 10 Hz, were "Missing: exponent of the voltage in the thrust … Also
+/// compatible: none" on healthy flights, or an error that is real and not in the catalogue.
+#[test]
+fn regress_a_coarse_voltage_is_no_physics() {
+    for (flight, seed) in [("excitation", 3), ("waypoint", 4)] {
+        let (time, columns) = flown(flight, &[], 60.0, seed);
+        for coarse in ["0.1 V", "10 Hz"] {
+            let mut columns = columns.clone();
+            let (_, voltage) = columns
+                .iter_mut()
+                .find(|(name, _)| name == "battery_voltage_v")
+                .unwrap();
+            let every = (0.1 / (time[1] - time[0])).round() as usize;
+            *voltage = match coarse {
+                "0.1 V" => voltage.iter().map(|volts| (10.0 * volts).round() / 10.0).collect(),
+                _ => (0..voltage.len()).map(|k| voltage[k - k % every]).collect(),
+            };
+            let log = FlightLog::from_columns(coarse, time.clone(), columns).unwrap();
+            let found = diagnose(&[log], &model(), &Options::default()).unwrap();
+            assert_eq!(
+                named(&found),
+                Vec::<String>::new(),
+                "{flight}, {coarse}: {}",
+                found.sentence
+            );
+        }
+    }
+}
+
 /// A flight of full length.
 fn whole(name: &str, flight: &str, effects: &[&str], seed: u64) -> FlightLog {
     let (time, columns) = flown(flight, effects, 90.0, seed);

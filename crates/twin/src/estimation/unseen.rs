@@ -86,10 +86,10 @@ impl HeldOutError {
         if ratio.is_finite() { 1.0 - ratio * ratio } else { 0.0 }
     }
 
-    /// True if the effects found make the error smaller by more than one deviation of its scatter over the blocks: a
-    /// weak sign, whose absence in all quantities is a strong one.
-    pub(crate) fn improves(&self) -> bool {
-        self.before - self.after > self.negligible.max(self.change_deviation)
+    /// True if the effects found make the error smaller by more than some deviations of its scatter over the blocks.
+    /// One is a weak sign, but its absence in all quantities is a strong one.
+    pub(crate) fn improves_by(&self, deviations: f64) -> bool {
+        self.before - self.after > self.negligible.max(deviations * self.change_deviation)
     }
 
     /// True if the effects found make the error substantially smaller.

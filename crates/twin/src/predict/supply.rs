@@ -21,6 +21,10 @@ const TYPICAL_EXPONENT: f64 = 1.5;
 const COARSE: f64 = 0.7;
 /// Half the length of either of the two means of ⟨⟩, s.
 const HALF_S: f64 = 0.5;
+/// Mean time for which a coarse reading holds, from which its steps say more than means over it, s.
+const LONG_S: f64 = 0.5;
+/// What remains of the error of a coarse reading between its steps.
+const BETWEEN_STEPS: f64 = 0.3;
 /// Largest resistance, over that of the model.
 const MOST_RESISTANCE: f64 = 3.0;
 /// Least current that varies, over the mean, for the readings to show the resistance.
@@ -82,7 +86,13 @@ impl Readings {
             return None;
         }
         let of_force = |volts: f64| TYPICAL_EXPONENT * c.gravity_m_s2 * volts / mean(&series.voltage);
-        let left = of_force(self.of_quantum().max(self.white * self.held_rows.sqrt()));
+        let long = (1.0 / series.step_s).min(self.rows);
+        let of_quantum = if self.rows * series.step_s > LONG_S {
+            BETWEEN_STEPS * self.quantum * (long / 12.0).sqrt()
+        } else {
+            self.of_quantum()
+        };
+        let left = of_force(of_quantum.max(self.white * self.held_rows.sqrt()));
         // What the voltage did between two readings of a slower stream is not in the log.
         let coarse = self.held_rows > 1.0 || of_force(self.deviation()) > COARSE * accel_m_s2;
         (left.is_finite() && coarse).then_some(left)
@@ -147,13 +157,49 @@ pub(crate) fn smoothed(series: &Series, c: &Constants, thrust: &[f64]) -> Vec<f6
     } else {
         nominal
     };
-    let open: Vec<f64> = voltage.iter().zip(&current).map(|(v, i)| v + resistance * i).collect();
+    let readings = Readings::of(series);
+    let by_steps = if readings.quantum > 0.0 && readings.rows * series.step_s > LONG_S {
+        between_steps(voltage, &current, resistance)
+    } else {
+        None
+    };
+    let open = by_steps.unwrap_or_else(|| voltage.iter().zip(&current).map(|(v, i)| v + resistance * i).collect());
     let open = slow(&open);
     let driving = open.iter().zip(&current).zip(voltage);
     // A gap stays one.
     driving
         .map(|((open, i), v)| if v.is_finite() { open - resistance * i } else { f64::NAN })
         .collect()
+}
+
+/// V + R I from readings that hold a value for long: where they step, the voltage is midway between the two values, and
+/// between the steps a line is nearer than either; `None` with too few steps.
+fn between_steps(voltage: &[f64], current: &[f64], resistance: f64) -> Option<Vec<f64>> {
+    const FEWEST: usize = 4;
+    let steps: Vec<(usize, f64)> = (1..voltage.len())
+        .filter(|&k| voltage[k] != voltage[k - 1] && (voltage[k] - voltage[k - 1]).is_finite())
+        .map(|k| {
+            (
+                k,
+                0.5 * (voltage[k] + voltage[k - 1] + resistance * (current[k] + current[k - 1])),
+            )
+        })
+        .collect();
+    if steps.len() < FEWEST {
+        return None;
+    }
+    let mut next = 0;
+    let open = (0..voltage.len()).map(|k| {
+        while next < steps.len() && steps[next].0 <= k {
+            next += 1;
+        }
+        match (next.checked_sub(1).map(|before| steps[before]), steps.get(next)) {
+            (Some((from, a)), Some(&(to, b))) => a + (b - a) * (k - from) as f64 / (to - from) as f64,
+            (Some((_, value)), None) | (None, Some(&(_, value))) => value,
+            (None, None) => voltage[k],
+        }
+    });
+    Some(open.collect())
 }
 
 #[cfg(test)]
@@ -166,6 +212,11 @@ mod tests {
         let coarse: Vec<f64> = (0..2000).map(|k| (10.0 * at(k)).round() / 10.0).collect();
         let (quantum, rows) = quantum_of(&coarse);
         assert!((quantum - 0.1).abs() < 1e-6 && rows > 5.0, "{quantum} {rows}");
+        // Between its steps the voltage is known to a small part of the quantum.
+        let still = vec![0.0; coarse.len()];
+        let open = between_steps(&coarse, &still, 0.02).expect("there are steps");
+        let worst = (40..1950).map(|k| (open[k as usize] - at(k)).abs()).fold(0.0, f64::max);
+        assert!(worst < 0.03, "{worst}");
         let fine: Vec<f64> = (0..2000).map(at).collect();
         assert_eq!(quantum_of(&fine).0, 0.0);
     }

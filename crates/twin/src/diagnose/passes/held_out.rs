@@ -234,7 +234,7 @@ pub(crate) fn unproved(problem: &Problem) -> Result<Option<(usize, Fitted)>, Pre
             })
             .filter(|error| error.change_deviation.is_finite())
             .collect();
-        if !changes.is_empty() && !changes.iter().any(HeldOutError::improves) {
+        if !changes.is_empty() && !changes.iter().any(|error| error.improves_by(1.0)) {
             return Ok(Some((one.candidate, fitted)));
         }
     }

@@ -3,7 +3,7 @@
 use super::Pass;
 use super::held_out::HeldOutCheck;
 use super::refinement::LEFT_FACTOR;
-use crate::diagnose::result::{Diagnosis, HeldOutError, Verdict};
+use crate::diagnose::result::{Diagnosis, Finding, HeldOutError, Verdict};
 use crate::diagnose::state::{Doubt, State};
 use crate::diagnose::words::in_sentence;
 use crate::diagnose::{calibration, findings, words};
@@ -34,7 +34,13 @@ impl Pass for FinalVerdict {
         }
         let blocking = diagnosis.calibrate.iter().filter(|one| one.blocking);
         let constants: Vec<String> = blocking.map(|one| one.key.clone()).collect();
-        forget_what_nothing_needs(diagnosis, state.unseen_gain);
+        forget_nothing_measured(diagnosis);
+        let coarse = state
+            .problem
+            .logs
+            .iter()
+            .any(|log| log.predictor.noise().supply_m_s2 > 0.0);
+        forget_what_nothing_needs(diagnosis, (!coarse).then_some(state.unseen_gain));
         diagnosis.verdict = if !constants.is_empty() {
             Verdict::CalibrateFirst { constants }
         } else if state.doubts.is_empty() {
@@ -64,11 +70,31 @@ impl Pass for FinalVerdict {
     }
 }
 
+/// "Drag-to-lift ratio, d = 0.007 ± 0.014" is no finding: what may be 0 in all its parameters is not named.
+fn forget_nothing_measured(diagnosis: &mut Diagnosis) {
+    let may_be_nothing = |finding: &Finding| {
+        !finding.parameters.is_empty() && finding.parameters.iter().all(|p| p.value.abs() <= p.interval_95)
+    };
+    let (nothing, rest): (Vec<Finding>, Vec<Finding>) = diagnosis.effects.drain(..).partition(may_be_nothing);
+    diagnosis.effects = rest;
+    if !nothing.is_empty() {
+        let names: Vec<String> = nothing.iter().map(|finding| in_sentence(&finding.label)).collect();
+        diagnosis
+            .notes
+            .push(format!("not believed: {}; its interval contains 0", names.join(", ")));
+    }
+}
+
 /// A flight without an error that calls for an explanation, whose unseen blocks are predicted no better with what was
 /// found: it is the noise of an input (a coarse voltage), not physics.
-fn forget_what_nothing_needs(diagnosis: &mut Diagnosis, unseen_gain: f64) {
+///
+/// * `unseen_gain`: ln of the likelihood ratio on unseen blocks; absent where errors of a coarse voltage, which are alike
+///   on all blocks, make it meaningless
+fn forget_what_nothing_needs(diagnosis: &mut Diagnosis, unseen_gain: Option<f64>) {
     /// ln of a likelihood ratio on unseen blocks that proves an effect which no error of a quantity shows.
     const PROVED: f64 = 5.0;
+    /// Deviations by which an error has to fall instead.
+    const BY_FAR: f64 = 2.0;
     let tested = diagnosis
         .held_out
         .iter()
@@ -76,13 +102,13 @@ fn forget_what_nothing_needs(diagnosis: &mut Diagnosis, unseen_gain: f64) {
     let (mut count, mut better) = (0, false);
     for error in tested {
         count += 1;
-        better |= error.improves();
+        better |= error.improves_by(if unseen_gain.is_some() { 1.0 } else { BY_FAR });
     }
     if diagnosis.effects.is_empty()
         || diagnosis.goodness.explained_share.is_some()
         || count == 0
         || better
-        || unseen_gain > PROVED
+        || unseen_gain.is_some_and(|gain| gain > PROVED)
     {
         return;
     }
