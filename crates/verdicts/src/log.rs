@@ -706,9 +706,6 @@ fn duties(block: &[Vec<f64>], row: usize, rotor_count: usize) -> [f32; MAX_ROTOR
     duty
 }
 
-/// Probability from which health is clear again after it was not.
-const CLEAR_AGAIN: f32 = 0.9;
-
 /// Feeds a session and counts its verdicts.
 struct Judge {
     session: FdiSession,
@@ -725,8 +722,6 @@ struct Judge {
     lists: bool,
     windows: Vec<WindowView>,
     last_code: Option<i32>,
-    /// The last change in the timeline is "unclear", which has the code of "healthy".
-    unclear: bool,
     counts: [DetectorCount; 4],
     alarmed: [bool; 4],
     notes: Vec<String>,
@@ -766,7 +761,6 @@ impl Judge {
             lists: false,
             windows: Vec::new(),
             last_code: None,
-            unclear: false,
             counts: ["t_test", "network", "sequential", NETWORK_OVER_TIME].map(count),
             alarmed: [false; 4],
             notes: Vec::new(),
@@ -985,13 +979,10 @@ impl Judge {
             self.loads
                 .extend(WindowView::from(window).later(since_first_row_s).load);
         }
-        let now = SequentialView::in_window(window);
-        let turns = now.is_unclear() != self.unclear && (now.is_unclear() || now.probability > CLEAR_AGAIN);
-        if self.last_code != Some(code) || turns {
+        if self.last_code != Some(code) {
             let mut change = ChangeView::of(window);
             change.time_s += since_first_row_s;
             self.turn(change);
-            self.unclear = now.is_unclear();
         }
         self.last_code = Some(code);
     }

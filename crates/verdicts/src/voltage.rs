@@ -16,8 +16,8 @@ use rotortwin_flight_core::MAX_ROTORS;
 use rotortwin_flight_core::fdi::FdiConfig;
 use rotortwin_plant::powertrain::battery::Battery;
 use rotortwin_scenario::Detectors;
-use rotortwin_twin::identify::running_mean;
 use rotortwin_twin::log::flight_parts::{FlightPart, FlightParts, PartKind};
+use rotortwin_twin::log::running_mean;
 use rotortwin_twin::log::{FlightLog, names};
 
 /// Minimum and maximum airborne time used to estimate the charge, s.

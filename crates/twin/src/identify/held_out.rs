@@ -13,7 +13,6 @@ use super::fit::{self, Fitted, Series};
 use super::frames::Place;
 use super::grid::Grid;
 use super::plausible::{has_possible_gyration, has_possible_moment};
-use super::slow_outputs::Slow;
 use super::yaw::{self, Yaw, derivative};
 use super::{IdentifyError, Request, prepare, slow};
 use crate::log::FlightLog;
@@ -262,7 +261,7 @@ fn calibrate(grids: &[Grid], places: &[Place], class: &Class, request: &Request,
     }
     // What no vehicle has, or slow outputs cannot tell, is not written, so it is not judged either: the class's value is
     // in its place.
-    let slow_outputs = Slow::slowest(grids).is_some();
+    let slow_outputs = grids.iter().any(|grid| grid.slow_outputs.is_some());
     let of_class = fit::class_gain(class, arm_m);
     let gain = [0, 1].map(|axis| {
         if !slow_outputs && has_possible_gyration(fitted.gain[axis], arm_m) {

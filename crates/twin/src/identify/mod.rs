@@ -43,7 +43,6 @@ pub use bench::Bench;
 pub use class::Class;
 pub use estimate::Estimate;
 pub use filters::Band;
-pub use grid::running_mean;
 pub use held_out::{HeldOut, Score, held_out, held_out_with};
 pub use order::{frame_contradiction, in_the_order_of, read_for, same_rotor_order};
 pub use wiring::Wiring;
@@ -335,7 +334,7 @@ fn estimate_all(
         );
     }
     let rotors = places.len();
-    let slow_outputs = slow_outputs::Slow::slowest(grids);
+    let slow_outputs = slow_outputs::Slow::slowest(grids.iter().filter_map(|grid| grid.slow_outputs));
     let (numbers, values) = findings::Findings {
         request,
         class,

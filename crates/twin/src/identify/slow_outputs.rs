@@ -6,7 +6,6 @@
 //! sluggish, by any factor.
 
 use super::filters::Band;
-use super::grid::Grid;
 use crate::log::{FlightLog, SensorRate, SourceKind};
 
 /// Samples of the outputs in a period of the fastest motion that roll and pitch are compared in.
@@ -36,9 +35,8 @@ impl Slow {
     }
 
     /// The slowest of the logs.
-    pub(super) fn slowest(grids: &[Grid]) -> Option<Self> {
-        let slow = grids.iter().filter_map(|grid| grid.slow_outputs);
-        slow.min_by(|a, b| a.hz.total_cmp(&b.hz))
+    pub(super) fn slowest(logs: impl Iterator<Item = Self>) -> Option<Self> {
+        logs.min_by(|a, b| a.hz.total_cmp(&b.hz))
     }
 
     /// Puts this before all other notes, and removes those that blame something else instead.

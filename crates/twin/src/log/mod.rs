@@ -56,6 +56,7 @@ pub use findings::{Finding, FindingKind};
 pub use report::{
     ColumnNoise, Delay, Flown, GAP_FACTOR, Gap, ImportReport, Missing, MissingCells, Stream, UnusedColumn,
 };
+pub use resample::running_mean;
 pub use rotor_order::RotorOrder;
 pub use source_rates::SensorRate;
 pub use stored::ImportAccount;

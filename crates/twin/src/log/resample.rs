@@ -209,6 +209,26 @@ impl FlightLog {
     }
 }
 
+/// Mean over `half` rows to either side, fewer at the ends; rows without a value do not count.
+pub fn running_mean(values: &[f64], half: usize) -> Vec<f64> {
+    let mut sums = Vec::with_capacity(values.len() + 1);
+    let (mut sum, mut count) = (0.0, 0_usize);
+    sums.push((0.0, 0));
+    for value in values {
+        if value.is_finite() {
+            sum += value;
+            count += 1;
+        }
+        sums.push((sum, count));
+    }
+    (0..values.len())
+        .map(|k| {
+            let (from, to) = (sums[k.saturating_sub(half)], sums[(k + half + 1).min(values.len())]);
+            (to.0 - from.0) / (to.1 - from.1) as f64
+        })
+        .collect()
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

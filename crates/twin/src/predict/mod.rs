@@ -146,7 +146,10 @@ impl Predictor {
         let nominal = Constants::nominal(&documents.vehicle);
         let allocate = allocation(&nominal);
         let series = Series::new(log, nominal.rotor_count, allocate).map_err(PredictError)?;
-        let noise = NoiseModel::of(&series, &nominal);
+        let readings = Readings::of(&series);
+        let noise = NoiseModel::of(&series, &nominal, readings.deviation(), |accel_m_s2| {
+            readings.coarse_error(&series, accel_m_s2, &nominal)
+        });
         let step_s = series.step_s;
         let covariances = noise.covariances(step_s);
         let mut plant = Plant {
@@ -155,7 +158,7 @@ impl Predictor {
             charge: 0.75,
             unlogged_voltage: 0.0,
             rate_gain: [0, 1, 2].map(|axis| rate_gain(covariances[channels::M + axis], series.step_s)),
-            persistent_voltage: Readings::of(&series).persist(),
+            persistent_voltage: readings.persist(),
             supply: None,
             series: Arc::new(series),
         };

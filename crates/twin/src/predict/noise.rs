@@ -12,7 +12,6 @@ use rotortwin_plant::effects::Constants;
 
 use super::channels::{CHANNELS, F, KA, KP, KV, M, V};
 use super::series::Series;
-use super::supply::Readings;
 use super::whiten::Covariance;
 
 /// White disturbance force of a step per weight: 0.05 N on 15.2 N.
@@ -63,7 +62,10 @@ pub struct NoiseModel {
 
 impl NoiseModel {
     /// Estimates the noise of a log of the nominal vehicle `c`.
-    pub fn of(series: &Series, c: &Constants) -> Self {
+    ///
+    /// * `voltage_v`: of its readings · `supply_m_s2`: error of the specific force by readings that are too coarse, by the
+    ///   noise of the specific force itself
+    pub(crate) fn of(series: &Series, c: &Constants, voltage_v: f64, supply_m_s2: impl Fn(f64) -> Option<f64>) -> Self {
         let of = |x: &[Vector3], floor: f64| {
             let worst = (0..3)
                 .map(|i| white_deviation(&x.iter().map(|v| v[i]).collect::<Vec<f64>>()))
@@ -87,9 +89,8 @@ impl NoiseModel {
         };
         let force = thrust * (c.rotor_count as f64).sqrt() / c.mass_kg;
         let torque = TORQUE_FLOOR * c.mass_kg * c.gravity_m_s2 * arm;
-        let readings = Readings::of(series);
         let accel_m_s2 = of(&series.raw.accel, slow.accel.max(FORCE_FLOOR * c.gravity_m_s2)).hypot(force);
-        let supply_m_s2 = readings.coarse_error(series, accel_m_s2, c).unwrap_or(0.0);
+        let supply_m_s2 = supply_m_s2(accel_m_s2).unwrap_or(0.0);
         Self {
             position_m: of(&series.raw.position, slow.position.max(1e-5)),
             velocity_m_s: of(&series.raw.velocity, slow.velocity.max(1e-4)),
@@ -97,7 +98,7 @@ impl NoiseModel {
             rates_rad_s: of(&series.raw.rates, slow.rates.max(1e-4)),
             accel_m_s2: accel_m_s2.hypot(supply_m_s2),
             supply_m_s2,
-            voltage_v: readings.deviation().max(2e-3),
+            voltage_v: voltage_v.max(2e-3),
             corrections_m_s05: slow.corrections,
             corrections_rad_s05: slow.turns,
             torque_floor_rad_s2: [0, 1, 2].map(|i| torque.hypot(thrust * lever(i)) / c.inertia_body_kg_m2[i][i]),
