@@ -1645,7 +1645,6 @@ mod tests {
         text
     }
 
-    /// As a motion capture writes it; the three columns were mistaken for the velocity, which has none.
     #[test]
     fn regress_axes_of_an_estimate_are_a_position_and_the_angles_beside_them_are_asked_about() {
         for names in [
@@ -1670,6 +1669,7 @@ mod tests {
         }
     }
 
+    /// As a motion capture writes it; the three columns were mistaken for the velocity, which has none.
     #[test]
     fn regress_three_bare_axes_are_a_position() {
         let rows: Vec<String> = (0..50)
