@@ -3,7 +3,7 @@
 use rotortwin_plant::effects::EffectClass;
 
 use super::named::Quantity;
-use super::result::{Calibration, Diagnosis, Finding, NotConsidered, Outcome, Reason, Rival, Verdict};
+use super::result::{Calibration, Diagnosis, Finding, HeldOutError, NotConsidered, Outcome, Reason, Rival, Verdict};
 use super::state::Doubt;
 use crate::estimation::parameters::{FittedParameter, SMALLEST, number};
 use crate::log::names::duty_rotor;
@@ -186,15 +186,19 @@ fn names(rivals: &[Rival]) -> String {
     }
 }
 
+/// `29.6 → 28.9 mN`.
+fn from_to(error: &HeldOutError) -> String {
+    let [before, after] = [error.before, error.after].map(|value| number(1e3 * value));
+    format!("{before} → {after} m{}", error.unit)
+}
+
 /// Errors on unseen blocks that rise with what a sentence names, as its next sentence.
 fn rising(diagnosis: &Diagnosis) -> String {
     let risen = diagnosis.held_out.iter().filter(|error| error.rises()).map(|error| {
         format!(
-            "the {} error on unseen blocks rises with it ({} → {} m{})",
+            "the {} error on unseen blocks rises with it ({})",
             error.quantity,
-            number(1e3 * error.before),
-            number(1e3 * error.after),
-            error.unit
+            from_to(error)
         )
     });
     let risen: Vec<String> = risen.collect();
@@ -214,15 +218,7 @@ fn sentence(diagnosis: &Diagnosis) -> String {
         .held_out
         .iter()
         .filter(|e| (e.before - e.after).abs() > (0.01 * e.before).max(e.negligible))
-        .map(|e| {
-            format!(
-                " Held-out {} error {} → {} m{}.",
-                e.quantity,
-                number(1e3 * e.before),
-                number(1e3 * e.after),
-                e.unit
-            )
-        })
+        .map(|e| format!(" Held-out {} error {}.", e.quantity, from_to(e)))
         .collect();
     let named = |findings: &[Finding]| {
         findings
@@ -258,12 +254,10 @@ fn sentence(diagnosis: &Diagnosis) -> String {
         Verdict::PartlyMissing { .. } => {
             let falling = diagnosis.held_out.iter().filter(|e| e.falls()).map(|e| {
                 format!(
-                    "{:.0} % of the {} error on unseen blocks explained ({} → {} m{})",
+                    "{:.0} % of the {} error on unseen blocks explained ({})",
                     100.0 * e.explained_share(),
                     e.quantity,
-                    number(1e3 * e.before),
-                    number(1e3 * e.after),
-                    e.unit
+                    from_to(e)
                 )
             });
             format!(

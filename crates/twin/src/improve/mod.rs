@@ -472,10 +472,7 @@ fn row(request: &Request<'_>, model: &NamedModel, finding: Option<&Finding>) -> 
             }
         }
     }
-    let added = finding.and_then(|f| {
-        let same = |e: &&ModelEffect| e.effect == f.instance.effect && e.rotor == f.instance.rotor;
-        model.version.effect.iter().find(same)
-    });
+    let added = finding.and_then(|finding| effect_of(&model.version, finding));
     let value = |p: &FittedParameter| {
         let fitted = added.and_then(|effect| effect.parameters.get(&p.name));
         Value {
@@ -498,6 +495,13 @@ fn row(request: &Request<'_>, model: &NamedModel, finding: Option<&Finding>) -> 
     })
 }
 
+/// The effect of a version that a finding is of.
+fn effect_of<'a>(version: &'a ModelVersion, finding: &Finding) -> Option<&'a ModelEffect> {
+    let wanted = &finding.instance;
+    let same = |effect: &&ModelEffect| effect.effect == wanted.effect && effect.rotor == wanted.rotor;
+    version.effect.iter().find(same)
+}
+
 /// Whether the values of a joint fit without clutter are those of the findings within three deviations. Where something
 /// is left unexplained, such a fit absorbs it, in values that belong to no finding.
 fn stays_within(refitted: &ModelVersion, findings: &[Finding]) -> bool {
@@ -505,8 +509,7 @@ fn stays_within(refitted: &ModelVersion, findings: &[Finding]) -> bool {
     const FAR: f64 = 3.0;
     const SHARE: f64 = 0.02;
     findings.iter().all(|finding| {
-        let same = |e: &&ModelEffect| e.effect == finding.instance.effect && e.rotor == finding.instance.rotor;
-        let Some(effect) = refitted.effect.iter().find(same) else {
+        let Some(effect) = effect_of(refitted, finding) else {
             return true;
         };
         finding.parameters.iter().all(|p| {
@@ -519,8 +522,8 @@ fn stays_within(refitted: &ModelVersion, findings: &[Finding]) -> bool {
 /// Errors of held-out logs that grew.
 fn remarks(before: &Row, after: &Row) -> Vec<String> {
     let mut found = Vec::new();
-    let unseen = |row: &'_ Row| row.logs.iter().filter(|log| log.held_out).cloned().collect::<Vec<_>>();
-    for (old, new) in unseen(before).iter().zip(&unseen(after)) {
+    let [before, after] = [before, after].map(|row| row.logs.iter().filter(|log| log.held_out));
+    for (old, new) in before.zip(after) {
         for (a, b) in old.errors.iter().zip(&new.errors) {
             if b.error > a.error + WORSE * b.noise {
                 found.push(format!(

@@ -188,7 +188,7 @@ impl Predictor {
             first = predictor.predict(&set, Source::Raw, None);
         }
         if noise.supply_m_s2 > 0.0 {
-            let supply = supply::smoothed(predictor.series(), &predictor.nominal, &first.thrust);
+            let supply = supply::smoothed(predictor.series(), &readings, &predictor.nominal, &first.thrust);
             let series = Arc::make_mut(&mut predictor.plant.series);
             series.notes.push(
                 "single readings of the voltage are too coarse to drive the rotors of the model: means over a second and the sag under the model's current \

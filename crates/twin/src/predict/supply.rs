@@ -73,6 +73,11 @@ impl Readings {
         self.of_quantum().max(self.row * self.held_rows.sqrt())
     }
 
+    /// A coarse reading holds for so long that its steps say more than means over it.
+    fn hold_long(&self, step_s: f64) -> bool {
+        self.rows * step_s > LONG_S
+    }
+
     fn of_quantum(&self) -> f64 {
         self.quantum * (self.rows / 12.0).sqrt()
     }
@@ -87,7 +92,7 @@ impl Readings {
         }
         let of_force = |volts: f64| TYPICAL_EXPONENT * c.gravity_m_s2 * volts / mean(&series.voltage);
         let long = (1.0 / series.step_s).min(self.rows);
-        let of_quantum = if self.rows * series.step_s > LONG_S {
+        let of_quantum = if self.hold_long(series.step_s) {
             BETWEEN_STEPS * self.quantum * (long / 12.0).sqrt()
         } else {
             self.of_quantum()
@@ -125,7 +130,7 @@ fn mean(values: &[f64]) -> f64 {
 /// The voltage of Eq. 19, V by row, of coarse readings.
 ///
 /// * `thrust`: of every rotor by the readings themselves, N: `k * rotors + i`
-pub(crate) fn smoothed(series: &Series, c: &Constants, thrust: &[f64]) -> Vec<f64> {
+pub(crate) fn smoothed(series: &Series, readings: &Readings, c: &Constants, thrust: &[f64]) -> Vec<f64> {
     let voltage = &series.voltage;
     let mean = mean(voltage);
     let current: Vec<f64> = thrust
@@ -157,8 +162,7 @@ pub(crate) fn smoothed(series: &Series, c: &Constants, thrust: &[f64]) -> Vec<f6
     } else {
         nominal
     };
-    let readings = Readings::of(series);
-    let by_steps = if readings.quantum > 0.0 && readings.rows * series.step_s > LONG_S {
+    let by_steps = if readings.quantum > 0.0 && readings.hold_long(series.step_s) {
         between_steps(voltage, &current, resistance)
     } else {
         None

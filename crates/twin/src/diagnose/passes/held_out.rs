@@ -38,7 +38,8 @@ impl Pass for HeldOutCheck {
     }
 
     fn run(&self, state: &mut State<'_>) -> Result<(), PredictError> {
-        let errors = errors(&state.problem, &state.plain)?;
+        let even = even_fit(&state.problem)?;
+        let errors = errors(&state.problem, &state.plain, &even)?;
         let diagnosis = &state.diagnosis;
         let named = !diagnosis.effects.is_empty();
         // Repairing a log need not make any error of the model smaller; but a fault of the log that leaves something
@@ -55,13 +56,19 @@ impl Pass for HeldOutCheck {
                 .extend(risen.map(|error| Doubt::HeldOutRises(error.quantity.clone())));
         }
         state.diagnosis.held_out = errors;
-        state.unseen_gain = gain(&state.problem, &state.plain)?;
+        state.unseen_gain = gain(&state.problem, &state.plain, &even)?;
         Ok(())
     }
 }
 
+/// What was fitted on even blocks only; nuisances log by log.
+struct EvenFit {
+    effects: Vec<EffectInstance>,
+    nuisances: Vec<Nuisances>,
+}
+
 /// The parameters fitted on even blocks only: one more step from the fit on all blocks, which forgets where it starts.
-fn even_fit(problem: &Problem) -> Result<(Vec<Active>, Vec<Nuisances>), PredictError> {
+fn even_fit(problem: &Problem) -> Result<EvenFit, PredictError> {
     let normal = problem.normal(|b| b % 2 == 0);
     // Clutter stays at 0: the model that is handed on has none.
     const FIXED: f64 = 1e-9;
@@ -74,15 +81,16 @@ fn even_fit(problem: &Problem) -> Result<(Vec<Active>, Vec<Nuisances>), PredictE
     let posterior = pulled(problem, normal, &prior).ok_or_else(not_finite)?;
     let mut even = problem.clone();
     even.advance(&posterior.mean);
-    Ok((even.active, even.logs.iter().map(|log| log.nuisances).collect()))
+    Ok(EvenFit {
+        effects: instances(&problem.library, &even.active),
+        nuisances: even.logs.iter().map(|log| log.nuisances).collect(),
+    })
 }
 
 /// ln of the likelihood ratio on the blocks that the fit did not see, of what was found to the given model with its
 /// nuisances (`plain`): half the fall of the whitened squares, trusted channel by channel. It shows effects that are too
 /// small for the errors of the quantities.
-fn gain(problem: &Problem, plain: &[Nuisances]) -> Result<f64, PredictError> {
-    let (active, nuisances) = even_fit(problem)?;
-    let effects = instances(&problem.library, &active);
+fn gain(problem: &Problem, plain: &[Nuisances], even: &EvenFit) -> Result<f64, PredictError> {
     let mut gain = 0.0;
     for (l, log) in problem.logs.iter().enumerate() {
         let with = |nuisances: &Nuisances, effects: &[EffectInstance]| {
@@ -92,7 +100,7 @@ fn gain(problem: &Problem, plain: &[Nuisances]) -> Result<f64, PredictError> {
             };
             moved.residual(effects)
         };
-        let (before, after) = (with(&plain[l], &[])?, with(&nuisances[l], &effects)?);
+        let (before, after) = (with(&plain[l], &[])?, with(&even.nuisances[l], &even.effects)?);
         for b in (1..log.block_count()).step_by(2) {
             for channel in 0..CHANNELS {
                 let square = |residual: &PerChannel| -> f64 {
@@ -107,8 +115,11 @@ fn gain(problem: &Problem, plain: &[Nuisances]) -> Result<f64, PredictError> {
     Ok(gain)
 }
 
+/// Squares of the quantities, block by block.
+type Blocks = Vec<[Squares; QUANTITIES.len()]>;
+
 /// Squares of the quantities on every odd block.
-fn squares(problem: &Problem, log: usize, residuals: &ChannelResiduals) -> Vec<[Squares; QUANTITIES.len()]> {
+fn squares(problem: &Problem, log: usize, residuals: &ChannelResiduals) -> Blocks {
     let state = &problem.logs[log];
     let series: &Series = state.predictor.series();
     let rows = (SMOOTH_S / series.step_s).round().max(1.0) as usize;
@@ -162,25 +173,30 @@ fn noise(problem: &Problem) -> [f64; QUANTITIES.len()] {
     sums.map(|one| (one.sum / one.count).sqrt())
 }
 
-/// Errors before (`plain`: the nuisances of the given model) and after.
-fn errors(problem: &Problem, plain: &[Nuisances]) -> Result<Vec<HeldOutError>, PredictError> {
-    let (active, nuisances) = even_fit(problem)?;
-    let effects = instances(&problem.library, &active);
-    let (mut before, mut after) = (Vec::new(), Vec::new());
-    for l in 0..problem.logs.len() {
-        let predictor = &problem.logs[l].predictor;
-        before.extend(squares(problem, l, &predictor.residuals(&plain[l], &[])?));
-        after.extend(squares(problem, l, &predictor.residuals(&nuisances[l], &effects)?));
+/// The same of all logs, with these effects and nuisances.
+fn all_squares(problem: &Problem, effects: &[EffectInstance], nuisances: &[Nuisances]) -> Result<Blocks, PredictError> {
+    let mut all = Blocks::new();
+    for (l, (log, nuisances)) in problem.logs.iter().zip(nuisances).enumerate() {
+        all.extend(squares(problem, l, &log.predictor.residuals(nuisances, effects)?));
     }
-    let noise = noise(problem);
-    let of = |all: &[[Squares; QUANTITIES.len()]], kind: usize| all.iter().map(|block| block[kind]).collect::<Vec<_>>();
-    Ok(QUANTITIES
+    Ok(all)
+}
+
+/// Errors of each quantity before and after.
+fn changes(before: &Blocks, after: &Blocks, noise: &[f64; QUANTITIES.len()]) -> Vec<HeldOutError> {
+    let of = |all: &Blocks, kind: usize| all.iter().map(|block| block[kind]).collect::<Vec<_>>();
+    QUANTITIES
         .iter()
         .enumerate()
-        .filter_map(|(kind, (quantity, unit))| {
-            change(quantity, unit, &of(&before, kind), &of(&after, kind), noise[kind])
-        })
-        .collect())
+        .filter_map(|(kind, (quantity, unit))| change(quantity, unit, &of(before, kind), &of(after, kind), noise[kind]))
+        .collect()
+}
+
+/// Errors before (`plain`: the nuisances of the given model) and after.
+fn errors(problem: &Problem, plain: &[Nuisances], even: &EvenFit) -> Result<Vec<HeldOutError>, PredictError> {
+    let before = all_squares(problem, &[], plain)?;
+    let after = all_squares(problem, &even.effects, &even.nuisances)?;
+    Ok(changes(&before, &after, &noise(problem)))
 }
 
 /// An effect without which unseen blocks are predicted as well as with it, in every quantity; `None` if there is none.
@@ -190,17 +206,11 @@ pub(crate) fn unproved(problem: &Problem) -> Result<Option<(usize, Fitted)>, Pre
     if problem.active.len() < 2 {
         return Ok(None);
     }
-    let all = |problem: &Problem| -> Result<Vec<[Squares; QUANTITIES.len()]>, PredictError> {
-        let (active, nuisances) = even_fit(problem)?;
-        let effects = instances(&problem.library, &active);
-        let mut out = Vec::new();
-        for (l, log) in problem.logs.iter().enumerate() {
-            out.extend(squares(problem, l, &log.predictor.residuals(&nuisances[l], &effects)?));
-        }
-        Ok(out)
+    let all = |problem: &Problem| -> Result<Blocks, PredictError> {
+        let even = even_fit(problem)?;
+        all_squares(problem, &even.effects, &even.nuisances)
     };
     let (with, noise) = (all(problem)?, noise(problem));
-    let of = |all: &[[Squares; QUANTITIES.len()]], kind: usize| all.iter().map(|block| block[kind]).collect::<Vec<_>>();
     for one in &problem.active {
         let declared = problem.library.candidates[one.candidate].declaration;
         let needed = problem.active.iter().any(|other| {
@@ -225,15 +235,8 @@ pub(crate) fn unproved(problem: &Problem) -> Result<Option<(usize, Fitted)>, Pre
         let fitted = problem.fit(&others)?;
         let mut without = problem.clone();
         move_to(&mut without, &fitted)?;
-        let before = all(&without)?;
-        let changes: Vec<HeldOutError> = QUANTITIES
-            .iter()
-            .enumerate()
-            .filter_map(|(kind, (quantity, unit))| {
-                change(quantity, unit, &of(&before, kind), &of(&with, kind), noise[kind])
-            })
-            .filter(|error| error.change_deviation.is_finite())
-            .collect();
+        let mut changes = changes(&all(&without)?, &with, &noise);
+        changes.retain(|error| error.change_deviation.is_finite());
         if !changes.is_empty() && !changes.iter().any(|error| error.improves_by(1.0)) {
             return Ok(Some((one.candidate, fitted)));
         }
