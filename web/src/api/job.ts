@@ -20,7 +20,7 @@ export interface Followed<R> {
 }
 
 export function createJob<R>(collection: string, id: Accessor<string | undefined>): Followed<R> {
-  const [job, setJob] = createSignal<JobView>();
+  const [known, setJob] = createSignal<JobView>();
   const [progress, setProgress] = createSignal<{ share: number | undefined; text: string }>({ share: undefined, text: "" });
   const [problem, setProblem] = createSignal<string>();
   createEffect(
@@ -44,6 +44,8 @@ export function createJob<R>(collection: string, id: Accessor<string | undefined
       );
     }),
   );
+  // An address that changes is seen before its effects have run: the job before is not the one asked for.
+  const job = () => (known()?.id === id() ? known() : undefined);
   return {
     job,
     result: () => (job()?.status === "done" ? ((job()?.result ?? undefined) as R | undefined) : undefined),
