@@ -9,10 +9,14 @@ million rows in all: each row of it many times, with a flight number, a run hash
 0.5), so that it packs no better than real rows. These rows were not flown; the files are what is asked, all of them by each query: the command and
 Python in the folder where the server keeps them, HTTP and the client by the ids of the campaigns. In each turn every way has one query after the other.
 
+The command asks the same files in an object store, too: moto on this machine, a server in Python, if the test `campaign_store` has made its
+environment (target/s3-environment). It shows what has to be fetched, not how fast a real store is.
+
 Memory is the largest sum over the processes that answer, looked up every 5 ms: children of the server, or the command or Python with theirs.
 """
 
 import os
+import socket
 import statistics
 import subprocess
 import sys
@@ -23,6 +27,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 import duckdb
+from pyarrow import fs
 
 from served import PROGRAM, ROOT, ask, serve, wait
 
@@ -137,13 +142,40 @@ class Peak:
         self.thread.join()
 
 
-def asked_by(url: str, jobs: list[str], folder: str) -> dict[str, Callable[[str, Peak], None]]:
+class Store:
+    """An S3-compatible store with the results of the campaigns."""
+
+    PROGRAM = ROOT / "target/s3-environment/bin/moto_server"
+
+    def __init__(self, results: dict[str, Path]) -> None:
+        with socket.create_server(("127.0.0.1", 0)) as free:
+            port = free.getsockname()[1]
+        self.child = subprocess.Popen([self.PROGRAM, "-H", "127.0.0.1", "-p", str(port)], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+        endpoint = f"http://127.0.0.1:{port}"
+        self.environment = {
+            "AWS_ACCESS_KEY_ID": "test", "AWS_SECRET_ACCESS_KEY": "test", "AWS_REGION": "us-east-1", "AWS_ENDPOINT": endpoint, "AWS_ALLOW_HTTP": "true",
+        }
+        for _ in range(600):
+            with socket.socket() as probe:
+                if probe.connect_ex(("127.0.0.1", port)) == 0:
+                    break
+            time.sleep(0.1)
+        files = fs.S3FileSystem(access_key="test", secret_key="test", region="us-east-1", endpoint_override=endpoint, allow_bucket_creation=True)
+        files.create_dir("bench")
+        for name, file in results.items():
+            with files.open_output_stream(f"bench/million/{name}/campaign.parquet") as out:
+                out.write(file.read_bytes())
+
+    address = "s3://bench/million"
+
+
+def asked_by(url: str, jobs: list[str], folder: str, store: Store | None) -> dict[str, Callable[[str, Peak], None]]:
     """Each way to ask, by its name."""
     client = rotortwin.Client(url)
     environment = os.environ | {"ROTORTWIN_PYTHON": sys.executable, "PYTHONPATH": str(ROOT / "clients/python/src")}
 
-    def process(peak: Peak, words: list[str]) -> None:
-        child = subprocess.Popen(words, stdout=subprocess.PIPE, env=environment)
+    def process(peak: Peak, words: list[str], more: dict[str, str] | None = None) -> None:
+        child = subprocess.Popen(words, stdout=subprocess.PIPE, env=environment | (more or {}))
         peak.watches(child.pid)
         assert child.stdout is not None
         answer = child.stdout.read()
@@ -155,8 +187,12 @@ def asked_by(url: str, jobs: list[str], folder: str) -> dict[str, Callable[[str,
     def python(sql: str, peak: Peak) -> None:
         process(peak, [sys.executable, "-c", "import rotortwin, sys; print(rotortwin.query(*sys.argv[1:]).num_rows)", sql, folder])
 
+    def bucket(sql: str, peak: Peak) -> None:
+        process(peak, [PROGRAM, "query", "--json", sql, Store.address], store and store.environment)
+
     return {
         "command": command,
+        **({"bucket": bucket} if store else {}),
         "HTTP": lambda sql, peak: (ask(f"{url}/api/v1/queries", {"sql": sql, "campaigns": jobs}), None)[1],
         "client": lambda sql, peak: (client.query(sql, campaigns=jobs), None)[1],
         "python": python,
@@ -167,20 +203,23 @@ def main() -> None:
     rows, turns, campaigns = (int(word) for word in (sys.argv[1:] + ["1000000", "5", "20"][len(sys.argv) - 1 :]))
     with tempfile.TemporaryDirectory() as data:
         server, url = serve(data, [])
+        store = None
         try:
             jobs = [ask(f"{url}/api/v1/campaigns", {"text": DOCUMENT.format(seed=5 + n)})["id"] for n in range(campaigns)]
             for job in jobs:
                 wait(f"{url}/api/v1/campaigns/{job}", pause_s=0.2)
-            size = 0
+            size, results = 0, {}
             for n, job in enumerate(jobs):
                 file = next(Path(data).glob(f"jobs/{job}/*/out/campaign.parquet"))
                 columns = lengthen(file, rows // campaigns + (n < rows % campaigns))
                 size += file.stat().st_size
+                results[job] = file
             print(f"{rows} rows of {columns} columns in {campaigns} files, {size / 1e6:.0f} MB", flush=True)
             print(f"load {os.getloadavg()[0]:.1f}, {os.cpu_count()} cores, {turns} turns", flush=True)
             counted = ask(f"{url}/api/v1/queries", {"sql": "SELECT count(*), count(DISTINCT run_hash) FROM campaign", "campaigns": jobs})["rows"]
             assert counted == [[rows, rows]], counted
-            ways = asked_by(url, jobs, data)
+            store = Store(results) if Store.PROGRAM.exists() else None
+            ways = asked_by(url, jobs, data, store)
             found: dict[tuple[str, str], list[tuple[float, int]]] = {}
             for _ in range(turns):
                 for name, sql in QUERIES.items():
@@ -196,8 +235,9 @@ def main() -> None:
                 print(f"{name:9} {way:8} median {statistics.median(times):.2f} s, at most {max(times):.2f} s, memory {memory:.0f} MiB")
             print(f"load {os.getloadavg()[0]:.1f} at the end")
         finally:
-            server.kill()
-            server.wait()
+            for child in [server, *([store.child] if store else [])]:
+                child.kill()
+                child.wait()
 
 
 if __name__ == "__main__":

@@ -53,7 +53,7 @@ struct MergeArgs {
     /// Folders with shards of it, or s3://BUCKET/PREFIX, in any order; a shard may be in several
     #[arg(required = true, value_name = "DIR")]
     folders: Vec<PathBuf>,
-    /// Folder of the result; one that already holds a part of it is resumed [default: runs/campaign-NAME]
+    /// Folder of the result, or s3://BUCKET/PREFIX; a folder that already holds a part of it is resumed [default: runs/campaign-NAME]
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
     /// Print the summary as JSON, nothing else
@@ -158,7 +158,8 @@ pub fn print_fetched(args: &FlightArgs, campaign: &Campaign, path: &Path) -> Res
     let folder = CampaignFolder::open(path, campaign)?;
     let totals = results::collect(campaign, &folder)?;
     let go_on = command_line(&args.campaign, args.out.as_deref());
-    print_text(campaign, &folder, &totals, &Flown::nothing(), &go_on);
+    let place = folder.path().display().to_string();
+    print_text(campaign, &totals, &Flown::nothing(), (&place, &go_on));
     Ok(())
 }
 
@@ -180,6 +181,12 @@ pub trait Store {
     /// # Errors
     /// The existing shards belong to another campaign, or the store does not respond.
     fn take_in(&self, into: &CampaignFolder, address: &str, campaign: &Campaign) -> Result<(), Failure>;
+
+    /// Uploads the results of a whole campaign.
+    ///
+    /// # Errors
+    /// The address holds results of another campaign or program, or the store does not respond.
+    fn keep(&self, from: &CampaignFolder, address: &str, campaign: &Campaign) -> Result<(), Failure>;
 }
 
 /// Exit code 0 if every flight has been flown, 1 if something failed or was stopped, 2 for bad input.
@@ -271,42 +278,64 @@ fn described(campaign: &Campaign) -> String {
 
 /// Merges shards of other folders, and creates the results.
 fn merge(args: &MergeArgs, store: Option<&dyn Store>) -> ExitCode {
-    if let Some(address) = args.out.as_deref().and_then(address) {
-        return output::bad_input(format!("--out {address}: merging writes a folder; expected --out DIR"));
+    let mut places = args.folders.iter().chain(&args.out);
+    if store.is_none() && places.any(|place| address(place).is_some()) {
+        return network::hand_over();
     }
     let campaign = match Campaign::load(&args.campaign) {
         Ok(campaign) => campaign,
         Err(error) => return output::bad_input(error),
     };
-    let path = folder_of(args.out.as_deref(), &campaign);
-    let folder = match CampaignFolder::open(&path, &campaign) {
-        Ok(folder) => folder,
-        Err(sentence) => return output::bad_input(sentence),
+    let merged = match (args.out.as_deref().and_then(address), store) {
+        (Some(address), Some(store)) => merged_in_store(address, args, store, &campaign),
+        _ => {
+            let path = folder_of(args.out.as_deref(), &campaign);
+            merged_in(&path, &path.display().to_string(), args, store, &campaign).map(drop)
+        }
     };
+    match merged {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(failure) => output::told(&failure),
+    }
+}
+
+/// The folder at `path`, with the whole campaign and its results, which are told to be at `place`.
+fn merged_in(
+    path: &Path,
+    place: &str,
+    args: &MergeArgs,
+    store: Option<&dyn Store>,
+    campaign: &Campaign,
+) -> Result<CampaignFolder, Failure> {
+    let folder = CampaignFolder::open(path, campaign).map_err(Failure::Input)?;
     for other in &args.folders {
-        let taken = match (address(other), store) {
-            (None, _) => take_in(&folder, other, &campaign).map(drop).map_err(Failure::Input),
-            (Some(address), Some(store)) => store.take_in(&folder, address, &campaign),
-            (Some(_), None) => return network::hand_over(),
-        };
-        if let Err(failure) = taken {
-            return output::told(&failure);
+        match (address(other), store) {
+            (Some(address), Some(store)) => store.take_in(&folder, address, campaign)?,
+            _ => take_in(&folder, other, campaign).map(drop).map_err(Failure::Input)?,
         }
     }
     let missing = missing_shards(&folder, 0..folder.shard_count());
-    let go_on = command_line(&args.campaign, Some(folder.path()));
-    if let Err(failure) = summed_up(&campaign, &folder, &Flown::nothing(), args.json, &go_on) {
-        return output::told(&failure);
-    }
+    let go_on = command_line(&args.campaign, Some(Path::new(place)));
+    summed_up(campaign, &folder, &Flown::nothing(), args.json, (place, &go_on))?;
     if missing.is_empty() {
-        return ExitCode::SUCCESS;
+        return Ok(folder);
     }
-    output::failed(format!(
+    Err(Failure::Failed(format!(
         "{} of {} shards are missing: {}; fly them with --shards and merge again",
         missing.len(),
         folder.shard_count(),
         output::ranges(&missing)
-    ))
+    )))
+}
+
+/// The results at an address, for queries where they lie; the shards stay where they are.
+fn merged_in_store(address: &str, args: &MergeArgs, store: &dyn Store, campaign: &Campaign) -> Result<(), Failure> {
+    let work = tempfile::Builder::new()
+        .prefix("rotortwin-merge-")
+        .tempdir()
+        .map_err(|error| Failure::Failed(format!("a temporary folder for the results cannot be created: {error}")))?;
+    let folder = merged_in(&work.path().join("campaign"), address, args, Some(store), campaign)?;
+    store.keep(&folder, address, campaign)
 }
 
 fn fly_all(args: &FlightArgs, campaign: &Campaign) -> ExitCode {
@@ -324,7 +353,8 @@ fn flown_and_printed(args: &FlightArgs, campaign: &Campaign) -> Result<ExitCode,
         return Ok(said_of_shards(args, &flown, &folder.path().display().to_string()));
     }
     let go_on = command_line(&args.campaign, args.out.as_deref());
-    summed_up(campaign, folder, &flown, args.json, &go_on)?;
+    let place = folder.path().display().to_string();
+    summed_up(campaign, folder, &flown, args.json, (&place, &go_on))?;
     Ok(exit_code(&flown))
 }
 
@@ -402,18 +432,20 @@ fn summed_up(
     folder: &CampaignFolder,
     flown: &Flown,
     json: bool,
-    go_on: &str,
+    place_and_command: (&str, &str),
 ) -> Result<(), Failure> {
     let totals = runner::sum_up(campaign, folder)?;
     if json {
         println!("{}", CampaignSummary::new(campaign, &totals).json());
     } else {
-        print_text(campaign, folder, &totals, flown, go_on);
+        print_text(campaign, &totals, flown, place_and_command);
     }
     Ok(())
 }
 
-fn print_text(campaign: &Campaign, folder: &CampaignFolder, totals: &Totals, flown: &Flown, go_on: &str) {
+/// * `place`: where the files are
+/// * `go_on`: the command that continues
+fn print_text(campaign: &Campaign, totals: &Totals, flown: &Flown, (place, go_on): (&str, &str)) {
     let document = campaign.document();
     println!(
         "{}",
@@ -442,7 +474,7 @@ fn print_text(campaign: &Campaign, folder: &CampaignFolder, totals: &Totals, flo
         results::SUMMARY_FILE,
     ]
     .join("  ");
-    println!("Files        {}\n             {files}", folder.path().display());
+    println!("Files        {}\n             {files}", place);
     let wall = flown.start.elapsed().as_secs_f64();
     if flown.flights > 0 {
         let speed = format!(

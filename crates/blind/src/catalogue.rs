@@ -41,7 +41,7 @@ pub struct Parameter {
 pub struct Kind {
     /// kebab-case.
     pub id: &'static str,
-    /// Number in the catalogue of 59 effects; 0 outside it.
+    /// Number in the catalogue of 60 effects; 0 outside it.
     pub number: u8,
     /// Words.
     pub title: &'static str,
@@ -709,6 +709,15 @@ pub static KINDS: &[Kind] = &[
         per_rotor: false,
         companion: Some("rotor-drag"),
         parameters: &[p("share", "1", 0.4, true, true)],
+    },
+    Kind {
+        id: "yaw-damping",
+        number: 60,
+        title: "Damping of the yaw by the drag of the rotors",
+        place: Place::Wrench,
+        per_rotor: false,
+        companion: None,
+        parameters: &[p("damping_n_m_s", "N m s", 0.02, false, true)],
     },
     Kind {
         id: "stuck-moment",

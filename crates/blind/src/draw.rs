@@ -8,7 +8,7 @@ use crate::random::Stream;
 pub const CLUTTER: f64 = 0.02;
 
 /// Kinds that are a structure, a noise class or a time, not a small deviation that every vehicle has.
-const NO_CLUTTER: [&str; 21] = [
+const NO_CLUTTER: [&str; 22] = [
     "reversed-spin",
     "wind",
     "gusts",
@@ -22,6 +22,7 @@ const NO_CLUTTER: [&str; 21] = [
     "cold-battery",
     "drag-centre",
     "drag-anisotropy",
+    "yaw-damping",
     "mass-loss",
     "command-delay",
     "imu-latency",
@@ -33,7 +34,7 @@ const NO_CLUTTER: [&str; 21] = [
 ];
 
 /// Kinds that no flight of one vehicle can distinguish, or only a special flight: never drawn into one pair.
-pub const GROUPS: [&[&str]; 9] = [
+pub const GROUPS: [&[&str]; 10] = [
     &[
         "air-density",
         "mass",
@@ -79,6 +80,7 @@ pub const GROUPS: [&[&str]; 9] = [
     &["velocity-latency", "position-latency"],
     &["rotor-tilt-tangential", "rotor-tilt-radial"],
     &["heading-offset", "current-heading"],
+    &["rotational-damping", "yaw-damping"],
 ];
 
 /// Whether two kinds share a group.

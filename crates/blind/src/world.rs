@@ -505,6 +505,7 @@ impl World {
             force -= active.threshold_drag * over * over * over / speed * air;
         }
         torque -= (active.rotational_damping + self.vehicle.angular_drag) * rates;
+        torque.z -= active.yaw_damping * rates.z;
 
         let mut outside = Vector3::zeros();
         if active.wall != 0.0 {

@@ -4,6 +4,8 @@
 //!  campaign --shards 0..4 --out s3://B/P ─┐                                   ┌─▶ campaign merge C s3://B/P --out DIR
 //!  campaign --shards 4..9 --out s3://B/P ─┴─▶ P/campaign.json, P/shards/000000.parquet, … ─┘
 //! ```
+//! `campaign merge C s3://B/P --out s3://B/Q` puts the table of results, the summary and the report there, for `rotortwin query`.
+//!
 //! As in a folder, a shard appears whole or not at all, and existing shards are not flown. Several processes may fly the same shard: each
 //! writes it only if it does not exist (`If-None-Match: *`), and otherwise compares its bytes with the existing one.
 
@@ -11,6 +13,7 @@ use rotortwin_api::Bucket;
 use rotortwin_campaign::study::engine::OneByOne;
 use rotortwin_campaign::study::folder::{CampaignFolder, MANIFEST, check_manifest, manifest, shard_name, shard_number};
 use rotortwin_campaign::study::merge::{different, take_in_shard};
+use rotortwin_campaign::study::results::{CSV_FILE, PARQUET_FILE, REPORT_FILE, SUMMARY_FILE};
 use rotortwin_campaign::study::{Campaign, runner};
 use rotortwin_cli::campaign::{FlightArgs, Store, fly_shards};
 use rotortwin_runner::campaign::prepare_in;
@@ -75,6 +78,28 @@ impl Store for Buckets {
             Refused::Store(error) => place.unanswered(&error),
             Refused::Shard(sentence) => Failure::Input(sentence),
         })
+    }
+
+    fn keep(&self, from: &CampaignFolder, address: &str, campaign: &Campaign) -> Result<(), Failure> {
+        let place = Place::open(address)?;
+        let text = manifest(campaign).map_err(Failure::Input)?;
+        if let Some(there) = place.create(MANIFEST, text.into_bytes())? {
+            check_manifest(address, &there, campaign).map_err(Failure::Input)?;
+        }
+        for name in [PARQUET_FILE, CSV_FILE, SUMMARY_FILE, REPORT_FILE] {
+            let path = from.path().join(name);
+            let content = std::fs::read(&path)
+                .map_err(|error| Failure::Failed(format!("{}: {error}", path.display())))?;
+            if place
+                .create(name, content.clone())?
+                .is_some_and(|there| there != content)
+            {
+                return Err(Failure::Input(format!(
+                    "{address}/{name}: expected the bytes of this program's result; another version of it wrote there"
+                )));
+            }
+        }
+        Ok(())
     }
 }
 

@@ -25,7 +25,7 @@ static CATALOGUE: &[&EffectDeclaration] = &[
     &rotor_interference::DECLARATION,
     &flapping_moment::DECLARATION,
     &drag_centre::DECLARATION,
-    &rotational_damping::DECLARATION,
+    &rotational_damping::ALL_AXES,
     &air_density::DECLARATION,
     &mass::DECLARATION,
     &slung_load::DECLARATION,
@@ -78,6 +78,7 @@ static CATALOGUE: &[&EffectDeclaration] = &[
     &mass_loss::DECLARATION,
     &current_heading::DECLARATION,
     &drag_anisotropy::DECLARATION,
+    &rotational_damping::YAW,
 ];
 
 /// Every effect of this crate, in the order of the catalogue's rows.

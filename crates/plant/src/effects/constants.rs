@@ -99,6 +99,8 @@ pub struct Constants {
     pub linear_drag_kg_s: f64,
     /// k_r of Eq. 1, N·m·s.
     pub angular_drag_nms: f64,
+    /// k_z: damping of the yaw beyond k_r, N·m·s.
+    pub yaw_drag_nms: f64,
     /// z_d: height of the drag centre over the centre of mass, m.
     pub drag_centre_height_m: f64,
     /// a: drag forward minus that sideways, over their mean.
@@ -187,6 +189,7 @@ impl Constants {
             wind_ned_m_s: [0.0; 3],
             linear_drag_kg_s: vehicle.body.linear_drag_kg_s,
             angular_drag_nms: vehicle.body.angular_drag_nms,
+            yaw_drag_nms: 0.0,
             drag_centre_height_m: 0.0,
             drag_anisotropy: 0.0,
             accelerometer_bias_m_s2: [0.0; 3],
@@ -273,6 +276,7 @@ impl Constants {
         for i in 0..3 {
             torque[i] -= self.angular_drag_nms * body_rates[i];
         }
+        torque[2] -= self.yaw_drag_nms * body_rates[2];
         Wrench {
             force_body: [0, 1, 2].map(|i| wrench.force_body[i] + drag[i]),
             torque_body: torque,

@@ -197,7 +197,7 @@ fn candidate_of(finding: &Finding, library: &Library) -> Option<usize> {
 /// Index of the candidate of a finding, if it is the error of a constant that is off by factors.
 fn far_off(finding: &Finding, library: &Library) -> Option<usize> {
     let values: Vec<f64> = finding.parameters.iter().map(|p| p.value).collect();
-    candidate_of(finding, library).filter(|&place| library.candidates[place].is_far_off(&values))
+    candidate_of(finding, library).filter(|&place| library.candidates[place].is_far_off(&values, finding.onset_s))
 }
 
 /// The constant whose error a finding is, if it was guessed, or if a constant is `far_off`.
@@ -208,7 +208,7 @@ fn calibration(finding: &Finding, library: &Library, far_off: bool) -> Option<Ca
         .constant
         .as_ref()
         .map(|(parameter, constant)| (*parameter, constant));
-    let (parameter, constant) = guess.or(constant.filter(|_| far_off && finding.onset_s.is_none()))?;
+    let (parameter, constant) = guess.or(constant.filter(|_| far_off))?;
     let fitted = &finding.parameters[parameter];
     let mut found = wanted(
         candidate,

@@ -23,12 +23,13 @@ const COMPATIBLE_GAP: f64 = 5.0;
 /// Whether the sizes of an effect are possible: within the plausible range of the vehicle, with a margin of a tenth of
 /// it, and not all of them less than their own deviation. A fit may leave the range with another effect present or with
 /// the clutter at another width.
-pub(crate) fn can_be(entry: &Candidate, values: &[f64], deviations: &[f64]) -> bool {
+pub(crate) fn can_be(entry: &Candidate, values: &[f64], deviations: &[f64], onset_s: Option<f64>) -> bool {
     let sizes: Vec<usize> = (0..entry.parameters.len())
         .filter(|&i| entry.parameters[i].kind == ParameterKind::Size)
         .collect();
-    // A guess may turn out to be anything, and a constant that somebody wrote down wrong.
-    (entry.guess.is_some() || entry.is_far_off(values) || sizes.iter().all(|&i| entry.is_plausible(i, values[i])))
+    // A guess may turn out to be anything, and a constant that somebody wrote down wrong; neither sets in.
+    let is_guess = entry.guess.is_some() && onset_s.is_none();
+    (is_guess || entry.is_far_off(values, onset_s) || sizes.iter().all(|&i| entry.is_plausible(i, values[i])))
         && (sizes.is_empty() || sizes.iter().any(|&i| values[i].abs() > deviations[i]))
 }
 
@@ -101,7 +102,7 @@ pub(crate) fn findings(problem: &Problem, named: Vec<Named>, posterior: &Posteri
                 constant: constant_of(entry, &values, &deviations, active.onset_s),
                 picture: None,
             };
-            if !can_be(entry, &values, &deviations) {
+            if !can_be(entry, &values, &deviations, active.onset_s) {
                 // For effects known only approximately, such a size is an error of the approximation, not a sign of
                 // something else.
                 if entry.declaration.search.blur == 0.0 {

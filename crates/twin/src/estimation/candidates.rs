@@ -102,9 +102,11 @@ impl Candidate {
         (p.plausible_low - margin..=p.plausible_high + margin).contains(&value)
     }
 
-    /// True for a constant that is off by more than missing physics is, and by no more than a wrong file.
-    pub(crate) fn is_far_off(&self, values: &[f64]) -> bool {
-        self.constant.as_ref().is_some_and(|&(place, _)| {
+    /// True for a constant that is off by more than missing physics is, and by no more than a wrong file. A file is wrong
+    /// from the first second: nothing that sets in later is far off.
+    pub(crate) fn is_far_off(&self, values: &[f64], onset_s: Option<f64>) -> bool {
+        let constant = self.constant.as_ref().filter(|_| onset_s.is_none());
+        constant.is_some_and(|&(place, _)| {
             let (p, value) = (&self.parameters[place], values[place]);
             !(p.plausible_low..=p.plausible_high).contains(&value) && (FAR.0..=FAR.1).contains(&value)
         })

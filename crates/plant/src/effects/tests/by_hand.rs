@@ -110,6 +110,9 @@ fn val_friction_damping_and_drag_centre() {
     near("linear friction", w.force_body[0], -2.0 - 0.2 * 4.0);
     let w = closed(&changed("rotational-damping", &[("damping_n_m_s", 0.01)]));
     near("damping", w.torque_body[2], -0.01 * 0.5);
+    let w = closed(&changed("yaw-damping", &[("damping_n_m_s", 0.02)]));
+    near("damping of the yaw", w.torque_body[2], -0.02 * 0.5);
+    near("and of nothing else", w.torque_body[0], 0.0);
     // (0, 0, −0.04) × (−2, −1, 0) = (−0.04, 0.08, 0).
     let w = closed(&changed("drag-centre", &[("height_m", 0.04)]));
     near("drag centre x", w.torque_body[0], -0.04);

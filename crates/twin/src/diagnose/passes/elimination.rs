@@ -68,7 +68,9 @@ fn impossible(problem: &Problem) -> Result<Option<(usize, Vec<String>)>, Predict
     Ok(problem.active.iter().find_map(|one| {
         let entry = &problem.library.candidates[one.candidate];
         let (values, deviations) = findings::values_of(problem, one, &posterior);
-        if problem.library.columns_of(one.candidate).is_empty() || findings::can_be(entry, &values, &deviations) {
+        if problem.library.columns_of(one.candidate).is_empty()
+            || findings::can_be(entry, &values, &deviations, one.onset_s)
+        {
             return None;
         }
         let channels = shown(one.candidate);

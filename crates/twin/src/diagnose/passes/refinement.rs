@@ -55,8 +55,8 @@ pub(crate) fn best_of(
         .collect();
     let is_far_off = |one: &Tried| {
         one.opened.iter().copied().find(|&c| {
-            let values = one.fitted.active.iter().find(|a| a.candidate == c).map(|a| &a.values);
-            values.is_some_and(|values| problem.library.candidates[c].is_far_off(values))
+            let active = one.fitted.active.iter().find(|a| a.candidate == c);
+            active.is_some_and(|a| problem.library.candidates[c].is_far_off(&a.values, a.onset_s))
         })
     };
     let mut far_off = vec![false; tried.len()];
@@ -381,10 +381,14 @@ fn implausible_size(problem: &Problem, candidate: usize, fitted: &Fitted) -> Opt
     entry.parameters.iter().enumerate().find_map(|(i, p)| {
         let deviation = entry.columns[i].map_or(0.0, |j| fitted.deviations[j] * p.size);
         let value = active.values[i];
-        let (least, most) = entry.reach(i);
         // The range in which a written constant may be off is wide enough; a value beyond it is not accepted as far
-        // off.
-        let constant = matches!(entry.constant, Some((place, _)) if place == i);
+        // off. What sets in is no constant.
+        let constant = active.onset_s.is_none() && matches!(entry.constant, Some((place, _)) if place == i);
+        let (least, most) = if active.onset_s.is_none() {
+            entry.reach(i)
+        } else {
+            (p.plausible_low, p.plausible_high)
+        };
         let margin = if constant {
             0.0
         } else {

@@ -142,7 +142,7 @@ impl Plant {
                 set.advance(&at, s.step_s);
             } else {
                 w = allocation.wrench(&f[..n]);
-                if c.linear_drag_kg_s != 0.0 || c.angular_drag_nms != 0.0 {
+                if c.linear_drag_kg_s != 0.0 || c.angular_drag_nms != 0.0 || c.yaw_drag_nms != 0.0 {
                     let r = turned(&motion.ned_from_body, k, k + 1);
                     let (v, wind) = (between(&motion.velocity, k, k + 1), c.wind_ned_m_s);
                     let relative = [v[0] - wind[0], v[1] - wind[1], v[2] - wind[2]];
