@@ -88,8 +88,8 @@ impl Store for Buckets {
         }
         for name in [PARQUET_FILE, CSV_FILE, SUMMARY_FILE, REPORT_FILE] {
             let path = from.path().join(name);
-            let content = std::fs::read(&path)
-                .map_err(|error| Failure::Failed(format!("{}: {error}", path.display())))?;
+            let content =
+                std::fs::read(&path).map_err(|error| Failure::Failed(format!("{}: {error}", path.display())))?;
             if place
                 .create(name, content.clone())?
                 .is_some_and(|there| there != content)

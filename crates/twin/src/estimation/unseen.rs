@@ -57,6 +57,11 @@ pub struct HeldOutError {
     /// Standard deviation of `after − before`, from the scatter over the blocks.
     #[schema(value_type = Option<f64>)]
     pub change_deviation: f64,
+    /// Mean of ln(mean square before / after) over the blocks, in its own standard deviations. Blocks of a fast flight and
+    /// of a hover differ by factors in their errors, so that the scatter of the differences hides what holds on each block;
+    /// 0 where there are too few blocks.
+    #[serde(skip)]
+    pub fall_on_each: f64,
     /// Change that is ignored: a hundredth of what noise alone leaves.
     #[serde(skip)]
     pub negligible: f64,
@@ -97,9 +102,9 @@ impl HeldOutError {
         self.before - self.after > self.negligible && self.explained_share() > WORTH_NAMING
     }
 
-    /// The same by more than the blocks scatter.
+    /// The same by more than the blocks scatter, in their differences or in their ratios.
     pub fn falls(&self) -> bool {
-        self.is_smaller() && self.before - self.after > RISEN * self.change_deviation
+        self.is_smaller() && (self.before - self.after > RISEN * self.change_deviation || self.fall_on_each > RISEN)
     }
 }
 
@@ -129,6 +134,12 @@ pub(crate) fn change(
     } else {
         f64::INFINITY
     };
+    let ratios: Vec<f64> = before
+        .iter()
+        .zip(after)
+        .filter(|(b, a)| b.sum > 0.0 && a.sum > 0.0)
+        .map(|(b, a)| (b.sum / a.sum).ln())
+        .collect();
     Some(HeldOutError {
         quantity: quantity.to_owned(),
         unit: unit.to_owned(),
@@ -136,6 +147,20 @@ pub(crate) fn change(
         after: new,
         // d√x = dx/(2√x)
         change_deviation: variance.sqrt() / count / (old + new).max(f64::MIN_POSITIVE),
+        fall_on_each: in_deviations(&ratios),
         negligible: NEGLIGIBLE * noise,
     })
+}
+
+/// A mean over its standard deviation by the scatter of the values; 0 for fewer than six.
+fn in_deviations(values: &[f64]) -> f64 {
+    /// Of fewer the deviation is hardly known: three of it are more than one in a hundred by chance.
+    const FEWEST: usize = 6;
+    if values.len() < FEWEST {
+        return 0.0;
+    }
+    let count = values.len() as f64;
+    let mean = values.iter().sum::<f64>() / count;
+    let scatter = values.iter().map(|x| (x - mean) * (x - mean)).sum::<f64>() / (count - 1.0);
+    mean / (scatter / count).sqrt().max(f64::MIN_POSITIVE)
 }

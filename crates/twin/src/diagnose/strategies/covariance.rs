@@ -61,6 +61,10 @@ const LAW_GAIN: f64 = 15.0;
 /// Part of the slow excess of forces and torques that gusts must take away.
 const LEAST_SHARE: f64 = 0.9;
 
+/// σ below which air is calm, m/s: a rest of that size is the error of something else (0.07 m/s were named with a wrong
+/// model of the yaw).
+const CALM_M_S: f64 = 0.1;
+
 /// Gusts that were found.
 #[derive(Debug, Clone)]
 pub(crate) struct Gusts {
@@ -345,7 +349,7 @@ impl Gusts {
             .fits
             .iter()
             .any(|own| (F..KV).any(|c| own[c].is_some_and(|fit| fit.score() > 2.0 * UNEXPLAINED_SCORE)));
-        self.law < LAW_GAIN && share > LEAST_SHARE && !coloured
+        self.rms_m_s > CALM_M_S && self.law < LAW_GAIN && share > LEAST_SHARE && !coloured
     }
 }
 
