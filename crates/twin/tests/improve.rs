@@ -554,6 +554,48 @@ fn scenario_a_damping_is_named_on_a_calm_flight() {
     finds_alone("helix", 302, "rotational-damping", "damping_n_m_s", 0.0106);
 }
 
+/// Rotors that a yawing vehicle moves through the air: their drag at the centre of mass explains no torque, and a damping of all axes
+/// too much of it.
+#[test]
+fn scenario_a_damping_of_the_yaw_alone_is_told_from_one_of_all_axes() {
+    finds_alone("excitation", 303, "yaw-damping", "damping_n_m_s", 0.018);
+}
+
+/// Four at once are more than one search names. What it finds on unseen blocks is added from the catalogue, not as a proposal of
+/// terms that resemble all of it, and the next search finds the rest.
+#[test]
+fn scenario_four_effects_are_added_one_by_one() {
+    let hidden = [
+        "rotor-drag:drag_n_s_m=0.3",
+        "yaw-damping:damping_n_m_s=0.018",
+        "moment-ratio:share=0.2",
+        "centre-of-mass:forward_m=0.003,right_m=0.0",
+    ];
+    let [learn, proof] = [
+        whole("learn", "excitation", &hidden, 305),
+        whole("proof", "waypoint", &hidden, 306),
+    ];
+    let given = NamedModel {
+        label: "f550@v0".to_owned(),
+        version: model(),
+    };
+    let request = Request {
+        model: &given,
+        fitted: &[learn],
+        held_out: &[proof],
+        oracle: None,
+    };
+    let found = improve(&request, &Options::default(), &mut Eager { proposals: 9 }).unwrap();
+    let mut added: Vec<String> = found.model.effect.iter().map(|one| one.effect.clone()).collect();
+    added.sort();
+    assert_eq!(
+        added,
+        ["centre-of-mass", "moment-ratio", "rotor-drag", "yaw-damping"],
+        "{}",
+        found.reason
+    );
+}
+
 /// In hover the biases of the rotors explain the effect of a wrong wiring: only with the biases fitted for each wiring
 /// does the right one stand out.
 #[test]

@@ -170,12 +170,13 @@ fn val_in_a_hover_a_law_of_the_voltage_is_never_mass_that_leaves_and_nothing_els
     }
 }
 
+/// On waypoint flights up to 0.1: of stronger fields most answers are "not wholly in the catalogue" (docs/blind-bench.md).
 #[test]
 fn val_a_heading_that_errs_with_the_current_is_named_with_its_field() {
     named_alone(
         &[
             &["current-heading:forward_share=0.12,right_share=-0.1"],
-            &["current-heading:forward_share=-0.15,right_share=0.05"],
+            &["current-heading:forward_share=-0.1,right_share=0.05"],
             &["current-heading:forward_share=0.05,right_share=0.2"],
             &["current-heading:forward_share=0.1,right_share=0.1"],
         ],

@@ -308,12 +308,14 @@ fn sentence(diagnosis: &Diagnosis) -> String {
                     named(&found)
                 )
             };
-            let torques = diagnosis
-                .goodness
-                .unexplained
-                .iter()
-                .all(|channel| ["mx", "my", "mz"].contains(&channel.as_str()));
-            let outputs = if torques && found.is_empty() { BETWEEN_ROWS } else { "" };
+            // `mx`, of several logs `mx of NAME`.
+            let is_torque = |channel: &String| {
+                let name = channel.split(' ').next();
+                name.is_some_and(|name| ["mx", "my", "mz"].contains(&name))
+            };
+            let torques = diagnosis.goodness.unexplained.iter().all(is_torque)
+                && found.iter().all(|finding| finding.channels.iter().all(is_torque));
+            let outputs = if torques { BETWEEN_ROWS } else { "" };
             format!(
                 "The error is real and not, or not wholly, in the catalogue: {unexplained} {stay} unexplained.{part}{}{outputs}{}",
                 rising(diagnosis),

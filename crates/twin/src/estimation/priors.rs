@@ -174,6 +174,16 @@ mod tests {
         );
     }
 
+    /// "Mass −59 % from 41.8 s on" was named as if somebody had written down a wrong mass.
+    #[test]
+    fn regress_what_sets_in_is_no_wrong_constant() {
+        let library = library(&[constant("body.mass_kg", 1.55, 0.01, Source::Log)]);
+        let mut candidates = library.candidates.iter();
+        let mass = candidates.find(|c| c.declaration.id == "mass").unwrap();
+        assert!(mass.is_far_off(&[-0.59], None) && !mass.is_far_off(&[-0.59], Some(41.8)));
+        assert!(!mass.is_far_off(&[-0.05], None), "within what payloads are");
+    }
+
     #[test]
     fn val_a_constant_without_a_place_in_the_document_is_wide_about_0() {
         let library = library(&[constant("motor.delay_s", 0.008, 0.002, Source::Log)]);

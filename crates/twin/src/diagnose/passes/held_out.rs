@@ -288,6 +288,30 @@ mod tests {
         assert!(found.rises(), "{found:?}");
     }
 
+    /// Errors of fast blocks are a hundred times those of a hover; their differences scatter as much as their mean, and
+    /// still each block is predicted better.
+    #[test]
+    fn regress_an_error_that_falls_on_every_block_falls() {
+        let mut noise = NormalStream::new(8, "held out");
+        let after = blocks(&mut noise, 1.0);
+        let raised = |factors: [f64; 9]| -> Vec<Squares> {
+            let raised = after.iter().zip(factors).map(|(one, factor)| Squares {
+                sum: factor * one.sum,
+                ..*one
+            });
+            raised.collect()
+        };
+        let fall = |factors| change("force", "N", &raised(factors), &after, 1e-3).unwrap();
+        let all = fall([4.0, 3.0, 300.0, 5.0, 4.0, 30.0, 3.0, 5.0, 6.0]);
+        assert!(
+            all.before - all.after < 3.0 * all.change_deviation && all.falls(),
+            "{all:?}"
+        );
+        // One block in nine says nothing.
+        let one = fall([1.0, 1.0, 300.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0]);
+        assert!(one.is_smaller() && !one.falls(), "{one:?}");
+    }
+
     #[test]
     fn regress_rounding_is_no_error() {
         let mut noise = NormalStream::new(6, "held out");
