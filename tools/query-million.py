@@ -10,7 +10,8 @@ million rows in all: each row of it many times, with a flight number, a run hash
 Python in the folder where the server keeps them, HTTP and the client by the ids of the campaigns. In each turn every way has one query after the other.
 
 The command asks the same files in an object store, too: moto on this machine, a server in Python, if the test `campaign_store` has made its
-environment (target/s3-environment). It shows what has to be fetched, not how fast a real store is.
+environment (target/s3-environment). It has --memory 900, as the default of 512 MB is too
+little for a million rows from a store. It shows what has to be fetched, not how fast a real store is.
 
 Memory is the largest sum over the processes that answer, looked up every 5 ms: children of the server, or the command or Python with theirs.
 """
@@ -188,7 +189,7 @@ def asked_by(url: str, jobs: list[str], folder: str, store: Store | None) -> dic
         process(peak, [sys.executable, "-c", "import rotortwin, sys; print(rotortwin.query(*sys.argv[1:]).num_rows)", sql, folder])
 
     def bucket(sql: str, peak: Peak) -> None:
-        process(peak, [PROGRAM, "query", "--json", sql, Store.address], store and store.environment)
+        process(peak, [PROGRAM, "query", "--json", "--memory", "900", sql, Store.address], store and store.environment)
 
     return {
         "command": command,

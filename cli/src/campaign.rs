@@ -159,7 +159,7 @@ pub fn print_fetched(args: &FlightArgs, campaign: &Campaign, path: &Path) -> Res
     let totals = results::collect(campaign, &folder)?;
     let go_on = command_line(&args.campaign, args.out.as_deref());
     let place = folder.path().display().to_string();
-    print_text(campaign, &totals, &Flown::nothing(), (&place, &go_on));
+    print_text(campaign, &totals, &Flown::nothing(), &place, &go_on);
     Ok(())
 }
 
@@ -288,10 +288,7 @@ fn merge(args: &MergeArgs, store: Option<&dyn Store>) -> ExitCode {
     };
     let merged = match (args.out.as_deref().and_then(address), store) {
         (Some(address), Some(store)) => merged_in_store(address, args, store, &campaign),
-        _ => {
-            let path = folder_of(args.out.as_deref(), &campaign);
-            merged_in(&path, &path.display().to_string(), args, store, &campaign).map(drop)
-        }
+        _ => merged_in_folder(args, store, &campaign),
     };
     match merged {
         Ok(()) => ExitCode::SUCCESS,
@@ -299,10 +296,32 @@ fn merge(args: &MergeArgs, store: Option<&dyn Store>) -> ExitCode {
     }
 }
 
-/// The folder at `path`, with the whole campaign and its results, which are told to be at `place`.
-fn merged_in(
+/// The results in a folder, of all shards or of those that there are.
+fn merged_in_folder(args: &MergeArgs, store: Option<&dyn Store>, campaign: &Campaign) -> Result<(), Failure> {
+    let folder = gathered(&folder_of(args.out.as_deref(), campaign), args, store, campaign)?;
+    let go_on = command_line(&args.campaign, Some(folder.path()));
+    summed_up(campaign, &folder, &Flown::nothing(), args.json, &go_on)?;
+    check_whole(&folder)
+}
+
+/// The results of all shards at an address, for queries where they lie; the shards stay where they are.
+fn merged_in_store(address: &str, args: &MergeArgs, store: &dyn Store, campaign: &Campaign) -> Result<(), Failure> {
+    let work = tempfile::Builder::new()
+        .prefix("rotortwin-merge-")
+        .tempdir()
+        .map_err(|error| Failure::Failed(format!("a temporary folder for the results cannot be created: {error}")))?;
+    let folder = gathered(&work.path().join("campaign"), args, Some(store), campaign)?;
+    // Nothing is written over later, so that a part of the results has no place there.
+    check_whole(&folder)?;
+    let totals = runner::sum_up(campaign, &folder)?;
+    store.keep(&folder, address, campaign)?;
+    print_totals(campaign, &totals, &Flown::nothing(), args.json, address, "");
+    Ok(())
+}
+
+/// The folder at `path` with the shards of all others.
+fn gathered(
     path: &Path,
-    place: &str,
     args: &MergeArgs,
     store: Option<&dyn Store>,
     campaign: &Campaign,
@@ -314,11 +333,13 @@ fn merged_in(
             _ => take_in(&folder, other, campaign).map(drop).map_err(Failure::Input)?,
         }
     }
-    let missing = missing_shards(&folder, 0..folder.shard_count());
-    let go_on = command_line(&args.campaign, Some(Path::new(place)));
-    summed_up(campaign, &folder, &Flown::nothing(), args.json, (place, &go_on))?;
+    Ok(folder)
+}
+
+fn check_whole(folder: &CampaignFolder) -> Result<(), Failure> {
+    let missing = missing_shards(folder, 0..folder.shard_count());
     if missing.is_empty() {
-        return Ok(folder);
+        return Ok(());
     }
     Err(Failure::Failed(format!(
         "{} of {} shards are missing: {}; fly them with --shards and merge again",
@@ -326,16 +347,6 @@ fn merged_in(
         folder.shard_count(),
         output::ranges(&missing)
     )))
-}
-
-/// The results at an address, for queries where they lie; the shards stay where they are.
-fn merged_in_store(address: &str, args: &MergeArgs, store: &dyn Store, campaign: &Campaign) -> Result<(), Failure> {
-    let work = tempfile::Builder::new()
-        .prefix("rotortwin-merge-")
-        .tempdir()
-        .map_err(|error| Failure::Failed(format!("a temporary folder for the results cannot be created: {error}")))?;
-    let folder = merged_in(&work.path().join("campaign"), address, args, Some(store), campaign)?;
-    store.keep(&folder, address, campaign)
 }
 
 fn fly_all(args: &FlightArgs, campaign: &Campaign) -> ExitCode {
@@ -353,8 +364,7 @@ fn flown_and_printed(args: &FlightArgs, campaign: &Campaign) -> Result<ExitCode,
         return Ok(said_of_shards(args, &flown, &folder.path().display().to_string()));
     }
     let go_on = command_line(&args.campaign, args.out.as_deref());
-    let place = folder.path().display().to_string();
-    summed_up(campaign, folder, &flown, args.json, (&place, &go_on))?;
+    summed_up(campaign, folder, &flown, args.json, &go_on)?;
     Ok(exit_code(&flown))
 }
 
@@ -432,20 +442,25 @@ fn summed_up(
     folder: &CampaignFolder,
     flown: &Flown,
     json: bool,
-    place_and_command: (&str, &str),
+    go_on: &str,
 ) -> Result<(), Failure> {
     let totals = runner::sum_up(campaign, folder)?;
-    if json {
-        println!("{}", CampaignSummary::new(campaign, &totals).json());
-    } else {
-        print_text(campaign, &totals, flown, place_and_command);
-    }
+    let place = folder.path().display().to_string();
+    print_totals(campaign, &totals, flown, json, &place, go_on);
     Ok(())
 }
 
+fn print_totals(campaign: &Campaign, totals: &Totals, flown: &Flown, json: bool, place: &str, go_on: &str) {
+    if json {
+        println!("{}", CampaignSummary::new(campaign, totals).json());
+    } else {
+        print_text(campaign, totals, flown, place, go_on);
+    }
+}
+
 /// * `place`: where the files are
-/// * `go_on`: the command that continues
-fn print_text(campaign: &Campaign, totals: &Totals, flown: &Flown, (place, go_on): (&str, &str)) {
+/// * `go_on`: the command that continues, if some flights are missing
+fn print_text(campaign: &Campaign, totals: &Totals, flown: &Flown, place: &str, go_on: &str) {
     let document = campaign.document();
     println!(
         "{}",
@@ -474,7 +489,7 @@ fn print_text(campaign: &Campaign, totals: &Totals, flown: &Flown, (place, go_on
         results::SUMMARY_FILE,
     ]
     .join("  ");
-    println!("Files        {}\n             {files}", place);
+    println!("Files        {place}\n             {files}");
     let wall = flown.start.elapsed().as_secs_f64();
     if flown.flights > 0 {
         let speed = format!(

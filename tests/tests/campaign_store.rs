@@ -84,6 +84,13 @@ fn scenario_shards_in_a_bucket_are_the_bytes_of_one_machine() {
     assert_eq!(early.code, Some(1));
     let missing = format!("{} of {SHARDS} shards are missing", SHARDS - before);
     assert!(early.stderr.join("\n").contains(&missing), "{:?}", early.stderr);
+    let in_part = merge(there, &[]);
+    assert_eq!((in_part.code, in_part.stdout.as_str()), (Some(1), ""));
+    assert!(in_part.stderr.join("\n").contains(&missing), "{:?}", in_part.stderr);
+    assert!(
+        !bucket.keys().iter().any(|key| key.ends_with("summary.json")),
+        "no part of the results"
+    );
     let rest = said(fly("0..10").run());
     assert_eq!(
         rest["flights"],

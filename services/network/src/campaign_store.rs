@@ -28,10 +28,7 @@ pub(crate) struct Buckets;
 impl Store for Buckets {
     fn fly(&self, args: &FlightArgs, address: &str, campaign: &Campaign) -> Result<ExitCode, Failure> {
         let place = Place::open(address)?;
-        let text = manifest(campaign).map_err(Failure::Input)?;
-        if let Some(there) = place.create(MANIFEST, text.into_bytes())? {
-            check_manifest(address, &there, campaign).map_err(Failure::Input)?;
-        }
+        place.claim(campaign)?;
         let present = place.shards()?;
         let work = tempfile::Builder::new()
             .prefix("rotortwin-shards-")
@@ -82,10 +79,7 @@ impl Store for Buckets {
 
     fn keep(&self, from: &CampaignFolder, address: &str, campaign: &Campaign) -> Result<(), Failure> {
         let place = Place::open(address)?;
-        let text = manifest(campaign).map_err(Failure::Input)?;
-        if let Some(there) = place.create(MANIFEST, text.into_bytes())? {
-            check_manifest(address, &there, campaign).map_err(Failure::Input)?;
-        }
+        place.claim(campaign)?;
         for name in [PARQUET_FILE, CSV_FILE, SUMMARY_FILE, REPORT_FILE] {
             let path = from.path().join(name);
             let content =
@@ -149,6 +143,15 @@ impl<'a> Place<'a> {
     /// `None`: created; otherwise the existing object.
     fn create(&self, key: &str, content: Vec<u8>) -> Result<Option<Vec<u8>>, Failure> {
         self.wait(self.bucket.create(key, content))
+    }
+
+    /// Makes the place one of this campaign, or checks that it is.
+    fn claim(&self, campaign: &Campaign) -> Result<(), Failure> {
+        let text = manifest(campaign).map_err(Failure::Input)?;
+        match self.create(MANIFEST, text.into_bytes())? {
+            Some(there) => check_manifest(self.address, &there, campaign).map_err(Failure::Input),
+            None => Ok(()),
+        }
     }
 
     fn shards(&self) -> Result<BTreeSet<u64>, Failure> {

@@ -384,15 +384,11 @@ fn implausible_size(problem: &Problem, candidate: usize, fitted: &Fitted) -> Opt
         // The range in which a written constant may be off is wide enough; a value beyond it is not accepted as far
         // off. What sets in is no constant.
         let constant = active.onset_s.is_none() && matches!(entry.constant, Some((place, _)) if place == i);
-        let (least, most) = if active.onset_s.is_none() {
-            entry.reach(i)
+        let ((least, most), margin) = if constant {
+            (entry.reach(i), 0.0)
         } else {
-            (p.plausible_low, p.plausible_high)
-        };
-        let margin = if constant {
-            0.0
-        } else {
-            2.0 * deviation + 0.25 * (p.plausible_high - p.plausible_low)
+            let range = (p.plausible_low, p.plausible_high);
+            (range, 2.0 * deviation + 0.25 * (range.1 - range.0))
         };
         let outside = value > most + margin || value < least - margin;
         (p.kind == ParameterKind::Size && outside).then_some(Quantity {
