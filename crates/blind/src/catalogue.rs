@@ -41,7 +41,7 @@ pub struct Parameter {
 pub struct Kind {
     /// kebab-case.
     pub id: &'static str,
-    /// Number in the catalogue of 60 effects; 0 outside it.
+    /// Number in the catalogue of 61 effects; 0 outside it.
     pub number: u8,
     /// Words.
     pub title: &'static str,
@@ -718,6 +718,15 @@ pub static KINDS: &[Kind] = &[
         per_rotor: false,
         companion: None,
         parameters: &[p("damping_n_m_s", "N m s", 0.02, false, true)],
+    },
+    Kind {
+        id: "arm-length",
+        number: 61,
+        title: "Arms of another length",
+        place: Place::Wrench,
+        per_rotor: false,
+        companion: None,
+        parameters: &[p("share", "1", 0.1, true, true)],
     },
     Kind {
         id: "stuck-moment",

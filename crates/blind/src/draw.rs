@@ -8,7 +8,7 @@ use crate::random::Stream;
 pub const CLUTTER: f64 = 0.02;
 
 /// Kinds that are a structure, a noise class or a time, not a small deviation that every vehicle has.
-const NO_CLUTTER: [&str; 22] = [
+const NO_CLUTTER: [&str; 23] = [
     "reversed-spin",
     "wind",
     "gusts",
@@ -23,6 +23,7 @@ const NO_CLUTTER: [&str; 22] = [
     "drag-centre",
     "drag-anisotropy",
     "yaw-damping",
+    "arm-length",
     "mass-loss",
     "command-delay",
     "imu-latency",

@@ -446,7 +446,9 @@ impl World {
         let mut torque = Vector3::zeros();
         let mut speed_ratio_sum = 0.0;
         for (i, rotor) in self.vehicle.rotors.iter().enumerate() {
-            let local = air + rates.cross(&rotor.position);
+            let longer = 1.0 + active.arm_share;
+            let place = Vector3::new(longer * rotor.position.x, longer * rotor.position.y, rotor.position.z);
+            let local = air + rates.cross(&place);
             let ratio = (thrusts[i].max(0.0) / hover).sqrt();
             speed_ratio_sum += ratio;
             let mut thrust = thrusts[i];
@@ -457,7 +459,7 @@ impl World {
                 thrust *= 1.0 - (active.vortex_ring * sink * sink).min(0.6);
             }
             if active.ground_effect != 0.0 {
-                let rotor_height = (height - rotor.position.dot(&down_earth)).max(0.1);
+                let rotor_height = (height - place.dot(&down_earth)).max(0.1);
                 let near = ROTOR_RADIUS / (4.0 * rotor_height);
                 thrust *= 1.0 + active.ground_effect * (1.0 / (1.0 - near * near) - 1.0);
             }
@@ -466,17 +468,17 @@ impl World {
                 let near = ROTOR_RADIUS / (gap + ROTOR_RADIUS);
                 thrust *= 1.0 / (1.0 - (active.ceiling_effect * near * near).min(0.9));
             }
-            let arm = rotor.position.xy().norm();
+            let arm = place.xy().norm();
             if active.interference != 0.0 && arm > 0.0 {
-                let behind = -(local.x * rotor.position.x + local.y * rotor.position.y) / arm;
+                let behind = -(local.x * place.x + local.y * place.y) / arm;
                 thrust *= 1.0 - active.interference * behind.max(0.0);
             }
-            let radial = if arm > 0.0 { rotor.position / arm } else { Vector3::x() };
+            let radial = if arm > 0.0 { place / arm } else { Vector3::x() };
             let tangential = Vector3::z().cross(&radial);
             let axis = -Vector3::z() + active.tilt_tangential[i] * tangential + active.tilt_radial[i] * radial;
             let push = thrust * axis;
             force += push;
-            torque += (rotor.position - active.centre).cross(&push);
+            torque += (place - active.centre).cross(&push);
             let yaw_sign = rotor.yaw_sign * (1.0 - 2.0 * active.reversed[i]);
             torque.z +=
                 yaw_sign * rotor.moment_ratio * (1.0 + active.moment_ratio) * (1.0 + active.blade_drag[i]) * thrust;

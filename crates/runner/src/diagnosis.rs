@@ -246,11 +246,12 @@ fn text(diagnosis: &Diagnosis) -> String {
         text += "\nFitted on every other 5 s, tested on the rest (means over 0.1 s)\n";
         for error in &diagnosis.held_out {
             text += &format!(
-                "  {:8} {:9.2} → {:9.2} m{}\n",
+                "  {:8} {:9.2} → {:9.2} m{}, noise alone {:.2}\n",
                 error.quantity,
                 1e3 * error.before,
                 1e3 * error.after,
-                error.unit
+                error.unit,
+                1e3 * error.noise
             );
         }
     }

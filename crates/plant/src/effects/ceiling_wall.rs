@@ -1,8 +1,21 @@
 //! Ceiling and wall: a rotor below a ceiling lifts more, one beside a wall is drawn to it.
 //!
-//! Where ceiling and wall are is a shape of the effect. Distances below half a rotor radius count as that.
+//! Where ceiling and wall are is a shape of the effect. A vehicle cannot be beyond them: where its position says so by more than a position
+//! may err, there is none. Otherwise a ceiling below all of a flight would be a constant factor on the thrust.
 
 use super::prelude::*;
+
+/// Largest error of a position beside a surface, m.
+const POSITION_ERROR_M: f64 = 0.5;
+
+/// (R/(d + R))² at distance d of a surface, m: 1 beyond it by the error of a position, 0 further on.
+fn nearness(radius: f64, distance: f64) -> f64 {
+    if distance < -POSITION_ERROR_M {
+        return 0.0;
+    }
+    let ratio = radius / (distance.max(0.0) + radius);
+    ratio * ratio
+}
 
 /// Row 10 of the catalogue.
 pub(super) static CEILING: EffectDeclaration = EffectDeclaration {
@@ -115,10 +128,9 @@ impl ActiveEffect for Ceiling {
     }
 
     fn rotor_thrust(&mut self, at: &Moment<'_>, thrust: &mut [f64]) {
-        let distance = (self.height + at.position_ned[2]).max(0.0);
-        let ratio = self.radius / (distance + self.radius);
+        let near = nearness(self.radius, self.height + at.position_ned[2]);
         // Beyond 90 % of the pole the fit means nothing any more.
-        let factor = 1.0 / (1.0 - (self.strength * ratio * ratio).min(0.9));
+        let factor = 1.0 / (1.0 - (self.strength * near).min(0.9));
         for f in thrust {
             *f *= factor;
         }
@@ -158,8 +170,8 @@ impl ActiveEffect for Wall {
 
     fn wrench(&mut self, at: &Moment<'_>, wrench: &mut Wrench) {
         let along = self.north * at.position_ned[0] + self.east * at.position_ned[1];
-        let ratio = self.radius / ((self.distance - along).max(0.0) + self.radius);
-        let force = self.strength * ratio * ratio * at.rotor_thrust.iter().sum::<f64>();
+        let near = nearness(self.radius, self.distance - along);
+        let force = self.strength * near * at.rotor_thrust.iter().sum::<f64>();
         let body = at.body_from_ned([force * self.north, force * self.east, 0.0]);
         for i in 0..3 {
             wrench.force_body[i] += body[i];

@@ -5,12 +5,14 @@ use super::prelude::*;
 /// Row 19 of the catalogue: the moment of inertia about body axis `AXIS`.
 ///
 /// * `parameters`: the relative error, see [`share`]
+/// * `search`: an arm or the unit of a drawing that was read wrong makes several of them wrong at once
 const fn moment<const AXIS: usize>(
     id: &'static str,
     name: &'static str,
     equation: &'static str,
     parameters: &'static [ParameterDeclaration],
     confused_with: &'static [&'static str],
+    search: Search,
 ) -> EffectDeclaration {
     EffectDeclaration {
         id,
@@ -24,7 +26,7 @@ const fn moment<const AXIS: usize>(
         per_rotor: false,
         may_set_in: false,
         needs: &[],
-        search: Search::LINEAR,
+        search,
         excited_by: "angular acceleration about this axis",
         confused_with,
         source: "bifilar pendulum practice: ±15 to 20 %",
@@ -93,6 +95,7 @@ pub(super) static ROLL: EffectDeclaration = moment::<0>(
     "J_x → J_x (1 + d)",
     &const { [share(0.15).correcting_by_factors("body.inertia_body_kg_m2[0]")] },
     OF_TILTING,
+    Search::LINEAR.along_with(&["inertia-pitch", "inertia-yaw"]),
 );
 
 pub(super) static PITCH: EffectDeclaration = moment::<1>(
@@ -101,6 +104,7 @@ pub(super) static PITCH: EffectDeclaration = moment::<1>(
     "J_y → J_y (1 + d)",
     &const { [share(0.15).correcting_by_factors("body.inertia_body_kg_m2[1]")] },
     OF_TILTING,
+    Search::LINEAR,
 );
 
 pub(super) static YAW: EffectDeclaration = moment::<2>(
@@ -109,6 +113,7 @@ pub(super) static YAW: EffectDeclaration = moment::<2>(
     "J_z → J_z (1 + d)",
     &const { [share(0.2).correcting_by_factors("body.inertia_body_kg_m2[2]")] },
     &["moment-ratio", "rotor-reaction"],
+    Search::LINEAR,
 );
 
 pub(super) static PRODUCT_XY: EffectDeclaration = product::<0, 1>(

@@ -12,6 +12,7 @@
 
 mod accelerometer;
 mod air_density;
+mod arm_length;
 mod attitude_offset;
 mod axial_inflow;
 mod battery;

@@ -130,6 +130,11 @@ pub struct Search {
     /// Share of its size that no log determines, however long: an approximation error of the twin. Half of a 95 %
     /// interval.
     pub blur: f64,
+    /// Effects that one mistake brings along with it: the first of them, the first two, … are tried at once with this one. One by one they
+    /// may lose to an effect that resembles all of them.
+    pub along: &'static [&'static str],
+    /// Effects of constants against which alone a flight determines this one: it is not looked for where one of them is a guess.
+    pub unless_guessed: &'static [&'static str],
 }
 
 impl Search {
@@ -144,6 +149,8 @@ impl Search {
             trim: None,
             grows: false,
             blur: 0.0,
+            along: &[],
+            unless_guessed: &[],
         }
     }
 
@@ -162,6 +169,18 @@ impl Search {
     /// The same where a share of the size stays unknown in every log.
     pub const fn blurred(mut self, share: f64) -> Self {
         self.blur = share;
+        self
+    }
+
+    /// The same, tried along with others as well.
+    pub const fn along_with(mut self, others: &'static [&'static str]) -> Self {
+        self.along = others;
+        self
+    }
+
+    /// The same, unless a constant is a guess that one of these is the error of.
+    pub const fn unless_guessed(mut self, others: &'static [&'static str]) -> Self {
+        self.unless_guessed = others;
         self
     }
 

@@ -34,6 +34,7 @@ pub(crate) fn not_considered(problem: &Problem, diagnosis: &Diagnosis) -> Vec<No
                 },
                 setting: match &reason {
                     Reason::Columns(_) | Reason::CovarianceOf(_) => None,
+                    Reason::Guessed(_) => Some("a vehicle whose inertia was measured".to_owned()),
                     Reason::InTheModel => Some(format!("a model without {}", entry.id)),
                     Reason::NothingToActThrough(needs) => Some(format!("a model with one of {}", needs.join(", "))),
                     Reason::NothingNamed => Some("a flight on which another effect is named".to_owned()),
@@ -53,6 +54,9 @@ fn reason(problem: &Problem, diagnosis: &Diagnosis, entry: &EffectDeclaration) -
     let in_the_model = |log: &LogState| log.predictor.model().iter().any(|one| one.effect == entry.id);
     if !noise && absent && problem.logs.iter().any(in_the_model) {
         return Some(Reason::InTheModel);
+    }
+    if !noise && absent && !entry.search.unless_guessed.is_empty() {
+        return Some(Reason::Guessed(entry.search.unless_guessed));
     }
     if let Strategy::CovarianceOf(other) = entry.search.strategy {
         return Some(Reason::CovarianceOf(other));

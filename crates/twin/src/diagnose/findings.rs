@@ -1,5 +1,7 @@
 //! The findings of a search in the form of its result: final values, the fate of their rivals, and the verdict.
 
+use std::collections::BTreeSet;
+
 use rotortwin_plant::effects::{ChannelGroup, EffectClass, ParameterKind};
 
 use super::named::{Named, RivalFit, UNTOLD_GAP};
@@ -18,7 +20,7 @@ use crate::predict::{CHANNELS, NAMES};
 const LEAST_SHARE: f64 = 0.9;
 
 /// Evidence gap below which a rival counts as compatible.
-const COMPATIBLE_GAP: f64 = 5.0;
+pub(crate) const COMPATIBLE_GAP: f64 = 5.0;
 
 /// Whether the sizes of an effect are possible: within the plausible range of the vehicle, with a margin of a tenth of
 /// it, and not all of them less than their own deviation. A fit may leave the range with another effect present or with
@@ -73,7 +75,8 @@ pub(crate) fn findings(problem: &Problem, named: Vec<Named>, posterior: &Posteri
             let (values, deviations) = values_of(problem, active, posterior);
             let too_small = below(entry, &values, one.minimum);
             let (mut compatible, mut lost) = (Vec::new(), Vec::new());
-            for rival in &one.rivals {
+            let named = |candidate: usize| problem.active.iter().any(|a| a.candidate == candidate);
+            for rival in one.rivals.iter().filter(|rival| !named(rival.candidate)) {
                 let rival = fared(problem, entry, rival, too_small);
                 match rival.outcome {
                     Outcome::AsGood => compatible.push(rival),
@@ -235,25 +238,30 @@ pub(crate) fn strongest(problem: &Problem, candidate: usize, position: &[f64]) -
 }
 
 /// True if three active effects are each easily confused with one of the others: together they can follow the curve of
-/// an error that is none of theirs.
+/// an error that is none of theirs. Those that one mistake brings along count as one.
 pub(crate) fn look_alikes(problem: &Problem) -> bool {
     let named = |a: &Active| problem.library.candidates[a.candidate].declaration;
+    let mistake = |a: &Active| {
+        let mut all = problem.active.iter().map(named);
+        let leader = all.find(|other| other.search.along.contains(&named(a).id));
+        leader.unwrap_or_else(|| named(a)).id
+    };
     let alike = problem.active.iter().filter(|a| {
         problem.active.iter().any(|b| {
-            a.candidate != b.candidate
+            mistake(a) != mistake(b)
                 && (named(a).confused_with.contains(&named(b).id) || named(b).confused_with.contains(&named(a).id))
         })
     });
-    alike.count() >= 3
+    alike.map(mistake).collect::<BTreeSet<_>>().len() >= 3
 }
 
-/// * `stretched`: the rest is white only because small errors of all parameters were stretched to implausible ones
-pub(crate) fn verdict(diagnosis: &Diagnosis, stretched: bool) -> Verdict {
+/// * `is_left`: an error is left that no channel shows: it passes for noise, or small errors of all parameters were stretched to implausible ones
+pub(crate) fn verdict(diagnosis: &Diagnosis, is_left: bool) -> Verdict {
     let ids = |findings: &[Finding]| findings.iter().map(|f| f.instance.effect.clone()).collect::<Vec<_>>();
     let nothing = diagnosis.effects.is_empty() && diagnosis.sensor_or_timing.is_empty();
     let unexplained = !diagnosis.goodness.unexplained.is_empty();
     let share = diagnosis.goodness.explained_share;
-    if unexplained && (nothing || stretched || share.is_some_and(|share| share < LEAST_SHARE)) {
+    if unexplained && (nothing || is_left || share.is_some_and(|share| share < LEAST_SHARE)) {
         // What unseen blocks prove stands, whatever the rest is; but noise such as gusts takes up any error, and proves nothing.
         let can_be = |finding: &Finding| {
             finding.class == EffectClass::Physics && finding.parameters.iter().all(|parameter| parameter.plausible)

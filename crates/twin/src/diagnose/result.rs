@@ -254,6 +254,8 @@ pub(crate) enum Reason {
     NothingNamed,
     /// The covariance of this effect is nearly the same.
     CovarianceOf(&'static str),
+    /// A flight determines it only against constants that are guesses, those of these effects.
+    Guessed(&'static [&'static str]),
 }
 
 /// How well the model fits, before and after.

@@ -100,6 +100,14 @@ fn begin<'a>(
     let airspeed = predictors.iter().any(|p| holds(p, Requirement::AirVelocity));
     library.retain(|c| airspeed || !c.declaration.search.requires.contains(&Requirement::AirVelocity));
     library.take_priors(constants);
+    let guessed = library.guessed();
+    library.retain(|c| {
+        !c.declaration
+            .search
+            .unless_guessed
+            .iter()
+            .any(|id| guessed.contains(id))
+    });
     library.tighten(|one| {
         predictors[0]
             .effect_set(&Nuisances::default(), std::slice::from_ref(one))

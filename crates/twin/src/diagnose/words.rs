@@ -109,6 +109,10 @@ fn unconsidered(one: &NotConsidered) -> String {
             )
         }
         Reason::NothingNamed => "it is only searched for together with another effect, and none was named".to_owned(),
+        Reason::Guessed(others) => format!(
+            "a flight determines it only against the constants of {}, which are guesses",
+            others.join(" and ")
+        ),
         Reason::CovarianceOf(other) => format!("its covariance is nearly that of {other}, which is looked for instead"),
     }
 }
@@ -158,6 +162,15 @@ pub(crate) fn doubt(doubt: &Doubt) -> String {
             format!("the {quantity} error on unseen blocks (it rises with what was found)")
         }
     }
+}
+
+/// An error on unseen blocks that is more than noise, as a part of the unexplained rest.
+pub(crate) fn beyond_noise(error: &HeldOutError) -> String {
+    let [left, noise] = [error.after, error.noise].map(|value| number(1e3 * value));
+    format!(
+        "the {} error on unseen blocks ({left} m{} where noise leaves {noise})",
+        error.quantity, error.unit
+    )
 }
 
 /// Puts the findings of a diagnosis into words: reasons first, the sentence last.
@@ -217,7 +230,7 @@ fn sentence(diagnosis: &Diagnosis) -> String {
     let held_out: Vec<String> = diagnosis
         .held_out
         .iter()
-        .filter(|e| (e.before - e.after).abs() > (0.01 * e.before).max(e.negligible))
+        .filter(|e| (e.before - e.after).abs() > (0.01 * e.before).max(e.negligible()))
         .map(|e| format!(" Held-out {} error {}.", e.quantity, from_to(e)))
         .collect();
     let named = |findings: &[Finding]| {

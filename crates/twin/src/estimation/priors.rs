@@ -65,6 +65,12 @@ impl Library {
             .min(MOST_GUESSES)
     }
 
+    /// Effects that are the errors of guesses, by id.
+    pub(crate) fn guessed(&self) -> Vec<&'static str> {
+        let guesses = self.candidates.iter().filter(|c| c.guess.is_some());
+        guesses.map(|c| c.declaration.id).collect()
+    }
+
     /// Takes intervals of the model's constants as priors.
     pub(crate) fn take_priors(&mut self, constants: &[ConstantInterval]) {
         for candidate in &mut self.candidates {

@@ -26,7 +26,8 @@ pub(crate) const QUANTITIES: [(&str, &str); 4] = [
     ("acceleration", "m/s²"),
 ];
 
-/// Place of the voltage among them.
+/// Places of the force and of the voltage among them.
+pub(crate) const FORCE: usize = 0;
 pub(crate) const VOLTAGE: usize = 2;
 
 /// The quantity that a channel belongs to, and the factor that converts its residual; `None` if it is not scored.
@@ -62,9 +63,9 @@ pub struct HeldOutError {
     /// 0 where there are too few blocks.
     #[serde(skip)]
     pub fall_on_each: f64,
-    /// Change that is ignored: a hundredth of what noise alone leaves.
-    #[serde(skip)]
-    pub negligible: f64,
+    /// What noise alone leaves.
+    #[schema(value_type = Option<f64>)]
+    pub noise: f64,
 }
 
 /// Share by which an error must rise to count, and for the sentence to report a change.
@@ -76,13 +77,26 @@ const RISEN: f64 = 3.0;
 /// Least share of a mean square error that makes a part of it explained.
 const WORTH_NAMING: f64 = 0.1;
 
+/// Share of the noise above which an error is more than noise: three times its power.
+const BEYOND_NOISE: f64 = 1.75;
+
 impl HeldOutError {
+    /// Change that is ignored.
+    pub fn negligible(&self) -> f64 {
+        NEGLIGIBLE * self.noise
+    }
+
+    /// True if much more than noise is left with the effects found.
+    pub fn is_beyond_noise(&self) -> bool {
+        self.after > BEYOND_NOISE * self.noise
+    }
+
     /// True if the effects found make the error larger: by more than a trace of the noise, and either by a hundredth of
     /// itself or by more than the scatter between blocks. The scatter alone is no excuse: an effect that sets in on the
     /// last of n blocks changes one of them, which is one deviation of their scatter however large it is.
     pub fn rises(&self) -> bool {
         let rise = self.after - self.before;
-        rise > self.negligible && (rise > LEAST_RISE * self.before || rise > RISEN * self.change_deviation)
+        rise > self.negligible() && (rise > LEAST_RISE * self.before || rise > RISEN * self.change_deviation)
     }
 
     /// Share of the mean square that the effects found explain; below 0 where they make it worse.
@@ -94,12 +108,12 @@ impl HeldOutError {
     /// True if the effects found make the error smaller by more than some deviations of its scatter over the blocks.
     /// One is a weak sign, but its absence in all quantities is a strong one.
     pub(crate) fn improves_by(&self, deviations: f64) -> bool {
-        self.before - self.after > self.negligible.max(deviations * self.change_deviation)
+        self.before - self.after > self.negligible().max(deviations * self.change_deviation)
     }
 
     /// True if the effects found make the error substantially smaller.
     pub fn is_smaller(&self) -> bool {
-        self.before - self.after > self.negligible && self.explained_share() > WORTH_NAMING
+        self.before - self.after > self.negligible() && self.explained_share() > WORTH_NAMING
     }
 
     /// The same by more than the blocks scatter, in their differences or in their ratios.
@@ -148,7 +162,7 @@ pub(crate) fn change(
         // d√x = dx/(2√x)
         change_deviation: variance.sqrt() / count / (old + new).max(f64::MIN_POSITIVE),
         fall_on_each: in_deviations(&ratios),
-        negligible: NEGLIGIBLE * noise,
+        noise,
     })
 }
 

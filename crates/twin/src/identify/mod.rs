@@ -10,11 +10,13 @@
 //! over mass and torque over inertia, so every scale follows from what was entered.
 //!
 //! Limits: equal rotors, even where one is in the wake of another (coaxial frames); one thrust curve; differences
-//! between rotors and the centre of mass are left to [`crate::compare`], which fits them to each log.
+//! between rotors and the centre of mass are left to [`crate::compare`], which fits them to each log; how evenly the
+//! flights were carried bounds them.
 
 mod actuator;
 mod agreement;
 mod airframe;
+mod balance;
 mod bench;
 mod class;
 mod curve;
@@ -49,6 +51,7 @@ pub use wiring::Wiring;
 pub use write::{Files, files};
 
 use crate::log::{FlightLog, SensorRate};
+use balance::Balance;
 use curve::Curve;
 use excitation::Excitation;
 use frames::Place;
@@ -335,6 +338,11 @@ fn estimate_all(
     }
     let rotors = places.len();
     let slow_outputs = slow_outputs::Slow::slowest(grids.iter().filter_map(|grid| grid.slow_outputs));
+    // Torques computed with a frame that is not the vehicle's say nothing, nor do outputs that miss most of them.
+    let torques_are_known = !airframe.against_the_motion && slow_outputs.is_none();
+    let balance = torques_are_known
+        .then(|| Balance::of(grids, places, &fitted.curve))
+        .flatten();
     let (numbers, values) = findings::Findings {
         request,
         class,
@@ -347,6 +355,7 @@ fn estimate_all(
         voltage_slope,
         has_voltage,
         rotors,
+        balance,
         against_the_motion: airframe.against_the_motion,
         excitation,
         slow_outputs: slow_outputs.is_some(),

@@ -113,6 +113,13 @@ fn val_friction_damping_and_drag_centre() {
     let w = closed(&changed("yaw-damping", &[("damping_n_m_s", 0.02)]));
     near("damping of the yaw", w.torque_body[2], -0.02 * 0.5);
     near("and of nothing else", w.torque_body[0], 0.0);
+    // Arms a tenth longer: outwards, not up.
+    let (short, long) = (f550(), changed("arm-length", &[("share", 0.1)]));
+    for (short, long) in short.rotor_position_body.iter().zip(&long.rotor_position_body) {
+        near("arm x", long[0], 1.1 * short[0]);
+        near("arm y", long[1], 1.1 * short[1]);
+        near("height of a rotor", long[2], short[2]);
+    }
     // (0, 0, −0.04) × (−2, −1, 0) = (−0.04, 0.08, 0).
     let w = closed(&changed("drag-centre", &[("height_m", 0.04)]));
     near("drag centre x", w.torque_body[0], -0.04);

@@ -10,7 +10,7 @@ use crate::estimation::columns::Active;
 use crate::estimation::gauss_newton::Fitted;
 use crate::estimation::posterior::posterior_of;
 use crate::estimation::problem::{Problem, position_of};
-use crate::estimation::scores::weakest;
+use crate::estimation::scores::{score, weakest};
 use crate::estimation::settle::{move_to, settled};
 use crate::predict::PredictError;
 
@@ -33,6 +33,10 @@ impl Pass for BackwardElimination {
             state.named.retain(|one| one.candidate != candidate);
             move_to(&mut state.problem, &fitted)?;
             settled(&mut state.problem)?;
+            // The evidence for it is left unexplained.
+            let posterior = posterior_of(&state.problem)?.0;
+            let first = score(&state.problem, &posterior).into_iter().next();
+            state.left = first.map_or(0.0, |best| best.opened.log_bayes_factor);
             state.diagnosis.notes.push(format!(
                 "rejected: {label}, without which the blocks that a fit has not seen are predicted as well"
             ));

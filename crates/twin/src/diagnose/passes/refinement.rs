@@ -4,6 +4,7 @@ use rayon::prelude::*;
 use rotortwin_plant::effects::{ChannelGroup, EffectClass, ParameterKind};
 
 use crate::diagnose::calibration;
+use crate::diagnose::findings::COMPATIBLE_GAP;
 use crate::diagnose::named::{Named, Quantity, RivalFit};
 use crate::diagnose::strategies::start::{Trial, plain};
 use crate::diagnose::strategies::trials::Trials;
@@ -14,7 +15,9 @@ use crate::estimation::normal::{Posterior, minimum_size, open};
 use crate::estimation::problem::Problem;
 use crate::estimation::rate_noise;
 use crate::estimation::scores::{Scored, opened_mean, priors};
+use crate::estimation::whiteness::fits;
 use crate::predict::PredictError;
+use crate::predict::channels::{F, KA, KV, M};
 
 /// Evidence above the threshold that must not remain unexplained.
 pub(crate) const LEFT_FACTOR: f64 = 3.0;
@@ -24,6 +27,9 @@ const REFINED: usize = 4;
 
 /// Share of the best ln Bayes factor from which a candidate is refined.
 const REFINED_SHARE: f64 = 0.35;
+
+/// chi² per sample from which a channel has more noise than its sensor.
+const NOISY: f64 = 1.5;
 
 /// The best candidate of a round (with the companion that it needs) and its fit, if it passes.
 pub(crate) fn best_of(
@@ -79,6 +85,16 @@ pub(crate) fn best_of(
         (Some(far), Some(near)) if tried[far].gain > tried[near].gain + LEFT_FACTOR * threshold => Some(far),
         (first, near) => near.or(first),
     };
+    // What was guessed is wrong more often than what was measured.
+    let is_guess = |i: &usize| {
+        let opened = &tried[*i].opened;
+        opened.iter().all(|&c| problem.library.candidates[c].guess.is_some())
+    };
+    let winner = winner.map(|best| {
+        let mut guesses = possible.iter().copied().filter(is_guess);
+        let as_good = guesses.find(|&i| tried[i].gain > tried[best].gain - COMPATIBLE_GAP);
+        as_good.unwrap_or(best)
+    });
     let Some(winner) = winner else {
         return Ok(None);
     };
@@ -290,7 +306,9 @@ fn possible(
     let plausible: Vec<&Scored> = scored.iter().filter(|s| linearly_plausible(problem, s)).collect();
     let first = plausible.first().map_or(0.0, |s| s.opened.log_bayes_factor);
     let best_special = special.starts.first().map_or(0.0, |t| t.log_bayes_factor);
-    let least = threshold.max(REFINED_SHARE * first.max(best_special));
+    // Fast errors pass for noise, in which no linear estimate is evidence: a fit may still be, and has to pass the threshold.
+    let worth = if is_noisy(problem, posterior) { 0.0 } else { threshold };
+    let least = worth.max(REFINED_SHARE * first.max(best_special));
     let mut chosen: Vec<Trial> = Vec::new();
     for (place, one) in plausible.iter().take(REFINED).enumerate() {
         // The first of the ranking in any case, as a special start may promise more than its fit delivers; but none
@@ -299,7 +317,7 @@ fn possible(
             .parameters
             .iter()
             .all(|p| p.kind == ParameterKind::Size);
-        let least = if place == 0 && shapeless { threshold } else { least };
+        let least = if place == 0 && shapeless { worth } else { least };
         if one.opened.log_bayes_factor >= least {
             chosen.push(plain(problem, one));
         }
@@ -342,6 +360,14 @@ fn possible(
         chosen.extend(battery::starts(problem));
     }
     chosen
+}
+
+/// True if a force or torque channel has more noise than its sensor.
+fn is_noisy(problem: &Problem, posterior: &Posterior) -> bool {
+    fits(problem, &posterior.mean).iter().any(|fits| {
+        let mut channels = (F..KV).chain(M..KA);
+        channels.any(|c| fits[c].is_some_and(|fit| fit.chi2 > NOISY))
+    })
 }
 
 /// False for a linear estimate far outside what real vehicles have, by more than half the plausible range: no

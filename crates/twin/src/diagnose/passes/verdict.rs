@@ -8,6 +8,7 @@ use crate::diagnose::state::{Doubt, State};
 use crate::diagnose::words::in_sentence;
 use crate::diagnose::{calibration, findings, words};
 use crate::estimation::parameters::number;
+use crate::estimation::unseen::{FORCE, QUANTITIES, VOLTAGE};
 use crate::predict::PredictError;
 
 pub(crate) struct FinalVerdict;
@@ -24,6 +25,15 @@ impl Pass for FinalVerdict {
         if stretched {
             unexplained.push(words::doubt(&Doubt::StretchedClutter));
         }
+        // Fast errors pass for noise, and small errors of many parameters explain what the model as it is handed on does not.
+        let gusts = state.weather.is_some();
+        let beyond = diagnosis.held_out.iter().filter(|error| {
+            let is_forced = gusts && error.quantity == QUANTITIES[FORCE].0;
+            error.quantity != QUANTITIES[VOLTAGE].0 && !is_forced && error.is_beyond_noise()
+        });
+        let beyond: Vec<String> = beyond.map(words::beyond_noise).collect();
+        let is_left = stretched || !beyond.is_empty();
+        unexplained.extend(beyond);
         // A guess may be anything; that a constant is wrong which somebody wrote down takes blocks that no fit has seen, by more than they scatter.
         let guessed = diagnosis.calibrate.iter().any(|one| one.source.is_guess());
         let proved = diagnosis.held_out.iter().any(HeldOutError::falls);
@@ -44,7 +54,7 @@ impl Pass for FinalVerdict {
         diagnosis.verdict = if !constants.is_empty() {
             Verdict::CalibrateFirst { constants }
         } else if state.doubts.is_empty() {
-            findings::verdict(diagnosis, stretched)
+            findings::verdict(diagnosis, is_left)
         } else {
             Verdict::OutsideCatalogue
         };

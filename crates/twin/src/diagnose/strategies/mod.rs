@@ -1,5 +1,6 @@
 //! How starting points of fits are found: one file per search strategy.
 
+pub(crate) mod along;
 pub(crate) mod battery;
 pub(crate) mod covariance;
 pub(crate) mod discrete;

@@ -9,6 +9,7 @@
 use rayon::prelude::*;
 use rotortwin_plant::effects::Strategy;
 
+use super::along;
 use super::shapes::{SECANT, shapes, sharpen};
 use super::start::Trial;
 use super::variants::{Evidence, Variant, size_places, values_at, weighed};
@@ -95,6 +96,7 @@ pub(crate) fn trials(problem: &Problem, posterior: &Posterior, threshold: f64) -
             trials.add(problem, variant, &found, threshold);
         }
     }
+    trials.starts.extend(along::starts(problem, posterior));
     trials
         .starts
         .par_iter_mut()

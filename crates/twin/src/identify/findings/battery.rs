@@ -10,8 +10,12 @@ use crate::model::constants::Source;
 
 /// Deviation of the centre of mass over the arm.
 const CENTRE_DEVIATION: f64 = 0.01;
+/// The same where the flights were carried evenly: how well a battery is put back to its place.
+const CENTRE_FLOOR: f64 = 0.004;
 /// Deviation of a healthy rotor's thrust: seven healthy flights of CrazyPAD.
 const EVENNESS_DEVIATION: f64 = 0.03;
+/// The same where the flights were carried evenly: what a propeller changes by from day to day.
+const EVENNESS_FLOOR: f64 = 0.01;
 /// Deviation of the thrust at full duty, relative, if the curve only extrapolates.
 const TOP_DEVIATION: f64 = 0.05;
 /// Power coefficients of real vehicles, over their class's: small propellers on long arms take more.
@@ -22,27 +26,46 @@ const DEAD_ZONE_DEVIATION: f64 = 0.01;
 impl Findings<'_> {
     /// What the document assumes.
     pub(super) fn assumed(&self, values: &mut Vec<Estimate>, voltage: f64, power: f64) {
-        let centre = CENTRE_DEVIATION * self.request.arm_m;
+        let (centre, evenness, source) = match self.balance {
+            Some(balance) => (
+                balance.centre.map(|share| share.max(CENTRE_FLOOR)),
+                balance
+                    .of_one_rotor(self.rotors)
+                    .clamp(EVENNESS_FLOOR, EVENNESS_DEVIATION),
+                Source::Log,
+            ),
+            None => ([CENTRE_DEVIATION; 2], EVENNESS_DEVIATION, Source::Assumed),
+        };
         for (axis, name) in ["centre of mass, forward", "centre of mass, to the right"]
             .into_iter()
             .enumerate()
         {
             let key = format!("body.centre_of_mass_m[{axis}]");
-            values.push(
-                Estimate::normal(&key, name, "m", 0.0, centre, Source::Assumed)
-                    .how("amid the rotors, to 1 % of the arm"),
-            );
+            let how = match self.balance {
+                Some(balance) => format!(
+                    "amid the rotors: their thrusts balance {:.1} % of the arm from there, and a battery is put back to {:.1} %",
+                    100.0 * balance.centre[axis],
+                    100.0 * CENTRE_FLOOR
+                ),
+                None => "amid the rotors, to 1 % of the arm".to_owned(),
+            };
+            let deviation = centre[axis] * self.request.arm_m;
+            values.push(Estimate::normal(&key, name, "m", 0.0, deviation, source).how(how));
         }
+        let how = match source {
+            Source::Log => "the torques of roll and pitch balance with equal rotors; healthy rotors vary by up to 3 %",
+            _ => "healthy rotors vary by 3 %",
+        };
         values.push(
             Estimate::normal(
                 "rotors.thrust_scale",
                 "thrust of one rotor over the mean of all, less 1",
                 "",
                 0.0,
-                EVENNESS_DEVIATION,
-                Source::Assumed,
+                evenness,
+                source,
             )
-            .how("healthy rotors vary by 3 %"),
+            .how(how),
         );
         // Punches and idling are outside the duties that the curve was fitted to: its errors there look like these
         // three.

@@ -7,6 +7,7 @@ mod thrust;
 mod yaw;
 
 use super::airframe::CONCLUSIVE_DUTY_HZ;
+use super::balance::Balance;
 use super::bench::About;
 use super::class::Class;
 use super::estimate::Estimate;
@@ -34,6 +35,8 @@ pub(crate) struct Findings<'a> {
     pub(crate) voltage_slope: (f64, f64, Source),
     pub(crate) has_voltage: bool,
     pub(crate) rotors: usize,
+    /// Absent: the torques are not known well enough.
+    pub(crate) balance: Option<Balance>,
     /// [`Airframe::against_the_motion`](super::Airframe::against_the_motion)
     pub(crate) against_the_motion: bool,
     pub(crate) excitation: Excitation,
