@@ -77,7 +77,7 @@ pub use hooks::{ActiveEffect, Hooks, Moment};
 pub use instance::{Catalogue, EffectInstance};
 pub use page::page;
 pub use readings::Readings;
-pub use search::{AtBattery, Requirement, Search, Shapes, Strategy, TrimChange, Wiring};
+pub use search::{AtBattery, BetweenRows, Requirement, Search, Shapes, Strategy, TrimChange, Wiring};
 pub use set::EffectSet;
 pub use user::{EffectDocument, ParameterEntry, TermEntry, expression_places, expression_variables, factor_unit};
 pub use wrench::Wrench;

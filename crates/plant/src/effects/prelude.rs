@@ -7,7 +7,7 @@ pub(super) use super::declaration::{
 };
 pub(super) use super::hooks::{ActiveEffect, Hooks, Moment};
 pub(super) use super::readings::Readings;
-pub(super) use super::search::{AtBattery, Requirement, Search, Shapes, Strategy, TrimChange, Wiring};
+pub(super) use super::search::{AtBattery, BetweenRows, Requirement, Search, Shapes, Strategy, TrimChange, Wiring};
 pub(super) use super::wrench::Wrench;
 pub(super) use crate::random::NormalStream;
 pub(super) use crate::vector::{Vector3, length};

@@ -116,6 +116,31 @@ pub enum TrimChange {
     Balance,
 }
 
+/// What rows of a log leave open of an effect: what the command did between two of them is not in the log.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum BetweenRows {
+    /// Nothing.
+    Nothing,
+    /// Of a relative error of a lag τ this share of τ, times (h/τ)² with rows h apart.
+    OfLag(f64),
+    /// Of a time this share of h.
+    OfRow(f64),
+}
+
+impl BetweenRows {
+    /// Half of a 95 % interval, at a value, with rows so far apart and a lag of the vehicle, s.
+    pub fn half_width(self, value: f64, step_s: f64, lag_s: f64) -> f64 {
+        match self {
+            Self::Nothing => 0.0,
+            Self::OfLag(share) => {
+                let ratio = step_s / (lag_s * (1.0 + value));
+                share * (1.0 + value) * ratio * ratio
+            }
+            Self::OfRow(share) => share * step_s,
+        }
+    }
+}
+
 /// How a diagnosis searches for an effect, and what it requires.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Search {
@@ -135,6 +160,8 @@ pub struct Search {
     pub along: &'static [&'static str],
     /// Effects of constants against which alone a flight determines this one: it is not looked for where one of them is a guess.
     pub unless_guessed: &'static [&'static str],
+    /// What the rows of a log leave open of its first parameter.
+    pub between_rows: BetweenRows,
 }
 
 impl Search {
@@ -151,6 +178,7 @@ impl Search {
             blur: 0.0,
             along: &[],
             unless_guessed: &[],
+            between_rows: BetweenRows::Nothing,
         }
     }
 
@@ -175,6 +203,12 @@ impl Search {
     /// The same, tried along with others as well.
     pub const fn along_with(mut self, others: &'static [&'static str]) -> Self {
         self.along = others;
+        self
+    }
+
+    /// The same with a part of its interval that depends on how far apart rows are.
+    pub const fn open_between_rows(mut self, open: BetweenRows) -> Self {
+        self.between_rows = open;
         self
     }
 

@@ -78,11 +78,13 @@ pub(crate) fn set_apart(found: Vec<Finding>, library: &Library) -> Parted {
     let acts_through = |finding: &Finding, constant: &Calibration| {
         declared(finding).is_some_and(|d| d.needs.contains(&constant.correction.effect.as_str()))
     };
-    // A wind is not another value of the drag that it acts through: such a guess is fitted as well, and blocks nothing
-    // as long as its class contains the value.
+    // A wind is not another value of the drag that it acts through, nor the fault of one rotor another value of what all have: such a guess
+    // is fitted as well, and blocks nothing as long as its class contains the value.
     for constant in &mut calibrations {
         let can_be = (constant.low..=constant.high).contains(&constant.wanted);
-        constant.blocking = !(can_be && rest.iter().any(|finding| acts_through(finding, constant)));
+        let of_one_rotor = |finding: &Finding| declared(finding).is_some_and(|d| d.per_rotor);
+        let apart = !rest.is_empty() && rest.iter().all(of_one_rotor);
+        constant.blocking = !(can_be && (apart || rest.iter().any(|finding| acts_through(finding, constant))));
     }
     let mut withheld = Vec::new();
     if calibrations.iter().any(|constant| constant.blocking) {

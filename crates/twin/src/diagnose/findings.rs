@@ -6,7 +6,7 @@ use rotortwin_plant::effects::{ChannelGroup, EffectClass, ParameterKind};
 
 use super::named::{Named, RivalFit, UNTOLD_GAP};
 use super::result::{ConstantWanted, Diagnosis, Finding, HeldOutError, Outcome, Rival, Verdict};
-use super::strategies::covariance;
+use super::strategies::{along, covariance};
 use crate::estimation::candidates::Candidate;
 use crate::estimation::columns::Active;
 use crate::estimation::linearisation::Linear;
@@ -241,11 +241,7 @@ pub(crate) fn strongest(problem: &Problem, candidate: usize, position: &[f64]) -
 /// an error that is none of theirs. Those that one mistake brings along count as one.
 pub(crate) fn look_alikes(problem: &Problem) -> bool {
     let named = |a: &Active| problem.library.candidates[a.candidate].declaration;
-    let mistake = |a: &Active| {
-        let mut all = problem.active.iter().map(named);
-        let leader = all.find(|other| other.search.along.contains(&named(a).id));
-        leader.unwrap_or_else(|| named(a)).id
-    };
+    let mistake = |a: &Active| along::mistake(problem, a);
     let alike = problem.active.iter().filter(|a| {
         problem.active.iter().any(|b| {
             mistake(a) != mistake(b)

@@ -115,8 +115,11 @@ pub fn diagnose(logs: &[FlightLog], model: &ModelVersion, options: &Options<'_>)
     let catalogue = model.with_documents(&options.effects).catalogue()?;
     let predictors = logs
         .iter()
-        .map(|log| Predictor::new(&documents, &instances, &catalogue, log))
-        .collect::<Result<Vec<_>, _>>()?;
+        .map(|log| {
+            let predictor = Predictor::new(&documents, &instances, &catalogue, log)?;
+            Ok(predictor.with_chart(model.guesses_its_chart()))
+        })
+        .collect::<Result<Vec<_>, PredictError>>()?;
     let changed = if options.baseline.is_empty() {
         None
     } else {

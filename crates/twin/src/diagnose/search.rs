@@ -92,13 +92,16 @@ fn begin<'a>(
     let mut library = Library::new(catalogue, rotors, &predictors[0].vehicle_size());
     // What the model has already is not looked for; its clutter stays as that of the others.
     library.retain(|c| model.iter().all(|m| m.effect != c.declaration.id || m.rotor != c.rotor));
-    // Without a measured voltage Eq. 19 uses that of an assumed charge: an effect that acts through it would only be a
-    // level or a drift of the thrust.
-    let voltage = predictors.iter().any(|p| holds(p, Requirement::BatteryVoltage));
-    library.retain(|c| voltage || !c.declaration.search.requires.contains(&Requirement::BatteryVoltage));
-    // An airspeed that nothing tells would be taken as none.
-    let airspeed = predictors.iter().any(|p| holds(p, Requirement::AirVelocity));
-    library.retain(|c| airspeed || !c.declaration.search.requires.contains(&Requirement::AirVelocity));
+    // Without a measured voltage Eq. 19 uses that of an assumed charge: an effect that acts through it
+    // would only be a level or a drift of the thrust. An airspeed or a position that nothing tells would be taken as none.
+    for requirement in [
+        Requirement::BatteryVoltage,
+        Requirement::AirVelocity,
+        Requirement::Position,
+    ] {
+        let held = predictors.iter().any(|p| holds(p, requirement));
+        library.retain(|c| held || !c.declaration.search.requires.contains(&requirement));
+    }
     library.take_priors(constants);
     let guessed = library.guessed();
     library.retain(|c| {

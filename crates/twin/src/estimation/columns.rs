@@ -10,7 +10,7 @@ use rayon::prelude::*;
 use rotortwin_plant::effects::{EffectInstance, EffectSet, Hooks};
 
 use super::candidates::Library;
-use crate::predict::{CHANNELS, Nuisances, PerChannel, PredictError, Prediction, Predictor, Source, Stages};
+use crate::predict::{CHANNELS, Nuisances, PerChannel, PredictError, Prediction, Predictor, Source};
 
 /// Prior deviation of a rotor's lift error over its hover thrust: uniform in ±10.756 mN (§6) on 2.534 N.
 pub(crate) const BIAS_SHARE: f64 = 0.002_45;
@@ -176,7 +176,7 @@ impl LogState {
 
     /// Change of the whitened prediction from `base` to the vehicle with `set`, times `per`; `hooks` are those that differ.
     pub(crate) fn column(&self, base: &Base, set: &EffectSet, hooks: Hooks, per: f64) -> Column {
-        let stages = Stages::between(base.set.constants(), set.constants(), hooks);
+        let stages = self.predictor.stages(base.set.constants(), set.constants(), hooks);
         let moved = self
             .predictor
             .predict(set, Source::Smooth, Some((&base.prediction, stages)));

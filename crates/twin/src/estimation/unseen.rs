@@ -77,8 +77,8 @@ const RISEN: f64 = 3.0;
 /// Least share of a mean square error that makes a part of it explained.
 const WORTH_NAMING: f64 = 0.1;
 
-/// Share of the noise above which an error is more than noise: three times its power.
-const BEYOND_NOISE: f64 = 1.75;
+/// Share of the noise above which an error is more than noise: more than twice its power.
+const BEYOND_NOISE: f64 = 1.5;
 
 impl HeldOutError {
     /// Change that is ignored.

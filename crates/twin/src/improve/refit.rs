@@ -59,8 +59,11 @@ pub fn refit(version: &ModelVersion, logs: &[FlightLog]) -> Result<ModelVersion,
     let mut flights = Flights {
         logs: logs
             .iter()
-            .map(|log| Predictor::new(&documents, &[], &catalogue, log).map(LogState::new))
-            .collect::<Result<_, _>>()?,
+            .map(|log| {
+                let predictor = Predictor::new(&documents, &[], &catalogue, log)?;
+                Ok(LogState::new(predictor.with_chart(version.guesses_its_chart())))
+            })
+            .collect::<Result<_, PredictError>>()?,
         effects: version.instances(),
         free,
         residuals: Vec::new(),

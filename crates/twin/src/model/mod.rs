@@ -256,6 +256,14 @@ impl ModelVersion {
         self.constant.is_empty() && self.vehicle.description.ends_with(constants::FROM_LOG)
     }
 
+    /// True if the battery's open-circuit voltage over the charge is the common chart, as in every vehicle that was identified from a
+    /// log; its intervals list the capacity.
+    pub fn guesses_its_chart(&self) -> bool {
+        self.constant
+            .iter()
+            .any(|constant| constant.key == "battery.capacity_ah")
+    }
+
     /// Says which constants are guesses of the vehicle's class; `None` if there are none.
     pub fn guesses(&self) -> Option<String> {
         if self.lacks_intervals() {

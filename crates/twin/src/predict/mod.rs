@@ -32,7 +32,7 @@ use rotortwin_scenario::VehicleDocuments;
 use supply::Readings;
 
 pub use channels::{CHANNELS, NAMES, PerChannel, UNITS};
-use channels::{KP, KV, M, V};
+use channels::{F, KA, KP, KV, M, V};
 pub use noise::NoiseModel;
 pub use series::{Drive, Series};
 pub use whiten::{Covariance, RateNoise, Whitener};
@@ -90,6 +90,14 @@ pub struct ChannelResiduals {
     pub mask: [Vec<bool>; CHANNELS],
 }
 
+/// How far the resting voltage of a cell moves from the common chart, V, over this share of the charge: charts of LiPo cells in use lie
+/// 20 to 40 mV apart, along most of their length.
+const CHART_ERROR_V: f64 = 0.015;
+const CHART_STRETCH: f64 = 0.2;
+
+/// Lags of the thrust after which nothing is left of a command: e⁻⁶ of it.
+const FORGOTTEN: f64 = 6.0;
+
 /// Means of the voltage.
 #[derive(Debug, Clone)]
 pub(crate) struct CoarseVoltage {
@@ -127,6 +135,7 @@ pub struct Predictor {
     /// Of the angular accelerations with the assumed noise, once [`Self::tune`] has replaced it.
     assumed: Option<Arc<[Option<Whitener>; 3]>>,
     rate_noise: [RateNoise; 3],
+    forgives_the_chart: bool,
     /// Name of the log.
     pub name: String,
 }
@@ -173,6 +182,7 @@ impl Predictor {
             covariances,
             whiteners: Arc::new(std::array::from_fn(|_| None)),
             assumed: None,
+            forgives_the_chart: false,
             rate_noise: [0, 1, 2].map(|axis| RateNoise {
                 reading: noise.rates_rad_s,
                 white: noise.torque_floor_rad_s2[axis] * step_s / noise.rates_rad_s,
@@ -206,6 +216,7 @@ impl Predictor {
                 log.name
             )));
         }
+        let settled = predictor.settled();
         let mut whiteners: [Option<Whitener>; CHANNELS] = std::array::from_fn(|_| None);
         for channel in 0..CHANNELS {
             let measured = pass::measured_channel(predictor.series(), channel);
@@ -218,7 +229,12 @@ impl Predictor {
                 .zip(first.channels[channel].iter())
                 .enumerate()
                 .map(|(k, ((&flies, m), p))| {
-                    flies && m.is_finite() && p.is_finite() && predictor.plant.series.known(channel, k)
+                    let by_thrust = matches!(channel, F..KV | M..KA | V);
+                    flies
+                        && m.is_finite()
+                        && p.is_finite()
+                        && predictor.plant.series.known(channel, k)
+                        && (settled[k] || !by_thrust)
                 })
                 .collect();
             if mask.iter().any(|&m| m) {
@@ -227,6 +243,48 @@ impl Predictor {
         }
         predictor.whiteners = Arc::new(whiteners);
         Ok(predictor)
+    }
+
+    /// The same, where slow errors of the voltage may be those of a battery's chart that nobody measured.
+    pub(crate) fn with_chart(mut self, is_guess: bool) -> Self {
+        if is_guess {
+            self.forgive_the_chart();
+        }
+        self
+    }
+
+    fn forgive_the_chart(&mut self) {
+        let (step_s, white) = (self.plant.series.step_s, self.covariances[V].variance.sqrt());
+        let cells = f64::from(self.plant.battery_model.cells);
+        let hover = self.nominal.hover_thrust_n;
+        let power = self.nominal.rotor_count as f64 * self.nominal.power_coefficient_w_per_n15 * hover * hover.sqrt();
+        let current = power / self.plant.unlogged_voltage.max(1.0);
+        let stretch_s = CHART_STRETCH * self.plant.battery_model.capacity_ah * 3600.0 / current.max(f64::MIN_POSITIVE);
+        let start = cells * CHART_ERROR_V;
+        if let Some(whitener) = &mut Arc::make_mut(&mut self.whiteners)[V] {
+            *whitener = whitener.with_walk(white, start * (step_s / stretch_s).sqrt(), start);
+            self.forgives_the_chart = true;
+        }
+    }
+
+    /// True if slow errors of the voltage say nothing, because the battery's chart is a guess.
+    pub(crate) fn forgives_the_chart(&self) -> bool {
+        self.forgives_the_chart
+    }
+
+    /// False for samples in a gap of the log and after it, until the rotors have forgotten what they were commanded there.
+    fn settled(&self) -> Vec<bool> {
+        let series = self.series();
+        let lag_s = self.nominal.thrust_lag_up_s.max(self.nominal.thrust_lag_down_s);
+        let rows = (FORGOTTEN * lag_s / series.step_s).ceil() as usize;
+        let (mut last, mut settled) = (None, Vec::with_capacity(series.len));
+        for k in 0..series.len {
+            if !series.measured(k) {
+                last = Some(k);
+            }
+            settled.push(last.is_none_or(|last| k > last + rows));
+        }
+        settled
     }
 
     /// Factor on a commanded wrench at which the model's lift matches the accelerometer, if the command is further off
@@ -325,8 +383,12 @@ impl Predictor {
         );
         missing(have.position, "no position: channel KP is left out");
         missing(
+            !self.forgives_the_chart,
+            "the battery's chart is a guess: slow errors of the voltage are not held against the model",
+        );
+        missing(
             have.voltage,
-            "no battery voltage: channel V is left out, Eq. 19 takes that of a battery three quarters charged, under the load of hovering",
+            "no battery voltage: channel V is left out, Eq. 19 takes that of the model's battery as it empties, with the charge at the start that fits best",
         );
         notes
     }
@@ -478,6 +540,18 @@ impl Predictor {
         tuned.undo(&mut residual);
         assumed.apply(&mut residual);
         Some(residual)
+    }
+
+    /// The stages whose result differs between two vehicles; `hooks` are those in which their effects differ.
+    pub(crate) fn stages(&self, a: &Constants, b: &Constants, hooks: Hooks) -> Stages {
+        let stages = Stages::between(a, b, hooks);
+        // The voltage behind the duties is then that of the battery.
+        let drives = self.plant.is_unlogged() && stages.battery;
+        Stages {
+            actuators: stages.actuators || drives,
+            body: stages.body || drives,
+            ..stages
+        }
     }
 
     /// Initial charge determined from the first second of flight, fraction.

@@ -412,6 +412,13 @@ impl Series {
         self.start_s + k as f64 * self.step_s
     }
 
+    /// False where the log has no row: what it measures there was bridged.
+    pub(crate) fn measured(&self, k: usize) -> bool {
+        let measured = |there: bool, x: &[Vector3]| !there || is_finite(&x[k]);
+        let have = self.available;
+        measured(have.rates, &self.raw.rates) && measured(have.accel, &self.raw.accel)
+    }
+
     /// True if everything that the prediction of a channel takes from the log at sample `k` was measured, not bridged.
     pub(crate) fn known(&self, channel: usize, k: usize) -> bool {
         let measured = |x: &[Vector3]| is_finite(&x[k]);

@@ -209,7 +209,7 @@ pub struct Whitener {
     filter: Option<Filter>,
 }
 
-/// A filter of rates as a whitener.
+/// A filter of rates, or of a level, as a whitener.
 #[derive(Debug, Clone)]
 struct Filter {
     /// 1/deviation of the innovation, shares of it for rate and torque; zeros first.
@@ -255,6 +255,10 @@ impl Whitener {
                 .into_iter()
                 .map(|[variance, rate, torque]| [1.0 / (noise.reading * variance.sqrt()), rate, torque]),
         );
+        self.filtered(steps, step_s)
+    }
+
+    fn filtered(&self, steps: Vec<[f64; 3]>, step_s: f64) -> Self {
         let mut at = 0;
         let place = self.place.iter().map(|&place| {
             at = if place == 0 { 0 } else { (at + 1).min(steps.len() - 1) };
@@ -265,6 +269,26 @@ impl Whitener {
             steps: Vec::new(),
             filter: Some(Filter { steps, step_s }),
         }
+    }
+
+    /// The same samples with the innovations of a level that walks: white noise of deviation `white` about a level that moves by
+    /// `walk` a step and is `start` from 0 at first.
+    ///
+    /// e_k = r_k − l_k,   l_{k+1} = l_k + K_k e_k: the filter of a rate whose readings all go to the drift
+    pub fn with_walk(&self, white: f64, walk: f64, start: f64) -> Self {
+        let mut steps = vec![[0.0; 3]];
+        let mut level = start * start;
+        while steps.len() < MOST_FILTER_STEPS {
+            let variance = level + white * white;
+            let gain = level / variance;
+            steps.push([1.0 / variance.sqrt(), 1.0, gain]);
+            let next = level * (1.0 - gain) + walk * walk;
+            if (next - level).abs() < STEADY * level {
+                break;
+            }
+            level = next;
+        }
+        self.filtered(steps, 1.0)
     }
 
     /// r of w = L⁻¹ r in place; masked samples become NaN.
@@ -431,6 +455,31 @@ mod tests {
             x[i] = (a[i][n] - (i + 1..n).map(|j| a[i][j] * x[j]).sum::<f64>()) / a[i][i];
         }
         x.iter().zip(r).map(|(x, r)| x * r).sum()
+    }
+
+    #[test]
+    fn val_a_level_that_walks_is_whitened() {
+        let mut noise = NormalStream::new(4, "walk");
+        let (white, walk) = (0.005, 2e-4);
+        let mut level = 0.02;
+        let mut r: Vec<f64> = (0..20_000)
+            .map(|_| {
+                level += walk * noise.sample();
+                level + white * noise.sample()
+            })
+            .collect();
+        let before = r.clone();
+        let whitener = Whitener::new(Covariance::white(white), &vec![true; r.len()]).with_walk(white, walk, 0.02);
+        whitener.apply(&mut r);
+        let square = r.iter().map(|w| w * w).sum::<f64>() / r.len() as f64;
+        let neighbours = r.windows(2).map(|pair| pair[0] * pair[1]).sum::<f64>() / r.len() as f64;
+        // 1/√n is 0.7 %.
+        assert!(
+            (square - 1.0).abs() < 0.04 && neighbours.abs() < 0.03,
+            "{square} {neighbours}"
+        );
+        whitener.undo(&mut r);
+        assert!(r.iter().zip(&before).all(|(a, b)| (a - b).abs() < 1e-9));
     }
 
     #[test]

@@ -251,7 +251,8 @@ pub fn propose(logs: &[FlightLog], model: &ModelVersion) -> Result<Proposal, Pre
     let mut regressions = Vec::new();
     let mut failing = Vec::new();
     for log in logs {
-        let predictor = Predictor::new(&model.documents(), &model.instances(), &model.catalogue()?, log)?;
+        let predictor = Predictor::new(&model.documents(), &model.instances(), &model.catalogue()?, log)?
+            .with_chart(model.guesses_its_chart());
         let regression = Regression::new(predictor)?;
         failing.extend(regression.failing());
         regressions.push(regression);

@@ -13,7 +13,7 @@ use crate::estimation::columns::{LogState, in_order};
 use crate::estimation::dense::Matrix;
 use crate::estimation::nuisances::{self, Reach};
 use crate::estimation::unseen::kind_of;
-use crate::predict::{CHANNELS, Nuisances, PredictError, Predictor, Source, Stages};
+use crate::predict::{CHANNELS, Nuisances, PredictError, Predictor, Source};
 
 /// Length of a mean, s.
 const MEAN_S: f64 = 0.1;
@@ -198,7 +198,7 @@ impl Regression {
                 let instance = EffectInstance::new(&document.id, &[("c", c)]);
                 let hooks = predictor.hooks_of(&instance)?;
                 let set = predictor.effect_set(&self.fitted, &[instance])?;
-                let stages = Stages::between(base_set.constants(), set.constants(), hooks);
+                let stages = predictor.stages(base_set.constants(), set.constants(), hooks);
                 let moved = predictor.predict(&set, Source::Smooth, Some((&base, stages)));
                 Ok(std::array::from_fn(|channel| {
                     let (a, b) = (&moved.channels[channel], &base.channels[channel]);

@@ -5,8 +5,8 @@ use super::Pass;
 use super::refinement::best_of;
 use crate::diagnose::named::{Named, UNTOLD_GAP};
 use crate::diagnose::state::State;
-use crate::diagnose::strategies::battery;
 use crate::diagnose::strategies::trials::trials;
+use crate::diagnose::strategies::{along, battery};
 use crate::estimation::columns::Active;
 use crate::estimation::gauss_newton::Fitted;
 use crate::estimation::problem::Problem;
@@ -86,7 +86,11 @@ fn reconsider(
                 && (needs.contains(&own.id) || (!together && own.needs.contains(&id(problem, other).id)))
         });
         let last = place + 1 == problem.active.len();
-        if bound || (last && !together) || problem.library.columns_of(removed.candidate).is_empty() {
+        if bound
+            || along::is_along(problem, &removed)
+            || (last && !together)
+            || problem.library.columns_of(removed.candidate).is_empty()
+        {
             continue;
         }
         let Some((mut without, fitted, new)) = best_without(problem, |c| c == removed.candidate, threshold)? else {
@@ -139,11 +143,9 @@ fn in_place_of_two(
             let id = |one: &Active| problem.library.candidates[one.candidate].declaration.id;
             !gone(other.candidate) && removed.iter().any(|one| needs.contains(&id(one)))
         });
-        if needed
-            || removed
-                .iter()
-                .any(|one| problem.library.columns_of(one.candidate).is_empty())
-        {
+        let is_bound =
+            |one: &Active| problem.library.columns_of(one.candidate).is_empty() || along::is_along(problem, one);
+        if needed || removed.iter().any(is_bound) {
             continue;
         }
         let Some((mut without, fitted, new)) = best_without(problem, gone, threshold)? else {

@@ -9,13 +9,13 @@ use crate::diagnose::named::{Named, Quantity, RivalFit};
 use crate::diagnose::strategies::start::{Trial, plain};
 use crate::diagnose::strategies::trials::Trials;
 use crate::diagnose::strategies::{battery, discrete, onset};
-use crate::estimation::columns::{Active, in_order};
+use crate::estimation::columns::{Active, in_order, instances};
 use crate::estimation::gauss_newton::Fitted;
 use crate::estimation::normal::{Posterior, minimum_size, open};
 use crate::estimation::problem::Problem;
 use crate::estimation::rate_noise;
 use crate::estimation::scores::{Scored, opened_mean, priors};
-use crate::estimation::whiteness::fits;
+use crate::estimation::whiteness::channel_fits;
 use crate::predict::PredictError;
 use crate::predict::channels::{F, KA, KV, M};
 
@@ -39,7 +39,7 @@ pub(crate) fn best_of(
     special: &Trials,
     threshold: f64,
 ) -> Result<Option<(Fitted, Vec<Named>)>, PredictError> {
-    let possible = possible(problem, posterior, scored, special, threshold);
+    let possible = possible(problem, posterior, scored, special, threshold)?;
     if possible.is_empty() {
         return Ok(None);
     }
@@ -302,12 +302,13 @@ fn possible(
     scored: &[Scored],
     special: &Trials,
     threshold: f64,
-) -> Vec<Trial> {
+) -> Result<Vec<Trial>, PredictError> {
     let plausible: Vec<&Scored> = scored.iter().filter(|s| linearly_plausible(problem, s)).collect();
     let first = plausible.first().map_or(0.0, |s| s.opened.log_bayes_factor);
     let best_special = special.starts.first().map_or(0.0, |t| t.log_bayes_factor);
-    // Fast errors pass for noise, in which no linear estimate is evidence: a fit may still be, and has to pass the threshold.
-    let worth = if is_noisy(problem, posterior) { 0.0 } else { threshold };
+    // The clutter may explain fast errors, or they pass for noise: no linear estimate is evidence then. A fit may still be, and has to
+    // pass the threshold.
+    let worth = if is_noisy(problem)? { 0.0 } else { threshold };
     let least = worth.max(REFINED_SHARE * first.max(best_special));
     let mut chosen: Vec<Trial> = Vec::new();
     for (place, one) in plausible.iter().take(REFINED).enumerate() {
@@ -359,15 +360,26 @@ fn possible(
     if battery::wanted(problem, posterior, scored, threshold) {
         chosen.extend(battery::starts(problem));
     }
-    chosen
+    Ok(chosen)
 }
 
-/// True if a force or torque channel has more noise than its sensor.
-fn is_noisy(problem: &Problem, posterior: &Posterior) -> bool {
-    fits(problem, &posterior.mean).iter().any(|fits| {
+/// True if the model, with what was named and without the clutter, leaves more in a force or torque channel than the noise of its sensor.
+fn is_noisy(problem: &Problem) -> Result<bool, PredictError> {
+    let effects = instances(&problem.library, &problem.active);
+    for log in &problem.logs {
+        let mut residual = log.residual(&effects)?;
+        for (channel, own) in residual.iter_mut().enumerate() {
+            if let Some(assumed) = log.predictor.as_assumed(channel, own) {
+                *own = assumed;
+            }
+        }
+        let fits = channel_fits(&log.predictor, &residual);
         let mut channels = (F..KV).chain(M..KA);
-        channels.any(|c| fits[c].is_some_and(|fit| fit.chi2 > NOISY))
-    })
+        if channels.any(|c| fits[c].is_some_and(|fit| fit.chi2 > NOISY)) {
+            return Ok(true);
+        }
+    }
+    Ok(false)
 }
 
 /// False for a linear estimate far outside what real vehicles have, by more than half the plausible range: no

@@ -7,7 +7,8 @@ use crate::diagnose::result::{Diagnosis, Finding, HeldOutError, Verdict};
 use crate::diagnose::state::{Doubt, State};
 use crate::diagnose::words::in_sentence;
 use crate::diagnose::{calibration, findings, words};
-use crate::estimation::parameters::number;
+use crate::estimation::parameters::{QUANTILE_95, number};
+use crate::estimation::problem::Problem;
 use crate::estimation::unseen::{FORCE, QUANTITIES, VOLTAGE};
 use crate::predict::PredictError;
 
@@ -74,9 +75,31 @@ impl Pass for FinalVerdict {
             let new = learned.into_iter().filter(|one| !known.contains(&one.key));
             diagnosis.calibrate.extend(new);
         }
+        widen(&mut state.diagnosis, &state.problem);
+        let diagnosis = &mut state.diagnosis;
         let doubts = state.doubts.iter().map(words::doubt);
         diagnosis.goodness.unexplained.extend(doubts);
         Ok(())
+    }
+}
+
+/// Adds to the intervals what lies between the rows of the logs. Only now: that an effect is there, the rows tell.
+fn widen(diagnosis: &mut Diagnosis, problem: &Problem) {
+    let Some(first) = problem.logs.first() else { return };
+    let steps = problem.logs.iter().map(|log| log.predictor.series().step_s);
+    let step_s = steps.fold(0.0, f64::max);
+    for finding in diagnosis.effects.iter_mut().chain(&mut diagnosis.sensor_or_timing) {
+        let declared = first.predictor.catalogue().find(&finding.instance.effect);
+        let (Some(declared), Some(own)) = (declared, finding.parameters.first_mut()) else {
+            continue;
+        };
+        let lag_s = first.predictor.nominal.thrust_lag_up_s;
+        let open = declared.search.between_rows.half_width(own.value, step_s, lag_s);
+        own.deviation = own.deviation.hypot(open / QUANTILE_95);
+        own.interval_95 = own.interval_95.hypot(open);
+        if let Some(constant) = &mut finding.constant {
+            constant.interval_95 = constant.interval_95.hypot(open * constant.value.abs());
+        }
     }
 }
 

@@ -7,6 +7,22 @@ use crate::estimation::normal::{Posterior, open};
 use crate::estimation::problem::Problem;
 use crate::estimation::scores::priors;
 
+/// The mistake that an active effect is of, by the id of the effect that is in question: itself, or the one that brings it along.
+pub(crate) fn mistake(problem: &Problem, of: &Active) -> &'static str {
+    let declaration = |a: &Active| problem.library.candidates[a.candidate].declaration;
+    let own = declaration(of).id;
+    let mut all = problem.active.iter().map(declaration);
+    all.find(|other| other.search.along.contains(&own))
+        .map_or(own, |other| other.id)
+}
+
+/// True if other active effects are of the same mistake: they were weighed together, and one by one is no question.
+pub(crate) fn is_along(problem: &Problem, of: &Active) -> bool {
+    let own = mistake(problem, of);
+    let mut others = problem.active.iter().filter(|other| other.candidate != of.candidate);
+    others.any(|other| mistake(problem, other) == own)
+}
+
 /// Each candidate with the first, with the first two, … of those that its effect declares, all at their linear estimate.
 pub(crate) fn starts(problem: &Problem, posterior: &Posterior) -> Vec<Trial> {
     let mut starts = Vec::new();

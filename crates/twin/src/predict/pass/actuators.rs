@@ -30,6 +30,7 @@ impl Plant {
         // exp(−h/τ) is needed at every step and rotor with the same few τ.
         let mut decay = (f64::NAN, 0.0, f64::NAN, 0.0);
         let mut voltage = nominal_voltage;
+        let mut unlogged = self.unlogged(set.constants());
         let hooks = Hooks::COMMAND;
         for k in 0..s.len {
             if k > 0 {
@@ -45,7 +46,15 @@ impl Plant {
                     1.0 - libm::exp(-s.step_s / c.thrust_lag_down_s),
                 );
             }
-            if let Some(v) = self.logged_voltage(k) {
+            if let Some(battery) = &mut unlogged {
+                let drawn = if started {
+                    &thrust[..n]
+                } else {
+                    &[set.constants().hover_thrust_n; MAX_ROTORS][..n]
+                };
+                let sum = drawn.iter().map(|f| f.max(0.0) * f.max(0.0).sqrt()).sum();
+                voltage = battery.step(set.constants(), sum, s.step_s);
+            } else if let Some(v) = self.logged_voltage(k) {
                 voltage = (v - c.voltage_offset_v) / (1.0 + c.voltage_gain);
             }
             self.delayed_input(k, c.command_delay_s, &mut duty);

@@ -5,7 +5,7 @@ use rotortwin_plant::effects::{Constants, EffectSet, Hooks};
 use rotortwin_plant::powertrain::battery::Battery;
 
 use super::{Plant, When};
-use crate::predict::series::Kinematics;
+use crate::predict::series::{Drive, Kinematics};
 
 /// Σ f^1.5 of the rotors over a stride of steps, N^1.5.
 #[derive(Debug, Clone, Copy)]
@@ -14,7 +14,49 @@ pub(crate) struct Power {
     pub(crate) variance: f64,
 }
 
+/// A battery whose voltage no log tells, as it empties.
+pub(super) struct Unlogged {
+    battery: Battery,
+    charge: f64,
+    relaxation: f64,
+}
+
+impl Unlogged {
+    /// Voltage that drives the rotors while they draw a power of Σ f^1.5 over a step, V.
+    pub(super) fn step(&mut self, c: &Constants, sum: f64, step_s: f64) -> f64 {
+        let power = sum * c.power_coefficient_w_per_n15;
+        let open = self.battery.open_circuit_voltage(self.charge) - self.relaxation;
+        let root = (open * open - 4.0 * c.internal_resistance_ohm * power).max(0.0).sqrt();
+        let voltage = 0.5 * (open + root);
+        let current = power / voltage.max(1e-3);
+        // A flight that takes more than the document's battery holds had another one.
+        self.charge = (self.charge - current * step_s / (3600.0 * c.capacity_ah)).max(LEAST_CHARGE);
+        if c.rc_resistance_ohm != 0.0 {
+            let relaxed = 1.0 - libm::exp(-step_s / c.rc_time_s);
+            self.relaxation += relaxed * (c.rc_resistance_ohm * current - self.relaxation);
+        }
+        voltage
+    }
+}
+
+/// Charge below which nobody flies, fraction.
+const LEAST_CHARGE: f64 = 0.1;
+
 impl Plant {
+    /// The battery at take-off, if the voltage behind the duties was not logged.
+    pub(super) fn unlogged(&self, c: &Constants) -> Option<Unlogged> {
+        self.is_unlogged().then(|| Unlogged {
+            battery: Battery::new(&self.battery_model),
+            charge: self.charge + c.charge_offset,
+            relaxation: 0.0,
+        })
+    }
+
+    /// True if the voltage behind the duties was not logged.
+    pub(crate) fn is_unlogged(&self) -> bool {
+        self.series.drive == Drive::Duty && !self.series.available.voltage
+    }
+
     /// Battery voltage as the sensor reads it, V.
     pub(super) fn battery(&self, set: EffectSet, motion: &Kinematics, thrust: &[f64]) -> Vec<f64> {
         self.battery_of(set, motion, thrust, &self.powers(thrust, 1), 1)
