@@ -101,7 +101,9 @@ fn named_alone(cases: &[&[&str]], seed: u64) {
         check(&found, effects, (&mut held, &mut sizes));
     }
     println!("{held} of {sizes} within the interval");
-    assert!(10 * held >= 9 * sizes, "{held} of {sizes} within the interval");
+    // One of a few may be outside: of four, one is in a fifth of all runs.
+    let outside = sizes - held;
+    assert!(outside <= (sizes / 10).max(1), "{held} of {sizes} within the interval");
 }
 
 /// Each of these is named itself, and nothing else.

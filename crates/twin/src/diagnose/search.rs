@@ -163,6 +163,7 @@ fn begin<'a>(
         plain: Vec::new(),
         before: Vec::new(),
         weather: None,
+        has_intervals: constants.iter().any(|constant| constant.high > constant.low),
         doubts: Vec::new(),
         threshold,
         options,

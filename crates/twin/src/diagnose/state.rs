@@ -32,6 +32,8 @@ pub(crate) struct State<'a> {
     pub(crate) weather: Option<Gusts>,
     /// Why the named effects must not be trusted.
     pub(crate) doubts: Vec<Doubt>,
+    /// Constants of the vehicle have intervals: it is known no better than these.
+    pub(crate) has_intervals: bool,
     /// Threshold on the ln Bayes factor.
     pub(crate) threshold: f64,
     pub(crate) options: &'a Options<'a>,

@@ -26,11 +26,12 @@ impl Pass for FinalVerdict {
         if stretched {
             unexplained.push(words::doubt(&Doubt::StretchedClutter));
         }
-        // Fast errors pass for noise, and small errors of many parameters explain what the model as it is handed on does not.
-        let gusts = state.weather.is_some();
+        // Fast errors pass for noise, and small errors of many parameters explain what the model as it is handed on does not. One that is
+        // known within intervals leaves more than noise, and gusts are a force that no model predicts.
+        let (gusts, within) = (state.weather.is_some(), state.has_intervals);
         let beyond = diagnosis.held_out.iter().filter(|error| {
             let is_forced = gusts && error.quantity == QUANTITIES[FORCE].0;
-            error.quantity != QUANTITIES[VOLTAGE].0 && !is_forced && error.is_beyond_noise()
+            error.quantity != QUANTITIES[VOLTAGE].0 && !is_forced && !within && error.is_beyond_noise()
         });
         let beyond: Vec<String> = beyond.map(words::beyond_noise).collect();
         let is_left = stretched || !beyond.is_empty();
