@@ -129,7 +129,8 @@ fn val_a_motor_lag_that_is_off_by_less_than_a_factor_of_two_is_named_with_its_va
         .iter()
         .find(|effect| effect.instance.effect == "motor-time-constant")
         .unwrap_or_else(|| panic!("{}", found.sentence));
-    // Authors 70 ms, a compare of many lags 70 to 100 ms.
+    // Authors 70 ms, a compare of many lags 70 to 100 ms; with the larger inertias that are found along with it 65 ms, and unseen blocks are
+    // predicted better (torque 0.12 instead of 0.15 mN·m). Lag and inertia lie on a ridge.
     let wanted = 0.045 * (1.0 + lag.parameters[0].value);
     assert!((0.06..0.085).contains(&wanted), "{}", found.sentence);
     // It is trusted, though nothing explains the yaw, and reported in seconds.
@@ -139,7 +140,7 @@ fn val_a_motor_lag_that_is_off_by_less_than_a_factor_of_two_is_named_with_its_va
         found.sentence
     );
     assert!(
-        found.sentence.contains("lag of the thrust 0.07") && found.sentence.contains("where the model has 0.04500 s"),
+        found.sentence.contains("lag of the thrust 0.06") && found.sentence.contains("where the model has 0.04500 s"),
         "{}",
         found.sentence
     );

@@ -169,7 +169,7 @@ export interface Diagnosis {
   } | null;
   detectable: Unseen[];
   goodness: { explained_share: number | null; unexplained: string[] };
-  held_out: { quantity: string; unit: string; before: number; after: number; change_deviation: number }[];
+  held_out: { quantity: string; unit: string; before: number; after: number; change_deviation: number; noise: number }[];
   proposal: Proposal | null;
   logs: string[];
   notes: string[];
