@@ -164,7 +164,19 @@ pub fn read_plain(text: &str) -> std::result::Result<Answer, String> {
 }
 
 /// Runs a process with a time limit; an exit code other than 0 is an error with the last line of its standard error.
+///
+/// What it prints is at `output` once it has ended: who looks before sees no half answer.
 pub(super) fn run_process(process: &Program, output: &Path, errors: &Path) -> std::result::Result<(), String> {
+    let aside = output.with_extension("part");
+    let ended = run_aside(process, &aside, errors);
+    // Also that of a process that failed, if it was started.
+    match std::fs::rename(&aside, output) {
+        Err(error) if ended.is_ok() => Err(format!("{}: {error}", output.display())),
+        _ => ended,
+    }
+}
+
+fn run_aside(process: &Program, output: &Path, errors: &Path) -> std::result::Result<(), String> {
     let (program, arguments) = process.words.split_first().ok_or("an empty command")?;
     let create = |path: &Path| File::create(path).map_err(|error| format!("{}: {error}", path.display()));
     let mut child = Command::new(program)

@@ -129,8 +129,7 @@ pub fn compare(logs: &[FlightLog], models: &[NamedModel]) -> Result<(Comparison,
         for model in models {
             let documents = model.version.documents();
             let catalogue = model.version.catalogue()?;
-            let predictor = Predictor::new(&documents, &model.version.instances(), &catalogue, log)?
-                .with_chart(model.version.guesses_its_chart());
+            let predictor = Predictor::new(&documents, &model.version.instances(), &catalogue, log)?;
             let grid = predictor.series();
             let into = series.get_or_insert_with(|| LogSeries {
                 time_s: (0..grid.len).map(|k| grid.time(k)).collect(),

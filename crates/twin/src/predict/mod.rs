@@ -260,9 +260,10 @@ impl Predictor {
         let power = self.nominal.rotor_count as f64 * self.nominal.power_coefficient_w_per_n15 * hover * hover.sqrt();
         let current = power / self.plant.unlogged_voltage.max(1.0);
         let stretch_s = CHART_STRETCH * self.plant.battery_model.capacity_ah * 3600.0 / current.max(f64::MIN_POSITIVE);
-        let start = cells * CHART_ERROR_V;
+        let error = cells * CHART_ERROR_V;
         if let Some(whitener) = &mut Arc::make_mut(&mut self.whiteners)[V] {
-            *whitener = whitener.with_walk(white, start * (step_s / stretch_s).sqrt(), start);
+            // The charge at the start takes up the error there.
+            *whitener = whitener.with_walk(white, error * (step_s / stretch_s).sqrt(), white);
             self.forgives_the_chart = true;
         }
     }
