@@ -640,7 +640,8 @@ def stranger(browser: Browser) -> None:
     until(page, "document.querySelector('#step-5 .say.sentence') && document.querySelector('#step-6 .bars')")
     after = voltages()
     print(f"voltage error over noise: fitted {after[0]}, held out {after[1]}; {sentence.inner_text()[:200]}")
-    assert after[0][-1] < 0.2 * before[0][0] and after[1][-1] < 0.5 * before[1][0], (before, after)
+    # The slow part stays: the battery's chart is a guess that no flight of a minute replaces.
+    assert all(now[-1] < 0.7 * then[0] for now, then in zip(after, before, strict=True)), (before, after)
     # What is named on top of the calibrated vehicle is added with one click, until nothing is left to add.
     add = page.get_by_role("button", name=re.compile("^Add to the model"))
     if add.count() > 0:

@@ -280,7 +280,7 @@ impl Predictor {
         let rows = (FORGOTTEN * lag_s / series.step_s).ceil() as usize;
         let (mut last, mut settled) = (None, Vec::with_capacity(series.len));
         for k in 0..series.len {
-            if !series.measured(k) {
+            if !series.has_row(k) {
                 last = Some(k);
             }
             settled.push(last.is_none_or(|last| k > last + rows));

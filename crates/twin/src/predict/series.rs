@@ -412,11 +412,19 @@ impl Series {
         self.start_s + k as f64 * self.step_s
     }
 
-    /// False where the log has no row: what it measures there was bridged.
-    pub(crate) fn measured(&self, k: usize) -> bool {
-        let measured = |there: bool, x: &[Vector3]| !there || is_finite(&x[k]);
-        let have = self.available;
-        measured(have.rates, &self.raw.rates) && measured(have.accel, &self.raw.accel)
+    /// False where the log has no row: everything there was bridged, the commands as well.
+    pub(crate) fn has_row(&self, k: usize) -> bool {
+        let (have, raw) = (self.available, &self.raw);
+        let mut sensors = [
+            (have.rates, &raw.rates),
+            (have.accel, &raw.accel),
+            (have.attitude, &raw.attitude),
+            (have.velocity, &raw.velocity),
+        ]
+        .into_iter()
+        .filter(|(there, _)| *there)
+        .peekable();
+        sensors.peek().is_none() || sensors.any(|(_, x)| is_finite(&x[k]))
     }
 
     /// True if everything that the prediction of a channel takes from the log at sample `k` was measured, not bridged.
