@@ -92,8 +92,8 @@ fn begin<'a>(
     let mut library = Library::new(catalogue, rotors, &predictors[0].vehicle_size());
     // What the model has already is not looked for; its clutter stays as that of the others.
     library.retain(|c| model.iter().all(|m| m.effect != c.declaration.id || m.rotor != c.rotor));
-    // Without a measured voltage Eq. 19 uses that of an assumed charge: an effect that acts through it
-    // would only be a level or a drift of the thrust. An airspeed or a position that nothing tells would be taken as none.
+    // Without a measured voltage Eq. 19 uses that of the model's battery: an effect that acts through it would only be a level or a drift of
+    // the thrust. An airspeed or a position that nothing tells would be taken as none.
     for requirement in [
         Requirement::BatteryVoltage,
         Requirement::AirVelocity,

@@ -92,14 +92,18 @@ pub(crate) fn weights(fits: &[Option<ChannelFit>; CHANNELS]) -> [f64; CHANNELS] 
 /// Fits of all logs once the linear parameters took `mean`, with the noise that was assumed.
 pub(crate) fn fits(problem: &Problem, mean: &[f64]) -> Vec<[Option<ChannelFit>; CHANNELS]> {
     in_pairs(&problem.logs, |l, log| {
-        let mut residual = fitted_residual(problem, l, mean);
-        for (channel, own) in residual.iter_mut().enumerate() {
-            if let Some(assumed) = log.predictor.as_assumed(channel, own) {
-                *own = assumed;
-            }
-        }
-        channel_fits(&log.predictor, &residual)
+        assumed_fits(&log.predictor, fitted_residual(problem, l, mean))
     })
+}
+
+/// Fit of each channel of a whitened residual with the noise that was assumed.
+pub(crate) fn assumed_fits(predictor: &Predictor, mut residual: PerChannel) -> [Option<ChannelFit>; CHANNELS] {
+    for (channel, own) in residual.iter_mut().enumerate() {
+        if let Some(assumed) = predictor.as_assumed(channel, own) {
+            *own = assumed;
+        }
+    }
+    channel_fits(predictor, &residual)
 }
 
 /// True if a channel is not white.

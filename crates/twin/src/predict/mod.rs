@@ -256,9 +256,7 @@ impl Predictor {
     fn forgive_the_chart(&mut self) {
         let (step_s, white) = (self.plant.series.step_s, self.covariances[V].variance.sqrt());
         let cells = f64::from(self.plant.battery_model.cells);
-        let hover = self.nominal.hover_thrust_n;
-        let power = self.nominal.rotor_count as f64 * self.nominal.power_coefficient_w_per_n15 * hover * hover.sqrt();
-        let current = power / self.plant.unlogged_voltage.max(1.0);
+        let current = hover_power(&self.nominal) / self.plant.unlogged_voltage.max(1.0);
         let stretch_s = CHART_STRETCH * self.plant.battery_model.capacity_ah * 3600.0 / current.max(f64::MIN_POSITIVE);
         let error = cells * CHART_ERROR_V;
         if let Some(whitener) = &mut Arc::make_mut(&mut self.whiteners)[V] {
@@ -691,12 +689,13 @@ pub(crate) fn allocation(c: &Constants) -> impl Fn(f64, Vector3) -> Vec<f64> {
 /// V = (V_o + √(V_o² − 4 R P_h))/2, P_h = n k_P f_h^1.5
 fn under_hover_load(plant: &Plant, nominal: &Constants) -> f64 {
     let open = Battery::new(&plant.battery_model).open_circuit_voltage(plant.charge);
-    let hover = nominal.hover_thrust_n;
-    let power = nominal.rotor_count as f64 * nominal.power_coefficient_w_per_n15 * hover * hover.sqrt();
-    let root = (open * open - 4.0 * nominal.internal_resistance_ohm * power)
-        .max(0.0)
-        .sqrt();
-    0.5 * (open + root)
+    0.5 * (open + pass::root(open, nominal, hover_power(nominal)))
+}
+
+/// P_h = n k_P f_h^1.5, W.
+fn hover_power(c: &Constants) -> f64 {
+    let hover = c.hover_thrust_n;
+    c.rotor_count as f64 * c.power_coefficient_w_per_n15 * hover * hover.sqrt()
 }
 
 /// Charge at which the resting voltage less the drop of hovering equals the voltage measured in the first second of

@@ -32,9 +32,8 @@ impl Pass for BackwardElimination {
             let label = in_sentence(&state.problem.library.candidates[candidate].label());
             state.named.retain(|one| one.candidate != candidate);
             move_to(&mut state.problem, &fitted)?;
-            settled(&mut state.problem)?;
+            let (posterior, _) = settled(&mut state.problem)?;
             // The evidence for it is left unexplained.
-            let posterior = posterior_of(&state.problem)?.0;
             let first = score(&state.problem, &posterior).into_iter().next();
             state.left = first.map_or(0.0, |best| best.opened.log_bayes_factor);
             state.diagnosis.notes.push(format!(

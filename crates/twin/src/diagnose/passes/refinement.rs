@@ -15,7 +15,7 @@ use crate::estimation::normal::{Posterior, minimum_size, open};
 use crate::estimation::problem::Problem;
 use crate::estimation::rate_noise;
 use crate::estimation::scores::{Scored, opened_mean, priors};
-use crate::estimation::whiteness::channel_fits;
+use crate::estimation::whiteness::assumed_fits;
 use crate::predict::PredictError;
 use crate::predict::channels::{F, KA, KV, M};
 
@@ -367,13 +367,7 @@ fn possible(
 fn is_noisy(problem: &Problem) -> Result<bool, PredictError> {
     let effects = instances(&problem.library, &problem.active);
     for log in &problem.logs {
-        let mut residual = log.residual(&effects)?;
-        for (channel, own) in residual.iter_mut().enumerate() {
-            if let Some(assumed) = log.predictor.as_assumed(channel, own) {
-                *own = assumed;
-            }
-        }
-        let fits = channel_fits(&log.predictor, &residual);
+        let fits = assumed_fits(&log.predictor, log.residual(&effects)?);
         let mut channels = (F..KV).chain(M..KA);
         if channels.any(|c| fits[c].is_some_and(|fit| fit.chi2 > NOISY)) {
             return Ok(true);

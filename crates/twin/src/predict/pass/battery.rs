@@ -14,6 +14,11 @@ pub(crate) struct Power {
     pub(crate) variance: f64,
 }
 
+/// √(V_oc² − 4 R P) of the terminal voltage (V_oc + √…)/2 (Eq. 8); 0 where less than P can be drawn.
+pub(crate) fn root(open: f64, c: &Constants, power: f64) -> f64 {
+    (open * open - 4.0 * c.internal_resistance_ohm * power).max(0.0).sqrt()
+}
+
 /// A battery whose voltage no log tells, as it empties.
 pub(super) struct Unlogged {
     battery: Battery,
@@ -26,8 +31,7 @@ impl Unlogged {
     pub(super) fn step(&mut self, c: &Constants, sum: f64, step_s: f64) -> f64 {
         let power = sum * c.power_coefficient_w_per_n15;
         let open = self.battery.open_circuit_voltage(self.charge) - self.relaxation;
-        let root = (open * open - 4.0 * c.internal_resistance_ohm * power).max(0.0).sqrt();
-        let voltage = 0.5 * (open + root);
+        let voltage = 0.5 * (open + root(open, c, power));
         let current = power / voltage.max(1e-3);
         // A flight that takes more than the document's battery holds had another one.
         self.charge = (self.charge - current * step_s / (3600.0 * c.capacity_ah)).max(LEAST_CHARGE);
@@ -125,7 +129,7 @@ impl Plant {
             }
             let power = sum.mean * c.power_coefficient_w_per_n15;
             let open = battery.open_circuit_voltage(charge) - relaxation;
-            let root = (open * open - 4.0 * c.internal_resistance_ohm * power).max(0.0).sqrt();
+            let root = root(open, &c, power);
             let mut voltage = 0.5 * (open + root);
             if stride > 1 && root > 0.0 {
                 let bend = c.internal_resistance_ohm * c.power_coefficient_w_per_n15;

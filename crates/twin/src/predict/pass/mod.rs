@@ -36,7 +36,7 @@ use super::series::{Drive, Kinematics, Series, Vectors};
 use super::vectors::to_body;
 use body::{Imu, Steps, hooked_body};
 
-pub(crate) use battery::Power;
+pub(crate) use battery::{Power, root};
 
 /// Parts of the chain that an effect touches.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
