@@ -40,6 +40,7 @@ pub use result::{
     NotTestable, Picture, PictureBin, Ranked, Rival, Timing, Verdict,
 };
 pub use words::in_sentence;
+pub(crate) use words::small_errors;
 
 use rotortwin_plant::effects::EffectDocument;
 

@@ -173,6 +173,28 @@ pub(crate) fn beyond_noise(error: &HeldOutError) -> String {
     )
 }
 
+/// Errors on unseen blocks that small errors of the other constants explain, as the next sentence of a verdict.
+pub(crate) fn small_errors(diagnosis: &Diagnosis) -> String {
+    let excused = diagnosis.held_out.iter().filter(|error| error.is_excused());
+    let parts: Vec<String> = excused
+        .map(|error| {
+            let [after, with] = [error.after, error.with_small_errors].map(|value| number(1e3 * value));
+            let noise = number(1e3 * error.noise);
+            format!(
+                "{} {after} → {with} m{} where noise leaves {noise}",
+                error.quantity, error.unit
+            )
+        })
+        .collect();
+    if parts.is_empty() {
+        return String::new();
+    }
+    format!(
+        " What is left is that of other constants which are off a little (within their intervals, or 2 % of a plausible size); with them: {}.",
+        parts.join("; ")
+    )
+}
+
 /// Puts the findings of a diagnosis into words: reasons first, the sentence last.
 pub(crate) fn render(diagnosis: &mut Diagnosis) {
     for finding in diagnosis.effects.iter_mut().chain(&mut diagnosis.sensor_or_timing) {
@@ -259,9 +281,12 @@ fn sentence(diagnosis: &Diagnosis) -> String {
         .cloned()
         .collect();
     let rivals: Vec<Rival> = found.iter().flat_map(|f| f.also_compatible.clone()).collect();
+    let small = small_errors(diagnosis);
     match &diagnosis.verdict {
         Verdict::Agrees => {
-            "The model agrees with this flight: no effect of the catalogue is missing at a size that would show.".into()
+            let agrees =
+                "The model agrees with this flight: no effect of the catalogue is missing at a size that would show.";
+            format!("{agrees}{small}")
         }
         Verdict::NothingTestable => "Nothing of this log can be compared with the model.".into(),
         Verdict::PartlyMissing { .. } => {
@@ -336,12 +361,12 @@ fn sentence(diagnosis: &Diagnosis) -> String {
             )
         }
         Verdict::CannotTell { group } => format!(
-            "This flight cannot distinguish {}: best fit {}.{share}",
+            "This flight cannot distinguish {}: best fit {}.{share}{small}",
             group.join(" from "),
             named(&diagnosis.effects)
         ),
         Verdict::LogFault { .. } => format!(
-            "The log is at fault, not the physics: {}.{share}{} Also compatible: {}.",
+            "The log is at fault, not the physics: {}.{share}{}{small} Also compatible: {}.",
             named(&diagnosis.sensor_or_timing),
             held_out.concat(),
             names(&rivals)
@@ -353,7 +378,7 @@ fn sentence(diagnosis: &Diagnosis) -> String {
                 format!(" And a fault of the log: {}.", named(&diagnosis.sensor_or_timing))
             };
             format!(
-                "Missing: {}.{share}{}{fault} Also compatible: {}.",
+                "Missing: {}.{share}{}{fault}{small} Also compatible: {}.",
                 named(&diagnosis.effects),
                 held_out.concat(),
                 names(&rivals)

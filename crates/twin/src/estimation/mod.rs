@@ -12,6 +12,7 @@
 //! see docs/decisions/0047.
 
 pub(crate) mod candidates;
+pub(crate) mod clutter;
 pub(crate) mod columns;
 pub(crate) mod dense;
 pub(crate) mod gauss_newton;

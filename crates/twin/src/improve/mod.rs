@@ -539,7 +539,10 @@ fn remarks(before: &Row, after: &Row) -> Vec<String> {
 fn reason(end: End, label: &str, diagnosis: Option<&Diagnosis>) -> String {
     let sentence = diagnosis.map_or("", |d| d.sentence.as_str());
     match end {
-        End::Agrees => format!("{label} agrees: no effect of the catalogue is missing at a size that would show."),
+        End::Agrees => {
+            let small = diagnosis.map_or_else(String::new, diagnose::small_errors);
+            format!("{label} agrees: no effect of the catalogue is missing at a size that would show.{small}")
+        }
         End::LogFault => format!("Ended: fix the log, not the model. {sentence}"),
         End::OutsideCatalogue => {
             let proposal = diagnosis.and_then(|d| d.proposal.as_ref());

@@ -3,7 +3,9 @@
 use rotortwin_plant::effects::{EffectClass, EffectInstance};
 
 use super::Pass;
+use super::refinement::LEFT_FACTOR;
 use crate::diagnose::state::{Doubt, State};
+use crate::estimation::clutter::with_clutter;
 use crate::estimation::columns::{Active, LogState, instances};
 use crate::estimation::gauss_newton::Fitted;
 use crate::estimation::normal::not_finite;
@@ -39,7 +41,16 @@ impl Pass for HeldOutCheck {
 
     fn run(&self, state: &mut State<'_>) -> Result<(), PredictError> {
         let even = even_fit(&state.problem)?;
-        let errors = errors(&state.problem, &state.plain, &even)?;
+        let mut errors = errors(&state.problem, &state.plain, &even)?;
+        // Errors that would have to be implausibly large are not small, and excuse nothing.
+        if state.left <= LEFT_FACTOR * state.threshold {
+            let with = errors_with_clutter(&state.problem, &state.plain)?;
+            errors = errors
+                .into_iter()
+                .zip(&with)
+                .map(|(error, with)| error.with_small_errors(with))
+                .collect();
+        }
         let diagnosis = &state.diagnosis;
         let named = !diagnosis.effects.is_empty();
         // Repairing a log need not make any error of the model smaller; but a fault of the log that leaves something
@@ -70,10 +81,8 @@ struct EvenFit {
     nuisances: Vec<Nuisances>,
 }
 
-/// The parameters fitted on even blocks only: one more step from the fit on all blocks, which forgets where it starts.
+/// The parameters fitted on even blocks only. Clutter stays at 0, as in the model that is handed on.
 fn even_fit(problem: &Problem) -> Result<EvenFit, PredictError> {
-    let normal = problem.normal(|b| b % 2 == 0);
-    // Clutter stays at 0: the model that is handed on has none.
     const FIXED: f64 = 1e-9;
     let mut prior = problem.deviations(&problem.active);
     for d in &mut prior {
@@ -81,13 +90,21 @@ fn even_fit(problem: &Problem) -> Result<EvenFit, PredictError> {
             *d = FIXED;
         }
     }
-    let posterior = pulled(problem, normal, &prior).ok_or_else(not_finite)?;
-    let mut even = problem.clone();
-    even.advance(&posterior.mean);
+    let (even, _) = moved_by_even(problem, &prior)?;
     Ok(EvenFit {
         effects: instances(&problem.library, &even.active),
         nuisances: even.logs.iter().map(|log| log.nuisances).collect(),
     })
+}
+
+/// The problem moved by one more step from the fit on all blocks, which forgets where it starts: a step on the even ones
+/// with these prior deviations; and its mean.
+fn moved_by_even(problem: &Problem, prior: &[f64]) -> Result<(Problem, Vec<f64>), PredictError> {
+    let normal = problem.normal(|b| b % 2 == 0);
+    let posterior = pulled(problem, normal, prior).ok_or_else(not_finite)?;
+    let mut even = problem.clone();
+    even.advance(&posterior.mean);
+    Ok((even, posterior.mean))
 }
 
 /// ln of the likelihood ratio on the blocks that the fit did not see, of what was found to the given model with its
@@ -202,6 +219,32 @@ fn errors(problem: &Problem, plain: &[Nuisances], even: &EvenFit) -> Result<Vec<
     Ok(changes(&before, &after, &noise(problem)))
 }
 
+/// The same with small errors of everything that was not named, as the even blocks give them.
+fn errors_with_clutter(problem: &Problem, plain: &[Nuisances]) -> Result<Vec<HeldOutError>, PredictError> {
+    let (even, mean) = moved_by_even(problem, &problem.deviations(&problem.active))?;
+    let (own, mirrored) = with_clutter(&even, &mean, |_| true);
+    let of = |active: &[Active]| instances(&problem.library, active);
+    let (alone, own, mirrored) = (of(&even.active), of(&own), mirrored.as_deref().map(of));
+    let mut after = Blocks::new();
+    for (l, log) in even.logs.iter().enumerate() {
+        let residuals = |effects: &[EffectInstance]| log.predictor.residuals(&log.nuisances, effects);
+        let mut with = residuals(&own)?;
+        if let Some(mirrored) = &mirrored {
+            // Small errors add up: the change due to the mirrored ones is subtracted.
+            let (alone, mirrored) = (residuals(&alone)?, residuals(mirrored)?);
+            let channels = with.raw.iter_mut().zip(alone.raw.iter().zip(&mirrored.raw));
+            for (with, (alone, mirrored)) in channels {
+                for (with, (alone, mirrored)) in with.iter_mut().zip(alone.iter().zip(mirrored)) {
+                    *with += alone - mirrored;
+                }
+            }
+        }
+        after.extend(squares(problem, l, &with));
+    }
+    let before = all_squares(problem, &[], plain)?;
+    Ok(changes(&before, &after, &noise(problem)))
+}
+
 /// An effect without which unseen blocks are predicted as well as with it, in every quantity; `None` if there is none.
 ///
 /// Not asked of an effect that sets in, which changes too few blocks to tell, nor of one without sizes.
@@ -277,6 +320,27 @@ mod tests {
         assert!(by(1.011) && !by(0.999) && !by(1.0));
         // The same on every block: their scatter is small, and a tenth of that is enough.
         assert!(by(1.002));
+    }
+
+    #[test]
+    fn prop_a_rise_that_small_errors_of_other_constants_explain_is_none() {
+        let mut noise = NormalStream::new(9, "held out");
+        let before = blocks(&mut noise, 4.0);
+        let scaled = |factor: f64| -> Vec<Squares> {
+            let scaled = before.iter().map(|one| Squares {
+                sum: factor * one.sum,
+                ..*one
+            });
+            scaled.collect()
+        };
+        let of = |factor: f64| change("force", "N", &before, &scaled(factor), 1.0).unwrap();
+        let risen = of(1.1);
+        assert!(risen.rises() && risen.is_beyond_noise() && !risen.is_excused());
+        let explained = risen.with_small_errors(&of(0.25));
+        assert!(!explained.rises() && !explained.is_beyond_noise() && explained.is_excused());
+        // They are of no help if it rises with them, too.
+        let worse = of(1.1).with_small_errors(&of(1.05));
+        assert!(worse.rises() && worse.is_beyond_noise() && !worse.is_excused());
     }
 
     #[test]

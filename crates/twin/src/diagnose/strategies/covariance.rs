@@ -16,6 +16,7 @@ use rotortwin_plant::effects::{Catalogue, EffectDeclaration, Place, Strategy};
 
 use super::gust_filter::{Filtered, Log, MEAN_S, Mean, SEEN, filter};
 use crate::diagnose::considered::holds;
+use crate::estimation::clutter::with_clutter;
 use crate::estimation::columns::{Active, Column, LogState, instances};
 use crate::estimation::dense::dot;
 use crate::estimation::normal::{Normal, Posterior};
@@ -96,49 +97,12 @@ fn wind_columns(problem: &Problem, log: &LogState, active: &[Active]) -> Result<
         .collect()
 }
 
-/// The active effects, and the clutter at its mean: a gust acts through small errors, too (an inflow that would never
-/// be named). An error with a sign that no effect of the catalogue can have is in the second list, mirrored; `None` if
-/// there are none.
-fn with_clutter(problem: &Problem, mean: &[f64]) -> (Vec<Active>, Option<Vec<Active>>) {
-    let offset = problem.nuisances();
-    let (mut plain, mut mirrored) = (problem.active.clone(), problem.active.clone());
-    for (candidate, entry) in problem.library.candidates.iter().enumerate() {
-        let columns = problem.library.columns_of(candidate);
-        let known = problem.active.iter().any(|a| a.candidate == candidate);
-        let acts = |place: &Place| matches!(place, Place::RotorThrust | Place::Force | Place::Torque);
-        if known || !entry.declaration.places.iter().any(acts) || columns.iter().all(|&j| mean[offset + j] == 0.0) {
-            continue;
-        }
-        let values = |sign: f64| -> Option<Vec<f64>> {
-            let mut values = entry.neutral();
-            for &j in &columns {
-                let column = &problem.library.columns[j];
-                let value = values[column.parameter] + sign * mean[offset + j] * column.size;
-                if entry.clamped(column.parameter, value) != value {
-                    return None;
-                }
-                values[column.parameter] = value;
-            }
-            Some(values)
-        };
-        let active = |values| Active {
-            candidate,
-            values,
-            onset_s: None,
-        };
-        match values(1.0) {
-            Some(values) => plain.push(active(values)),
-            None => mirrored.extend(values(-1.0).map(active)),
-        }
-    }
-    let any = mirrored.len() > problem.active.len();
-    (plain, any.then_some(mirrored))
-}
-
 /// The influence of a steady wind in addition to the active effects and the clutter at its mean: columns along each
 /// axis, to be summed with their factors; `alone` are those with the active effects only.
 fn winds(problem: &Problem, log: &LogState, mean: &[f64], alone: Vec<Column>) -> Vec<(f64, Vec<Column>)> {
-    let (plain, mirrored) = with_clutter(problem, mean);
+    // A gust acts through small errors, too (an inflow that would never be named).
+    let acts = |place: &Place| matches!(place, Place::RotorThrust | Place::Force | Place::Torque);
+    let (plain, mirrored) = with_clutter(problem, mean, |declared| declared.places.iter().any(acts));
     let Ok(first) = wind_columns(problem, log, &plain) else {
         return vec![(1.0, alone)];
     };
