@@ -139,6 +139,15 @@ fn val_side_file_names_vehicle_and_segments() {
     );
 }
 
+#[test]
+fn regress_a_vehicle_file_that_is_called_like_a_log_is_no_side_file() {
+    let folder = Folder::new();
+    let path = folder.write("a.csv", "time_s,roll_rad\n0,0\n1,0\n");
+    folder.write("a.toml", "name = \"a\"\n[body]\nmass_kg = 1.0\n");
+    let log = FlightLog::read(&path).expect("accepted");
+    assert_eq!((log.vehicle, log.segments.len()), (None, 0));
+}
+
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(32))]
 

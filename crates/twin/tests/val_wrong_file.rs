@@ -94,7 +94,12 @@ fn val_constants_that_are_all_off_by_two_per_cent_do_not_hide_what_is_missing() 
         let plan = FlightPlan {
             effects,
             clutter,
-            ..FlightPlan::new(vehicle.clone(), Script::built_in("excitation", seed).unwrap(), 60.0, seed)
+            ..FlightPlan::new(
+                vehicle.clone(),
+                Script::built_in("excitation", seed).unwrap(),
+                60.0,
+                seed,
+            )
         };
         let order: Vec<usize> = (0..vehicle.rotors.len()).collect();
         let found = said(foreign_log(effect, &plan, &order).unwrap(), &model);

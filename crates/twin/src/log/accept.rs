@@ -4,7 +4,7 @@ use super::checks;
 use super::report::{Gap, ImportReport, MissingCells, UnusedColumn};
 use super::side_file::SideFile;
 use super::table::{RawColumn, Table};
-use super::{FlightLog, GAP_FACTOR, LogError, LogSource, names, resample};
+use super::{FlightLog, GAP_FACTOR, LogError, LogSource, names, resample, stamps};
 use std::collections::BTreeMap;
 use std::path::Path;
 
@@ -75,8 +75,6 @@ pub(crate) fn accept(source: LogSource, table: Table, side: Option<SideFile>) ->
     euler_from_quaternion(&path, &mut columns, &mut report)?;
 
     report.rows = time_s.len();
-    report.sample_rate_hz = resample::median_rate_hz(&time_s);
-    report.gaps = gaps(&time_s);
     report.unknown_columns = columns
         .keys()
         .filter(|name| !names::is_canonical(name))
@@ -101,6 +99,9 @@ pub(crate) fn accept(source: LogSource, table: Table, side: Option<SideFile>) ->
         parameters: std::collections::BTreeMap::new(),
         report,
     };
+    stamps::regularise(&mut log);
+    log.report.sample_rate_hz = resample::median_rate_hz(&log.time_s);
+    log.report.gaps = gaps(&log.time_s);
     leave_out_runaway_estimates(&mut log);
     leave_out_what_stopped(&mut log);
     leave_out_other_voltages(&mut log);

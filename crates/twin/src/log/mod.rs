@@ -42,6 +42,7 @@ mod side_file;
 mod simulated;
 mod source_rates;
 mod sources;
+mod stamps;
 mod steps;
 mod stored;
 mod table;

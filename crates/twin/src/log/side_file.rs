@@ -21,7 +21,10 @@ pub(crate) struct SideFile {
     pub(crate) segments: Vec<Segment>,
 }
 
-/// Reads `NAME.toml` next to the log, if it exists.
+/// Table that every vehicle file has, and no side file.
+const OF_A_VEHICLE: &str = "body";
+
+/// Reads `NAME.toml` next to the log, if it exists and is no vehicle file of the same name.
 pub(crate) fn read_beside(log: &Path) -> Result<Option<SideFile>, LogError> {
     let path = log.with_extension("toml");
     let text = match std::fs::read_to_string(&path) {
@@ -29,6 +32,9 @@ pub(crate) fn read_beside(log: &Path) -> Result<Option<SideFile>, LogError> {
         Err(missing) if missing.kind() == std::io::ErrorKind::NotFound => return Ok(None),
         Err(source) => return Err(error::io(&path, "cannot read the log's side file")(source)),
     };
+    if text.parse::<toml::Table>().is_ok_and(|table| table.contains_key(OF_A_VEHICLE)) {
+        return Ok(None);
+    }
     let side: SideFile = toml::from_str(&text).map_err(|bad| {
         let line = bad
             .span()

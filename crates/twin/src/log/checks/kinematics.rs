@@ -17,7 +17,7 @@ use crate::log::resample::{median_rate_hz, wrapped};
 use crate::log::{FlightLog, names};
 
 /// Standard gravity is accurate enough for a check, m/s².
-const GRAVITY_M_S2: f64 = 9.81;
+pub(crate) const GRAVITY_M_S2: f64 = 9.81;
 /// Shortest window, s: attitude noise over it must be small against the motion.
 const SHORTEST_WINDOW_S: f64 = 0.2;
 /// A window has at least this many intervals.

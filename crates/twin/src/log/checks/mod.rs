@@ -3,7 +3,7 @@
 mod coverage;
 mod delays;
 mod ground;
-mod kinematics;
+pub(crate) mod kinematics;
 mod vehicle;
 
 pub(crate) use coverage::stands_still;
