@@ -69,6 +69,9 @@ pub struct ListArgs {
     json: bool,
 }
 
+/// Most characters of a name, as of a scenario's.
+const LONGEST_NAME: usize = 64;
+
 /// Arguments of `rotortwin new`.
 #[derive(Debug, Parser)]
 pub struct NewArgs {
@@ -146,6 +149,15 @@ pub(crate) fn new(args: &NewArgs) -> ExitCode {
             args.name
         ));
     }
+    // It becomes the name of a folder, and a word of a command.
+    let plain = |c: char| c.is_ascii_alphanumeric() || matches!(c, '-' | '_');
+    let begins_well = args.name.starts_with(|c: char| c.is_ascii_alphanumeric());
+    if args.name.len() > LONGEST_NAME || !begins_well || !args.name.chars().all(plain) {
+        return output::bad_input(format!(
+            "{:?}: expected a name of 1 to {LONGEST_NAME} letters, digits, '-' and '_' that begins with a letter or digit",
+            args.name
+        ));
+    }
     let from = if names::is_name(&args.from) {
         match names::find(kind, &args.from) {
             Ok(path) => path,
@@ -158,11 +170,29 @@ pub(crate) fn new(args: &NewArgs) -> ExitCode {
         Ok(text) => text,
         Err(error) => return output::bad_input(format!("{}: cannot be read: {error}", from.display())),
     };
+    // Vehicles are the documents with a body.
+    let is_vehicle = text
+        .parse::<toml::Table>()
+        .is_ok_and(|table| table.contains_key("body"));
+    if is_vehicle != (kind == Kind::Vehicle) {
+        let (found, expected) = if is_vehicle {
+            ("a vehicle", "another document")
+        } else {
+            ("no vehicle", "one")
+        };
+        return output::bad_input(format!("{} is {found}; expected {expected}", from.display()));
+    }
     let path = PathBuf::from(format!("{}.toml", args.name));
-    let written =
-        std::fs::File::create_new(&path).and_then(|mut file| file.write_all(renamed(&text, &args.name).as_bytes()));
-    if let Err(error) = written {
-        return output::bad_input(format!("{}: cannot be written: {error}", path.display()));
+    let mut file = match std::fs::File::create_new(&path) {
+        Ok(file) => file,
+        Err(error) => return output::bad_input(format!("{}: cannot be written: {error}", path.display())),
+    };
+    if let Err(error) = file.write_all(renamed(&text, &args.name).as_bytes()) {
+        // Half a document would be in the way of the next attempt.
+        let left = std::fs::remove_file(&path)
+            .err()
+            .map_or("", |_| "; a part of it is left, remove it");
+        return output::failed(format!("{}: cannot be written: {error}{left}", path.display()));
     }
     output::say(format!("{} is a copy of {}", path.display(), from.display()));
     let next = match kind {

@@ -209,6 +209,9 @@ fn shares(interval: &Interval, score: &Score) -> [String; 3] {
     ]
 }
 
+/// Distance from the reference beyond which a flight is lost, as in campaigns (`lost_distance_m`), m.
+const LOST_M: f64 = 50.0;
+
 fn facts(summary: &Summary) -> Vec<String> {
     let mut facts = Vec::new();
     if let Some(battery) = &summary.battery {
@@ -225,6 +228,11 @@ fn facts(summary: &Summary) -> Vec<String> {
             "Tracking     {:.3} m rms, {:.3} m at worst",
             tracking.position_rms_m, tracking.position_max_m
         ));
+        if tracking.position_max_m > LOST_M {
+            facts.push(format!(
+                "Lost         the vehicle left its reference by more than {LOST_M:.0} m; a campaign counts such a flight as lost"
+            ));
+        }
     }
     let times = summary.simulated_s / summary.wall_s.max(1e-9);
     let decimals = usize::from(times < 10.0);

@@ -102,6 +102,10 @@ fn scenario_a_misspelt_name_is_answered_with_the_nearest() {
             "did you mean the vehicle 'f550'?",
         ),
         (&["new", "vehicle", "mine", "--from", "quad"], "did you mean 'quad-x'?"),
+        (
+            &["new", "scenario", "a b", "--from", "hover"],
+            "expected a name of 1 to 64 letters",
+        ),
     ] {
         let said = refused(&scratch, words);
         assert!(said.contains(nearest), "{words:?}: {said}");

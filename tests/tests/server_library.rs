@@ -192,6 +192,16 @@ fn scenario_nobody_overwrites_what_he_has_not_seen() {
         200
     );
     assert_eq!(put(&server, "effects/fin", &[("if-match", "fin")], &one).status, 400);
+    // Nor does he delete it.
+    let delete = |tag: &str| {
+        server
+            .ask("DELETE", "/api/v1/effects/fin", &[("if-match", tag)], "")
+            .status
+    };
+    assert_eq!(delete(header(&seen, "etag")), 412);
+    let now = server.ask("GET", "/api/v1/effects/fin", &[], "");
+    assert_eq!((now.status, delete(header(&now, "etag"))), (200, 204));
+    assert_eq!(server.ask("GET", "/api/v1/effects/fin", &[], "").status, 404);
 }
 
 #[test]

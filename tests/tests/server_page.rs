@@ -488,6 +488,10 @@ fn scenario_a_vehicle_is_identified_and_kept_and_an_upload_is_read_again() {
     assert!(wrong["error"].to_string().contains("stand.csv"), "{wrong}");
     let kept = server.ask("POST", &format!("/api/v1/identifications/{id}/keep"), &[], "");
     assert_eq!(kept.status, 201, "{}", kept.json());
+    // An edited vehicle of that name is not lost to whoever asks for a new one.
+    let absent = [("if-none-match", "*")];
+    let again = server.ask("POST", &format!("/api/v1/identifications/{id}/keep"), &absent, "");
+    assert_eq!(again.status, 412, "{}", again.json());
     let geometry = server.get("/api/v1/vehicles/mine/geometry");
     assert_eq!(geometry["rotors"].as_array().map(Vec::len), Some(6), "{geometry}");
     let flights = json!({ "model": { "vehicle": "mine" }, "flights": { "logs": [log] } });

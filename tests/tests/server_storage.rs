@@ -54,9 +54,19 @@ fn scenario_files_in_a_bucket_outlive_the_host() {
     let server = server_on(&bucket, &data);
     assert!(!copies.exists());
     let after = server.ask("GET", &report, &[], "");
-    assert_eq!((after.status, after.body), (200, before.body));
+    let before_body = before.body;
+    assert_eq!((after.status, &after.body), (200, &before_body));
     let range = server.ask("GET", &report, &[("range", "bytes=0-14")], "");
     assert_eq!((range.status, range.body.len()), (206, 15));
+    let another = [("range", "bytes=0-14"), ("if-range", "\"another\"")];
+    let whole = server.ask("GET", &report, &another, "");
+    assert_eq!((whole.status, &whole.body), (200, &before_body));
+    let lines = server.ask("GET", &report, &[("range", "lines=1-2")], "");
+    assert_eq!(
+        (lines.status, &lines.body),
+        (200, &before_body),
+        "an unknown unit is ignored"
+    );
     let telemetry = server.ask(
         "GET",
         &format!("/api/v1/runs/{id}/telemetry?channels=position_ned_m_z&points=10"),

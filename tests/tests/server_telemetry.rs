@@ -352,6 +352,9 @@ fn val_a_whole_run_as_ulog_is_what_px4s_own_reader_reads() {
     let rest = export("ulog", &[("range", "bytes=2000-"), ("if-range", &first)]);
     assert!(rest.status == 206 && rest.body == ulog.body[2000..], "{}", rest.headers);
     assert_eq!(tag(&rest), Some(first));
+    // Not as a part of another file.
+    let other = export("ulog", &[("range", "bytes=2000-"), ("if-range", "\"another\"")]);
+    assert!(other.status == 200 && other.body == ulog.body, "{}", other.headers);
     assert_eq!(export("mcap", &[("range", "bytes=1-4")]).body, b"MCAP");
     assert!(export("parquet", &[]).body == std::fs::read(folder.join("telemetry.parquet")).expect("it is there"));
     assert_eq!(

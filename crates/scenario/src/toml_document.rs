@@ -86,9 +86,23 @@ impl Document {
                 .map_or((None, key.trim()), |(h, l)| (Some(h), l));
             let mut target = &mut table;
             for part in holder.iter().flat_map(|h| h.split('.')) {
-                target = target
-                    .entry(part)
-                    .or_insert_with(|| toml::Value::Table(toml::Table::new()))
+                let within = match part.strip_suffix(']').and_then(|part| part.split_once('[')) {
+                    // As errors and axes of campaigns write it; an entry that is not there is not made.
+                    Some((name, index)) => {
+                        let index = index.parse::<usize>().ok();
+                        let entries = target.get_mut(name).and_then(toml::Value::as_array_mut);
+                        let entry = entries.zip(index).and_then(|(entries, index)| entries.get_mut(index));
+                        entry.ok_or_else(|| {
+                            refuse(&format!(
+                                "expected an entry that the document has, `{name}[0]` is the first"
+                            ))
+                        })?
+                    }
+                    None => target
+                        .entry(part)
+                        .or_insert_with(|| toml::Value::Table(toml::Table::new())),
+                };
+                target = within
                     .as_table_mut()
                     .ok_or_else(|| refuse("expected a key within tables"))?;
             }
@@ -285,6 +299,10 @@ pub(crate) fn plain(path: &Path) -> String {
             (Component::CurDir, _) => {}
             _ => parts.push(part),
         }
+    }
+    if parts.is_empty() {
+        // The folder one is in.
+        return path.display().to_string();
     }
     parts.iter().collect::<PathBuf>().display().to_string()
 }

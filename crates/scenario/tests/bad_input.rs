@@ -496,6 +496,18 @@ fn val_overrides() {
         refused(&["name.short=x"]),
         "hover.toml: expected a key within tables, got `name.short=x`"
     );
+    // Entries as errors and the axes of campaigns write them.
+    let faulty = config().join("scenarios/reference-flight.toml");
+    let moved = Scenario::load_with(&faulty, &["fault[1].rotor=2"]).unwrap();
+    let rotors =
+        |scenario: &Scenario| -> Vec<_> { scenario.document().fault.iter().map(|fault| fault.rotor).collect() };
+    let mut expected = rotors(&Scenario::load(&faulty).unwrap());
+    expected[1] = 2;
+    assert_eq!(rotors(&moved), expected);
+    for key in ["fault[0].rotor", "fault[x].rotor", "seed[0].x"] {
+        let text = refused(&[&format!("{key}=2")]);
+        assert!(text.contains("expected an entry that the document has"), "{text}");
+    }
 }
 
 #[test]

@@ -87,7 +87,7 @@ fn val_constants_that_are_all_off_by_two_per_cent_do_not_hide_what_is_missing() 
     let mut excused = 0;
     for (seed, effect, size) in [
         (41, "yaw-damping:damping_n_m_s=0.02", 0.02),
-        (42, "internal-resistance:delta_ohm=0.015", 0.015),
+        (42, "internal-resistance:added_ohm=0.015", 0.015),
     ] {
         let effects = vec![Hidden::parse(effect).unwrap()];
         let clutter = draw_clutter(&effects, vehicle.rotors.len(), &mut Stream::new(seed, "clutter"));

@@ -3,7 +3,7 @@
     import rotortwin
 
     table = rotortwin.query("SELECT folder, max(true_roll_rad) AS roll FROM telemetry GROUP BY folder", "runs")
-    worst = rotortwin.query("SELECT * FROM campaign ORDER BY sequential_delay_s DESC LIMIT 10", "out")
+    worst = rotortwin.query("SELECT * FROM campaign ORDER BY sequential_isolated_after_s DESC LIMIT 10", "out")
     there = rotortwin.query("SELECT count(*) FROM shards", "s3://bench/night-17")
 
 Files of one name are one table of that name (`telemetry.parquet` of all runs: `telemetry`), with a column `folder`: the folder of each
@@ -291,6 +291,8 @@ def _print_rows(cursor: Any, most: int | None, most_bytes: int | None) -> None:
         for row in batch:
             line = json.dumps([_as_json(value) for value in row], ensure_ascii=False)
             size += len(line.encode())
+            if most_bytes is not None and size > most_bytes and rows == 0:
+                raise _Refusal(f"the first row alone has more than {most_bytes >> 20} MiB; expected smaller values")
             if (most is not None and rows == most) or (most_bytes is not None and size > most_bytes):
                 print(json.dumps({"rows": rows, "more": True}))
                 return

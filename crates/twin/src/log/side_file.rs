@@ -32,7 +32,10 @@ pub(crate) fn read_beside(log: &Path) -> Result<Option<SideFile>, LogError> {
         Err(missing) if missing.kind() == std::io::ErrorKind::NotFound => return Ok(None),
         Err(source) => return Err(error::io(&path, "cannot read the log's side file")(source)),
     };
-    if text.parse::<toml::Table>().is_ok_and(|table| table.contains_key(OF_A_VEHICLE)) {
+    if text
+        .parse::<toml::Table>()
+        .is_ok_and(|table| table.contains_key(OF_A_VEHICLE))
+    {
         return Ok(None);
     }
     let side: SideFile = toml::from_str(&text).map_err(|bad| {

@@ -553,7 +553,10 @@ impl Database {
     pub(crate) async fn cancel(&self, id: &str) -> Result<Option<Job>, sqlx::Error> {
         let mut transaction = self.pool.begin().await?;
         let row = sqlx::query(self.sql(
-            "UPDATE job SET status = 'canceled', cancel_requested = 1, finished_ms = @NOW, error = 'canceled before it began' \
+            "UPDATE job SET status = 'canceled', cancel_requested = 1, finished_ms = @NOW, \
+             error = CASE WHEN EXISTS (SELECT 1 FROM job AS part WHERE part.part_of = job.id AND part.started_ms IS NOT NULL) \
+             THEN 'canceled while its parts were computed; what they had is not put together' \
+             ELSE 'canceled before it began' END \
              WHERE id = $1 AND status = 'queued' RETURNING *",
         ))
         .bind(id)

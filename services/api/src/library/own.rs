@@ -177,7 +177,32 @@ impl Database {
         Ok(row.is_some())
     }
 
-    /// Deletes a document; `false` if it does not exist.
+    /// Whether a precondition holds for a document of a tenant.
+    ///
+    /// # Errors
+    /// The database.
+    pub(crate) async fn holds(
+        &self,
+        tenant: &str,
+        kind: DocumentKind,
+        name: &str,
+        precondition: &Precondition,
+    ) -> Result<bool, sqlx::Error> {
+        let hash: Option<String> =
+            sqlx::query_scalar("SELECT hash FROM document WHERE tenant = $1 AND folder = $2 AND name = $3")
+                .bind(tenant)
+                .bind(kind.folder())
+                .bind(name)
+                .fetch_optional(&self.pool)
+                .await?;
+        Ok(match precondition {
+            Precondition::None => true,
+            Precondition::Absent => hash.is_none(),
+            Precondition::Hash(expected) => hash.as_ref() == Some(expected),
+        })
+    }
+
+    /// Deletes a document, with this hash if given; `false` if it does not exist.
     ///
     /// # Errors
     /// The database.
@@ -186,14 +211,18 @@ impl Database {
         tenant: &str,
         kind: DocumentKind,
         name: &str,
+        hash: Option<&str>,
     ) -> Result<bool, sqlx::Error> {
-        sqlx::query("DELETE FROM document WHERE tenant = $1 AND folder = $2 AND name = $3")
-            .bind(tenant)
-            .bind(kind.folder())
-            .bind(name)
-            .execute(&self.pool)
-            .await
-            .map(|done| done.rows_affected() > 0)
+        sqlx::query(
+            "DELETE FROM document WHERE tenant = $1 AND folder = $2 AND name = $3 AND hash = COALESCE($4, hash)",
+        )
+        .bind(tenant)
+        .bind(kind.folder())
+        .bind(name)
+        .bind(hash)
+        .execute(&self.pool)
+        .await
+        .map(|done| done.rows_affected() > 0)
     }
 }
 

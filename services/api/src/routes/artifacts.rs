@@ -94,6 +94,49 @@ pub(crate) async fn get(
     one(&app, &run, &name, request).await
 }
 
+/// Answers with a file, or the part asked for.
+///
+/// A `Range` is ignored (RFC 9110) if its unit is unknown, and if it is for another version of the file (`If-Range`): a download that is
+/// taken up again would join two files.
+///
+/// * `etag`: of this version; the file's own by default
+///
+/// # Errors
+/// 500.
+pub(super) async fn serve(
+    path: &std::path::Path,
+    mut request: Request,
+    etag: Option<&HeaderValue>,
+) -> Result<Response, Problem> {
+    let in_bytes = |range: &HeaderValue| {
+        let text = range.to_str().unwrap_or_default().trim_start();
+        text.get(..6).is_some_and(|unit| unit.eq_ignore_ascii_case("bytes="))
+    };
+    if request
+        .headers()
+        .get(header::RANGE)
+        .is_some_and(|range| !in_bytes(range))
+    {
+        request.headers_mut().remove(header::RANGE);
+    }
+    let mut whole = Request::new(Body::empty());
+    (*whole.method_mut(), *whole.uri_mut()) = (request.method().clone(), request.uri().clone());
+    *whole.headers_mut() = request.headers().clone();
+    whole.headers_mut().remove(header::RANGE);
+    let version = request.headers_mut().remove(header::IF_RANGE);
+    let ask = |request: Request| async {
+        let answer = ServeFile::new(path).try_call(request).await;
+        answer.map_err(|error| Problem::internal(&error))
+    };
+    let mut answer = ask(request).await?;
+    let headers = answer.headers();
+    let current = [etag.or(headers.get(header::ETAG)), headers.get(header::LAST_MODIFIED)];
+    if version.is_some_and(|version| !current.contains(&Some(&version))) {
+        answer = ask(whole).await?;
+    }
+    Ok(answer.map(Body::new))
+}
+
 /// A file of a job.
 ///
 /// # Errors
@@ -119,11 +162,7 @@ pub(super) async fn one(app: &App, job: &Job, name: &str, request: Request) -> R
     if request.headers().get(header::IF_NONE_MATCH).is_some_and(same) {
         return Ok((axum::http::StatusCode::NOT_MODIFIED, [(header::ETAG, etag_value)]).into_response());
     }
-    let response = ServeFile::new(&file)
-        .try_call(request)
-        .await
-        .map_err(|error| Problem::internal(&error))?;
-    let mut response = response.map(Body::new);
+    let mut response = serve(&file, request, Some(&etag_value)).await?;
     response.headers_mut().insert(header::ETAG, etag_value);
     response
         .headers_mut()

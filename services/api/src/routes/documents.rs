@@ -96,12 +96,7 @@ pub(super) async fn put(
             Ok((StatusCode::CREATED, headers, Json(stored)).into_response())
         }
         Written::Replaced => Ok(([(header::ETAG, tag)], Json(stored)).into_response()),
-        Written::Refused if precondition == Precondition::Absent => Err(Problem::precondition_failed(format!(
-            "you already have a '{name}'; expected none (`If-None-Match: *`)"
-        ))),
-        Written::Refused => Err(Problem::precondition_failed(format!(
-            "'{name}' does not exist or has changed; expected the text of `If-Match`"
-        ))),
+        Written::Refused => Err(refused(name, &precondition)),
         Written::Full => Err(Problem::disk_full(format!(
             "'{}' has reached its quota of documents; delete some that are no longer needed",
             caller.tenant
@@ -109,12 +104,50 @@ pub(super) async fn put(
     }
 }
 
-pub(super) async fn delete(app: &App, caller: &Caller, kind: DocumentKind, name: &str) -> Result<StatusCode, Problem> {
+/// Refuses what is to be done to a document if the precondition does not hold.
+///
+/// # Errors
+/// 412, 500.
+pub(super) async fn check_precondition(
+    app: &App,
+    caller: &Caller,
+    kind: DocumentKind,
+    name: &str,
+    precondition: &Precondition,
+) -> Result<(), Problem> {
+    if app.database.holds(&caller.tenant, kind, name, precondition).await? {
+        return Ok(());
+    }
+    Err(refused(name, precondition))
+}
+
+fn refused(name: &str, precondition: &Precondition) -> Problem {
+    Problem::precondition_failed(match precondition {
+        Precondition::Absent => format!("you already have a '{name}'; expected none (`If-None-Match: *`)"),
+        Precondition::Hash(_) | Precondition::None => {
+            format!("'{name}' does not exist or has changed; expected the text of `If-Match`")
+        }
+    })
+}
+
+pub(super) async fn delete(
+    app: &App,
+    caller: &Caller,
+    kind: DocumentKind,
+    name: &str,
+    headers: &HeaderMap,
+) -> Result<StatusCode, Problem> {
+    let precondition = precondition(headers)?;
+    check_precondition(app, caller, kind, name, &precondition).await?;
+    let hash = match &precondition {
+        Precondition::Hash(hash) => Some(hash.as_str()),
+        Precondition::None | Precondition::Absent => None,
+    };
     if kind == DocumentKind::Vehicle {
         forget_intervals(app, caller, name).await?;
     }
     let had_versions = kind == DocumentKind::Model && app.database.forget_model(&caller.tenant, name).await?;
-    if app.database.delete_document(&caller.tenant, kind, name).await? || had_versions {
+    if app.database.delete_document(&caller.tenant, kind, name, hash).await? || had_versions {
         return Ok(StatusCode::NO_CONTENT);
     }
     Err(Problem::not_found(format!(
@@ -126,7 +159,7 @@ pub(super) async fn delete(app: &App, caller: &Caller, kind: DocumentKind, name:
 /// Intervals of a vehicle that is another one now, or none.
 async fn forget_intervals(app: &App, caller: &Caller, name: &str) -> Result<(), Problem> {
     app.database
-        .delete_document(&caller.tenant, DocumentKind::Intervals, name)
+        .delete_document(&caller.tenant, DocumentKind::Intervals, name, None)
         .await?;
     Ok(())
 }
@@ -267,19 +300,21 @@ macro_rules! documents {
             }
 
             #[doc = concat!("Removes ", $word, " of your own from the library.")]
-            #[utoipa::path(delete, path = $one, summary = concat!("Removes ", $word, " of your own from the library."), tag = "library", operation_id = concat!("delete_", stringify!($module)), params(("name" = String, Path)), responses(
+            #[utoipa::path(delete, path = $one, summary = concat!("Removes ", $word, " of your own from the library."), tag = "library", operation_id = concat!("delete_", stringify!($module)), params(("name" = String, Path), ("If-Match" = Option<String>, Header)), responses(
                 (status = 204, description = "deleted"),
                 (status = 400, description = "invalid name", body = Problem, content_type = "application/problem+json"),
                 (status = 404, description = "you have no document with this name", body = Problem, content_type = "application/problem+json"),
+                (status = 412, description = "`If-Match` does not hold", body = Problem, content_type = "application/problem+json"),
                 (status = 507, description = "disk full", body = Problem, content_type = "application/problem+json")
             ))]
             pub(crate) async fn delete(
                 app: Shared,
                 caller: Caller,
                 name: Result<Path<String>, PathRejection>,
+                headers: HeaderMap,
             ) -> Result<StatusCode, Problem> {
                 let Path(name) = name?;
-                documents::delete(&app, &caller, KIND, &name).await
+                documents::delete(&app, &caller, KIND, &name, &headers).await
             }
         }
     };

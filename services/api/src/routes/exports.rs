@@ -9,7 +9,6 @@ use crate::App;
 use crate::access::Caller;
 use crate::clock::now_ms;
 use crate::problem::Problem;
-use axum::body::Body;
 use axum::extract::rejection::{PathRejection, QueryRejection};
 use axum::extract::{Path, Query, Request, State};
 use axum::http::{HeaderValue, header};
@@ -23,7 +22,6 @@ use std::path::PathBuf;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::{Duration, SystemTime};
-use tower_http::services::ServeFile;
 use utoipa::{IntoParams, ToSchema};
 
 /// No export takes this long: older files were left by a server that died.
@@ -107,11 +105,7 @@ pub(crate) async fn export(
         }
     };
     let path = made.as_ref().map_or(&source, |Unnamed(path)| path);
-    let response = ServeFile::new(path)
-        .try_call(request)
-        .await
-        .map_err(|error| Problem::internal(&error))?;
-    let mut response = response.map(Body::new);
+    let mut response = super::artifacts::serve(path, request, None).await?;
     if response.status().is_success() {
         let headers = response.headers_mut();
         headers.insert(header::CONTENT_TYPE, HeaderValue::from_static(format.content_type()));

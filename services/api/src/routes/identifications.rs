@@ -228,11 +228,12 @@ struct Texts {
 /// Stores the identified vehicle and its blades in the library, for your tenant; an existing one of the same name
 /// is replaced.
 #[utoipa::path(post, path = "/api/v1/identifications/{id}/keep", tag = "identifications", operation_id = "keep_identification",
-    params(("id" = String, Path)), responses(
+    params(("id" = String, Path), ("If-Match" = Option<String>, Header), ("If-None-Match" = Option<String>, Header)), responses(
     (status = 201, description = "stored in the library", body = KeptVehicle, headers(("Location" = String, description = "URL of the vehicle"))),
     (status = 400, description = "invalid id", body = Problem, content_type = "application/problem+json"),
     (status = 404, description = "identification not found", body = Problem, content_type = "application/problem+json"),
     (status = 409, description = "the job is not done", body = Problem, content_type = "application/problem+json"),
+    (status = 412, description = "`If-Match` or `If-None-Match` does not hold for the vehicle", body = Problem, content_type = "application/problem+json"),
     (status = 422, description = "the documents were rejected", body = Problem, content_type = "application/problem+json"),
     (status = 507, description = "disk full, or quota of documents exceeded", body = Problem, content_type = "application/problem+json")
 ))]
@@ -240,9 +241,12 @@ pub(crate) async fn keep(
     app: Shared,
     caller: Caller,
     id: Result<Path<String>, PathRejection>,
+    given: HeaderMap,
 ) -> Result<Response, Problem> {
     let Path(id) = id?;
+    let precondition = documents::precondition(&given)?;
     let job = done(&app, &caller, JobKind::Identification, &id).await?;
+    documents::check_precondition(&app, &caller, DocumentKind::Vehicle, &job.new.name, &precondition).await?;
     let texts: Texts =
         serde_json::from_str(&job.result.unwrap_or_default()).map_err(|error| Problem::internal(&error))?;
     let (name, folder) = (job.new.name, job.folder.unwrap_or_default());
@@ -253,9 +257,13 @@ pub(crate) async fn keep(
     );
     let mut headers = HeaderMap::new();
     headers.insert(header::CONTENT_TYPE, HeaderValue::from_static("application/toml"));
-    for (kind, text) in [(DocumentKind::Blades, &texts.blades), (DocumentKind::Vehicle, &vehicle)] {
-        documents::put(&app, &caller, kind, &name, &headers, text).await?;
+    documents::put(&app, &caller, DocumentKind::Blades, &name, &headers, &texts.blades).await?;
+    for condition in [header::IF_MATCH, header::IF_NONE_MATCH] {
+        if let Some(value) = given.get(&condition) {
+            headers.insert(condition, value.clone());
+        }
     }
+    documents::put(&app, &caller, DocumentKind::Vehicle, &name, &headers, &vehicle).await?;
     // With them the diagnosis knows which values are guesses.
     if let Some(intervals) = intervals_of(&app, &folder, &name).await? {
         let database = &app.database;
