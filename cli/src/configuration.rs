@@ -69,9 +69,6 @@ pub struct ListArgs {
     json: bool,
 }
 
-/// Most characters of a name, as of a scenario's.
-const LONGEST_NAME: usize = 64;
-
 /// Arguments of `rotortwin new`.
 #[derive(Debug, Parser)]
 pub struct NewArgs {
@@ -149,13 +146,12 @@ pub(crate) fn new(args: &NewArgs) -> ExitCode {
             args.name
         ));
     }
-    // It becomes the name of a folder, and a word of a command.
-    let plain = |c: char| c.is_ascii_alphanumeric() || matches!(c, '-' | '_');
-    let begins_well = args.name.starts_with(|c: char| c.is_ascii_alphanumeric());
-    if args.name.len() > LONGEST_NAME || !begins_well || !args.name.chars().all(plain) {
+    // As of a scenario; no document has one that a command would have to quote.
+    if !names::is_plain(&args.name) {
         return output::bad_input(format!(
-            "{:?}: expected a name of 1 to {LONGEST_NAME} letters, digits, '-' and '_' that begins with a letter or digit",
-            args.name
+            "{:?}: expected a name of 1 to {} letters, digits, '-' and '_' that begins with a letter or digit",
+            args.name,
+            names::LONGEST
         ));
     }
     let from = if names::is_name(&args.from) {

@@ -3,6 +3,7 @@
 use crate::nearest::with_nearest;
 pub use crate::terminal::line;
 use rotortwin_campaign::result_table::ResultTable;
+use rotortwin_campaign::study::document::Criteria;
 use rotortwin_runner::failure::Failure;
 use rotortwin_runner::grid::{Grid, fold};
 use rotortwin_runner::text;
@@ -209,9 +210,6 @@ fn shares(interval: &Interval, score: &Score) -> [String; 3] {
     ]
 }
 
-/// Distance from the reference beyond which a flight is lost, as in campaigns (`lost_distance_m`), m.
-const LOST_M: f64 = 50.0;
-
 fn facts(summary: &Summary) -> Vec<String> {
     let mut facts = Vec::new();
     if let Some(battery) = &summary.battery {
@@ -228,9 +226,10 @@ fn facts(summary: &Summary) -> Vec<String> {
             "Tracking     {:.3} m rms, {:.3} m at worst",
             tracking.position_rms_m, tracking.position_max_m
         ));
-        if tracking.position_max_m > LOST_M {
+        let lost_m = Criteria::default().lost_distance_m;
+        if tracking.position_max_m > lost_m {
             facts.push(format!(
-                "Lost         the vehicle left its reference by more than {LOST_M:.0} m; a campaign counts such a flight as lost"
+                "Lost         the vehicle left its reference by more than {lost_m:.0} m; a campaign counts such a flight as lost"
             ));
         }
     }

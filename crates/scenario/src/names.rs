@@ -146,6 +146,15 @@ pub fn is_name(text: &str) -> bool {
     !text.is_empty() && !text.contains(['/', '\\', '.', '@'])
 }
 
+/// Most bytes of the name of a document.
+pub const LONGEST: usize = 64;
+
+/// Whether a name can be that of a folder, and needs no quotes: letters, digits, '-', '_' and '.', begun by a letter or digit.
+pub fn is_plain(text: &str) -> bool {
+    let plain = |c: char| c.is_ascii_alphanumeric() || matches!(c, '-' | '_' | '.');
+    text.len() <= LONGEST && text.starts_with(|c: char| c.is_ascii_alphanumeric()) && text.chars().all(plain)
+}
+
 /// The file with this name.
 ///
 /// # Errors

@@ -14,6 +14,7 @@ use rotortwin_plant::vehicle::model::VehicleModel;
 use rotortwin_plant::{STEP_S, nearest_step};
 use serde::{Deserialize, Serialize};
 
+use crate::names;
 use crate::settings::{ControllerSettings, FdiSettings};
 
 /// Longest flight, s.
@@ -135,11 +136,10 @@ impl ScenarioDocument {
 
     pub(crate) fn check(&self, vehicle: &VehicleModel) -> Result<(), Refusal> {
         // It becomes a folder name.
-        let plain = |c: char| c.is_ascii_alphanumeric() || matches!(c, '-' | '_' | '.');
-        let starts_well = self.name.starts_with(|c: char| c.is_ascii_alphanumeric());
-        if self.name.len() > 64 || !starts_well || !self.name.chars().all(plain) {
+        if !names::is_plain(&self.name) {
             let reason = format!(
-                "expected a name of 1 to 64 letters, digits, '-', '_' and '.' that begins with a letter or digit, got {:?}",
+                "expected a name of 1 to {} letters, digits, '-', '_' and '.' that begins with a letter or digit, got {:?}",
+                names::LONGEST,
                 self.name
             );
             return Err(Refusal::new("name", reason));

@@ -168,13 +168,8 @@ impl Database {
     /// # Errors
     /// The database.
     pub(crate) async fn has_document(&self, tenant: &str, kind: DocumentKind, name: &str) -> Result<bool, sqlx::Error> {
-        let row = sqlx::query("SELECT name FROM document WHERE tenant = $1 AND folder = $2 AND name = $3")
-            .bind(tenant)
-            .bind(kind.folder())
-            .bind(name)
-            .fetch_optional(&self.pool)
-            .await?;
-        Ok(row.is_some())
+        let absent = self.holds(tenant, kind, name, &Precondition::Absent).await?;
+        Ok(!absent)
     }
 
     /// Whether a precondition holds for a document of a tenant.

@@ -41,10 +41,13 @@ impl Pass for HeldOutCheck {
 
     fn run(&self, state: &mut State<'_>) -> Result<(), PredictError> {
         let even = even_fit(&state.problem)?;
-        let mut errors = errors(&state.problem, &state.plain, &even)?;
+        let problem = &state.problem;
+        let (before, noise) = (all_squares(problem, &[], &state.plain)?, noise(problem));
+        let after = all_squares(problem, &even.effects, &even.nuisances)?;
+        let mut errors = changes(&before, &after, &noise);
         // Errors that would have to be implausibly large are not small, and excuse nothing.
         if state.left <= LEFT_FACTOR * state.threshold {
-            let with = errors_with_clutter(&state.problem, &state.plain)?;
+            let with = changes(&before, &squares_with_clutter(problem)?, &noise);
             errors = errors
                 .into_iter()
                 .zip(&with)
@@ -212,20 +215,13 @@ fn changes(before: &Blocks, after: &Blocks, noise: &[f64; QUANTITIES.len()]) -> 
         .collect()
 }
 
-/// Errors before (`plain`: the nuisances of the given model) and after.
-fn errors(problem: &Problem, plain: &[Nuisances], even: &EvenFit) -> Result<Vec<HeldOutError>, PredictError> {
-    let before = all_squares(problem, &[], plain)?;
-    let after = all_squares(problem, &even.effects, &even.nuisances)?;
-    Ok(changes(&before, &after, &noise(problem)))
-}
-
-/// The same with small errors of everything that was not named, as the even blocks give them.
-fn errors_with_clutter(problem: &Problem, plain: &[Nuisances]) -> Result<Vec<HeldOutError>, PredictError> {
+/// The squares with the active effects and small errors of everything that was not named, as the even blocks give them.
+fn squares_with_clutter(problem: &Problem) -> Result<Blocks, PredictError> {
     let (even, mean) = moved_by_even(problem, &problem.deviations(&problem.active))?;
     let (own, mirrored) = with_clutter(&even, &mean, |_| true);
     let of = |active: &[Active]| instances(&problem.library, active);
     let (alone, own, mirrored) = (of(&even.active), of(&own), mirrored.as_deref().map(of));
-    let mut after = Blocks::new();
+    let mut all = Blocks::new();
     for (l, log) in even.logs.iter().enumerate() {
         let residuals = |effects: &[EffectInstance]| log.predictor.residuals(&log.nuisances, effects);
         let mut with = residuals(&own)?;
@@ -239,10 +235,9 @@ fn errors_with_clutter(problem: &Problem, plain: &[Nuisances]) -> Result<Vec<Hel
                 }
             }
         }
-        after.extend(squares(problem, l, &with));
+        all.extend(squares(problem, l, &with));
     }
-    let before = all_squares(problem, &[], plain)?;
-    Ok(changes(&before, &after, &noise(problem)))
+    Ok(all)
 }
 
 /// An effect without which unseen blocks are predicted as well as with it, in every quantity; `None` if there is none.
