@@ -9,18 +9,23 @@ use rotortwin_flight_core::MAX_ROTORS;
 use rotortwin_flight_core::fdi::FdiConfig;
 use rotortwin_flight_core::fdi::nominal_thrust::static_thrust;
 use rotortwin_flight_core::fdi::residual::{BodyMomentum, RigidBody};
-use rotortwin_flight_core::signals::Measurement;
+use rotortwin_flight_core::frames::{BodyToNed, Vec3};
+use rotortwin_flight_core::signals::{Measurement, NavState};
 
 /// F_z, M_x, M_y, M_z.
 pub(crate) const AXES: usize = 4;
 
 /// Integrals in addition to the defect: wrench (4), its sensitivity to ln τ (4), vertical path, time, gyroscopic torque
-/// (3), thrust of every rotor.
+/// (3), air (4 of roll and of pitch), thrust of every rotor.
 const INTEGRALS: usize = THRUST + MAX_ROTORS;
 const PATH: usize = 8;
 const TIME: usize = 9;
 const GYROSCOPIC: usize = 10;
-const THRUST: usize = 13;
+const AIR: usize = 13;
+const THRUST: usize = AIR + 2 * AIRS;
+
+/// Signals per axis with which the force of the air changes.
+pub(crate) const AIRS: usize = 4;
 
 /// Axes of the two momenta whose product makes the gyroscopic torque about each body axis.
 const OTHER_AXES: [[usize; 2]; 3] = [[2, 3], [3, 1], [1, 2]];
@@ -43,6 +48,8 @@ pub(crate) struct Block {
     pub specific: f64,
     /// ∫ √(J_b² + J_c²) ω_b ω_c of roll, pitch and yaw over the levers, N·s.
     pub gyroscopic: [f64; 3],
+    /// ∫ of the signals with which the roll and pitch moments of the air change ([`air_of`]): m, rad, s, s.
+    pub air: [[f64; AIRS]; 2],
     /// ∫ lagged thrust of each rotor if it were healthy, N·s.
     pub thrust: [f64; MAX_ROTORS],
     /// Mean square of the difference of neighbouring defects, (N·s)²: twice the noise of a sample.
@@ -188,6 +195,12 @@ impl Meter {
             let [b, c] = OTHER_AXES[k];
             self.integral_rate[GYROSCOPIC + k] = self.gyroscopic_weight[k] * momentum[b] * momentum[c];
         }
+        for (to, signal) in self.integral_rate[AIR..]
+            .iter_mut()
+            .zip(air_of(&input.nav).as_flattened())
+        {
+            *to = *signal;
+        }
         self.hold();
     }
 
@@ -243,6 +256,7 @@ impl Meter {
             path: means[PATH],
             specific,
             gyroscopic: std::array::from_fn(|k| means[GYROSCOPIC + k]),
+            air: std::array::from_fn(|axis| std::array::from_fn(|k| means[AIR + AIRS * axis + k])),
             thrust: std::array::from_fn(|rotor| means[THRUST + rotor]),
             roughness: self.roughness.map(|sum| sum * share),
             samples: self.samples,
@@ -253,4 +267,20 @@ impl Meter {
         self.samples = 0.0;
         Some(block)
     }
+}
+
+/// Signals with which the roll and pitch moments of the air change, for a wind that stays the same over ground:
+///
+/// ```text
+///  M_x: speed to the right, p, cos ψ, sin ψ     M_y: speed forward, q, cos ψ, sin ψ
+/// ```
+/// Flapping blades turn the vehicle in proportion to the airspeed in their disk (Hoffmann, Huang, Waslander and Tomlin,
+/// AIAA 2007-6461), and rotors that climb lose lift, so that rates are damped. Without the rates, a speed would have to
+/// explain the damping.
+fn air_of(nav: &NavState) -> [[f64; AIRS]; 2] {
+    let velocity = nav.velocity_ned;
+    let body = BodyToNed::from_euler(nav.attitude).to_body(Vec3::new(velocity.x, velocity.y, 0.0));
+    let (sin, cos) = f64::from(nav.attitude.yaw).sin_cos();
+    let [p, q, _] = nav.body_rates.to_array().map(f64::from);
+    [[f64::from(body.y), p, cos, sin], [f64::from(body.x), q, cos, sin]]
 }

@@ -130,6 +130,10 @@ pub struct SecondLook {
     /// At the start of the present episode: factor of the variance of a severity, error of the hover thrust as a share
     /// of it.
     caution: [f64; 2],
+    /// Smallest lost share of each rotor that would have been found then.
+    least: Vec<f32>,
+    /// The set that was named with certainty in the present episode.
+    certain: u32,
     /// Standard deviation of the slope of a thrust curve that was learnt; 0 if it comes from a model.
     learnt_error: f64,
     /// Since the start, s.
@@ -187,6 +191,8 @@ impl SecondLook {
             settling: Settling::default(),
             trust: Trust::default(),
             caution: [1.0, 0.0],
+            least: Vec::new(),
+            certain: 0,
             learnt_error: 0.0,
             time_s: 0.0,
             track: Track::default(),
@@ -482,6 +488,10 @@ impl SecondLook {
         if !self.filter.is_ready() || self.alarm == Some(true) {
             return Vec::new();
         }
+        self.found_from()
+    }
+
+    fn found_from(&self) -> Vec<f32> {
         let variance = self.filter.variance_of_a_sudden_loss();
         let sigmas = SEEN_SIGMAS * self.trust.worst().max(1.0).sqrt();
         (0..self.rotor_count)
@@ -685,6 +695,8 @@ impl SecondLook {
     fn begin_episode(&mut self) {
         let before = self.snapshots.front().map_or(&self.filter, |(filter, _)| filter);
         self.caution = [self.trust.worst().max(1.0), before.thrust_error()];
+        self.least = self.found_from();
+        self.certain = 0;
         self.settling.begin(self.trust.is_kept());
         self.trust.begin();
     }
@@ -700,6 +712,27 @@ impl SecondLook {
         let is_asked = self.settling.is_careful() || !is_strong;
         let is_large = |[share, deviation]: &[f64; 2]| *share > REAL_SIGMAS * deviation;
         !is_asked || self.severity().first().is_some_and(is_large)
+    }
+
+    /// Not the rotors that were named with certainty in this episode, nor more or fewer of them: they do not heal at the
+    /// moment at which others fail.
+    fn is_another(&self, rotors: u32) -> bool {
+        let both = self.certain & rotors;
+        self.certain != 0 && both != self.certain && both != rotors
+    }
+
+    /// Two rotors, one of which has lost less than would have been found when the episode began: what the model lacks
+    /// leaves such a remainder beside a large loss.
+    fn is_doubtful_pair(&mut self, rotors: u32) -> bool {
+        if rotors.count_ones() != 2 {
+            return false;
+        }
+        self.track(rotors);
+        let members = (0..self.rotor_count).filter(|rotor| rotors >> rotor & 1 == 1);
+        let losses = self.severity();
+        members
+            .zip(&losses)
+            .any(|(rotor, [share, _])| self.least.get(rotor).is_some_and(|least| *share < f64::from(*least)))
     }
 
     /// Result of this window alone.
@@ -759,7 +792,8 @@ impl SecondLook {
         let gain = of(&|e| e.kind == Kind::Gain && e.rotors == first);
         let rotors: Vec<usize> = (0..self.rotor_count).filter(|rotor| first >> rotor & 1 == 1).collect();
         said.suspect_rotors = first;
-        if probability > enough * (1.0 - nothing) && gain < 0.5 * probability && rotors.len() <= 2 {
+        let is_named = probability > enough * (1.0 - nothing) && gain < 0.5 * probability && rotors.len() <= 2;
+        if is_named && !self.is_another(first) && !self.is_doubtful_pair(first) {
             said.sequential = match rotors.as_slice() {
                 [one] => *one as i32 + 1,
                 [one, two] => 100 * (*one as i32 + 1) + *two as i32 + 1,
@@ -778,6 +812,9 @@ impl SecondLook {
                 1.0
             };
             said.sequential_probability = probability.min(most) as f32;
+            if probability.min(most) >= SURE {
+                self.certain = first;
+            }
             self.track(first);
             let losses = self.severity();
             for (place, ([share, deviation], rotor)) in losses.iter().zip(&rotors).enumerate() {
@@ -804,7 +841,10 @@ impl SecondLook {
         self.named = (0, 0);
         said.sequential = AMBIGUOUS;
         said.sequential_probability = (1.0 - nothing) as f32;
-        let listed: Vec<&(u32, f64)> = sets.iter().filter(|set| set.1 >= LISTED).collect();
+        let listed: Vec<&(u32, f64)> = sets
+            .iter()
+            .filter(|set| set.1 >= LISTED || set.0 == self.certain || is_named && set.0 & first == set.0)
+            .collect();
         let rest = 1.0 - nothing - listed.iter().map(|set| set.1).sum::<f64>();
         if listed.len() > MAX_HYPOTHESES || nothing > UNCLEAR || rest > UNCLEAR {
             return Err(Obstacle::Unclear);

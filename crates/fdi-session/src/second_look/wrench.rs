@@ -2,7 +2,7 @@
 //! and speed of change.
 //!
 //! ```text
-//!  D' = w + b + g φ_own + s φ_second + t φ_lag + j φ_gyr + u c    D: momentum defect, measured once per block
+//!  D' = w + b + g φ_own + s φ_second + t φ_lag + j φ_gyr + Σ a_k φ_air,k + u c    D: momentum defect, measured once per block
 //!  w' = −w/T + noise    u' = noise of one of four speeds          u: lost wrench at hover, c: thrust of all rotors over the weight
 //! ```
 //! b, s, t, j as in the engine's filters. φ_own is the wrench that *acted* (nominal and lost together: lagged rotors
@@ -13,17 +13,17 @@
 //! thing at different speeds. Gust level and white force of each axis are those that maximise the likelihood of the
 //! calibration; afterwards their common scale follows the innovations slowly.
 
-use super::meter::{AXES, Block};
+use super::meter::{AIRS, AXES, Block};
 use rotortwin_flight_core::fdi::FdiConfig;
 
-pub(super) const STATES: usize = 8;
+pub(super) const STATES: usize = 8 + AIRS;
 /// Of an axis without the lost wrench.
 pub(super) const OWN: usize = STATES - 1;
 const DEFECT: usize = 0;
 const GUST: usize = 1;
 const BIAS: usize = 2;
 const SECOND: usize = 4;
-const LOST: usize = 7;
+const LOST: usize = STATES - 1;
 
 /// Standard deviation of the lost wrench's step in a block, share of a rotor's thrust in hover.
 pub(super) const SPEEDS: [f64; 4] = [1.5e-4, 2e-3, 1.2e-2, 7e-2];
@@ -42,6 +42,9 @@ const GUST_LEVELS: i32 = 8;
 /// White force, standard deviation of its mean over a block in the same unit.
 const LEAST_WHITE: f64 = 3e-4;
 const WHITE_LEVELS: i32 = 7;
+/// Standard deviations of the moments of the air, share of a rotor's hover thrust at the levers: for 1 m/s, for 1 rad/s,
+/// of a steady wind from each side.
+const AIR_SPREAD: [f64; AIRS] = [0.02, 0.05, 0.1, 0.1];
 /// Largest squared normalised innovation that counts towards the scale of the noise; its mean is 0.97 if the model
 /// holds.
 const LIMIT: f64 = 6.0;
@@ -178,6 +181,12 @@ impl WrenchFilter {
                     _ => square(c.centre_of_mass_spread) * (arm[3] / longest).powi(2),
                 };
                 let gyroscopic = if axis == 0 { 0.0 } else { square(c.gain_spread) };
+                let air = if (1..=2).contains(&axis) {
+                    AIR_SPREAD
+                } else {
+                    [0.0; AIRS]
+                };
+                let air = air.map(|spread| (spread * hover).powi(2));
                 [
                     0.0,
                     0.0,
@@ -186,6 +195,10 @@ impl WrenchFilter {
                     second,
                     square(c.rotor_time_constant_spread),
                     gyroscopic,
+                    air[0],
+                    air[1],
+                    air[2],
+                    air[3],
                     0.0,
                 ]
             }),
@@ -207,6 +220,10 @@ impl WrenchFilter {
         } else {
             block.wrench[0] * self.centre_scale[axis]
         };
+        let air = match axis {
+            1 | 2 => block.air[axis - 1],
+            _ => [0.0; AIRS],
+        };
         [
             0.0,
             block.elapsed,
@@ -220,6 +237,10 @@ impl WrenchFilter {
             second,
             block.lag_slope[axis],
             if axis == 0 { 0.0 } else { block.gyroscopic[axis - 1] },
+            air[0],
+            air[1],
+            air[2],
+            air[3],
             demand,
         ]
     }

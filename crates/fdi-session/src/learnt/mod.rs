@@ -9,11 +9,12 @@
 //! ```text
 //!  D_a' = w_a + b_a + Σ_k Θ_ak s̃_k       w' = −w/T + noise,  b: of one flight,  s̃: s through the rotors' lag
 //! ```
-//! with a Kalman filter over all blocks of all flights; gusts w and the bias b belong to the day, Θ to the vehicle. The
+//! over all blocks of all flights; gusts w and the bias b belong to the day, Θ to the vehicle. The
 //! signals s are those with which missing physics usually correlates ([`NAMES`]): gains of the wrenches and of their
 //! squares (mass, inertia, thrust curve, tilted rotors), speeds (drag and where it acts, inflow, translational lift),
 //! rates (damping, products of inertia), changes of the commands (lag, latencies, rotor inertia), the voltage. Θ has a
-//! prior about 0 with the plausible size of such physics, so what the flights do not show stays 0.
+//! prior about 0 with the plausible size of such physics, and only signals with which flights that the fit has not seen
+//! are predicted better have a Θ other than 0 ([`fit`]).
 //!
 //! A session that has learnt adds F⁺ Σ_k Θ_ak s_k to the commanded thrusts: the detectors stay unchanged and see a
 //! vehicle that matches their model. Their priors for what was learnt are narrowed by [`NARROW`]; the second look
@@ -23,7 +24,10 @@
 //! Limits: what the flights did not excite is not learnt; wind belongs to the day, so drag is learnt against the
 //! ground. A fault in a flight that is learnt from becomes part of the vehicle.
 
+mod fit;
+
 use super::second_look::meter::{AXES, Meter};
+use fit::{Taken, fitted};
 use rotortwin_flight_core::MAX_ROTORS;
 use rotortwin_flight_core::fdi::FdiConfig;
 use rotortwin_flight_core::fdi::nominal_thrust::static_thrust;
@@ -43,10 +47,10 @@ const NAMES: [(&str, f64, f64); 30] = [
     ("change of the roll moment", 0.5, 0.05),
     ("change of the pitch moment", 0.5, 0.05),
     ("change of the yaw moment", 0.5, 0.05),
-    ("vertical force, squares of thrusts", 0.1, 0.02),
-    ("roll moment, squares of thrusts", 0.1, 0.02),
-    ("pitch moment, squares of thrusts", 0.1, 0.02),
-    ("yaw moment, squares of thrusts", 0.1, 0.02),
+    ("vertical force, squares of thrusts off hover", 0.1, 0.02),
+    ("roll moment, squares of thrusts off hover", 0.1, 0.02),
+    ("pitch moment, squares of thrusts off hover", 0.1, 0.02),
+    ("yaw moment, squares of thrusts off hover", 0.1, 0.02),
     ("forward speed", 0.1, 0.1),
     ("speed to the right", 0.1, 0.1),
     ("speed down", 0.5, 0.1),
@@ -72,6 +76,8 @@ const NAMES: [(&str, f64, f64); 30] = [
 ];
 /// Hover thrust of the rotors to which these refer, N: speeds and rates scale with it.
 const SCALE_THRUST: f64 = 2.5;
+/// First of the changes of the wrench.
+const FIRST_CHANGE: usize = AXES;
 /// First of the signals whose Θ is not a share.
 const FIRST_SPEED: usize = 12;
 /// Axis to which a signal belongs; the rest belong to all equally.
@@ -84,20 +90,15 @@ const AXIS_OF: [Option<usize>; SIGNALS] = {
     }
     axis
 };
-/// States of the fit: defect, gust, bias, Θ.
-const STATES: usize = 3 + SIGNALS;
-const DEFECT: usize = 0;
-const GUST: usize = 1;
-const BIAS: usize = 2;
 /// Minimum number of blocks to learn from: 20 s.
 const FEWEST_BLOCKS: usize = 320;
 /// Spreads of gain, lag, centre of mass and drag of a vehicle that is known from flights, relative to those of an
 /// unknown one.
 const NARROW: f32 = 0.4;
+/// Periods of samples that differ by less are one rate.
+const SAME_RATE: f32 = 0.02;
 /// Variances of a calm day relative to those of the flights.
 const LEAST_NOISE: f64 = 0.25;
-/// Iterations of noise and Θ.
-const ROUNDS: usize = 2;
 /// Low-pass of the horizontal force, s: a proxy for the airspeed, from which a rotor's drag produces it.
 const AIR_TIME: f64 = 0.05;
 /// Time of the low-pass of the voltage, s.
@@ -140,7 +141,9 @@ impl Signals {
     fn of(&mut self, input: &Measurement, thrust: &[f32; MAX_ROTORS]) -> [f64; SIGNALS] {
         let geometry = &self.config.geometry;
         let wrench = geometry.wrench_from_thrust(thrust);
-        let square = geometry.wrench_from_thrust(&thrust.map(|f| f * f));
+        let hover = self.hover as f32;
+        // Without a slope in hover, so that the gain of a wrench is that of its own signal.
+        let square = geometry.wrench_from_thrust(&thrust.map(|f| (f - hover) * (f - hover)));
         let wrench: [f64; AXES] = std::array::from_fn(|axis| f64::from(wrench[axis]) / self.arm[axis]);
         let square: [f64; AXES] = std::array::from_fn(|axis| f64::from(square[axis]) / (self.arm[axis] * self.hover));
         let body = BodyToNed::from_euler(input.nav.attitude);
@@ -186,7 +189,7 @@ impl Signals {
             change[1],
             change[2],
             change[3],
-            square[0] + self.weight,
+            square[0],
             square[1],
             square[2],
             square[3],
@@ -212,19 +215,6 @@ impl Signals {
     }
 }
 
-/// A block of a flight.
-#[derive(Clone, Debug)]
-struct Taken {
-    /// The first after a gap: independent of what came before.
-    begins: bool,
-    defect: [f64; AXES],
-    elapsed: f64,
-    /// ∫ signals through the lag.
-    signal: [f64; SIGNALS],
-    /// Of the mean of the momentum, (N·s)².
-    noise: [f64; AXES],
-}
-
 /// Learns from healthy flights.
 #[derive(Clone, Debug)]
 pub struct Learner {
@@ -242,6 +232,8 @@ pub struct Learner {
     begins: bool,
     blocks: Vec<Taken>,
     flights: usize,
+    /// Of the flights' samples, s: the shortest and the longest.
+    periods: [f32; 2],
 }
 
 impl Learner {
@@ -264,6 +256,7 @@ impl Learner {
             begins: true,
             blocks: Vec::new(),
             flights: 0,
+            periods: [f32::INFINITY, 0.0],
         }
     }
 
@@ -274,15 +267,17 @@ impl Learner {
         self.config = *config;
         self.begin();
         self.flights += 1;
+        self.periods = [self.periods[0].min(config.period), self.periods[1].max(config.period)];
         self
     }
 
     /// The next sample does not continue the previous ones.
     pub(crate) fn begin(&mut self) {
-        let (blocks, flights) = (std::mem::take(&mut self.blocks), self.flights);
+        let blocks = std::mem::take(&mut self.blocks);
         *self = Self {
             blocks,
-            flights,
+            flights: self.flights,
+            periods: self.periods,
             ..Self::new(&self.config)
         };
     }
@@ -338,17 +333,21 @@ impl Learner {
         } else if first {
             // Its defect counts from a sample, not from a mean.
             self.blocks.push(Taken {
+                flight: self.flights,
                 begins: true,
                 defect: [0.0; AXES],
                 elapsed: 0.0,
+                heading: [0.0; 2],
                 signal: [0.0; SIGNALS],
                 noise: block.roughness.map(|rough| rough / (2.0 * block.samples)),
             });
         } else {
             self.blocks.push(Taken {
+                flight: self.flights,
                 begins: false,
                 defect: block.defect,
                 elapsed: block.elapsed,
+                heading: [block.air[0][2], block.air[0][3]],
                 signal,
                 noise: block.roughness.map(|rough| rough / (2.0 * block.samples)),
             });
@@ -369,131 +368,11 @@ impl Learner {
             inertia: take_inertia(&mut theta),
             noise,
             theta,
+            periods: self.periods,
             flights: self.flights,
             seconds: self.blocks.iter().map(|block| block.elapsed).sum(),
         })
     }
-}
-
-/// Gusts and white force of an axis, N², and their correlation over a block.
-#[derive(Clone, Copy)]
-struct Noise {
-    gust: f64,
-    white: f64,
-    correlation: f64,
-}
-
-/// Θ of one axis: alternates between the noise for a given Θ and Θ for that noise.
-fn fitted(blocks: &[Taken], axis: usize, hover: f64, config: &FdiConfig) -> ([f64; SIGNALS], [f64; 2]) {
-    /// Levels tried, share of the hover thrust.
-    const LEVELS: [f64; 12] = [3e-4, 1e-3, 3e-3, 6e-3, 1e-2, 1.7e-2, 3e-2, 6e-2, 0.1, 0.3, 0.55, 1.0];
-    let usual = blocks.iter().map(|block| block.elapsed).fold(0.0, f64::max);
-    let correlation = (-usual / f64::from(config.sequential.disturbance_correlation_time)).exp();
-    let bias = (f64::from(config.sequential.bias_spread) * hover).powi(2);
-    let mut theta = [0.0; SIGNALS];
-    let mut left = [0.0; 2];
-    for round in 0..=ROUNDS {
-        let levels = LEVELS.iter().flat_map(|gust| LEVELS.map(|white| (*gust, white)));
-        let noises = levels.map(|(gust, white)| Noise {
-            gust: (gust * hover).powi(2),
-            white: (white * hover).powi(2),
-            correlation,
-        });
-        let likelihood = |noise: &Noise| filtered::<BARE>(blocks, axis, noise, bias, &theta, &[0.0; SIGNALS]).0;
-        let Some(best) = noises.max_by(|a, b| likelihood(a).total_cmp(&likelihood(b))) else {
-            return (theta, left);
-        };
-        left = [best.gust, best.white];
-        if round == ROUNDS {
-            break;
-        }
-        let spread: [f64; SIGNALS] = std::array::from_fn(|k| {
-            let (_, own, other) = NAMES[k];
-            let scale = if k < FIRST_SPEED || k == SIGNALS - 1 {
-                1.0
-            } else {
-                hover / SCALE_THRUST
-            };
-            let is_own = AXIS_OF[k].map_or(axis == 0 || k < SIGNALS - 1, |of| of == axis);
-            scale * if is_own { own } else { other }
-        });
-        theta = filtered::<STATES>(blocks, axis, &best, bias, &[0.0; SIGNALS], &spread).1;
-    }
-    (theta, left)
-}
-
-/// Without Θ as states.
-const BARE: usize = 3;
-
-/// ln likelihood of the blocks, and Θ where it is among the `N` states.
-///
-/// * `known`: Θ that is subtracted   * `spread`: standard deviation of the rest
-fn filtered<const N: usize>(
-    blocks: &[Taken],
-    axis: usize,
-    noise: &Noise,
-    bias: f64,
-    known: &[f64; SIGNALS],
-    spread: &[f64; SIGNALS],
-) -> (f64, [f64; SIGNALS]) {
-    let mut x = [0.0; N];
-    let mut p = [[0.0; N]; N];
-    for state in BARE..N {
-        p[state][state] = spread[state - BARE].powi(2);
-    }
-    let mut log_likelihood = 0.0;
-    for block in blocks {
-        if block.begins {
-            for state in 0..BARE {
-                x[state] = 0.0;
-                for other in 0..N {
-                    (p[state][other], p[other][state]) = (0.0, 0.0);
-                }
-            }
-            p[DEFECT][DEFECT] = block.noise[axis];
-            p[GUST][GUST] = noise.gust;
-            p[BIAS][BIAS] = bias;
-            continue;
-        }
-        let mut c = [0.0; N];
-        (c[GUST], c[BIAS]) = (block.elapsed, block.elapsed);
-        c[BARE..].copy_from_slice(&block.signal[..N - BARE]);
-        let told: f64 = known
-            .iter()
-            .zip(&block.signal)
-            .map(|(theta, signal)| theta * signal)
-            .sum();
-        // P ← A P Aᵀ with A = 1 + e_D cᵀ.
-        x[DEFECT] += c.iter().zip(&x).map(|(c, x)| c * x).sum::<f64>();
-        let row: [f64; N] = std::array::from_fn(|k| (1..N).map(|j| c[j] * p[j][k]).sum());
-        let spread: f64 = (1..N).map(|j| c[j] * row[j]).sum();
-        p[DEFECT][DEFECT] += 2.0 * row[DEFECT] + spread + noise.white * block.elapsed * block.elapsed;
-        for k in 1..N {
-            p[DEFECT][k] += row[k];
-            p[k][DEFECT] = p[DEFECT][k];
-        }
-        x[GUST] *= noise.correlation;
-        for k in 0..N {
-            p[GUST][k] *= noise.correlation;
-            p[k][GUST] *= noise.correlation;
-        }
-        p[GUST][GUST] += (1.0 - noise.correlation.powi(2)) * noise.gust;
-        let innovation = block.defect[axis] - told - x[DEFECT];
-        let column = p[DEFECT];
-        let variance = column[DEFECT] + block.noise[axis];
-        for i in 0..N {
-            x[i] += column[i] / variance * innovation;
-            for j in 0..N {
-                p[i][j] -= column[i] * column[j] / variance;
-            }
-        }
-        // D counts from the measured one.
-        x[DEFECT] -= block.defect[axis] - told;
-        log_likelihood -= 0.5 * (variance.ln() + innovation * innovation / variance);
-    }
-    let mut theta = [0.0; SIGNALS];
-    theta[..N - BARE].copy_from_slice(&x[BARE..]);
-    (log_likelihood, theta)
 }
 
 /// Factor of the inertia about each axis. The gain common to roll and pitch is the slope of the thrust curve, which
@@ -525,6 +404,8 @@ pub struct Learnt {
     inertia: [f64; 3],
     /// Remaining gusts and white force of each axis, N².
     noise: [[f64; 2]; AXES],
+    /// Of the flights' samples, s: the shortest and the longest.
+    periods: [f32; 2],
     /// Number of flights it is based on.
     pub flights: usize,
     /// Flight time it is based on, s.
@@ -543,20 +424,39 @@ impl Learnt {
         self.noise.map(|levels| levels.map(|level| LEAST_NOISE * level))
     }
 
+    /// The flights and these samples have one rate. What is learnt of changing commands holds for it only: a duty that is
+    /// recorded at 100 Hz counts for 10 ms, although the rotor may have had four since.
+    fn has_rate_of(&self, period: f32) -> bool {
+        self.periods.iter().all(|of| (of / period - 1.0).abs() < SAME_RATE)
+    }
+
+    /// The same for samples of this period, s.
+    fn at(mut self, period: f32) -> Self {
+        if !self.has_rate_of(period) {
+            for theta in &mut self.theta {
+                theta[FIRST_CHANGE..FIRST_CHANGE + AXES].fill(0.0);
+            }
+        }
+        self
+    }
+
     /// The detectors' vehicle, with everything learnt for which they have a parameter.
     pub(crate) fn config(&self, config: &FdiConfig) -> FdiConfig {
         let mut config = *config;
+        let knows_lag = self.has_rate_of(config.period);
         for (inertia, factor) in config.inertia_body.iter_mut().zip(self.inertia) {
             *inertia *= factor as f32;
         }
         let spreads = &mut config.sequential;
         for spread in [
             &mut spreads.gain_spread,
-            &mut spreads.rotor_time_constant_spread,
             &mut spreads.centre_of_mass_spread,
             &mut spreads.drag_spread,
         ] {
             *spread *= NARROW;
+        }
+        if knows_lag {
+            spreads.rotor_time_constant_spread *= NARROW;
         }
         config
     }
@@ -573,7 +473,7 @@ impl Corrected {
     pub(crate) fn new(learnt: Learnt, config: &FdiConfig) -> Self {
         let arm = Meter::new(config).arm;
         Self {
-            learnt,
+            learnt: learnt.at(config.period),
             signals: Signals::new(config, arm),
         }
     }
