@@ -579,12 +579,26 @@ impl SecondLook {
 
     /// A load that was dropped or picked up, once it is certain.
     fn changed_load(&mut self, weighed: &Weighed) -> Option<Found> {
-        let Weighed { value, variance, found } = weighed;
-        let load = found.iter().filter(|e| e.kind == Kind::Load);
-        let seen = Seen {
+        let of = |value: &[f64; AXES], variance: &[f64; AXES], found: &[Explanation]| Seen {
             force: [value[0], variance[0]],
-            probability: load.map(|e| e.probability).sum(),
+            probability: found
+                .iter()
+                .filter(|e| e.kind == Kind::Load)
+                .map(|e| e.probability)
+                .sum(),
         };
+        let Weighed { value, variance, found } = weighed;
+        let mut seen = of(value, variance, found);
+        let [force, spread] = self.filter.vertical();
+        if force.is_finite() && spread.is_finite() && force * force > spread {
+            let (mut value, mut variance) = (*value, *variance);
+            (value[0], variance[0]) = (force, spread);
+            let found = sets::weigh(&self.column, self.rotor_count, &value, &variance, self.hover);
+            let alone = of(&value, &variance, &found);
+            if alone.probability > seen.probability {
+                seen = alone;
+            }
+        }
         let is_trusted = self.trust.is_proven() && self.trust.is_kept_before(self.load_watch.windows());
         self.load_watch.take(seen, self.weight(), is_trusted)
     }

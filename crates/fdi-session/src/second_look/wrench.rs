@@ -27,6 +27,8 @@ const LOST: usize = STATES - 1;
 
 /// Standard deviation of the lost wrench's step in a block, share of a rotor's thrust in hover.
 pub(super) const SPEEDS: [f64; 4] = [1.5e-4, 2e-3, 1.2e-2, 7e-2];
+/// The same if only the vertical force changes, as by a load.
+const VERTICAL_SPEED: f64 = 0.2;
 /// Probability per block of leaving the slowest speed, to each of the others; of falling back from one of the others by
 /// one; of rising.
 const AWAKES: f64 = 2e-4;
@@ -162,6 +164,44 @@ pub(super) struct WrenchFilter {
     scale: [f64; AXES],
     modes: Vec<[Filter; AXES]>,
     probability: [f64; SPEEDS.len()],
+    vertical: Vertical,
+}
+
+/// The vertical axis alone: at rest, or changing fast. Loads change nothing else, and the other axes, which are quiet
+/// then, speak against a high speed of all.
+#[derive(Clone, Debug, Default)]
+struct Vertical {
+    modes: Vec<Filter>,
+    probability: [f64; 2],
+}
+
+impl Vertical {
+    fn begin(start: Filter) -> Self {
+        Self {
+            modes: vec![start; 2],
+            probability: [0.99, 0.01],
+        }
+    }
+
+    fn step(&mut self, phi: &[f64; STATES], noise: &Noise, hover: f64, defect: f64) {
+        const CHANCE: [[f64; 2]; 2] = [[1.0 - AWAKES, AWAKES], [CALMS, 1.0 - CALMS]];
+        let mut next = [0.0; 2];
+        let mut mixed = Vec::with_capacity(2);
+        for to in 0..2 {
+            let weight: [f64; 2] = std::array::from_fn(|from| self.probability[from] * CHANCE[from][to]);
+            next[to] = weight.iter().sum::<f64>().max(1e-12);
+            mixed.push(mix(self.modes.iter(), &weight.map(|weight| weight / next[to])));
+        }
+        self.modes = mixed;
+        let mut log_likelihood = [0.0; 2];
+        for (mode, speed) in [SPEEDS[0], VERTICAL_SPEED].into_iter().enumerate() {
+            let (e, s) = self.modes[mode].step(phi, noise, (speed * hover).powi(2), defect);
+            log_likelihood[mode] = log_density(e, s);
+        }
+        let most = log_likelihood[0].max(log_likelihood[1]);
+        let scaled: [f64; 2] = std::array::from_fn(|mode| (next[mode] * (log_likelihood[mode] - most).exp()).max(1e-9));
+        self.probability = scaled.map(|p| p / (scaled[0] + scaled[1]));
+    }
 }
 
 impl WrenchFilter {
@@ -211,6 +251,7 @@ impl WrenchFilter {
             scale: [1.0; AXES],
             modes: Vec::new(),
             probability: [0.0; SPEEDS.len()],
+            vertical: Vertical::default(),
         }
     }
 
@@ -325,7 +366,7 @@ impl WrenchFilter {
                 let weight: [f64; SPEEDS.len()] = std::array::from_fn(|from| self.probability[from] * chance(from, to));
                 next[to] = weight.iter().sum::<f64>().max(1e-12);
                 let share = weight.map(|weight| weight / next[to]);
-                std::array::from_fn(|axis| mix(&self.modes, axis, &share))
+                std::array::from_fn(|axis| mix(self.modes.iter().map(|mode| &mode[axis]), &share))
             })
             .collect();
         self.modes = mixed;
@@ -341,6 +382,7 @@ impl WrenchFilter {
                 surprise[speed][axis] = e * e / s;
             }
         }
+        self.vertical.step(&phis[0], &noise[0], self.hover, block.defect[0]);
         let most = log_likelihood.iter().fold(f64::NEG_INFINITY, |a, b| a.max(*b));
         let mut sum = 0.0;
         for speed in 0..count {
@@ -467,6 +509,7 @@ impl WrenchFilter {
     }
 
     fn begin(&mut self, start: [Filter; AXES]) {
+        self.vertical = Vertical::begin(start[0]);
         self.modes = vec![start; SPEEDS.len()];
         self.probability = std::array::from_fn(|speed| if speed == 0 { 0.97 } else { 0.01 });
     }
@@ -481,6 +524,12 @@ impl WrenchFilter {
     /// Of the lost wrench at the highest speed: how well it would be known soon after a sudden loss, N².
     pub(super) fn variance_of_a_sudden_loss(&self) -> [f64; AXES] {
         std::array::from_fn(|axis| self.modes[SPEEDS.len() - 1][axis].p[LOST][LOST])
+    }
+
+    /// Downward force of a change of the vertical force alone, and its variance, N and N².
+    pub(super) fn vertical(&self) -> [f64; 2] {
+        let all = mix(self.vertical.modes.iter(), &self.vertical.probability);
+        [all.x[LOST], all.p[LOST][LOST]]
     }
 
     /// The present loss.
@@ -506,18 +555,17 @@ pub(super) fn chance(from: usize, to: usize) -> f64 {
     }
 }
 
-fn mix(modes: &[[Filter; AXES]], axis: usize, share: &[f64; SPEEDS.len()]) -> Filter {
+fn mix<'a>(modes: impl Iterator<Item = &'a Filter> + Clone, share: &[f64]) -> Filter {
     let mut out = Filter {
         x: [0.0; STATES],
         p: [[0.0; STATES]; STATES],
     };
-    for (mode, share) in modes.iter().zip(share) {
+    for (mode, share) in modes.clone().zip(share) {
         for i in 0..STATES {
-            out.x[i] += share * mode[axis].x[i];
+            out.x[i] += share * mode.x[i];
         }
     }
-    for (mode, share) in modes.iter().zip(share) {
-        let filter = &mode[axis];
+    for (filter, share) in modes.zip(share) {
         for i in 0..STATES {
             for j in 0..STATES {
                 let spread = (filter.x[i] - out.x[i]) * (filter.x[j] - out.x[j]);
