@@ -1,12 +1,15 @@
 //! Text output of `fdi-log` for a log: verdicts over time, what was not evaluated, counts.
 
 use rotortwin_runner::grid::Grid;
-use rotortwin_verdicts::log::LogReport;
+use rotortwin_verdicts::log::{LogReport, NotJudgedView, StretchView};
 use rotortwin_verdicts::view::{
     ExplanationView, ExplanationWord, IntervalView, LoadView, LossView, ObstacleView, Obstruction, SequentialView,
     VerdictKind,
 };
 use std::path::Path;
+
+/// Time without a clear explanation after which the last verdict is not that of the end, s.
+const LONG_UNJUDGED_S: f64 = 5.0;
 
 /// File name of a log, with the selected part.
 pub(super) fn file_name(path: &Path) -> String {
@@ -97,7 +100,13 @@ pub(super) fn text_of(report: &LogReport, against: Option<&str>) -> String {
     }
     match report.stretches.as_slice() {
         [] => {}
-        [last] => row("at the end".to_owned(), &last.sequential, None),
+        [last] => {
+            let when = match unjudged_after(report, last) {
+                Some(_) => "the last",
+                None => "at the end",
+            };
+            row(when.to_owned(), &last.sequential, None);
+        }
         stretches => {
             for stretch in stretches {
                 row(
@@ -166,16 +175,27 @@ fn answer(report: &LogReport) -> String {
         VerdictKind::Healthy if view.is_unclear() => format!(" (healthy: probability {:.3})", view.probability),
         _ => format!(" (probability {:.3})", view.probability),
     };
-    let said = |view: &SequentialView| format!("{}{}", verdict_text(view), probability(view));
+    let said = |stretch: &StretchView| {
+        let view = &stretch.sequential;
+        let last = format!("{}{}", verdict_text(view), probability(view));
+        match unjudged_after(report, stretch) {
+            Some(after) => format!(
+                "none from {:.1} s on: {}; before that, {last}",
+                after.from_s, after.obstacle.why
+            ),
+            None => last,
+        }
+    };
+    let is_healthy = |one: &StretchView| is_healthy(&one.sequential) && unjudged_after(report, one).is_none();
     let verdicts = match report.stretches.as_slice() {
         [] => return "none: nothing could be judged; the reasons are under \"not judged\"".to_owned(),
-        [only] => said(&only.sequential),
-        several if several.iter().all(|one| is_healthy(&one.sequential)) => {
+        [only] => said(only),
+        several if several.iter().all(is_healthy) => {
             format!("healthy at the end of each of {} stretches", several.len())
         }
         several => several
             .iter()
-            .map(|one| format!("{:.0}–{:.0} s: {}", one.from_s, one.to_s, said(&one.sequential)))
+            .map(|one| format!("{:.0}–{:.0} s: {}", one.from_s, one.to_s, said(one)))
             .collect::<Vec<_>>()
             .join("; "),
     };
@@ -207,6 +227,27 @@ fn answer(report: &LogReport) -> String {
         }
         None => format!("{verdicts}; no alarm{crash}"),
     }
+}
+
+/// The time without a verdict with which a stretch ends, if what the detectors found in the air had no clear explanation
+/// for [`LONG_UNJUDGED_S`]: then the last verdict is not that of the end.
+fn unjudged_after<'a>(report: &'a LogReport, stretch: &StretchView) -> Option<&'a NotJudgedView> {
+    let is_found = |time: &&NotJudgedView| {
+        matches!(
+            time.obstacle.reason,
+            Obstruction::Unexplained | Obstruction::LoadChanged | Obstruction::Unclear | Obstruction::ImpossibleLoss
+        )
+    };
+    let next = report.stretches.iter().map(|other| other.from_s);
+    let next_s = next
+        .filter(|from_s| *from_s > stretch.to_s)
+        .fold(f64::INFINITY, f64::min);
+    let mut after = report
+        .not_judged
+        .iter()
+        .filter(|time| time.from_s > stretch.to_s - 0.5 && time.from_s < next_s);
+    let all_s: f64 = after.clone().filter(is_found).map(|time| time.to_s - time.from_s).sum();
+    (all_s >= LONG_UNJUDGED_S).then(|| after.find(is_found))?
 }
 
 /// Why the T-test alarms most of the time where the sequential detector does not.

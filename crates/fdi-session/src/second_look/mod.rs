@@ -421,7 +421,7 @@ impl SecondLook {
                 Kind::LossWithDrag => ExplanationKind::LossWithDrag,
                 Kind::Gain => ExplanationKind::Gain,
                 Kind::Load => ExplanationKind::Load,
-                Kind::Nothing | Kind::Other => return None,
+                Kind::Nothing | Kind::Shift | Kind::Other => return None,
             };
             let sizes = sets::sizes(e, &self.column, value, &variance, self.hover);
             let with_model = |mean: f64, variance: f64, uneven: f64| {

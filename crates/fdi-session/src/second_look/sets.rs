@@ -3,7 +3,7 @@
 //!
 //! Each explanation predicts a normal distribution of wrenches with the covariance
 //!
-//! C = diag V + s² Σ_i F_i F_iᵀ (rotors)   + s_z² e_z e_zᵀ + s_m² (e_roll e_rollᵀ + e_pitch e_pitchᵀ) (load)   + s_y² e_yaw e_yawᵀ (a blade that drags)   + s² 1 (something else)
+//! C = diag V + s² Σ_i F_i F_iᵀ (rotors)   + s_z² e_z e_zᵀ + s_m² (e_roll e_rollᵀ + e_pitch e_pitchᵀ) (load)   + s_y² e_yaw e_yawᵀ (a blade that drags)   + s² (e_roll e_rollᵀ + e_pitch e_pitchᵀ) (the centre of mass)   + s² 1 (something else)
 //!
 //! so p(û | explanation) has a closed form, an explanation with more rotors is penalised for its freedom automatically
 //! (Occam), and two that predict the same wrench are as likely as their priors. Of two coaxial rotors each may be the
@@ -27,6 +27,8 @@ const LOAD: f64 = 0.1;
 const BESIDE: f64 = 0.1;
 /// Change of a blade's drag, share of the rotor's torque.
 const DRAG: f64 = 0.2;
+/// Roll and pitch moment alone.
+const SHIFT: f64 = 0.15;
 /// Something else.
 const OTHER: f64 = 0.1;
 /// Rotors whose columns differ by less in roll and pitch, levers taken out, share an axis.
@@ -40,6 +42,7 @@ const AGAINST_PAIR: f64 = 3.0;
 const AGAINST_THREE: f64 = 4.8;
 const AGAINST_LOAD: f64 = 2.0;
 const AGAINST_BESIDE: f64 = 3.0;
+const AGAINST_SHIFT: f64 = 2.5;
 const AGAINST_OTHER: f64 = 6.0;
 
 /// An explanation.
@@ -55,6 +58,8 @@ pub(super) enum Kind {
     Gain,
     /// A load was dropped or picked up.
     Load,
+    /// Roll and pitch moment alone, as of a battery that slipped.
+    Shift,
     /// None of these.
     Other,
 }
@@ -96,6 +101,7 @@ pub(super) fn weigh(
     let load = [unit(0, LOAD * rotor_count as f64), beside(1), beside(2)];
     add(Kind::Load, 0, AGAINST_LOAD, &load[..1], 0);
     add(Kind::Load, 0, AGAINST_BESIDE, &load, 0);
+    add(Kind::Shift, 0, AGAINST_SHIFT, &[unit(1, SHIFT), unit(2, SHIFT)], 0);
     let free: [_; AXES] = std::array::from_fn(|axis| unit(axis, OTHER));
     add(Kind::Other, 0, AGAINST_OTHER, &free, 0);
     let shared: [bool; MAX_ROTORS] = std::array::from_fn(|rotor| shares_its_axis(column, rotor));
@@ -196,7 +202,7 @@ pub(super) fn sizes(
             let beside = |axis: usize| unit(axis, BESIDE * value[0].abs() / hover, hover);
             vec![unit(0, LOAD * MAX_ROTORS as f64, hover), beside(1), beside(2)]
         }
-        Kind::Nothing | Kind::Other => Vec::new(),
+        Kind::Nothing | Kind::Shift | Kind::Other => Vec::new(),
     };
     let with_drag = |rotor: &usize| match explanation.kind {
         Kind::LossWithDrag => true,
