@@ -618,6 +618,15 @@ fn report(log: &FlightLog, detectors: &Detectors, judge: Judge, lacks: Vec<Lack>
         .network
         .is_some_and(|network| network.self_calibrated());
     let mut notes = judge.notes;
+    let left_out = notes.len().saturating_sub(MOST_NOTES);
+    if left_out > 0 {
+        notes.truncate(MOST_NOTES);
+        notes.push(format!(
+            "and {left_out} more notes like these, which are not listed ({} of {} steps were lost in all)",
+            judge.lost,
+            judge.session.samples() + judge.lost
+        ));
+    }
     // The detectors end where a vehicle tumbles; the motor commands before that are more informative than "not judged".
     let log_start_s = log.time_s.first().copied().unwrap_or(0.0);
     let lost = judge.parts.events.iter().filter(|event| event.kind.decides());
@@ -690,6 +699,9 @@ fn report(log: &FlightLog, detectors: &Detectors, judge: Judge, lacks: Vec<Lack>
         flight: None,
     }
 }
+
+/// Notes of the session that are listed.
+const MOST_NOTES: usize = 20;
 
 /// Key of the network over time.
 pub const NETWORK_OVER_TIME: &str = "network_over_time";
