@@ -669,8 +669,8 @@ fn val_healthy_flights_teach_the_command_what_the_model_lacks() {
             .run()
             .expect_code(0);
     };
-    // A moment that the rotors make in the wind of the flight; no model of ours in `config/vehicles` has it.
-    let lacking = "flapping-moment:moment_n_s=0.012";
+    // Rotors that answer a third later than those of the model.
+    let lacking = "motor-time-constant:share=0.3";
     for (flight, seed, name) in [
         ("waypoint", "61", "mon.parquet"),
         ("helix", "62", "tue.parquet"),
@@ -716,7 +716,7 @@ fn val_healthy_flights_teach_the_command_what_the_model_lacks() {
     };
     let (before, after) = (smallest(&alone), smallest(&learnt));
     assert!(
-        after < 0.8 * before,
+        after < 0.6 * before,
         "the smallest loss that would be seen: {before:.3} → {after:.3}"
     );
     let named = |report: &Value| {
@@ -724,7 +724,7 @@ fn val_healthy_flights_teach_the_command_what_the_model_lacks() {
         windows(report).iter().filter(right).count()
     };
     assert!(
-        named(&learnt) > named(&alone) + 30,
+        named(&learnt) > 300 && named(&learnt) >= named(&alone),
         "{} → {}",
         named(&alone),
         named(&learnt)
