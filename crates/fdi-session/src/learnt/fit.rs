@@ -12,6 +12,7 @@
 //! flights predicts the flights better with it than without, and none of them worse (of a single flight: its halves).
 //! The noise that is left is that of predictions, too.
 
+use super::super::second_look::meter::air_spread;
 use super::{AXES, AXIS_OF, FIRST_SPEED, NAMES, SCALE_THRUST, SIGNALS};
 use nalgebra::{DMatrix, DVector};
 use rotortwin_flight_core::fdi::FdiConfig;
@@ -31,9 +32,6 @@ const STATES: usize = 5;
 const DEFECT: usize = 0;
 const GUST: usize = 1;
 const BIAS: usize = 2;
-
-/// Standard deviation of the moment of a steady wind from a side, share of the hover thrust at the levers.
-const WIND_SPREAD: f64 = 0.1;
 /// The defect, and all signals.
 const COLUMNS: usize = 1 + SIGNALS;
 
@@ -54,6 +52,18 @@ pub(super) struct Taken {
     pub noise: [f64; AXES],
 }
 
+impl Taken {
+    /// Defect that Θ does not explain, N·s.
+    fn rest(&self, axis: usize, theta: &[f64; SIGNALS]) -> f64 {
+        let told: f64 = theta
+            .iter()
+            .zip(&self.signal)
+            .map(|(theta, signal)| theta * signal)
+            .sum();
+        self.defect[axis] - told
+    }
+}
+
 /// Gusts and white force of an axis, N², and their correlation over a block.
 #[derive(Clone, Copy)]
 struct Noise {
@@ -69,12 +79,8 @@ struct Noise {
 pub(super) fn fitted(blocks: &[Taken], axis: usize, hover: f64, config: &FdiConfig) -> ([f64; SIGNALS], [f64; 2]) {
     let usual = blocks.iter().map(|block| block.elapsed).fold(0.0, f64::max);
     let square = |share: f64| (share * hover).powi(2);
-    let wind = if (1..=2).contains(&axis) {
-        square(WIND_SPREAD)
-    } else {
-        0.0
-    };
-    let constant = [square(f64::from(config.sequential.bias_spread)), wind, wind];
+    let [_, _, winds @ ..] = air_spread(axis).map(square);
+    let constant = [square(f64::from(config.sequential.bias_spread)), winds[0], winds[1]];
     let precision = spread(axis, hover).map(|spread| if spread > 0.0 { spread.powi(-2) } else { f64::INFINITY });
     let parts = parts(blocks);
     let mut theta = [0.0; SIGNALS];
@@ -85,16 +91,16 @@ pub(super) fn fitted(blocks: &[Taken], axis: usize, hover: f64, config: &FdiConf
         correlation: 0.0,
     };
     for round in 0..=ROUNDS {
+        let rest: Vec<f64> = blocks.iter().map(|block| block.rest(axis, &theta)).collect();
         let levels = LEVELS.iter().flat_map(|gust| LEVELS.map(|white| (*gust, white)));
         let mut most = f64::NEG_INFINITY;
-        let levels = levels.flat_map(|(gust, white)| TIMES.map(|time| (gust, white, time)));
-        for (gust, white, time) in levels {
+        for (gust, white, time) in levels.flat_map(|(gust, white)| TIMES.map(|time| (gust, white, time))) {
             let noise = Noise {
-                gust: (gust * hover).powi(2),
-                white: (white * hover).powi(2),
+                gust: square(gust),
+                white: square(white),
                 correlation: (-usual / time).exp(),
             };
-            let log_likelihood = log_likelihood(blocks, axis, &noise, &constant, &theta);
+            let log_likelihood = log_likelihood(blocks, &rest, axis, &noise, &constant);
             if log_likelihood > most {
                 (most, best) = (log_likelihood, noise);
             }
@@ -201,27 +207,18 @@ impl<const N: usize> Day<N> {
     }
 }
 
-/// Of the blocks, for this Θ; up to a constant.
-fn log_likelihood(
-    blocks: &[Taken],
-    axis: usize,
-    noise: &Noise,
-    constant: &[f64; STATES - BIAS],
-    theta: &[f64; SIGNALS],
-) -> f64 {
+/// Of the blocks, up to a constant.
+///
+/// * `rest`: of each, [`Taken::rest`]
+fn log_likelihood(blocks: &[Taken], rest: &[f64], axis: usize, noise: &Noise, constant: &[f64; STATES - BIAS]) -> f64 {
     let mut day = Day::<1>::new();
     let mut sum = 0.0;
-    for block in blocks {
+    for (block, rest) in blocks.iter().zip(rest) {
         if block.begins {
             day.begin(block.noise[axis], noise, constant);
             continue;
         }
-        let told: f64 = theta
-            .iter()
-            .zip(&block.signal)
-            .map(|(theta, signal)| theta * signal)
-            .sum();
-        let (e, variance) = day.step(&[block.defect[axis] - told], block, axis, noise);
+        let (e, variance) = day.step(&[*rest], block, axis, noise);
         sum -= 0.5 * (variance.ln() + e[0] * e[0] / variance);
     }
     sum

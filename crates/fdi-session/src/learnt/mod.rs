@@ -347,7 +347,7 @@ impl Learner {
                 begins: false,
                 defect: block.defect,
                 elapsed: block.elapsed,
-                heading: [block.air[0][2], block.air[0][3]],
+                heading: block.heading(),
                 signal,
                 noise: block.roughness.map(|rough| rough / (2.0 * block.samples)),
             });

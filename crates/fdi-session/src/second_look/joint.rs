@@ -12,6 +12,7 @@
 //! error of a loss: its variance is multiplied by max(1, mean e²/s) (Birge's ratio; R. T. Birge, Phys. Rev. 40 (1932)
 //! 207).
 
+use super::imm;
 use super::meter::{AXES, Block};
 use super::wrench::{AxisState, Noise, OWN, SPEEDS, STATES, chance, log_density};
 use rotortwin_flight_core::MAX_ROTORS;
@@ -93,15 +94,8 @@ impl JointFilter {
     ///
     /// * `phi`: of each axis as in the wrench filter; its last entry is not used   * `noise`: of each axis
     pub(super) fn step(&mut self, block: &Block, phi: &[[f64; STATES]; AXES], noise: &[Noise; AXES]) {
-        let mut next = [0.0; SPEEDS.len()];
-        let mixed: Vec<Mode> = (0..SPEEDS.len())
-            .map(|to| {
-                let weight: [f64; SPEEDS.len()] = std::array::from_fn(|from| self.probability[from] * chance(from, to));
-                next[to] = weight.iter().sum::<f64>().max(1e-12);
-                self.mix(&weight.map(|weight| weight / next[to]))
-            })
-            .collect();
-        self.modes = mixed;
+        let (next, share) = imm::predicted(&self.probability, chance);
+        self.modes = share.iter().map(|share| self.mix(share)).collect();
         let mut log_likelihood = [0.0; SPEEDS.len()];
         let mut surprise = 0.0;
         for speed in 0..SPEEDS.len() {
@@ -111,12 +105,7 @@ impl JointFilter {
         }
         self.blocks = (self.blocks + 1.0).min(SURPRISE_BLOCKS);
         self.surprise += (surprise - self.surprise) / self.blocks;
-        let most = log_likelihood.iter().fold(f64::NEG_INFINITY, |a, b| a.max(*b));
-        for speed in 0..SPEEDS.len() {
-            self.probability[speed] = (next[speed] * (log_likelihood[speed] - most).exp()).max(1e-9);
-        }
-        let sum: f64 = self.probability.iter().sum();
-        self.probability = self.probability.map(|p| p / sum);
+        self.probability = imm::updated(&next, &log_likelihood);
     }
 
     fn mix(&self, share: &[f64; SPEEDS.len()]) -> Mode {

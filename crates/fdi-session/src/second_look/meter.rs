@@ -27,6 +27,18 @@ const THRUST: usize = AIR + 2 * AIRS;
 /// Signals per axis with which the force of the air changes.
 pub(crate) const AIRS: usize = 4;
 
+/// Places of the heading's among them.
+const HEADING: usize = 2;
+
+/// Standard deviations of what these make of a moment, share of a rotor's hover thrust at the levers: of 1 m/s, of
+/// 1 rad/s, of a steady wind from each side.
+pub(crate) fn air_spread(axis: usize) -> [f64; AIRS] {
+    match axis {
+        1 | 2 => [0.02, 0.05, 0.1, 0.1],
+        _ => [0.0; AIRS],
+    }
+}
+
 /// Axes of the two momenta whose product makes the gyroscopic torque about each body axis.
 const OTHER_AXES: [[usize; 2]; 3] = [[2, 3], [3, 1], [1, 2]];
 
@@ -49,13 +61,28 @@ pub(crate) struct Block {
     /// ∫ √(J_b² + J_c²) ω_b ω_c of roll, pitch and yaw over the levers, N·s.
     pub gyroscopic: [f64; 3],
     /// ∫ of the signals with which the roll and pitch moments of the air change ([`air_of`]): m, rad, s, s.
-    pub air: [[f64; AIRS]; 2],
+    air: [[f64; AIRS]; 2],
     /// ∫ lagged thrust of each rotor if it were healthy, N·s.
     pub thrust: [f64; MAX_ROTORS],
     /// Mean square of the difference of neighbouring defects, (N·s)²: twice the noise of a sample.
     pub roughness: [f64; AXES],
     /// Samples.
     pub samples: f64,
+}
+
+impl Block {
+    /// ∫ of the signals with which the moment of the air about an axis changes; 0 of the other axes.
+    pub(crate) fn air_of(&self, axis: usize) -> [f64; AIRS] {
+        match axis {
+            1 | 2 => self.air[axis - 1],
+            _ => [0.0; AIRS],
+        }
+    }
+
+    /// ∫ cos ψ, ∫ sin ψ, s.
+    pub(crate) fn heading(&self) -> [f64; 2] {
+        [self.air[0][HEADING], self.air[0][HEADING + 1]]
+    }
 }
 
 #[derive(Clone, Copy, Debug, Default)]

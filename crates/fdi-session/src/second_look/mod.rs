@@ -20,6 +20,7 @@
 
 mod details;
 mod growth;
+mod imm;
 mod joint;
 mod load;
 pub(crate) mod meter;
@@ -491,6 +492,7 @@ impl SecondLook {
         self.found_from()
     }
 
+    /// The same, whether or not something is wrong.
     fn found_from(&self) -> Vec<f32> {
         let variance = self.filter.variance_of_a_sudden_loss();
         let sigmas = SEEN_SIGMAS * self.trust.worst().max(1.0).sqrt();

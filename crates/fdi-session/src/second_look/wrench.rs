@@ -13,7 +13,8 @@
 //! thing at different speeds. Gust level and white force of each axis are those that maximise the likelihood of the
 //! calibration; afterwards their common scale follows the innovations slowly.
 
-use super::meter::{AIRS, AXES, Block};
+use super::imm;
+use super::meter::{AIRS, AXES, Block, air_spread};
 use rotortwin_flight_core::fdi::FdiConfig;
 
 pub(super) const STATES: usize = 8 + AIRS;
@@ -44,9 +45,6 @@ const GUST_LEVELS: i32 = 8;
 /// White force, standard deviation of its mean over a block in the same unit.
 const LEAST_WHITE: f64 = 3e-4;
 const WHITE_LEVELS: i32 = 7;
-/// Standard deviations of the moments of the air, share of a rotor's hover thrust at the levers: for 1 m/s, for 1 rad/s,
-/// of a steady wind from each side.
-const AIR_SPREAD: [f64; AIRS] = [0.02, 0.05, 0.1, 0.1];
 /// Largest squared normalised innovation that counts towards the scale of the noise; its mean is 0.97 if the model
 /// holds.
 const LIMIT: f64 = 6.0;
@@ -185,22 +183,14 @@ impl Vertical {
 
     fn step(&mut self, phi: &[f64; STATES], noise: &Noise, hover: f64, defect: f64) {
         const CHANCE: [[f64; 2]; 2] = [[1.0 - AWAKES, AWAKES], [CALMS, 1.0 - CALMS]];
-        let mut next = [0.0; 2];
-        let mut mixed = Vec::with_capacity(2);
-        for to in 0..2 {
-            let weight: [f64; 2] = std::array::from_fn(|from| self.probability[from] * CHANCE[from][to]);
-            next[to] = weight.iter().sum::<f64>().max(1e-12);
-            mixed.push(mix(self.modes.iter(), &weight.map(|weight| weight / next[to])));
-        }
-        self.modes = mixed;
+        let (next, share) = imm::predicted(&self.probability, |from, to| CHANCE[from][to]);
+        self.modes = share.iter().map(|share| mix(self.modes.iter(), share)).collect();
         let mut log_likelihood = [0.0; 2];
         for (mode, speed) in [SPEEDS[0], VERTICAL_SPEED].into_iter().enumerate() {
             let (e, s) = self.modes[mode].step(phi, noise, (speed * hover).powi(2), defect);
             log_likelihood[mode] = log_density(e, s);
         }
-        let most = log_likelihood[0].max(log_likelihood[1]);
-        let scaled: [f64; 2] = std::array::from_fn(|mode| (next[mode] * (log_likelihood[mode] - most).exp()).max(1e-9));
-        self.probability = scaled.map(|p| p / (scaled[0] + scaled[1]));
+        self.probability = imm::updated(&next, &log_likelihood);
     }
 }
 
@@ -221,12 +211,7 @@ impl WrenchFilter {
                     _ => square(c.centre_of_mass_spread) * (arm[3] / longest).powi(2),
                 };
                 let gyroscopic = if axis == 0 { 0.0 } else { square(c.gain_spread) };
-                let air = if (1..=2).contains(&axis) {
-                    AIR_SPREAD
-                } else {
-                    [0.0; AIRS]
-                };
-                let air = air.map(|spread| (spread * hover).powi(2));
+                let air = air_spread(axis).map(|spread| (spread * hover).powi(2));
                 [
                     0.0,
                     0.0,
@@ -261,10 +246,7 @@ impl WrenchFilter {
         } else {
             block.wrench[0] * self.centre_scale[axis]
         };
-        let air = match axis {
-            1 | 2 => block.air[axis - 1],
-            _ => [0.0; AIRS],
-        };
+        let air = block.air_of(axis);
         [
             0.0,
             block.elapsed,
@@ -360,16 +342,11 @@ impl WrenchFilter {
     pub(super) fn step(&mut self, block: &Block, demand: f64) -> f64 {
         let phis: [_; AXES] = std::array::from_fn(|axis| self.phi(axis, block, demand));
         let count = SPEEDS.len();
-        let mut next = [0.0; SPEEDS.len()];
-        let mixed: Vec<[Filter; AXES]> = (0..count)
-            .map(|to| {
-                let weight: [f64; SPEEDS.len()] = std::array::from_fn(|from| self.probability[from] * chance(from, to));
-                next[to] = weight.iter().sum::<f64>().max(1e-12);
-                let share = weight.map(|weight| weight / next[to]);
-                std::array::from_fn(|axis| mix(self.modes.iter().map(|mode| &mode[axis]), &share))
-            })
-            .collect();
-        self.modes = mixed;
+        let (next, share) = imm::predicted(&self.probability, chance);
+        let mixed = |share: &[f64; SPEEDS.len()]| {
+            std::array::from_fn(|axis| mix(self.modes.iter().map(|mode| &mode[axis]), share))
+        };
+        self.modes = share.iter().map(mixed).collect();
         let mut nis = [0.0; AXES];
         let noise = self.noise();
         let mut log_likelihood = [0.0; SPEEDS.len()];
@@ -383,14 +360,8 @@ impl WrenchFilter {
             }
         }
         self.vertical.step(&phis[0], &noise[0], self.hover, block.defect[0]);
-        let most = log_likelihood.iter().fold(f64::NEG_INFINITY, |a, b| a.max(*b));
-        let mut sum = 0.0;
+        self.probability = imm::updated(&next, &log_likelihood);
         for speed in 0..count {
-            self.probability[speed] = (next[speed] * (log_likelihood[speed] - most).exp()).max(1e-9);
-            sum += self.probability[speed];
-        }
-        for speed in 0..count {
-            self.probability[speed] /= sum;
             for axis in 0..AXES {
                 nis[axis] += self.probability[speed] * surprise[speed][axis];
             }
