@@ -12,11 +12,25 @@ use std::ops::Range;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
-/// Prints an error message and returns exit code 2: bad input, nothing was written. What may have been meant by a missing path is added.
+/// Prints an error message and returns exit code 2: bad input. What may have been meant by a missing path is added. A full disk is no input,
+/// wherever it was met: exit code 1.
 pub fn bad_input(sentence: impl std::fmt::Display) -> ExitCode {
-    let sentence = with_nearest(&sentence.to_string());
+    let sentence = sentence.to_string();
+    if is_of_a_full_disk(&sentence) {
+        return failed(sentence);
+    }
+    let sentence = with_nearest(&sentence);
     eprintln!("{}", fitted(&format!("rotortwin: {sentence}")));
     ExitCode::from(rotortwin_process::EXIT_BAD_INPUT)
+}
+
+/// Whether an error, which came as a sentence, is that of a full disk or an exceeded quota. Linux words both as below.
+fn is_of_a_full_disk(sentence: &str) -> bool {
+    let codes = [rustix::io::Errno::NOSPC, rustix::io::Errno::DQUOT];
+    codes
+        .iter()
+        .any(|code| sentence.contains(&format!("(os error {})", code.raw_os_error())))
+        || sentence.contains("the disk is full")
 }
 
 /// Prints an error message and returns exit code 1: the run failed.
@@ -78,7 +92,15 @@ pub fn summary_text(summary: &Summary, folder: Option<&Path>) -> String {
     }
     if let Some(folder) = folder {
         line(format!("Files        {}", folder.display()));
-        line("             report.html  figures/  telemetry.parquet  run.mcap  summary.json".to_owned());
+        let names = [
+            "report.html",
+            "figures",
+            "telemetry.parquet",
+            "run.mcap",
+            "summary.json",
+        ];
+        let there = names.into_iter().filter(|name| folder.join(name).exists());
+        line(format!("             {}", there.collect::<Vec<_>>().join("  ")));
     }
     fitted(&text)
 }

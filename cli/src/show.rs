@@ -36,6 +36,9 @@ pub struct CheckArgs {
     /// Scenario: a file or a name
     #[arg(value_parser = crate::named::scenario())]
     pub scenario: PathBuf,
+    /// Set a key of the scenario before it is checked, as for `fly`; may be given several times
+    #[arg(long, value_name = "KEY=VALUE")]
+    pub set: Vec<String>,
     /// Print the settings in effect as JSON
     #[arg(long)]
     pub json: bool,
@@ -43,8 +46,9 @@ pub struct CheckArgs {
 
 /// Checks a scenario without flying it.
 pub fn check(args: &CheckArgs) -> ExitCode {
-    let checked =
-        Scenario::load(&args.scenario).and_then(|scenario| scenario.simulation(scenario.seed()).map(|_| scenario));
+    let set: Vec<&str> = args.set.iter().map(String::as_str).collect();
+    let checked = Scenario::load_with(&args.scenario, &set)
+        .and_then(|scenario| scenario.simulation(scenario.seed()).map(|_| scenario));
     match checked {
         Ok(scenario) if args.json => match serde_json::to_string_pretty(scenario.documents()) {
             Ok(json) => println!("{json}"),

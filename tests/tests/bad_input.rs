@@ -1,5 +1,6 @@
 //! Bad input of every kind: exit code 2, one sentence that names the thing and what was expected, nothing written.
 
+use rotortwin_tests::disk::Disk;
 use rotortwin_tests::program::{Call, Ended, Link, PATIENCE};
 use rotortwin_tests::scratch::{Scratch, hover, repository, shipped_scenario, short_flight};
 use std::ffi::OsString;
@@ -697,4 +698,44 @@ fn scenario_nothing_waits_for_a_pipe() {
     }
     let ended = Call::new(&scratch, ["fly", "pipe.toml"]).start().end(PATIENCE);
     assert_refused("pipe", &ended, &["pipe.toml", "not a regular file"]);
+}
+
+/// The user did nothing wrong: exit code 1 from every command, as from `fly`.
+#[test]
+fn scenario_a_full_disk_is_no_bad_input() {
+    let scratch = Scratch::new();
+    let Some(disk) = Disk::new(scratch.path("full"), "24m") else {
+        return;
+    };
+    std::fs::write(scratch.path("short.toml"), hover("short", 3.0, "")).expect("written");
+    let axis = "[[axis]]\nname = 'charge'\nkey = 'initial.state_of_charge'\nvalues = [0.9, 1.0]\n";
+    let campaign =
+        format!("name = 'tiny'\ndescription = 'four flights'\nscenario = 'short.toml'\nseed = 1\nrepeats = 2\n{axis}");
+    std::fs::write(scratch.path("tiny.toml"), campaign).expect("written");
+    std::fs::write(scratch.path("said.csv"), "time_s,verdict\n0,0\n").expect("written");
+    let run = |words: &str| Call::new(&scratch, words.split(' ')).run();
+    run("fly short.toml --link in-process --out full/run").expect_code(0);
+    run("export full/run --format csv --out flight.csv").expect_code(0);
+    assert!(disk.fill(), "nobody writes");
+    for words in [
+        "fly short.toml --link in-process --out full/again",
+        "judge full/run said.csv --name mine",
+        "log import flight.csv --out full/logs",
+        "log import flight.csv --out full",
+        "export full/run --format ulog --out full/run.ulg",
+        "campaign tiny.toml --out full/campaign",
+        "compare flight.csv --model f550 --out full/comparison",
+        "fdi-log flight.csv --model f550 --report full/page.html",
+    ] {
+        let ended = run(words);
+        let printed = ended.stderr.join("\n");
+        assert_eq!(ended.code, Some(1), "{words}: {printed}");
+        let is_told = printed.contains("the disk is full") || printed.contains("No space left on device");
+        assert!(is_told, "{words}: {printed}");
+    }
+    // Once there is room again, the same commands work: nothing of the log is left, and the campaign goes on.
+    assert!(disk.resize("24m"));
+    run("log import flight.csv --out full/logs").expect_code(0);
+    run("log import flight.csv --out full").expect_code(0);
+    run("campaign tiny.toml --out full/campaign").expect_code(0);
 }

@@ -353,4 +353,10 @@ fn scenario_shards_flown_apart_give_the_bytes_of_one_machine() {
         .run()
         .expect_code(0);
     assert_refused(&merge(&["other"]), &["other", "holds flights of another campaign"]);
+    // A shard in the middle is read, too, before the campaign goes on.
+    scratch.write("whole/shards/000002.parquet", "not Parquet");
+    assert_refused(
+        &call(&scratch, &file, "whole", &["--shards", "0..5"]).run(),
+        &["000002.parquet: not a whole Parquet file"],
+    );
 }

@@ -499,6 +499,9 @@ fn scenario_a_vehicle_is_identified_and_kept_and_an_upload_is_read_again() {
     assert_eq!(comparison["result"]["models"][0]["label"], "mine");
     for (change, status) in [
         (json!({ "mass_kg": 0.0 }), 422),
+        (json!({ "mass_kg": 1e6 }), 422),
+        (json!({ "arm_m": 0.001 }), 422),
+        (json!({ "flights": { "logs": [format!("{log}@60:20")] } }), 422),
         (json!({ "name": "a b" }), 400),
         (json!({ "frame": "--out" }), 422),
         (json!({ "cells": 99 }), 422),
@@ -525,7 +528,12 @@ fn scenario_a_vehicle_is_identified_and_kept_and_an_upload_is_read_again() {
     // An upload, imported again at another rate: another log of the same file.
     let file = server.ask("GET", &format!("/api/v1/logs/{log}/artifacts/log.parquet"), &[], "");
     let headers = [("content-type", "application/octet-stream")];
-    let first = server.ask_bytes("POST", "/api/v1/logs?name=a.parquet&vehicle=f550", &headers, &file.body);
+    let first = server.ask_bytes(
+        "POST",
+        "/api/v1/logs?name=fl%C3%BCg%20%5B1%5D.parquet&vehicle=f550",
+        &headers,
+        &file.body,
+    );
     let first = first.json()["id"].as_str().expect("an id").to_owned();
     assert_eq!(server.ended_in("logs", &first)["status"], "done");
     let again = server.ask(
@@ -546,6 +554,10 @@ fn scenario_a_vehicle_is_identified_and_kept_and_an_upload_is_read_again() {
         job["result"]["report"]["rows"].as_u64().is_some_and(|rows| rows < 7000),
         "{job}"
     );
+    // Its name, as on its owner's disk, is that of the log in results.
+    let flights = json!({ "model": { "vehicle": "f550" }, "flights": { "logs": [second] } });
+    let (_, comparison) = done(&server, "comparisons", &flights);
+    assert!(comparison["result"].to_string().contains("flüg [1]"), "{comparison}");
     let none = server.ask("POST", &format!("/api/v1/logs/{log}/import"), &[], "{}");
     assert_eq!(none.status, 404, "an example has no upload");
     let bad = server.ask(
@@ -620,19 +632,19 @@ fn scenario_two_effects_that_look_alike_get_a_manoeuvre_that_tells() {
         why.contains("there is no model 'none': the library has no models yet"),
         "{why}"
     );
-    let same = json!({ "model": { "vehicle": "f550" }, "between": ["mass", "mass"] });
-    let id = server.submit_to("next-flights", &same);
-    let job = server.ended_in("next-flights", &id);
-    assert!(
-        job["error"]
-            .as_str()
-            .is_some_and(|why| why.contains("two different effects")),
-        "{job}"
-    );
-    let odd = json!({ "model": { "vehicle": "f550" }, "between": ["mass", "a b"] });
+    let refused = |between: [&str; 2]| {
+        let body = json!({ "model": { "vehicle": "f550" }, "between": between }).to_string();
+        let answer = server.ask("POST", "/api/v1/next-flights", &[], &body);
+        assert_eq!(answer.status, 422, "{between:?}");
+        answer.json()["detail"].as_str().unwrap_or_default().to_owned()
+    };
+    let detail = refused(["mass", "mass"]);
+    assert_eq!(detail, "`between`: expected two different effects, got mass twice");
+    assert!(refused(["mass", "a b"]).contains("got `a b`; nearest: "));
+    let detail = refused(["mass", "rotor-thrust-scale#7"]);
     assert_eq!(
-        server.ask("POST", "/api/v1/next-flights", &[], &odd.to_string()).status,
-        422
+        detail,
+        "`between`: expected rotors 1 to 6 of f550, got rotor-thrust-scale#7"
     );
 }
 

@@ -356,6 +356,37 @@ fn val_a_whole_run_as_ulog_is_what_px4s_own_reader_reads() {
     let other = export("ulog", &[("range", "bytes=2000-"), ("if-range", "\"another\"")]);
     assert!(other.status == 200 && other.body == ulog.body, "{}", other.headers);
     assert_eq!(export("mcap", &[("range", "bytes=1-4")]).body, b"MCAP");
+    // A range beyond the end, and another version than the one asked for, are told as problems.
+    let refused = |answer: &Answer, status: u16, words: &str| {
+        let text = String::from_utf8_lossy(&answer.body).into_owned();
+        assert!(
+            answer.status == status && text.contains(words),
+            "{}: {text}",
+            answer.status
+        );
+        assert!(
+            answer.headers.contains("application/problem+json"),
+            "{}",
+            answer.headers
+        );
+    };
+    let beyond = export("ulog", &[("range", "bytes=99999999-")]);
+    refused(&beyond, 416, "none in the range asked for");
+    assert!(
+        beyond.headers.contains(&format!("bytes */{}", ulog.body.len())),
+        "{}",
+        beyond.headers
+    );
+    let artifact = format!("/api/v1/runs/{id}/artifacts/summary.json");
+    let summary = server.ask("GET", &artifact, &[], "");
+    let own = tag(&summary).expect("an entity tag");
+    let held = server.ask("GET", &artifact, &[("if-match", &own)], "");
+    assert!(held.status == 200 && held.body == summary.body, "{}", held.headers);
+    refused(
+        &server.ask("GET", &artifact, &[("if-match", "\"another\"")], ""),
+        412,
+        "If-Match",
+    );
     assert!(export("parquet", &[]).body == std::fs::read(folder.join("telemetry.parquet")).expect("it is there"));
     assert_eq!(
         std::fs::read_dir(data.join("exports")).map(Iterator::count).ok(),

@@ -11,6 +11,9 @@ use std::path::Path;
 /// Time without a clear explanation after which the last verdict is not that of the end, s.
 const LONG_UNJUDGED_S: f64 = 5.0;
 
+/// Most changes of the verdict that are printed: the first and the last ones.
+const MOST_CHANGES: usize = 40;
+
 /// File name of a log, with the selected part.
 pub(super) fn file_name(path: &Path) -> String {
     path.file_name()
@@ -77,8 +80,8 @@ pub(super) fn text_of(report: &LogReport, against: Option<&str>) -> String {
         text += &format!("\n{smallest}\n\n");
     }
     let mut timeline = Grid::new(["time", "sequential detector", "probability"]).numbers([2]);
-    let mut row = |time: String, view: &SequentialView, obstacle: Option<&ObstacleView>| {
-        timeline.add_row([
+    let cells = |time: String, view: &SequentialView, obstacle: Option<&ObstacleView>| {
+        [
             time,
             obstacle.map_or_else(
                 || verdict_text(view),
@@ -89,14 +92,19 @@ pub(super) fn text_of(report: &LogReport, against: Option<&str>) -> String {
             } else {
                 format!("{:.4}", view.probability)
             },
-        ]);
+        ]
     };
-    for change in &report.timeline {
-        row(
-            format!("{:.3} s", change.time_s),
-            &change.sequential,
-            change.cannot_judge.as_ref(),
-        );
+    let left_out = report.timeline.len().saturating_sub(MOST_CHANGES);
+    let shown_first = if left_out > 0 { MOST_CHANGES / 2 } else { 0 };
+    for (place, change) in report.timeline.iter().enumerate() {
+        if left_out > 0 && place == shown_first {
+            let rest = format!("and {left_out} more changes, which --json has");
+            timeline.add_row(["…".to_owned(), rest, String::new()]);
+        }
+        if left_out == 0 || !(shown_first..shown_first + left_out).contains(&place) {
+            let time = format!("{:.3} s", change.time_s);
+            timeline.add_row(cells(time, &change.sequential, change.cannot_judge.as_ref()));
+        }
     }
     match report.stretches.as_slice() {
         [] => {}
@@ -105,15 +113,12 @@ pub(super) fn text_of(report: &LogReport, against: Option<&str>) -> String {
                 Some(_) => "the last",
                 None => "at the end",
             };
-            row(when.to_owned(), &last.sequential, None);
+            timeline.add_row(cells(when.to_owned(), &last.sequential, None));
         }
         stretches => {
             for stretch in stretches {
-                row(
-                    format!("{:.0}–{:.0} s", stretch.from_s, stretch.to_s),
-                    &stretch.sequential,
-                    None,
-                );
+                let when = format!("{:.0}–{:.0} s", stretch.from_s, stretch.to_s);
+                timeline.add_row(cells(when, &stretch.sequential, None));
             }
         }
     }

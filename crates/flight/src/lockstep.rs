@@ -159,7 +159,7 @@ impl From<&LinkError> for Failure {
                 ..
             } => (*role, *last_step, *silence),
             LinkError::PeerMissing { role, limit, .. } => (*role, None, *limit),
-            LinkError::Refused { role, .. } => (*role, None, Duration::ZERO),
+            LinkError::Refused { role, .. } | LinkError::Unreadable { role, .. } => (*role, None, Duration::ZERO),
             LinkError::ProtocolViolation { role, step, .. } => (*role, Some(*step), Duration::ZERO),
             LinkError::RunFailed { .. } | LinkError::Stopped | LinkError::Transport { .. } => {
                 (Role::Plant, None, Duration::ZERO)

@@ -100,6 +100,11 @@ pub trait Endpoint {
     /// The next packet of the inbox, if there is one.
     fn poll(&mut self) -> Result<Option<Packet>, LinkError>;
 
+    /// Why the last message of the hand-shake that came from this role was dropped instead of being returned by `poll`.
+    fn dropped(&self, _role: Role) -> Option<&str> {
+        None
+    }
+
     /// Sleeps until something may have arrived, at most for this long.
     fn wait(&mut self, at_most: Duration) -> Result<(), LinkError>;
 
@@ -136,6 +141,10 @@ impl<E: Endpoint + ?Sized> Endpoint for Box<E> {
 
     fn poll(&mut self) -> Result<Option<Packet>, LinkError> {
         (**self).poll()
+    }
+
+    fn dropped(&self, role: Role) -> Option<&str> {
+        (**self).dropped(role)
     }
 
     fn wait(&mut self, at_most: Duration) -> Result<(), LinkError> {
@@ -178,6 +187,24 @@ impl Patience {
     }
 }
 
+/// Why a message was no answer.
+#[derive(Clone, Copy, Debug)]
+enum Unused {
+    /// It names another run.
+    Run { named: u64 },
+    /// It answers a step again that was answered before.
+    Step { named: u64, due: u64 },
+}
+
+impl Unused {
+    fn reason(self, run_id: u64) -> String {
+        match self {
+            Self::Run { named } => format!("it names run {named:016x}, this is run {run_id:016x}"),
+            Self::Step { named, due } => format!("it answers step {named} again, step {due} is due"),
+        }
+    }
+}
+
 /// Another process, as seen from here.
 #[derive(Debug)]
 struct Other {
@@ -191,6 +218,8 @@ struct Other {
     pid: Option<u32>,
     last_step: Option<u64>,
     last_heard: Instant,
+    /// Its last message, if that was no answer.
+    unused: Option<Unused>,
 }
 
 impl Other {
@@ -204,6 +233,7 @@ impl Other {
             pid: None,
             last_step: None,
             last_heard: now(),
+            unused: None,
         }
     }
 
@@ -237,13 +267,22 @@ impl Other {
         }
     }
 
-    fn silent(&self, limit: Duration) -> LinkError {
+    /// Why its last message was no answer.
+    fn unused(&self, endpoint: &impl Endpoint) -> Option<String> {
+        let dropped = || endpoint.dropped(self.role).map(str::to_owned);
+        self.unused
+            .map(|unused| unused.reason(endpoint.run_id()))
+            .or_else(dropped)
+    }
+
+    fn silent(&self, limit: Duration, endpoint: &impl Endpoint) -> LinkError {
         LinkError::PeerSilent {
             role: self.role,
             program: self.program.clone(),
             last_step: self.last_step,
             silence: self.last_heard.elapsed(),
             limit,
+            unused: self.unused(endpoint),
         }
     }
 }
@@ -331,12 +370,21 @@ impl<E: Endpoint> EndpointLink<E> {
     /// Empties the inbox until the command of the current step has arrived, or nothing is left.
     fn drain(&mut self) -> Result<(), LinkError> {
         while self.command.is_none() {
-            match self.endpoint.poll()? {
+            match self.poll()? {
                 Some(packet) => self.take_in(packet)?,
                 None => break,
             }
         }
         Ok(())
+    }
+
+    /// The next packet; one that cannot be read is an answer to the step that was due.
+    fn poll(&mut self) -> Result<Option<Packet>, LinkError> {
+        self.endpoint.poll().map_err(|error| {
+            error
+                .at_step(Role::Controller, self.sent.saturating_sub(1))
+                .at_step(Role::Fdi, self.reported)
+        })
     }
 
     fn take_in(&mut self, packet: Packet) -> Result<(), LinkError> {
@@ -347,11 +395,17 @@ impl<E: Endpoint> EndpointLink<E> {
                     return Ok(());
                 };
                 let step = command.stamp.step;
-                if command.stamp.run_id != run_id {
+                let named = command.stamp.run_id;
+                if named != run_id {
+                    self.controller.unused = Some(Unused::Run { named });
                     return Ok(());
                 }
                 if step < expected || self.controller.last_step == Some(step) {
                     self.strays.repeated += 1;
+                    self.controller.unused = Some(Unused::Step {
+                        named: step,
+                        due: expected,
+                    });
                     return Ok(());
                 }
                 if step > expected {
@@ -365,11 +419,18 @@ impl<E: Endpoint> EndpointLink<E> {
                 convert::check_command(&command, self.rotor_count)
                     .map_err(|error| protocol_violation(Role::Controller, step, error))?;
                 self.controller.last_step = Some(step);
+                self.controller.unused = None;
                 self.command = Some(command);
             }
             Packet::Report(report) => {
                 let step = report.stamp.step;
-                if report.stamp.run_id != run_id || step < self.reported {
+                let (named, due) = (report.stamp.run_id, self.reported);
+                if named != run_id {
+                    self.fdi.unused = Some(Unused::Run { named });
+                    return Ok(());
+                }
+                if step < due {
+                    self.fdi.unused = Some(Unused::Step { named: step, due });
                     return Ok(());
                 }
                 if step > self.reported {
@@ -387,13 +448,18 @@ impl<E: Endpoint> EndpointLink<E> {
                     .map_err(|error| protocol_violation(Role::Fdi, step, error))?;
                 self.fdi.last_step = Some(step);
                 self.fdi.last_heard = self.clock;
+                self.fdi.unused = None;
                 self.reported += 1;
                 self.reports.push_back(report);
             }
             Packet::Join(join) => self.meet(&join)?,
-            Packet::Ready(ready) if ready.run_id == run_id => {
-                let role = ready.role();
+            Packet::Ready(ready) => {
+                let (role, named) = (ready.role(), ready.run_id);
                 let Some(peer) = self.peer(role) else { return Ok(()) };
+                if named != run_id {
+                    peer.unused = Some(Unused::Run { named });
+                    return Ok(());
+                }
                 if !ready.refusal.is_empty() {
                     return Err(LinkError::Refused {
                         role,
@@ -403,8 +469,8 @@ impl<E: Endpoint> EndpointLink<E> {
                 peer.ready = true;
                 peer.last_heard = now();
             }
-            // From another run, or from another process acting as the plant.
-            Packet::Ready(_) | Packet::Setup(_) | Packet::Sensors(_) | Packet::Finish(_) => {}
+            // From another process acting as the plant.
+            Packet::Setup(_) | Packet::Sensors(_) | Packet::Finish(_) => {}
         }
         Ok(())
     }
@@ -420,14 +486,20 @@ impl<E: Endpoint> EndpointLink<E> {
     /// Handles a join request, possibly repeated because the Setup has not arrived.
     fn meet(&mut self, join: &Join) -> Result<(), LinkError> {
         let role = join.role();
-        if join.run_id != self.endpoint.run_id() || self.sent > 0 {
+        if self.sent > 0 {
             return Ok(());
         }
+        let (named, run_id) = (join.run_id, self.endpoint.run_id());
         let Some(setup) = self.setup.clone() else { return Ok(()) };
         let Some(peer) = self.peer(role) else { return Ok(()) };
+        if named != run_id {
+            peer.unused = Some(Unused::Run { named });
+            return Ok(());
+        }
         if peer.ready {
             return Ok(());
         }
+        peer.unused = None;
         let program = format!("{}, process {} on {}", join.program, join.pid, join.host);
         if peer.present && peer.program != program {
             let reason = format!("there are two of them: {} and {program}", peer.program);
@@ -480,7 +552,7 @@ impl<E: Endpoint> EndpointLink<E> {
         // Before the first step it may have sent a reason.
         let begin = now();
         while self.sent == 0 && begin.elapsed() < LAST_WORDS {
-            while let Some(packet) = self.endpoint.poll()? {
+            while let Some(packet) = self.poll()? {
                 self.take_in(packet)?;
             }
             self.endpoint.wait(LAST_WORDS / 10)?;
@@ -555,6 +627,7 @@ impl<E: Endpoint> PlantLink for EndpointLink<E> {
                         run_id: setup.run_id,
                         address: self.endpoint.address(),
                         limit,
+                        unused: peer.unused(&self.endpoint),
                     });
                 }
                 let unready = if self.controller.ready {
@@ -562,7 +635,7 @@ impl<E: Endpoint> PlantLink for EndpointLink<E> {
                 } else {
                     &self.controller
                 };
-                return Err(unready.silent(limit));
+                return Err(unready.silent(limit, &self.endpoint));
             }
             self.endpoint.wait(LIFE_CHECK.min(limit - waited))?;
         }
@@ -601,7 +674,7 @@ impl<E: Endpoint> PlantLink for EndpointLink<E> {
                 let at = now();
                 self.check_life(at, false)?;
                 if patience.is_over(at) {
-                    return Err(self.controller.silent(self.timing.step));
+                    return Err(self.controller.silent(self.timing.step, &self.endpoint));
                 }
             }
             self.endpoint.wait(LIFE_CHECK.min(self.timing.step))?;
@@ -620,7 +693,7 @@ impl<E: Endpoint> PlantLink for EndpointLink<E> {
         let mut patience: Option<Patience> = None;
         loop {
             // Not `drain`: one report is enough, the others stay queued.
-            while let Some(packet) = self.endpoint.poll()? {
+            while let Some(packet) = self.poll()? {
                 self.take_in(packet)?;
                 if let Some(report) = self.reports.pop_front() {
                     return Ok(Some(report));
@@ -644,7 +717,7 @@ impl<E: Endpoint> PlantLink for EndpointLink<E> {
                     let is_over = patience.is_over(at);
                     self.check_life(at, false)?;
                     if is_over {
-                        return Err(self.fdi.silent(self.timing.step));
+                        return Err(self.fdi.silent(self.timing.step, &self.endpoint));
                     }
                     self.endpoint.wake(Role::Fdi)?;
                 }
@@ -801,6 +874,7 @@ impl<'a, E: Endpoint> Peer<'a, E> {
                     run_id,
                     address: self.endpoint.address(),
                     limit: self.options.join,
+                    unused: self.plant.unused(self.endpoint),
                 });
             }
             self.endpoint.wait(JOIN_PERIOD.min(self.options.join - waited))?;
@@ -833,7 +907,11 @@ impl<'a, E: Endpoint> Peer<'a, E> {
 
     /// The next packet, if there is one.
     fn poll(&mut self) -> Result<Option<Packet>, LinkError> {
-        let packet = self.endpoint.poll()?;
+        let packet = self.endpoint.poll().map_err(|error| {
+            error
+                .at_step(Role::Plant, self.steps)
+                .at_step(Role::Controller, self.steps)
+        })?;
         self.heard |= packet.is_some();
         Ok(packet)
     }
@@ -859,7 +937,7 @@ impl<'a, E: Endpoint> Peer<'a, E> {
         }
         self.last_sleep = before;
         if self.patience.is_over(before) {
-            return Err(self.plant.silent(limit));
+            return Err(self.plant.silent(limit, self.endpoint));
         }
         let thorough = before.saturating_duration_since(self.last_life_check) >= LIFE_CHECK;
         if thorough {
@@ -1037,9 +1115,15 @@ pub fn serve_fdi<E: Endpoint>(
     }
 }
 
-/// A message that could not be decoded, attributed to its sender.
-pub fn malformed(sender: Role, step: u64, error: &ConvertError) -> LinkError {
-    protocol_violation(sender, step, error)
+/// A message that could not be decoded, attributed to its sender. `step`: the step that it names, if it could be read.
+pub fn malformed(sender: Role, step: Option<u64>, error: &ConvertError) -> LinkError {
+    match step {
+        Some(step) => protocol_violation(sender, step, error),
+        None => LinkError::Unreadable {
+            role: sender,
+            reason: error.to_string(),
+        },
+    }
 }
 
 #[cfg(test)]

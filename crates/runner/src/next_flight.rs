@@ -47,14 +47,7 @@ pub fn propose(job: &Job) -> Result<Proposed, Failure> {
 
 fn between(job: &Job, found: &Found) -> Result<Proposed, String> {
     let catalogue = catalogue_of(&found.version)?;
-    let [a, b] = &job.between;
-    let [a, b] = [Rival::parse(a, &catalogue)?, Rival::parse(b, &catalogue)?];
-    if a == b {
-        return Err(format!(
-            "--between: expected two different effects, got {} twice",
-            a.label()
-        ));
-    }
+    let [a, b] = Rival::pair(&job.between, &found.version, &catalogue)?;
     let scenario = job.out.as_deref().map(ScenarioFiles::beside);
     if let Some(files) = &scenario {
         files.can_be_written()?;

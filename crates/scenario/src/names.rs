@@ -243,7 +243,10 @@ pub fn nearest_of(kind: Kind, name: &str) -> Option<String> {
 
 /// The closest match in `known` for a misspelt `name`.
 pub fn nearest<'a>(name: &str, known: impl Iterator<Item = &'a str>) -> Option<&'a str> {
+    let length = |text: &str| text.chars().count();
     known
+        // The measure is high for any text that begins with the few letters of a short one.
+        .filter(|other| 2 * length(other) > length(name))
         .map(|other| (strsim::jaro_winkler(name, other), other))
         .filter(|(similarity, _)| *similarity >= SIMILAR)
         .max_by(|a, b| a.0.total_cmp(&b.0))

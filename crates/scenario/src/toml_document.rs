@@ -406,8 +406,8 @@ fn holds(table: &DeTable<'_>, span: &Range<usize>) -> bool {
     })
 }
 
-/// The key that a serde message names, if any, and the message in the wording of [`ConfigError`].
-fn reword(message: &str) -> (Option<&str>, String) {
+/// The key that a message of serde names, if any, and the message in the wording of [`ConfigError`], without the names of Rust's types.
+pub fn reword(message: &str) -> (Option<&str>, String) {
     let quoted = message.split('`').nth(1);
     if message.starts_with("unknown field") {
         let expected: Vec<&str> = message.split('`').skip(3).step_by(2).collect();
@@ -473,9 +473,11 @@ fn plain_type(expected: &str) -> &str {
     match expected {
         "f64" | "f32" => "a number",
         "u64" | "u32" | "u16" | "u8" | "usize" => "a whole number, 0 or more",
+        "i64" | "i32" | "i16" | "i8" | "isize" => "a whole number",
         "a sequence" => "a list",
         "a boolean" => "true or false",
         "a string" => "a text",
+        other if other.contains("struct ") || other.contains("enum ") || other == "a map" => "names with values",
         other => other,
     }
 }

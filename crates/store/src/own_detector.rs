@@ -65,6 +65,13 @@ pub trait Detector {
     fn name(&self) -> &str;
     /// A flight of a vehicle with this number of rotors begins.
     fn begin(&mut self, rotor_count: usize);
+    /// Why it cannot judge a flight from 0 s to this time, s.
+    ///
+    /// # Errors
+    /// In words.
+    fn check(&self, _flight_s: f64) -> std::result::Result<(), String> {
+        Ok(())
+    }
     /// The verdict in force after this step: 0 healthy, i rotor i, 100 i + j rotors i < j, or another code of
     /// [`verdict_code`](rotortwin_flight_core::fdi::verdict_code).
     fn step(&mut self, seen: &Seen) -> i32;
@@ -73,8 +80,8 @@ pub trait Detector {
 /// A detector judges the run in this folder, which then has its verdicts and scores; returns the new summary.
 ///
 /// # Errors
-/// No complete run of this version of the program; a name that is empty, too long or one of ours; a verdict that does not exist; files that
-/// cannot be read or written. Nothing is changed unless the detector has judged the whole flight.
+/// No complete run of this version of the program; a name that is empty, too long or one of ours; a verdict that does not exist, or outside
+/// of the flight; files that cannot be read or written. Nothing is changed unless the detector has judged the whole flight.
 pub fn judge(run: &Path, detector: &mut dyn Detector) -> Result<Summary> {
     let refused = |reason: String| StoreError::Judge {
         path: run.to_owned(),
@@ -91,6 +98,7 @@ pub fn judge(run: &Path, detector: &mut dyn Detector) -> Result<Summary> {
     }
     let file = TelemetryFile::open(&path)?;
     let recorded = Recorded::of(&file).map_err(refused)?;
+    detector.check(summary.simulated_s).map_err(refused)?;
 
     let verdicts = verdicts(&file, &path, recorded.header.rotor_count, detector)?;
     let scores = scores(&file, &path, &summary, &verdicts)?;
@@ -123,20 +131,13 @@ fn column_of(name: &str, summary: &Summary) -> std::result::Result<String, Strin
             "a detector's name has {length} characters; expected 1 to {LONGEST_NAME} that can be printed"
         ));
     }
-    let same = |other: &str| other.to_lowercase() == name.to_lowercase();
-    if Evaluator::ALL.iter().any(|evaluator| same(evaluator.title())) {
+    let plain = in_plain_letters(name);
+    let ours = |evaluator: &Evaluator| {
+        plain == in_plain_letters(evaluator.title()) || evaluator.column().strip_prefix("verdict_") == Some(&plain)
+    };
+    if Evaluator::ALL.iter().any(ours) {
         return Err(format!("'{name}' is a detector of this program; expected another name"));
     }
-    let plain: String = name
-        .chars()
-        .map(|c| {
-            if c.is_ascii_alphanumeric() {
-                c.to_ascii_lowercase()
-            } else {
-                '_'
-            }
-        })
-        .collect();
     let column = format!("{PREFIX}{plain}");
     match summary
         .own_detectors
@@ -149,6 +150,18 @@ fn column_of(name: &str, summary: &Summary) -> std::result::Result<String, Strin
         )),
         None => Ok(column),
     }
+}
+
+/// Lower case, with `_` for all but letters and digits.
+fn in_plain_letters(name: &str) -> String {
+    let plain = |c: char| {
+        if c.is_ascii_alphanumeric() {
+            c.to_ascii_lowercase()
+        } else {
+            '_'
+        }
+    };
+    name.chars().map(plain).collect()
 }
 
 /// Facts of a finished run that its telemetry holds.
@@ -387,6 +400,9 @@ fn changes(verdicts: &[i32], step_ns: u64) -> Vec<(u64, String)> {
     changes
 }
 
+/// Times of a table are rounded: a microsecond before its step is the step.
+const ROUNDED_S: f64 = 1e-6;
+
 /// Verdicts that were said elsewhere: each holds from its time until the next one.
 #[derive(Debug)]
 pub struct Listed {
@@ -437,9 +453,19 @@ impl Detector for Listed {
         self.next = 0;
     }
 
+    fn check(&self, flight_s: f64) -> std::result::Result<(), String> {
+        let outside = |time_s: f64| time_s < -ROUNDED_S || time_s > flight_s + ROUNDED_S;
+        match self.said.iter().position(|(time_s, _)| outside(*time_s)) {
+            Some(place) => Err(format!(
+                "time {} is {} s; expected 0 to {flight_s} s, the flight",
+                place + 1,
+                self.said[place].0
+            )),
+            None => Ok(()),
+        }
+    }
+
     fn step(&mut self, seen: &Seen) -> i32 {
-        // Times of a table are rounded: a microsecond before its step is the step.
-        const ROUNDED_S: f64 = 1e-6;
         while self
             .said
             .get(self.next)
@@ -490,6 +516,17 @@ mod tests {
     }
 
     #[test]
+    fn val_verdicts_outside_of_the_flight_are_refused() {
+        let check = |time_s: f64| Listed::new("mine", vec![(0.0, 0), (time_s, 3)]).unwrap().check(60.0);
+        assert_eq!(check(60.0), Ok(()));
+        assert_eq!(
+            check(61.0).unwrap_err(),
+            "time 2 is 61 s; expected 0 to 60 s, the flight"
+        );
+        assert!(Listed::new("mine", vec![(-1.0, 0)]).unwrap().check(60.0).is_err());
+    }
+
+    #[test]
     fn val_names_that_cannot_be_told_apart_are_refused() {
         let mut summary = Summary::default();
         assert_eq!(column_of("Yaw rate", &summary).unwrap(), "verdict_own_yaw_rate");
@@ -500,7 +537,9 @@ mod tests {
         });
         assert!(column_of("Yaw rate", &summary).is_ok());
         assert!(column_of("yaw-rate", &summary).unwrap_err().contains("'Yaw rate'"));
-        assert!(column_of("t-test", &summary).unwrap_err().contains("of this program"));
+        for ours in ["t-test", "T_test", "sequential", "Sequential detector", "network"] {
+            assert!(column_of(ours, &summary).unwrap_err().contains("of this program"));
+        }
         for name in ["", "a\nb", &"x".repeat(41)] {
             assert!(column_of(name, &summary).unwrap_err().contains("1 to 40"));
         }

@@ -266,6 +266,14 @@ fn val_each_mistake_is_named_at_each_rate() {
 }
 
 #[test]
+fn val_rows_that_are_seconds_apart_are_named() {
+    let (time, columns) = motion(50.0);
+    let ms = time.iter().map(|t| 1000.0 * t).collect();
+    assert!(kinds(&log(ms, columns.clone())).contains(&FindingKind::SlowRows));
+    assert!(!kinds(&log(time, columns)).contains(&FindingKind::SlowRows));
+}
+
+#[test]
 fn val_grounded_and_empty_logs_are_named() {
     let (time, mut columns) = motion(100.0);
     for rotor in 1..=4 {

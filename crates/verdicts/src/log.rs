@@ -528,15 +528,15 @@ fn run(
             detectors.vehicle().vehicle.name
         )));
     }
+    let vehicle = &detectors.vehicle().vehicle;
+    if let Some(refusal) = log.refusal_before_detection(vehicle) {
+        return Err(LogRefusal(refusal));
+    }
     if log.duration_s() > LONGEST_S {
         return Err(LogRefusal(format!(
             "the log lasts {:.0} s, expected {LONGEST_S} s at most; judge parts of it",
             log.duration_s()
         )));
-    }
-    let vehicle = &detectors.vehicle().vehicle;
-    if let Some(refusal) = log.refusal_before_detection(vehicle) {
-        return Err(LogRefusal(refusal));
     }
     let rate_hz = judged_rate_hz(log);
     let is_slow = rate_hz < STEP_RATE_HZ;

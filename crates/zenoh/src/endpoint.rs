@@ -295,6 +295,8 @@ pub struct ZenohEndpoint {
     reports: Vec<proto::FdiReport>,
     /// FDI engine and plant: remainder of the last list.
     decoded: VecDeque<Packet>,
+    /// The last message of the hand-shake that could not be used, with the role that its key names.
+    dropped: Option<(Role, String)>,
     subscribers: Vec<Subscriber<()>>,
     token: Option<LivelinessToken>,
     session: zenoh::Session,
@@ -400,6 +402,7 @@ impl ZenohEndpoint {
             steps: Vec::new(),
             reports: Vec::new(),
             decoded: VecDeque::new(),
+            dropped: None,
             subscribers,
             token: Some(token),
             session,
@@ -480,7 +483,7 @@ impl ZenohEndpoint {
                 for step in list.steps {
                     let (Some(sent), Some(answer)) = (&step.sensors, &step.command) else {
                         let missing = ConvertError::Missing("MeasuredStep.sensors or MeasuredStep.command");
-                        return Err(malformed(Role::Plant, 0, &missing));
+                        return Err(malformed(Role::Plant, None, &missing));
                     };
                     self.decoded.push_back(Packet::Sensors(sensors(sent)?));
                     self.decoded
@@ -544,12 +547,12 @@ fn own_role(key: Role, said: Role, field: &'static str) -> Result<(), LinkError>
     let other = ConvertError::Malformed {
         message: field,
         reason: format!(
-            "it claims to be from {}, but came from the {}",
+            "it claims to be from the {}, but came from the {}",
             role_name(said),
             role_name(key)
         ),
     };
-    Err(malformed(key, 0, &other))
+    Err(malformed(key, None, &other))
 }
 
 fn sensors(message: &proto::SensorFrame) -> Result<SensorFrame, LinkError> {
@@ -561,15 +564,15 @@ fn command(message: &proto::MotorCommand, rotor_count: usize) -> Result<CommandF
         .map_err(|error| malformed(Role::Controller, step(&message.stamp), &error))
 }
 
-fn step(stamp: &Option<proto::Stamp>) -> u64 {
-    stamp.as_ref().map_or(0, |stamp| stamp.step)
+fn step(stamp: &Option<proto::Stamp>) -> Option<u64> {
+    stamp.as_ref().map(|stamp| stamp.step)
 }
 
 fn parse<M: Message + Default>(bytes: &[u8], message: &'static str, sender: Role) -> Result<M, LinkError> {
     M::decode(bytes).map_err(|error| {
         malformed(
             sender,
-            0,
+            None,
             &ConvertError::Malformed {
                 message,
                 reason: error.to_string(),
@@ -651,10 +654,20 @@ impl Endpoint for ZenohEndpoint {
                 // A malformed greeting must not end a run.
                 (Err(error), Topic::Join(_) | Topic::Setup | Topic::Ready(_) | Topic::Finish) => {
                     tracing::warn!("a message of the hand-shake was dropped: {error}");
+                    if let LinkError::Unreadable { role, reason } = error {
+                        self.dropped = Some((role, reason));
+                    }
                 }
                 (Err(error), _) => return Err(error),
             }
         }
+    }
+
+    fn dropped(&self, role: Role) -> Option<&str> {
+        self.dropped
+            .as_ref()
+            .filter(|(sender, _)| *sender == role)
+            .map(|(_, reason)| reason.as_str())
     }
 
     fn wait(&mut self, at_most: Duration) -> Result<(), LinkError> {

@@ -983,7 +983,8 @@ fn missing_peers_are_named<T: Transport>() {
             role: Role::Fdi,
             run_id: run,
             address,
-            limit: timing.join
+            limit: timing.join,
+            unused: None
         }
     );
     assert_eq!(
@@ -1327,6 +1328,50 @@ fn strays_are_ignored<T: Transport>() {
     assert!(fdi.join().expect("no panic").is_err());
 }
 
+/// A controller that answers, but not this run or not this step, is not merely silent: the plant tells what came instead.
+fn useless_answers_are_told<T: Transport>() {
+    fn spoilt<T: Transport>(spoil: impl Fn(&mut CommandFrame) + Send + 'static) -> (u64, LinkError) {
+        let place = T::create();
+        let timing = LinkTiming {
+            step: Duration::from_millis(300),
+            ..window(4, 2)
+        };
+        let run = run_id();
+        let fdi = fdi_thread(&place, run, PATIENT, Folding::new());
+        let controller = raw_controller(&place, run, move |end, _, mut command| {
+            spoil(&mut command);
+            end.send(&Packet::Command(command)).is_ok()
+        });
+        let plant = place.end(Role::Plant, run).expect("the place exists");
+        let error = expect_err(fly(&mut EndpointLink::new(plant, timing), run, 100, Delays::NONE));
+        controller.join().expect("no panic");
+        assert!(fdi.join().expect("no panic").is_err());
+        (run, error)
+    }
+    let told = |error: &LinkError| {
+        let LinkError::PeerSilent {
+            role: Role::Controller,
+            last_step: Some(4),
+            unused: Some(reason),
+            ..
+        } = error
+        else {
+            panic!("{error:?}")
+        };
+        assert!(error.to_string().ends_with(&format!("not used: {reason}")), "{error}");
+        reason.clone()
+    };
+    let (run, error) = spoilt::<T>(|command| {
+        if command.stamp.step > 4 {
+            command.stamp.run_id = 0;
+        }
+    });
+    let expected = format!("it names run 0000000000000000, this is run {run:016x}");
+    assert_eq!(told(&error), expected);
+    let (_, error) = spoilt::<T>(|command| command.stamp.step = command.stamp.step.min(4));
+    assert_eq!(told(&error), "it answers step 4 again, step 5 is due");
+}
+
 /// Repeats every frame, and sends one from another run before it.
 struct Straying<E> {
     end: E,
@@ -1561,6 +1606,10 @@ macro_rules! suite {
                 two_runs_at_once::<$transport>();
             }
             #[test]
+            fn scenario_useless_answers_are_told() {
+                useless_answers_are_told::<$transport>();
+            }
+            #[test]
             fn scenario_the_window_bounds_the_trail() {
                 the_window_bounds_the_trail::<$transport>();
             }
@@ -1725,6 +1774,92 @@ mod zenoh_only {
             "{error}"
         );
         assert!(begin.elapsed() < Duration::from_secs(3), "after {:?}", begin.elapsed());
+    }
+
+    /// A client of the hub that is not one of our endpoints.
+    fn foreign_session(place: &ZenohHub) -> zenoh::Session {
+        let mut config = zenoh::Config::default();
+        for (key, value) in [
+            ("mode", "\"client\"".to_owned()),
+            ("connect/endpoints", format!("[{:?}]", place.0)),
+            ("scouting/multicast/enabled", "false".to_owned()),
+        ] {
+            config.insert_json5(key, &value).expect("a valid setting");
+        }
+        zenoh::Wait::wait(zenoh::open(config)).expect("the plant listens")
+    }
+
+    #[test]
+    fn scenario_an_answer_that_cannot_be_read_is_blamed_on_its_step() {
+        let place = ZenohHub::create();
+        let run = run_id();
+        let fdi = fdi_thread(&place, run, PATIENT, Folding::new());
+        let own_place = place.clone();
+        let mut foreign = None;
+        let controller = raw_controller(&place, run, move |end, frame, command| {
+            if frame.stamp.step < 7 {
+                return end.send(&Packet::Command(command)).is_ok();
+            }
+            let session = foreign.get_or_insert_with(|| foreign_session(&own_place));
+            let sent = session.put(format!("rotortwin/v1/{run:016x}/command"), vec![0xff_u8; 9]);
+            zenoh::Wait::wait(sent).is_ok()
+        });
+        let plant = place.end(Role::Plant, run).expect("the place exists");
+        let error = expect_err(fly(&mut EndpointLink::new(plant, PATIENT), run, 100, Delays::NONE));
+        let LinkError::ProtocolViolation {
+            role: Role::Controller,
+            step: 7,
+            reason,
+        } = &error
+        else {
+            panic!("{error:?}")
+        };
+        assert!(reason.contains("MotorCommand"), "{reason}");
+        controller.join().expect("no panic");
+        assert!(fdi.join().expect("no panic").is_err());
+    }
+
+    #[test]
+    fn scenario_a_request_to_join_in_another_role_is_told() {
+        let place = ZenohHub::create();
+        let run = run_id();
+        let timing = LinkTiming {
+            join: Duration::from_millis(900),
+            ..PATIENT
+        };
+        let plant = place.end(Role::Plant, run).expect("the place exists");
+        let fdi = fdi_thread(&place, run, PATIENT, Folding::new());
+        let own_place = place.clone();
+        let stranger = std::thread::spawn(move || {
+            let session = foreign_session(&own_place);
+            let join = Join {
+                run_id: run,
+                role: Role::Fdi.into(),
+                protocol_version: rotortwin_wire::PROTOCOL_VERSION,
+                ..Join::default()
+            };
+            let bytes = prost::Message::encode_to_vec(&join);
+            for _ in 0..6 {
+                let sent = session.put(format!("rotortwin/v1/{run:016x}/join/controller"), bytes.clone());
+                zenoh::Wait::wait(sent).expect("the plant listens");
+                std::thread::sleep(Duration::from_millis(100));
+            }
+        });
+        let error = expect_err(fly(&mut EndpointLink::new(plant, timing), run, 10, Delays::NONE));
+        let LinkError::PeerMissing {
+            role: Role::Controller,
+            unused: Some(reason),
+            ..
+        } = &error
+        else {
+            panic!("{error:?}")
+        };
+        assert!(
+            reason.contains("it claims to be from the FDI engine, but came from the controller"),
+            "{reason}"
+        );
+        stranger.join().expect("no panic");
+        assert!(fdi.join().expect("no panic").is_err());
     }
 
     #[test]

@@ -4,6 +4,7 @@ use axum::extract::rejection::{BytesRejection, JsonRejection, PathRejection, Que
 use axum::extract::ws::rejection::WebSocketUpgradeRejection;
 use axum::http::{StatusCode, header};
 use axum::response::{IntoResponse, Response};
+use rotortwin_scenario::toml_document::reword;
 use serde::{Deserialize, Serialize};
 use std::error::Error;
 use std::io::ErrorKind;
@@ -114,6 +115,16 @@ impl Problem {
     /// 413: larger than the server's limit.
     pub fn too_large(detail: impl Into<String>) -> Self {
         Self::new(StatusCode::PAYLOAD_TOO_LARGE, "too-large", "Content Too Large", detail)
+    }
+
+    /// 416: no byte of the file is in the range.
+    pub fn range_not_satisfiable(detail: impl Into<String>) -> Self {
+        Self::new(
+            StatusCode::RANGE_NOT_SATISFIABLE,
+            "range-not-satisfiable",
+            "Range Not Satisfiable",
+            detail,
+        )
     }
 
     /// 415: unsupported format of the body.
@@ -251,7 +262,50 @@ impl IntoResponse for Problem {
 
 impl From<JsonRejection> for Problem {
     fn from(rejection: JsonRejection) -> Self {
-        Self::of_rejection(rejection.status(), rejection.body_text())
+        Self::of_rejection(rejection.status(), of_json(&rejection.body_text()))
+    }
+}
+
+/// What is wrong with a body, from axum's text.
+fn of_json(text: &str) -> String {
+    const NO_JSON: &str = "Failed to parse the request body as JSON: ";
+    const OTHER_TYPE: &str = "Failed to deserialize the JSON body into the target type: ";
+    match (text.strip_prefix(OTHER_TYPE), text.strip_prefix(NO_JSON)) {
+        (Some(rest), _) => of_serde("the body", rest),
+        (None, Some(reason)) => format!("the body is not JSON: {reason}"),
+        (None, None) => text.to_owned(),
+    }
+}
+
+/// What is wrong in `what`, from `key[0].key: MESSAGE at line 1 column 9`, where key and place may be missing.
+fn of_serde(what: &str, text: &str) -> String {
+    /// Beginnings of serde's messages.
+    const KINDS: [&str; 6] = [
+        "invalid type: ",
+        "invalid value: ",
+        "invalid length ",
+        "unknown field ",
+        "unknown variant ",
+        "missing field ",
+    ];
+    let Some(begin) = KINDS.iter().filter_map(|kind| text.find(kind)).min() else {
+        return format!("{what}: {text}");
+    };
+    let (key, message) = text.split_at(begin);
+    let key = key.trim_end_matches(": ");
+    let (message, place) = match message.rsplit_once(" at line ") {
+        Some((message, place)) => (message, format!(" (line {place})")),
+        None => (message, String::new()),
+    };
+    let (named, reason) = reword(message);
+    let mut keys: Vec<&str> = [Some(key).filter(|key| !key.is_empty() && *key != "."), named]
+        .into_iter()
+        .flatten()
+        .collect();
+    keys.dedup();
+    match keys.as_slice() {
+        [] => format!("{what}: {reason}{place}"),
+        keys => format!("{what}, `{}`: {reason}{place}", keys.join(".")),
     }
 }
 
@@ -263,7 +317,9 @@ impl From<PathRejection> for Problem {
 
 impl From<QueryRejection> for Problem {
     fn from(rejection: QueryRejection) -> Self {
-        Self::bad_request(rejection.body_text())
+        let text = rejection.body_text();
+        let rest = text.strip_prefix("Failed to deserialize query string: ");
+        Self::bad_request(rest.map_or_else(|| text.clone(), |rest| of_serde("the query", rest)))
     }
 }
 
@@ -328,5 +384,44 @@ fn is_away(error: &sqlx::Error) -> bool {
             .code()
             .is_some_and(|code| PASSING.contains(&code.as_ref()) || code.starts_with("08")),
         _ => false,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn val_refusals_of_a_body_name_no_type_of_rust() {
+        let of = |rest: &str| {
+            of_json(&format!(
+                "Failed to deserialize the JSON body into the target type: {rest}"
+            ))
+        };
+        for (said, expected) in [
+            (
+                "seed: invalid type: string \"x\", expected u64 at line 1 column 20",
+                "the body, `seed`: expected a whole number, 0 or more, got string \"x\" (line 1 column 20)",
+            ),
+            (
+                "unknown field `sede`, expected `seed` or `link` at line 1 column 7",
+                "the body, `sede`: unknown key, expected one of seed, link (line 1 column 7)",
+            ),
+            (
+                "missing field `flights` at line 1 column 2",
+                "the body, `flights`: missing key (line 1 column 2)",
+            ),
+            (
+                "invalid type: null, expected struct RunSubmission at line 1 column 4",
+                "the body: expected names with values, got null (line 1 column 4)",
+            ),
+            ("anything else", "the body: anything else"),
+        ] {
+            assert_eq!(of(said), expected);
+        }
+        assert_eq!(
+            of_json("Failed to parse the request body as JSON: EOF while parsing at line 1 column 2"),
+            "the body is not JSON: EOF while parsing at line 1 column 2"
+        );
     }
 }

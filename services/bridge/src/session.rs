@@ -170,6 +170,7 @@ impl<L: Line> BoardLink<L> {
                     run_id: self.run_id,
                     address: self.address.clone(),
                     limit: join,
+                    unused: None,
                 },
                 other => self.error(other),
             })?;
@@ -251,6 +252,7 @@ impl<L: Line> BoardLink<L> {
                 last_step: self.last_step,
                 silence,
                 limit: self.options.step,
+                unused: None,
             },
             Trouble::Refused(reason) => LinkError::Refused {
                 role: Role::Controller,

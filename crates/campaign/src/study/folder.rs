@@ -108,6 +108,13 @@ pub fn check_manifest(place: &str, found: &[u8], campaign: &Campaign) -> Result<
     Ok(())
 }
 
+/// Whether this is what a campaign leaves that ended, killed or for want of space, before its manifest was written.
+fn is_of_a_beginning(path: &Path) -> bool {
+    let is = |name: &str| path.file_name().is_some_and(|file| file == name);
+    let is_empty = || std::fs::read_dir(path).is_ok_and(|mut entries| entries.next().is_none());
+    is(LOCK) || path.extension().is_some_and(|ending| ending == PART) || is(SHARDS) && is_empty()
+}
+
 /// Path of a shard below the folder.
 pub fn shard_name(shard: u64) -> String {
     format!("{SHARDS}/{shard:06}.parquet")
@@ -140,7 +147,9 @@ impl CampaignFolder {
             Some(text) => check_manifest(&shown.to_string(), text.as_bytes(), campaign)?,
             None => {
                 let occupied = match std::fs::read_dir(path) {
-                    Ok(mut entries) => entries.next().is_some(),
+                    Ok(entries) => entries
+                        .filter_map(Result::ok)
+                        .any(|entry| !is_of_a_beginning(&entry.path())),
                     Err(error) if error.kind() == std::io::ErrorKind::NotFound => false,
                     Err(error) => return Err(format!("{shown}: cannot be read as a folder: {error}")),
                 };
@@ -315,7 +324,10 @@ pub fn read_records(file: impl ChunkReader + 'static) -> Result<Vec<FlightRecord
 /// Writes a file under a temporary name and renames it.
 pub fn write_whole(path: &Path, content: &[u8]) -> Result<(), String> {
     let part = path.with_extension(PART);
-    std::fs::write(&part, content)
-        .and_then(|()| std::fs::rename(&part, path))
-        .map_err(|error| format!("{}: cannot be written: {error}", path.display()))
+    let written = std::fs::write(&part, content).and_then(|()| std::fs::rename(&part, path));
+    if written.is_err() {
+        // The first error is the one to report.
+        drop(std::fs::remove_file(&part));
+    }
+    written.map_err(|error| format!("{}: cannot be written: {error}", path.display()))
 }

@@ -84,22 +84,26 @@ pub fn plan(folder: &CampaignFolder, options: &RunOptions) -> Plan {
     }
 }
 
-/// Repeats a flight of the first and of the last existing shard: a program with different results must not continue.
+/// Reads the existing shards, and repeats a flight of the first and of the last one: a program with different results must not continue,
+/// nor a campaign with a shard that only its end would find damaged.
 ///
 /// # Errors
-/// The results differ: the message names `place`, where the shards are.
+/// A shard cannot be read, or the results differ: the message names `place`, where the shards are.
 pub fn check_same_program(
     campaign: &Campaign,
     engine: &dyn FlightEngine,
     folder: &CampaignFolder,
     place: &str,
 ) -> Result<(), String> {
-    let mut present = (0..folder.shard_count()).filter(|shard| folder.has_shard(*shard));
-    let mut ends: Vec<u64> = present.next().into_iter().chain(present.next_back()).collect();
-    ends.dedup();
-    for shard in ends {
-        let records = folder.read_shard(shard)?;
-        let Some(before) = records.first() else { continue };
+    let present: Vec<u64> = (0..folder.shard_count())
+        .filter(|shard| folder.has_shard(*shard))
+        .collect();
+    for (index, shard) in present.iter().enumerate() {
+        let records = folder.read_shard(*shard)?;
+        let is_an_end = index == 0 || index + 1 == present.len();
+        let Some(before) = records.first().filter(|_| is_an_end) else {
+            continue;
+        };
         let now = fly(campaign, engine, before.flight..before.flight + 1);
         if now.first() != Some(before) {
             return Err(format!(

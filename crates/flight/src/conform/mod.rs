@@ -620,9 +620,17 @@ fn blame(error: &LinkError) -> Option<Suspicion> {
             let (fault, sentence) = protocol_violation(reason);
             (fault, "MotorCommand", sentence)
         }
-        LinkError::PeerSilent { role, last_step, .. } if of_controller(role) => {
+        LinkError::PeerSilent {
+            role,
+            last_step,
+            unused,
+            ..
+        } if of_controller(role) => {
             let step = last_step.map_or(0, |step| step + 1);
-            (Fault::MissedStep, "MotorCommand", format!("no answer to step {step}"))
+            match unused {
+                Some(reason) => (Fault::MissedStep, "MotorCommand.stamp", reason.clone()),
+                None => (Fault::MissedStep, "MotorCommand", format!("no answer to step {step}")),
+            }
         }
         LinkError::PeerDied { role, .. } if of_controller(role) => (Fault::Refusal, "process", "it ended".to_owned()),
         LinkError::Refused { role, .. } if of_controller(role) => {

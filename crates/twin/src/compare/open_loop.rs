@@ -65,7 +65,7 @@ pub fn errors(predictor: &Predictor, nuisances: &Nuisances) -> Result<Vec<OpenLo
     let prediction = predictor.predict(&set, Source::Smooth, None);
     let weight = predictor.nominal.mass_kg * predictor.nominal.gravity_m_s2;
     let flying = series.flying(&prediction.thrust, weight);
-    let every = (START_EVERY_S / series.step_s).round() as usize;
+    let every = ((START_EVERY_S / series.step_s).round() as usize).max(1);
     let steps = HORIZONS_S.map(|horizon| (horizon / series.step_s).round() as usize);
     let mut sums = [[0.0; 3]; HORIZONS_S.len()];
     let mut counts = [0_usize; HORIZONS_S.len()];

@@ -38,6 +38,8 @@ mod write;
 mod yaw;
 
 use serde::Serialize;
+use std::fmt::Display;
+use std::ops::RangeInclusive;
 
 pub use crate::model::constants::Source;
 pub use airframe::{Airframe, known_rotor_places};
@@ -63,6 +65,15 @@ use held_out::Halves;
 #[error("{0}")]
 pub struct IdentifyError(pub String);
 
+/// Masses of vehicles, kg.
+pub const MASS_KG: RangeInclusive<f64> = 0.02..=200.0;
+/// Distances from the centre to the farthest rotor, m.
+pub const ARM_M: RangeInclusive<f64> = 0.02..=5.0;
+/// Capacities of batteries, A h.
+pub const CAPACITY_AH: RangeInclusive<f64> = 0.05..=1000.0;
+/// Cells of batteries in series.
+pub const CELLS: RangeInclusive<u32> = 1..=24;
+
 /// What no log holds.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Request {
@@ -82,24 +93,27 @@ pub struct Request {
 
 impl Request {
     fn check(&self) -> Result<(), IdentifyError> {
-        let range = |name: &str, value: f64, low: f64, high: f64, unit: &str| {
-            if (low..=high).contains(&value) {
-                Ok(())
-            } else {
-                Err(IdentifyError(format!(
-                    "{name}: expected {low} to {high} {unit}, got {value}"
-                )))
-            }
-        };
-        range("mass", self.mass_kg, 0.02, 200.0, "kg")?;
-        range("arm", self.arm_m, 0.02, 5.0, "m")?;
-        if let Some(capacity) = self.capacity_ah {
-            range("capacity", capacity, 0.05, 1000.0, "Ah")?;
-        }
-        if let Some(cells) = self.cells {
-            range("cells", f64::from(cells), 1.0, 24.0, "")?;
-        }
-        Ok(())
+        within("mass", Some(self.mass_kg), &MASS_KG, " kg")?;
+        within("arm", Some(self.arm_m), &ARM_M, " m")?;
+        within("capacity", self.capacity_ah, &CAPACITY_AH, " A h")?;
+        within("cells", self.cells, &CELLS, "")
+    }
+}
+
+/// Checks a value that was given.
+fn within<T: PartialOrd + Display>(
+    name: &str,
+    value: Option<T>,
+    range: &RangeInclusive<T>,
+    unit: &str,
+) -> Result<(), IdentifyError> {
+    match value.filter(|value| !range.contains(value)) {
+        None => Ok(()),
+        Some(value) => Err(IdentifyError(format!(
+            "{name}: expected {} to {}{unit}, got {value}",
+            range.start(),
+            range.end()
+        ))),
     }
 }
 

@@ -786,8 +786,15 @@ fn rising(columns: &[Column]) -> Vec<&str> {
         .collect()
 }
 
-/// Seconds, or fractions of them, by the name, otherwise by the usual step.
+/// Seconds, or fractions of them, by the name, otherwise by the usual step; also by the step where seconds would be too far apart for any
+/// flight.
 fn unit_of_time(column: &Column, times: &[f64]) -> Clock {
+    let mut steps: Vec<f64> = times
+        .windows(2)
+        .map(|pair| pair[1] - pair[0])
+        .filter(|step| *step > 0.0)
+        .collect();
+    let step = super::resample::median(&mut steps).unwrap_or(1.0);
     let lower = column.name.to_lowercase();
     let ends = |any: &[&str]| any.iter().any(|end| lower.ends_with(end));
     if ends(&["us", "µs", "usec", "us)", "us]", "micros"]) {
@@ -799,15 +806,9 @@ fn unit_of_time(column: &Column, times: &[f64]) -> Clock {
     if ends(&["ns", "ns)", "ns]", "nanos"]) {
         return Clock::Nanoseconds;
     }
-    if ends(&["_s", "(s)", "[s]", "sec", "seconds", "secs"]) {
+    if ends(&["_s", "(s)", "[s]", "sec", "seconds", "secs"]) && step < 1.5 {
         return Clock::Seconds;
     }
-    let mut steps: Vec<f64> = times
-        .windows(2)
-        .map(|pair| pair[1] - pair[0])
-        .filter(|step| *step > 0.0)
-        .collect();
-    let step = super::resample::median(&mut steps).unwrap_or(1.0);
     // Between 2 Hz and 2 kHz in whichever unit it is.
     if step < 0.6 {
         Clock::Seconds

@@ -45,6 +45,8 @@ pub enum FindingKind {
     WorldAxesEnu,
     /// Time stamps wrong by a constant factor.
     TimeScale,
+    /// Rows too far apart for any motion of a vehicle.
+    SlowRows,
     /// Columns that never change.
     Stuck,
     /// Columns that sit on a limit.
@@ -84,6 +86,7 @@ impl fmt::Display for FindingKind {
             Self::BodyAxesFlu => "body axes forward-left-up",
             Self::WorldAxesEnu => "world axes east-north-up",
             Self::TimeScale => "time stamps off by a factor",
+            Self::SlowRows => "rows too far apart",
             Self::Stuck => "stuck column",
             Self::Saturated => "saturated column",
             Self::OneColumn => "too few columns",

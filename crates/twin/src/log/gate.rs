@@ -35,10 +35,15 @@ impl FlightLog {
     }
 
     /// The same for detectors: of the blocking findings, rotors in another order cause false faults, and without a
-    /// flight a verdict would be meaningless; the others are reported in addition.
+    /// flight, or with rows seconds apart, a verdict would be meaningless; the others are reported in addition.
     pub fn refusal_before_detection(&self, vehicle: &VehicleModel) -> Option<String> {
         let mut found = self.blocking_findings(vehicle);
-        found.retain(|finding| matches!(finding.kind, FindingKind::SwappedMotors | FindingKind::NoFlight));
+        found.retain(|finding| {
+            matches!(
+                finding.kind,
+                FindingKind::SwappedMotors | FindingKind::NoFlight | FindingKind::SlowRows
+            )
+        });
         self.refusal(&found)
     }
 

@@ -122,7 +122,7 @@ struct SideFileOut<'a> {
 impl FlightLog {
     /// Writes the log into a folder, which is made if need be; returns the Parquet file's path.
     ///
-    /// Each file appears whole or not at all.
+    /// All three files appear, whole, or none.
     ///
     /// # Errors
     /// A file of this name is there already, or the folder cannot be written.
@@ -165,14 +165,19 @@ impl FlightLog {
         let report_text = serde_json::to_value(&told)
             .and_then(|value| serde_json::to_string_pretty(&value))
             .map_err(|bad| LogError::format(&account, format!("cannot be written: {bad}")))?;
-        whole(&side, |path| {
-            std::fs::write(path, side_text).map_err(error::io(path, "cannot write"))
-        })?;
-        whole(&account, |path| {
-            std::fs::write(path, report_text).map_err(error::io(path, "cannot write"))
-        })?;
-        whole(&parquet, |path| self.write_parquet(path))?;
-        Ok(parquet)
+        let text = |path: &Path, text: String| {
+            whole(path, |path| {
+                std::fs::write(path, text).map_err(error::io(path, "cannot write"))
+            })
+        };
+        let written = text(&side, side_text)
+            .and_then(|()| text(&account, report_text))
+            .and_then(|()| whole(&parquet, |path| self.write_parquet(path)));
+        if written.is_err() {
+            // They were not there before; without the log they would only stand in the way of the next attempt.
+            drop((std::fs::remove_file(&side), std::fs::remove_file(&account)));
+        }
+        written.map(|()| parquet)
     }
 }
 

@@ -65,6 +65,30 @@ impl Rival {
         })
     }
 
+    /// Two effects that a flight of this model could distinguish.
+    ///
+    /// # Errors
+    /// One sentence: as for [`Rival::parse`], a rotor that the vehicle does not have, or one effect twice.
+    pub fn pair(between: &[String; 2], model: &ModelVersion, catalogue: &Catalogue) -> Result<[Self; 2], String> {
+        let [first, second] = between;
+        let pair = [Self::parse(first, catalogue)?, Self::parse(second, catalogue)?];
+        let rotors = model.rotor_count();
+        if let Some(absent) = pair
+            .iter()
+            .find(|rival| rival.rotor.is_some_and(|rotor| rotor > rotors))
+        {
+            return Err(format!(
+                "expected rotors 1 to {rotors} of {}, got {}",
+                model.name,
+                absent.label()
+            ));
+        }
+        if pair[0] == pair[1] {
+            return Err(format!("expected two different effects, got {} twice", pair[0].label()));
+        }
+        Ok(pair)
+    }
+
     /// `rotor-drag`, `rotor-thrust-scale#3`.
     pub fn label(&self) -> String {
         match self.rotor {

@@ -149,7 +149,7 @@ pub enum LinkError {
         silence: Duration,
     },
     /// A peer is alive, or its death is not observable, and did not answer in time.
-    #[error("the {} ({program}) did not answer {}: silent for {} ms, allowed are {} ms", role_name(*role), after(*last_step), silence.as_millis(), limit.as_millis())]
+    #[error("the {} ({program}) did not answer {}: silent for {} ms, allowed are {} ms{}", role_name(*role), after(*last_step), silence.as_millis(), limit.as_millis(), told(unused.as_deref()))]
     PeerSilent {
         /// Which peer.
         role: Role,
@@ -161,9 +161,11 @@ pub enum LinkError {
         silence: Duration,
         /// Time-out that expired.
         limit: Duration,
+        /// Why a message of it, received meanwhile, was not an answer.
+        unused: Option<String>,
     },
     /// A peer never connected.
-    #[error("the {} did not join run {run_id:016x} over {address} within {} ms", role_name(*role), limit.as_millis())]
+    #[error("the {} did not join run {run_id:016x} over {address} within {} ms{}", role_name(*role), limit.as_millis(), told(unused.as_deref()))]
     PeerMissing {
         /// Which peer.
         role: Role,
@@ -173,6 +175,8 @@ pub enum LinkError {
         address: String,
         /// Time-out that expired.
         limit: Duration,
+        /// Why a message of it, received meanwhile, was not a request to join.
+        unused: Option<String>,
     },
     /// A peer rejected its parameters, or uses another protocol version.
     #[error("the {} refused to start: {reason}", role_name(*role))]
@@ -189,6 +193,15 @@ pub enum LinkError {
         role: Role,
         /// Step that was answered.
         step: u64,
+        /// What is wrong with it.
+        reason: String,
+    },
+    /// A message of a peer cannot be read, nor therefore its step. Whoever knows the step that was due says it:
+    /// [`LinkError::at_step`].
+    #[error("the {} sent a message that cannot be read: {reason}", role_name(*role))]
+    Unreadable {
+        /// Which peer.
+        role: Role,
         /// What is wrong with it.
         reason: String,
     },
@@ -213,6 +226,28 @@ pub enum LinkError {
         /// The transport's error message.
         reason: String,
     },
+}
+
+impl LinkError {
+    /// An unreadable message of `sender` as the wrong answer to step `due`; any other error as it is.
+    #[must_use]
+    pub fn at_step(self, sender: Role, due: u64) -> Self {
+        match self {
+            Self::Unreadable { role, reason } if role == sender => Self::ProtocolViolation {
+                role,
+                step: due,
+                reason,
+            },
+            other => other,
+        }
+    }
+}
+
+/// The end of a sentence about silence: what came instead of an answer.
+fn told(unused: Option<&str>) -> String {
+    unused.map_or_else(String::new, |reason| {
+        format!("; a message of it was not used: {reason}")
+    })
 }
 
 /// Display name of a role.

@@ -9,7 +9,7 @@ use axum::Json;
 use axum::body::Body;
 use axum::extract::rejection::PathRejection;
 use axum::extract::{Path, Request};
-use axum::http::{HeaderValue, header};
+use axum::http::{HeaderValue, StatusCode, header};
 use axum::response::{IntoResponse, Response};
 use serde::Serialize;
 use tower_http::services::ServeFile;
@@ -81,7 +81,8 @@ pub(super) async fn of(app: &App, job: &Job) -> Result<Json<Artifacts>, Problem>
         (status = 304, description = "not modified"),
         (status = 400, description = "invalid path", body = Problem, content_type = "application/problem+json"),
         (status = 404, description = "run or file not found", body = Problem, content_type = "application/problem+json"),
-        (status = 416, description = "range not satisfiable")
+        (status = 412, description = "`If-Match` or `If-Unmodified-Since` does not hold", body = Problem, content_type = "application/problem+json"),
+        (status = 416, description = "range not satisfiable", body = Problem, content_type = "application/problem+json")
     ))]
 pub(crate) async fn get(
     app: Shared,
@@ -119,6 +120,17 @@ pub(super) async fn serve(
     {
         request.headers_mut().remove(header::RANGE);
     }
+    let unmet = || Problem::precondition_failed("the file is not the one that If-Match or If-Unmodified-Since names");
+    // The file's own tag, with which ServeFile would compare, is not the one that was given out.
+    if let Some(etag) = etag
+        && let Some(wanted) = request.headers_mut().remove(header::IF_MATCH)
+    {
+        if !names(&wanted, etag) {
+            return Err(unmet());
+        }
+        // Holds, so the time does not count (RFC 9110, 13.2.2).
+        request.headers_mut().remove(header::IF_UNMODIFIED_SINCE);
+    }
     let mut whole = Request::new(Body::empty());
     (*whole.method_mut(), *whole.uri_mut()) = (request.method().clone(), request.uri().clone());
     *whole.headers_mut() = request.headers().clone();
@@ -134,7 +146,28 @@ pub(super) async fn serve(
     if version.is_some_and(|version| !current.contains(&Some(&version))) {
         answer = ask(whole).await?;
     }
-    Ok(answer.map(Body::new))
+    let size = || path.metadata().map_or(0, |about| about.len());
+    let problem = match answer.status() {
+        StatusCode::RANGE_NOT_SATISFIABLE => Problem::range_not_satisfiable(format!(
+            "the file has {} bytes, none in the range asked for; expected a range such as bytes=0-99",
+            size()
+        )),
+        StatusCode::PRECONDITION_FAILED => unmet(),
+        _ => return Ok(answer.map(Body::new)),
+    };
+    let mut response = problem.into_response();
+    if let Some(range) = answer.headers().get(header::CONTENT_RANGE) {
+        response.headers_mut().insert(header::CONTENT_RANGE, range.clone());
+    }
+    Ok(response)
+}
+
+/// Whether a list of entity tags, or `*`, names this one.
+fn names(tags: &HeaderValue, etag: &HeaderValue) -> bool {
+    let (Ok(tags), Ok(etag)) = (tags.to_str(), etag.to_str()) else {
+        return false;
+    };
+    tags.trim() == "*" || tags.split(',').any(|tag| tag.trim().trim_start_matches("W/") == etag)
 }
 
 /// A file of a job.
@@ -153,14 +186,10 @@ pub(super) async fn one(app: &App, job: &Job, name: &str, request: Request) -> R
     // A job's files never change once it has ended: its attempt and their size say which they are.
     let size = file.metadata().map_err(|error| Problem::internal(&error))?.len();
     let etag = format!("\"{}-{}-{size:x}\"", job.id, job.attempts);
-    let same = |value: &HeaderValue| {
-        value
-            .to_str()
-            .is_ok_and(|text| text == "*" || text.split(',').any(|tag| tag.trim().trim_start_matches("W/") == etag))
-    };
     let etag_value = HeaderValue::from_str(&etag).map_err(|error| Problem::internal(&error))?;
-    if request.headers().get(header::IF_NONE_MATCH).is_some_and(same) {
-        return Ok((axum::http::StatusCode::NOT_MODIFIED, [(header::ETAG, etag_value)]).into_response());
+    let wanted = request.headers().get(header::IF_NONE_MATCH);
+    if wanted.is_some_and(|tags| names(tags, &etag_value)) {
+        return Ok((StatusCode::NOT_MODIFIED, [(header::ETAG, etag_value)]).into_response());
     }
     let mut response = serve(&file, request, Some(&etag_value)).await?;
     response.headers_mut().insert(header::ETAG, etag_value);

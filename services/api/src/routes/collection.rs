@@ -135,7 +135,8 @@ macro_rules! collection {
                 (status = 304, description = "not modified"),
                 (status = 400, description = "invalid path", body = Problem, content_type = "application/problem+json"),
                 (status = 404, description = "job or file not found", body = Problem, content_type = "application/problem+json"),
-                (status = 416, description = "range not satisfiable")
+                (status = 412, description = "`If-Match` or `If-Unmodified-Since` does not hold", body = Problem, content_type = "application/problem+json"),
+                (status = 416, description = "range not satisfiable", body = Problem, content_type = "application/problem+json")
             ))]
             pub(crate) async fn file(
                 app: Shared,

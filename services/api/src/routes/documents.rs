@@ -143,11 +143,16 @@ pub(super) async fn delete(
         Precondition::Hash(hash) => Some(hash.as_str()),
         Precondition::None | Precondition::Absent => None,
     };
+    let deleted = app.database.delete_document(&caller.tenant, kind, name, hash).await?;
+    if !deleted && hash.is_some() {
+        // Somebody else was faster.
+        return Err(refused(name, &precondition));
+    }
     if kind == DocumentKind::Vehicle {
         forget_intervals(app, caller, name).await?;
     }
     let had_versions = kind == DocumentKind::Model && app.database.forget_model(&caller.tenant, name).await?;
-    if app.database.delete_document(&caller.tenant, kind, name, hash).await? || had_versions {
+    if deleted || had_versions {
         return Ok(StatusCode::NO_CONTENT);
     }
     Err(Problem::not_found(format!(

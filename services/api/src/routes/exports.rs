@@ -81,7 +81,8 @@ impl Drop for Unnamed {
     (status = 400, description = "unknown format", body = Problem, content_type = "application/problem+json"),
     (status = 404, description = "run not found, or it recorded nothing", body = Problem, content_type = "application/problem+json"),
     (status = 409, description = "the run has not ended", body = Problem, content_type = "application/problem+json"),
-    (status = 416, description = "range not satisfiable"),
+    (status = 412, description = "`If-Match` or `If-Unmodified-Since` does not hold", body = Problem, content_type = "application/problem+json"),
+    (status = 416, description = "range not satisfiable", body = Problem, content_type = "application/problem+json"),
     (status = 507, description = "disk full", body = Problem, content_type = "application/problem+json")
 ))]
 pub(crate) async fn export(

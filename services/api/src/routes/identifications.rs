@@ -18,7 +18,10 @@ use axum::extract::rejection::PathRejection;
 use axum::http::{HeaderMap, HeaderValue, StatusCode, header};
 use axum::response::{IntoResponse as _, Response};
 use rotortwin_jobs::{Identification, Input, StoredJob};
+use rotortwin_twin::identify::{ARM_M, CAPACITY_AH, CELLS, MASS_KG};
 use serde::{Deserialize, Serialize};
+use std::fmt::Display;
+use std::ops::RangeInclusive;
 use utoipa::ToSchema;
 
 super::collection!(
@@ -44,10 +47,10 @@ pub(crate) struct IdentificationSubmission {
     /// Flights of the vehicle, all with the same rotors.
     flights: Flights,
     /// Mass including battery, kg.
-    #[schema(exclusive_minimum = 0)]
+    #[schema(minimum = 0.02, maximum = 200)]
     mass_kg: f64,
     /// Distance from the centre of the vehicle to the farthest rotor, m.
-    #[schema(exclusive_minimum = 0)]
+    #[schema(minimum = 0.02, maximum = 5)]
     arm_m: f64,
     /// Frame, if the log does not state it, such as `quad-x` (numbers as in ArduPilot).
     #[schema(max_length = 40)]
@@ -56,7 +59,7 @@ pub(crate) struct IdentificationSubmission {
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     trust_frame: bool,
     /// Capacity of the battery, A h.
-    #[schema(exclusive_minimum = 0)]
+    #[schema(minimum = 0.05, maximum = 1000)]
     capacity_ah: Option<f64>,
     /// Cells of the battery in series.
     #[schema(minimum = 1, maximum = 24)]
@@ -92,24 +95,25 @@ impl BenchTable {
     }
 }
 
+/// Checks a number of the body.
+fn within<T: PartialOrd + Display>(key: &str, value: Option<T>, range: &RangeInclusive<T>) -> Result<(), Problem> {
+    match value.filter(|value| !range.contains(value)) {
+        None => Ok(()),
+        Some(value) => Err(Problem::unprocessable(format!(
+            "`{key}` is {value}; expected {} to {}",
+            range.start(),
+            range.end()
+        ))),
+    }
+}
+
 impl IdentificationSubmission {
     fn check(&self) -> Result<(), Problem> {
         checked_name(&self.name)?;
-        let numbers = [
-            ("mass_kg", Some(self.mass_kg)),
-            ("arm_m", Some(self.arm_m)),
-            ("capacity_ah", self.capacity_ah),
-        ];
-        for (key, value) in numbers {
-            if let Some(value) = value.filter(|value| !(*value > 0.0 && value.is_finite())) {
-                return Err(Problem::unprocessable(format!(
-                    "`{key}` is {value}; expected a number above 0"
-                )));
-            }
-        }
-        if let Some(cells) = self.cells.filter(|cells| !(1..=24).contains(cells)) {
-            return Err(Problem::unprocessable(format!("`cells` is {cells}; expected 1 to 24")));
-        }
+        within("mass_kg", Some(self.mass_kg), &MASS_KG)?;
+        within("arm_m", Some(self.arm_m), &ARM_M)?;
+        within("capacity_ah", self.capacity_ah, &CAPACITY_AH)?;
+        within("cells", self.cells, &CELLS)?;
         let plain = |frame: &String| frame.len() <= 40 && frame.chars().all(|c| c.is_ascii_alphanumeric() || c == '-');
         if let Some(frame) = self.frame.as_ref().filter(|frame| !plain(frame)) {
             return Err(Problem::unprocessable(format!(

@@ -120,6 +120,7 @@ pub(crate) struct ListQuery {
     /// Only those submitted before this time, ms since 1970, UTC.
     pub(super) to_ms: Option<i64>,
     /// `next` of the previous page.
+    #[param(pattern = "^[0-9a-f-]{1,64}$")]
     pub(super) cursor: Option<String>,
     /// Items per page, 1 to 1000.
     #[param(minimum = 1, maximum = 1000, default = 50)]

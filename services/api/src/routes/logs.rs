@@ -302,10 +302,13 @@ fn check_rate(rate_hz: Option<f64>) -> Result<(), Problem> {
 
 /// `log`, with the suffix of the uploaded file.
 pub(super) fn file_name(name: &str) -> Result<String, Problem> {
-    let plain = |c: char| c.is_ascii_alphanumeric() || "._- ()+".contains(c);
+    // Marks that turn the direction of a text, or are not seen.
+    let hides =
+        |c: char| matches!(c, '\u{200b}'..='\u{200f}' | '\u{202a}'..='\u{202e}' | '\u{2060}'..='\u{206f}' | '\u{feff}');
+    let plain = |c: char| !c.is_control() && !"/\\".contains(c) && !hides(c);
     if name.is_empty() || name.len() > 200 || !name.chars().all(plain) {
         return Err(Problem::unprocessable(
-            "`name`: expected the name of a file, 1 to 200 letters, digits and ._- ()+",
+            "`name`: expected the name of a file, 1 to 200 bytes without slashes and control characters",
         ));
     }
     match std::path::Path::new(name)

@@ -11,6 +11,7 @@ use crate::problem::Problem;
 use axum::http::HeaderMap;
 use axum::response::Response;
 use rotortwin_jobs::{NextFlight, StoredJob};
+use rotortwin_twin::next_flight::Rival;
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
@@ -72,14 +73,22 @@ pub(crate) async fn submit(
     if let Some(answer) = jobs::before(&app, &caller, JobKind::NextFlight, &headers, &hash, JobView::from).await? {
         return Ok(answer);
     }
-    let plain = |text: &String| {
-        (1..=64).contains(&text.len()) && text.chars().all(|c| c.is_ascii_alphanumeric() || c == '-' || c == '#')
-    };
-    if let Some(bad) = body.between.iter().find(|text| !plain(text)) {
+    // The nearest id of a long text would take long to find.
+    if let Some(long) = body.between.iter().find(|text| text.len() > 64) {
         return Err(Problem::unprocessable(format!(
-            "`between` names '{bad}'; expected the id of an effect, such as mass or rotor-thrust-scale#3"
+            "`between` has an id of {} bytes; expected at most 64",
+            long.len()
         )));
     }
+    let known = body.model.read(&app, &caller).await?;
+    let catalogue = known.catalogue().map_err(|refusal| {
+        Problem::unprocessable(format!(
+            "model {}, key `{}`: {}",
+            known.name, refusal.key, refusal.reason
+        ))
+    })?;
+    Rival::pair(&body.between, &known, &catalogue)
+        .map_err(|reason| Problem::unprocessable(format!("`between`: {reason}")))?;
     let (model, inputs, name) = body.model.lay_out(&app, &caller, 0).await?;
     let job = NextFlight {
         model,

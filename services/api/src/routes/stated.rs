@@ -130,8 +130,8 @@ impl Constraint {
                 quoted.push('…');
             }
             let shown = match self.form {
-                Form::Text { .. } => format!("{quoted:?}"),
-                Form::Whole { .. } | Form::Number { .. } => quoted,
+                Form::Whole { .. } | Form::Number { .. } if quoted.parse::<f64>().is_ok() => quoted,
+                _ => format!("{quoted:?}"),
             };
             Err(Problem::bad_request(format!(
                 "`{}` is {shown}; expected {expected}",
@@ -171,7 +171,7 @@ impl Form {
         }
     }
 
-    /// What was expected instead of this value; `None`: it is as stated, or no number at all, which the handler refuses.
+    /// What was expected instead of this value; `None`: it is as stated.
     fn complaint(&self, value: &str) -> Option<String> {
         match self {
             Self::Text { least, most, pattern } => {
@@ -185,7 +185,9 @@ impl Form {
                 Some(format!("the form {pattern}"))
             }
             Self::Whole { least, most } => {
-                let number: i128 = value.parse().ok()?;
+                let Ok(number) = value.parse::<i128>() else {
+                    return Some("a whole number".to_owned());
+                };
                 // The largest number of a type is not a useful bound.
                 let unbounded = *most >= i128::from(i64::MAX) && number < *least;
                 (!(*least..=*most).contains(&number)).then(|| match unbounded {
@@ -194,10 +196,9 @@ impl Form {
                 })
             }
             Self::Number { least, above, most } => {
-                let number: f64 = value.parse().ok()?;
-                if !number.is_finite() {
+                let Some(number) = value.parse::<f64>().ok().filter(|number| number.is_finite()) else {
                     return Some("a finite number".to_owned());
-                }
+                };
                 let is_inside = number <= *most && if *above { number > *least } else { number >= *least };
                 (!is_inside).then(|| match (above, *most) {
                     (true, f64::INFINITY) => format!("more than {least}"),
@@ -261,7 +262,9 @@ mod tests {
         let whole = Form::of(&object.build()).expect("it is constrained");
         assert_eq!(whole.complaint("18446744073709551615"), None);
         assert!(whole.complaint("18446744073709551616").is_some() && whole.complaint("0").is_some());
-        assert_eq!(whole.complaint("one"), None, "the handler's matter");
+        for odd in ["one", "", "1.5"] {
+            assert_eq!(whole.complaint(odd).as_deref(), Some("a whole number"));
+        }
         let object = ObjectBuilder::new()
             .schema_type(Type::Number)
             .exclusive_minimum(Some(0_usize));

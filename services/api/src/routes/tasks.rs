@@ -196,13 +196,23 @@ impl Flights {
 /// A log's name in results: that of its file, without the ending.
 fn stem(name: &str) -> &str {
     let stem = Path::new(name).file_stem().and_then(|stem| stem.to_str());
-    stem.filter(|stem| stem.chars().any(|c| c.is_ascii_alphanumeric()))
+    stem.filter(|stem| stem.chars().any(char::is_alphanumeric))
         .unwrap_or(STEM)
 }
 
 /// Seconds `FROM:TO`, or the name of a segment.
 pub(super) fn checked_part(part: &str) -> Result<&str, Problem> {
     let plain = |c: char| c.is_ascii_alphanumeric() || "._-:@".contains(c);
+    let seconds = |text: &str| text.parse::<f64>().ok().filter(|seconds| seconds.is_finite());
+    // What follows a further `@` is not a time.
+    let times = part.split('@').next().and_then(|times| times.split_once(':'));
+    if let Some((from, to)) = times.and_then(|(from, to)| Some((seconds(from)?, seconds(to)?)))
+        && from >= to
+    {
+        return Err(Problem::unprocessable(format!(
+            "'{part}' is not a part of a log: it ends before it begins; expected seconds such as 35:65"
+        )));
+    }
     if !part.is_empty() && part.len() <= 64 && part.chars().all(plain) {
         return Ok(part);
     }

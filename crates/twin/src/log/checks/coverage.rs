@@ -13,6 +13,30 @@ const STUCK_RUNS: usize = 20;
 /// A column is saturated when this share of its rows sits on its largest or smallest value.
 const SATURATED_SHARE: f64 = 0.02;
 
+/// Rows more rare than this follow no motion of a vehicle, Hz.
+const SLOWEST_HZ: f64 = 2.0;
+
+/// Attitudes, body rates or duties in rows that are seconds apart: a clock in another unit, as a rule.
+pub(super) fn rows_too_far_apart(log: &FlightLog, findings: &mut Vec<Finding>) {
+    let rate_hz = log.sample_rate_hz();
+    let moves = |name: &String| is_inertial(name) || names::ATTITUDE.contains(&name.as_str());
+    let is_of_a_flight = log
+        .columns
+        .keys()
+        .any(|name| moves(name) || names::duty_rotor(name).is_some());
+    if rate_hz < SLOWEST_HZ && is_of_a_flight {
+        push(
+            findings,
+            FindingKind::SlowRows,
+            format!(
+                "the rows are {:.4} s apart, and no motion of a vehicle can be followed so; if `time_s` holds milliseconds or microseconds, \
+                 `rotortwin log map` drafts a mapping that says so",
+                1.0 / rate_hz
+            ),
+        );
+    }
+}
+
 pub(super) fn thin_log(log: &FlightLog, findings: &mut Vec<Finding>) {
     let with_values = |name: &&String| log.columns[*name].iter().any(|value| !value.is_nan());
     let empty: Vec<&str> = log

@@ -36,6 +36,7 @@ const SINGLE_GAIN_BELIEVED: f64 = 0.95;
 pub(crate) fn examine(log: &mut FlightLog) {
     let mut findings = Vec::new();
     coverage::thin_log(log, &mut findings);
+    coverage::rows_too_far_apart(log, &mut findings);
     coverage::stuck_and_saturated(log, &mut findings);
     ground::no_flight(log, &mut findings);
     axes_units_and_clock(log, &mut findings);
