@@ -111,7 +111,9 @@ pub(crate) fn diagnose(
             clock: &|| start.elapsed().as_secs_f64(),
             ..Options::default()
         };
-        rotortwin_twin::diagnose::diagnose(&logs, &model, &options)
+        let mut diagnosis = rotortwin_twin::diagnose::diagnose(&logs, &model, &options)?;
+        rotortwin_twin::diagnose::add_flights_alone(&mut diagnosis, &logs, &model, &options)?;
+        Ok(diagnosis)
     });
     json(&result.map_err(input)?)
 }

@@ -12,7 +12,9 @@ use rotortwin_plant::effects::EffectDocument;
 use rotortwin_scenario::{ConfigError, effect_documents};
 use rotortwin_twin::baseline::Trim;
 use rotortwin_twin::compare::NamedModel;
-use rotortwin_twin::diagnose::{Diagnosis, Finding, NotConsidered, Options, Verdict, diagnose as search, in_sentence};
+use rotortwin_twin::diagnose::{
+    Diagnosis, Finding, NotConsidered, Options, Verdict, add_flights_alone, diagnose as search, in_sentence,
+};
 use rotortwin_twin::estimation::parameters::FittedParameter;
 use rotortwin_twin::improve::from_diagnosis;
 use rotortwin_twin::improve::report::quantity;
@@ -61,7 +63,8 @@ pub fn diagnose(job: &Job, advise: bool, tell: Tell<'_>) -> Result<Diagnosed, Fa
         time_limit_s: f64::from(job.time_limit_s.unwrap_or(TIME_LIMIT_S)),
         ..Options::default()
     };
-    let diagnosis = search(&logs, &found.version, &options).map_err(Failure::input)?;
+    let mut diagnosis = search(&logs, &found.version, &options).map_err(Failure::input)?;
+    add_flights_alone(&mut diagnosis, &logs, &found.version, &options).map_err(Failure::input)?;
     let mut text = text(&diagnosis);
     if (folder.is_some() || advise)
         && let Some(advice) = next_flight::after(&diagnosis, &found.version)

@@ -12,7 +12,7 @@ use rotortwin_blind::hidden::Hidden;
 use rotortwin_blind::log_file;
 use rotortwin_blind::script::{Script, Segment};
 use rotortwin_blind::vehicle::Vehicle;
-use rotortwin_twin::diagnose::{Diagnosis, Finding, Options, diagnose};
+use rotortwin_twin::diagnose::{Diagnosis, Finding, Options, Verdict, add_flights_alone, diagnose};
 use rotortwin_twin::log::FlightLog;
 use rotortwin_twin::model::ModelVersion;
 
@@ -28,9 +28,8 @@ fn first_seed() -> u64 {
     setting("NAMED_FIRST_SEED", 7120)
 }
 
-fn said(script: Script, duration_s: f64, seed: u64, effects: &[&str]) -> Diagnosis {
+fn flown(script: Script, duration_s: f64, seed: u64, effects: &[&str]) -> FlightLog {
     let vehicle = Vehicle::load(&f550()).unwrap();
-    let name = script.name.clone();
     let plan = FlightPlan {
         effects: effects.iter().map(|text| Hidden::parse(text).unwrap()).collect(),
         ..FlightPlan::new(vehicle, script, duration_s, seed)
@@ -39,7 +38,12 @@ fn said(script: Script, duration_s: f64, seed: u64, effects: &[&str]) -> Diagnos
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("flown.parquet");
     log_file::write(&path, &rows).unwrap();
-    let log = FlightLog::read(&path).unwrap();
+    FlightLog::read(&path).unwrap()
+}
+
+fn said(script: Script, duration_s: f64, seed: u64, effects: &[&str]) -> Diagnosis {
+    let name = script.name.clone();
+    let log = flown(script, duration_s, seed, effects);
     let model = ModelVersion::load(f550()).unwrap();
     let found = diagnose(&[log], &model, &Options::default()).unwrap();
     println!("{name} {seed} {effects:?}: {}", found.sentence);
@@ -250,4 +254,51 @@ fn val_one_way_alone_is_a_drag_of_another_size() {
         "{}",
         found.sentence
     );
+}
+
+/// Flights outdoors have a wind each: together nothing explains their forces, alone each has the vehicle's drag and its own wind.
+#[test]
+fn val_flights_in_winds_of_their_own_are_told_one_by_one() {
+    let drag = "rotor-drag:drag_n_s_m=0.25";
+    let winds = ["wind:north_m_s=3,east_m_s=1", "wind:north_m_s=-2,east_m_s=2"];
+    let told = |winds: [&str; 2]| {
+        let seeds = [first_seed() + 90, first_seed() + 91];
+        let logs: Vec<FlightLog> = winds
+            .iter()
+            .zip(seeds)
+            .map(|(wind, seed)| flown(Script::built_in("waypoint", seed).unwrap(), 60.0, seed, &[drag, wind]))
+            .collect();
+        let model = ModelVersion::load(f550()).unwrap();
+        let options = Options::default();
+        let mut found = diagnose(&logs, &model, &options).unwrap();
+        add_flights_alone(&mut found, &logs, &model, &options).unwrap();
+        println!("{}", found.sentence);
+        found
+    };
+    let found = told(winds);
+    assert_eq!(found.alone.len(), 2, "{}", found.sentence);
+    assert!(
+        found.sentence.starts_with("One wind is taken for all flights"),
+        "{}",
+        found.sentence
+    );
+    for (one, wind) in found.alone.iter().zip(winds) {
+        let mut ids: Vec<&str> = one.effects.iter().map(|f| f.instance.effect.as_str()).collect();
+        ids.sort_unstable();
+        assert_eq!(ids, ["rotor-drag", "wind"], "{}", one.sentence);
+        for text in [drag, wind] {
+            let hidden = Hidden::parse(text).unwrap();
+            let finding = one.effects.iter().find(|f| f.instance.effect == hidden.id).unwrap();
+            for (name, truth) in &hidden.parameters {
+                let parameter = finding.parameters.iter().find(|p| p.name == *name).unwrap();
+                let off = (parameter.value - truth).abs();
+                assert!(off < 1.5 * parameter.interval_95, "{name}: {}", one.sentence);
+            }
+        }
+    }
+    // One wind for both is found together.
+    let found = told([winds[0]; 2]);
+    assert!(found.alone.is_empty(), "{}", found.sentence);
+    assert_eq!(named(&found), ["rotor-drag", "wind"], "{}", found.sentence);
+    assert!(matches!(found.verdict, Verdict::Missing { .. }), "{}", found.sentence);
 }

@@ -21,6 +21,7 @@
 //! Gusts are noise, not a column: where forces stay unexplained despite a drag, their covariance is tried
 //! (`strategies/covariance.rs`).
 
+mod alone;
 mod calibration;
 mod considered;
 mod findings;
@@ -35,9 +36,10 @@ mod strategies;
 mod supply;
 mod words;
 
+pub use alone::add_flights_alone;
 pub use result::{
-    Calibration, ChannelGoodness, DiagnosedModel, Diagnosis, Finding, Goodness, HeldOutError, NotConsidered,
-    NotTestable, Picture, PictureBin, Ranked, Rival, Timing, Verdict,
+    Calibration, ChannelGoodness, DiagnosedModel, Diagnosis, Finding, FlightAlone, Goodness, HeldOutError,
+    NotConsidered, NotTestable, Picture, PictureBin, Ranked, Rival, Timing, Verdict,
 };
 pub use words::in_sentence;
 pub(crate) use words::small_errors;

@@ -342,6 +342,9 @@ pub struct Diagnosis {
     /// Changes with respect to healthy flights, if any were given.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub trim: Option<Trim>,
+    /// What each flight says alone, where several have no explanation together and an effect of the air is found in one alone.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub alone: Vec<FlightAlone>,
     /// Logs.
     pub logs: Vec<String>,
     /// What was left out or assumed.
@@ -351,6 +354,22 @@ pub struct Diagnosis {
     /// Seconds; absent from results that must not depend on the machine.
     #[serde(skip)]
     pub timing: Timing,
+}
+
+/// What one flight of several says alone.
+#[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]
+pub struct FlightAlone {
+    /// The log.
+    pub log: String,
+    /// The answer.
+    pub verdict: Verdict,
+    /// The verdict in a sentence.
+    pub sentence: String,
+    /// Missing physics, then faults of sensors and clocks.
+    pub effects: Vec<Finding>,
+    /// True if one of them belongs to the air of the flight.
+    #[serde(skip)]
+    pub(crate) is_of_the_air: bool,
 }
 
 /// A guessed constant of the vehicle, and the value that the flights indicate.

@@ -140,6 +140,7 @@ fn begin<'a>(
         held_out: Vec::new(),
         proposal: None,
         trim: None,
+        alone: Vec::new(),
         logs: predictors.iter().map(|p| p.name.clone()).collect(),
         notes: predictors
             .iter()
