@@ -22,7 +22,7 @@ const ENOUGH_WITHOUT: usize = 2;
 /// no explanation. The time limit is that of both.
 ///
 /// # Errors
-/// As [`diagnose`].
+/// The model's effects are not valid. A flight that cannot be diagnosed alone is a note.
 pub fn add_flights_alone(
     diagnosis: &mut Diagnosis,
     logs: &[FlightLog],
@@ -40,8 +40,9 @@ pub fn add_flights_alone(
     let (start_s, spent_s) = ((options.clock)(), diagnosis.timing.total_s);
     let mut alone = Vec::new();
     for (place, log) in logs.iter().enumerate() {
-        let share = place as f64 / logs.len() as f64;
-        (options.progress)("each flight alone", share);
+        // The share of the whole search never falls.
+        let text = format!("flight {} of {} alone", place + 1, logs.len());
+        (options.progress)(&text, 0.999);
         let left_s = options.time_limit_s - spent_s - ((options.clock)() - start_s);
         let without = alone.iter().filter(|one: &&FlightAlone| !one.is_of_the_air).count();
         if left_s <= 0.0 || without >= ENOUGH_WITHOUT {
@@ -55,7 +56,15 @@ pub fn add_flights_alone(
             clock: options.clock,
             time_limit_s: left_s,
         };
-        let found = diagnose(std::slice::from_ref(log), model, &of_one)?;
+        let found = match diagnose(std::slice::from_ref(log), model, &of_one) {
+            Ok(found) => found,
+            // What the flights say together is not lost for it.
+            Err(refused) => {
+                let note = format!("{} could not be diagnosed alone: {refused}", log.name);
+                diagnosis.notes.push(note);
+                return Ok(());
+            }
+        };
         alone.push(FlightAlone {
             log: log.name.clone(),
             is_of_the_air: found.effects.iter().any(|one| is_of_the_air(one, &catalogue)),
@@ -99,8 +108,13 @@ fn sentence(alone: &[FlightAlone]) -> String {
             format!("{}: {found}", one.log)
         })
         .collect();
+    let has_each = if alone.iter().all(|one| one.is_of_the_air) {
+        ", and these have one each"
+    } else {
+        ""
+    };
     format!(
-        "One wind is taken for all flights of a diagnosis, and these have one each. Alone, {}",
+        "One wind is taken for all flights of a diagnosis{has_each}. Alone, {}",
         told.join(". ")
     )
 }
