@@ -298,11 +298,10 @@ fn of_serde(what: &str, text: &str) -> String {
         None => (message, String::new()),
     };
     let (named, reason) = reword(message);
-    let mut keys: Vec<&str> = [Some(key).filter(|key| !key.is_empty() && *key != "."), named]
-        .into_iter()
-        .flatten()
-        .collect();
-    keys.dedup();
+    let key = Some(key).filter(|key| !key.is_empty() && *key != ".");
+    // The path to a key that is unknown ends with it; that to a missing one leads to what it is missing in.
+    let named = named.filter(|_| key.is_none() || !message.starts_with("unknown field"));
+    let keys: Vec<&str> = [key, named].into_iter().flatten().collect();
     match keys.as_slice() {
         [] => format!("{what}: {reason}{place}"),
         keys => format!("{what}, `{}`: {reason}{place}", keys.join(".")),
@@ -414,6 +413,14 @@ mod tests {
             (
                 "invalid type: null, expected struct RunSubmission at line 1 column 4",
                 "the body: expected names with values, got null (line 1 column 4)",
+            ),
+            (
+                "flights.log: unknown field `log`, expected `logs` or `runs` at line 1 column 30",
+                "the body, `flights.log`: unknown key, expected one of logs, runs (line 1 column 30)",
+            ),
+            (
+                "model: missing field `vehicle` at line 1 column 30",
+                "the body, `model.vehicle`: missing key (line 1 column 30)",
             ),
             ("anything else", "the body: anything else"),
         ] {
