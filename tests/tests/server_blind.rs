@@ -124,7 +124,7 @@ fn scenario_a_blind_bench_over_two_workers_has_the_rows_of_the_command_line() {
         (
             json!({ "n": 1, "presets": ["nonsense"] }),
             422,
-            "unknown variant `nonsense`, expected one of `singles`",
+            "`presets[0]`: expected one of singles, clutter",
         ),
         (json!({ "n": 0 }), 422, "`n`: is 0"),
         (json!({ "n": 10_001 }), 422, "expected at most 10000 cases"),

@@ -178,7 +178,7 @@ fn scenario_an_effect_of_ones_own_choice_and_what_is_refused() {
     for (body, status, words) in [
         (json!({}), 422, "either `preset` or `effect`"),
         (json!({ "preset": "healthy", "effect": "mass" }), 422, "either"),
-        (json!({ "preset": "surprise" }), 422, "unknown variant"),
+        (json!({ "preset": "surprise" }), 422, "`preset`: expected one of"),
         (json!({ "effect": "none" }), 422, "unknown effect `none`"),
         (json!({ "effect": "rotor-thrust-scale:rotor=9" }), 422, "from 1 to 6"),
         (json!({ "preset": "healthy", "vehicle": "none" }), 404, "f550"),

@@ -1,4 +1,4 @@
-"""A blade breaks, the detector names it, a picture: needs `pip install rotortwin-….whl matplotlib`, and no server."""
+"""A blade breaks, the detector names it, a picture: needs `pip install rotortwin-….whl pandas matplotlib`, and no server."""
 
 import rotortwin
 

@@ -54,7 +54,14 @@ def _log(log: Log, number: int) -> Any:
         return fspath(log)
     name = f"table {number}"
     if isinstance(log, tuple):
+        if len(log) != 2 or not isinstance(log[0], str):
+            raise _native.InputError("expected a list for several logs; a tuple is (name, table)")
         name, log = log
+    if not isinstance(log, Mapping):
+        names = [str(key) for key in _names(log)]
+        twice = next((key for key in names if names.count(key) > 1), None)
+        if twice is not None:
+            raise _native.InputError(f"{name}: expected each column once, got '{twice}' {names.count(twice)} times")
     columns = log if isinstance(log, Mapping) else {str(key): log[key] for key in _names(log)}
     return str(name), {str(key): _doubles(name, key, values) for key, values in columns.items()}
 
@@ -69,6 +76,9 @@ def _names(table: Any) -> Sequence[str]:
 
 
 def _doubles(name: str, key: object, values: Any) -> bytes:
+    kind = str(getattr(values, "dtype", ""))
+    if kind.startswith(("datetime", "timedelta", "<M8", "<m8", "Datetime", "Duration")):
+        raise _native.InputError(f"{name}, column '{key}': expected numbers in SI units (seconds for a time), got {kind}")
     try:
         return np.ascontiguousarray(values, dtype=np.float64).tobytes()
     except (TypeError, ValueError) as error:
@@ -76,7 +86,9 @@ def _doubles(name: str, key: object, values: Any) -> bytes:
 
 
 def _logs(logs: Log | Sequence[Log]) -> list[Any]:
-    several = logs if isinstance(logs, list) else [logs]
+    # Two paths are two logs; a name and a table are one.
+    paths = isinstance(logs, tuple) and all(isinstance(log, (str, PathLike)) for log in logs)
+    several = list(logs) if isinstance(logs, list) or paths else [logs]
     return [_log(log, number) for number, log in enumerate(several, start=1)]
 
 
@@ -84,7 +96,7 @@ def compare(
     logs: Log | list[Log], models: str | PathLike[str] | list[str | PathLike[str]], *, store: str | PathLike[str] = "models"
 ) -> Result:
     """Holds models against logs: the error of each channel against its noise, by flight condition, with the worst moments."""
-    names = models if isinstance(models, list) else [models]
+    names = list(models) if isinstance(models, (list, tuple)) else [models]
     return Result(json.loads(_native.compare(_logs(logs), [fspath(name) for name in names], fspath(store))))
 
 
@@ -211,7 +223,8 @@ class IdentifiedVehicle:
     files: tuple[str, str, str]
 
     def write(self, folder: str | PathLike[str] = ".") -> Path:
-        """Writes the three files; the path of the vehicle's, which `--model` and `diagnose` take."""
+        """Writes the three files into a folder, which is made if need be; the path of the vehicle's, which `--model` and `diagnose` take."""
+        Path(folder).mkdir(parents=True, exist_ok=True)
         paths = [Path(folder) / f"{self.name}{ending}" for ending in (".toml", ".blades.toml", ".intervals.toml")]
         for path, text in zip(paths, self.files, strict=True):
             path.write_text(text, encoding="utf-8")

@@ -33,7 +33,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ._here import native
-from .simulation import STEP_S, InputError, Settings, Simulation
+from .simulation import STEP_S, InputError, Scenario, Settings, Simulation
 
 if TYPE_CHECKING:
     import pandas
@@ -171,7 +171,7 @@ def steps(
     losses: Iterable[float] = (0.05, 0.1, 0.2),
     *,
     seeds: Iterable[int] = range(2),
-    rotors: Iterable[int] = range(1, 7),
+    rotors: Iterable[int] | None = None,
     healthy: int = 3,
     scenario: str | PathLike[str] = "hover",
     duration_s: float = 20.0,
@@ -180,11 +180,18 @@ def steps(
 ) -> list[Case]:
     """For each of `seeds`: flights with a sudden loss of thrust (fractions) of each rotor, and `healthy` ones of the same scenario.
 
+    `rotors`: by default all of the scenario's vehicle.
+
     Each flight has a seed of its own, made of these: no two share their noise, and other `seeds` are other flights. `set` replaces further keys of the
     scenario: wind, battery, mismatch of the model.
     """
     rest = {**(set or {}), "duration_s": float(duration_s)}
-    wanted, losses, rotors = list(seeds), list(losses), list(rotors)
+    wanted, losses = list(seeds), list(losses)
+    if rotors is None:
+        rotors = range(1, Scenario(scenario, set={**rest, "fault": []}).rotor_count + 1)
+    rotors = list(rotors)
+    if len(losses) > 90 or healthy > 1000 or any(rotor > 99 for rotor in rotors):
+        raise InputError("expected at most 90 losses, 1000 healthy flights and rotors up to 99: seeds beyond would be shared")
     first = {seed: 1_000_000 + 10_000 * seed for seed in wanted}
     calm = [first[seed] + 9_000 + number for seed in wanted for number in range(healthy)]
     cases = [Case("healthy", scenario, seed, set={**rest, "fault": []}) for seed in calm]
@@ -216,6 +223,7 @@ def judge(run: str | PathLike[str], detectors: Sequence[Detector]) -> dict[str, 
     """
     if not detectors:
         raise InputError("expected at least one detector, got none")
+    _told_apart(detectors)
     flight = of_run(run)
     # A verdict holds from the last step of its window until the next one ends.
     window = (np.arange(len(flight["time_s"])) + 1) // WINDOW - 1
@@ -239,6 +247,9 @@ def _fly(case: Case) -> _Flown:
     flown = Simulation(case.scenario, seed=case.seed, set=case.set, record=[*columns, *_OURS.values()]).run()
     kept = flown.telemetry()
     seen = {name: values for name, values in kept.items() if name.startswith(MEASURED)}
+    for values in seen.values():
+        # One detector must not change what the next one sees.
+        values.flags.writeable = False
     flight = Flight(seen, flown.rotor_count)
     truth = np.zeros(flight.window_count, dtype=np.int64)
     if case.rotor is not None:
@@ -361,6 +372,7 @@ def score(detectors: Sequence[Detector], cases: Sequence[Case], *, learn_from: S
     `learn_from`: flights that detectors which learn may see, with the truth. None of them may be among `cases`.
     """
     flown = _fly_all(cases)
+    _told_apart(detectors)
     _teach(detectors, cases, learn_from)
     rows: list[Row] = []
     for label in dict.fromkeys(case.label for case in cases):
@@ -517,7 +529,29 @@ def _checked(detector: Detector, flight: Flight) -> NDArray[np.int64]:
         raise InputError(f"{detector.name}: expected {flight.window_count} verdicts, one a window, got an array of shape {said.shape}")
     if said.dtype.kind not in "iu" and not np.array_equal(said, np.round(said)):
         raise InputError(f"{detector.name}: expected verdict codes, whole numbers, got {said.dtype}")
-    return said.astype(np.int64)
+    codes = said.astype(np.int64)
+    impossible = codes[~np.isin(codes, _possible(flight.rotor_count))]
+    if len(impossible):
+        raise InputError(
+            f"{detector.name} says {impossible[0]}; expected 0, a rotor from 1 to {flight.rotor_count}, 100 i + j for two of them, or −1 to −3"
+        )
+    return codes
+
+
+def _possible(rotor_count: int) -> list[int]:
+    """All verdict codes for a vehicle."""
+    rotors = range(1, rotor_count + 1)
+    return [HEALTHY, UNKNOWN, NOT_READY, AMBIGUOUS, *rotors, *(100 * i + j for i in rotors for j in rotors if i < j)]
+
+
+def _told_apart(detectors: Sequence[Detector]) -> None:
+    """Refuses names that stand twice in a table, or are ours."""
+    names = [detector.name for detector in detectors]
+    for name in names:
+        if names.count(name) > 1:
+            raise InputError(f"expected a name of its own for each detector, got '{name}' {names.count(name)} times")
+        if name in _OURS:
+            raise InputError(f"'{name}' is a detector of this program; expected another name")
 
 
 def _row(name: str, label: str, flown: Sequence[_Flown], verdicts: Sequence[NDArray[Any]], cost_us: float, faults: int) -> Row:

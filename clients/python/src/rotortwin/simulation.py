@@ -5,7 +5,7 @@
     flight = rotortwin.Simulation("hover", seed=1, set={
         "duration_s": 20.0, "fault": [{"time_s": 12.0, "rotor": 2, "thrust_loss_percent": 10.0}]})
     flight.run()
-    print(flight.verdict)                                  # rotor 2 lost 10.1 % [9.8, 10.4] of its thrust, probability 1.0000
+    print(flight.verdict)                                  # rotor 2 lost 9.8 % [9.2, 10.4] of its thrust, probability 1.0000
 
 Plant, controller and detectors are those of the `rotortwin` command, with the same bits: `flight.run_hash` is what `rotortwin fly` prints.
 World NED, body FRD, SI units, rotors from 1 in the order of the vehicle file; a step is 2.5 ms.
@@ -70,6 +70,32 @@ def _toml(value: object) -> str:
     raise InputError(f"expected a number, a word, a list or a table as a setting, got {type(value).__name__}")
 
 
+def _whole(name: str, value: object, low: int, high: int) -> int:
+    """A whole number of a range."""
+    if isinstance(value, (bool, np.bool_)) or not isinstance(value, (int, np.integer)) or not low <= int(value) <= high:
+        raise InputError(f"{name}: expected a whole number from {low} to {high}, got {value!r}")
+    return int(value)
+
+
+def _seed(value: object) -> int:
+    return _whole("seed", value, 0, 2**64 - 1)
+
+
+def _steps(value: object) -> int:
+    return _whole("steps", value, 1, 2**40)
+
+
+def _duties(duty: ArrayLike, shape: tuple[int, ...]) -> NDArray[np.float32]:
+    """Duties of this shape, in the layout that the native module takes."""
+    try:
+        held = np.ascontiguousarray(duty, dtype=np.float32)
+    except (TypeError, ValueError) as error:
+        raise InputError(f"expected duties of shape {shape}, got {type(duty).__name__} ({error})") from error
+    if held.shape != shape:
+        raise InputError(f"expected duties of shape {shape}, got {held.shape}")
+    return held
+
+
 class Scenario:
     """What is flown: read and checked once, flown as often as wanted.
 
@@ -78,6 +104,8 @@ class Scenario:
     """
 
     def __init__(self, scenario: str | PathLike[str] = "reference-flight", *, set: Settings | None = None) -> None:
+        if set is not None and not isinstance(set, Mapping):
+            raise InputError(f"set: expected a dict of keys and values, got {type(set).__name__}")
         settings = [f"{key}={_toml(value)}" for key, value in (set or {}).items()]
         self._native = _native.Scenario(fspath(scenario), settings)
 
@@ -164,24 +192,30 @@ class Simulation:
         set: Settings | None = None,
         record: Sequence[str] = ("*",),
     ) -> None:
-        self._native = _native.Simulation(_scenario(scenario, set)._native, seed, list(record))
+        self._native = _native.Simulation(_scenario(scenario, set)._native, None if seed is None else _seed(seed), list(record))
 
     def reset(self, seed: int | None = None) -> NDArray[np.float32]:
         """Restarts the flight, by default with the previous seed; returns the first observation."""
-        self._native.reset(seed)
+        self._native.reset(None if seed is None else _seed(seed))
         return self.observation
 
     def step(self, duty: ArrayLike | None = None, *, steps: int = 1) -> NDArray[np.float32]:
         """Flies one step, or several, with these duties (fraction by rotor) or with our controller; the next observation.
 
-        A controller that is not asked in a step does not see it. Raises FlightError where the flight cannot go on.
+        A controller that is not asked in a step does not see it. Raises InputError for what are no duties, FlightError where the flight
+        cannot go on.
         """
-        held = None if duty is None else np.asarray(duty, dtype=np.float32).tobytes()
-        self._native.step(held, steps)
+        held = None if duty is None else _duties(duty, (self.rotor_count,))
+        # NaN compares as false.
+        if held is not None and not bool(((held >= 0.0) & (held <= 1.0)).all()):
+            raise InputError(f"expected duties from 0 to 1, got {held.tolist()}")
+        self._native.step(None if held is None else held.tobytes(), _steps(steps))
         return self.observation
 
     def run(self, until_s: float | None = None) -> Simulation:
         """Continues with our controller, to the end or to this time, without Python's lock; returns this flight."""
+        if until_s is not None and not 0.0 <= until_s < float("inf"):
+            raise InputError(f"until_s: expected a time from 0 s on, got {until_s}")
         self._native.run(None if until_s is None else round(until_s / STEP_S))
         return self
 
@@ -288,9 +322,10 @@ class Simulation:
 class SimulationBatch:
     """Flights of vehicles with the same number of rotors, stepped together on all cores without Python's lock."""
 
-    def __init__(self, scenarios: Scenario | Sequence[Scenario], seeds: Sequence[int]) -> None:
-        flown = [scenarios] * len(seeds) if isinstance(scenarios, Scenario) else list(scenarios)
-        self._native = _native.SimulationBatch([scenario._native for scenario in flown], list(map(int, seeds)))
+    def __init__(self, scenarios: Scenario | str | PathLike[str] | Sequence[Scenario], seeds: Sequence[int]) -> None:
+        one = isinstance(scenarios, (Scenario, str, PathLike))
+        flown = [_scenario(scenarios, None)] * len(seeds) if one else list(scenarios)
+        self._native = _native.SimulationBatch([scenario._native for scenario in flown], list(map(_seed, seeds)))
 
     def __len__(self) -> int:
         return len(self._native)
@@ -307,15 +342,15 @@ class SimulationBatch:
     def reset(self, places: Sequence[int], seeds: Sequence[int], scenarios: Sequence[Scenario] | None = None) -> None:
         """Restarts the flights at these indices."""
         other = None if scenarios is None else [scenario._native for scenario in scenarios]
-        self._native.reset(list(map(int, places)), list(map(int, seeds)), other)
+        self._native.reset(list(map(int, places)), list(map(_seed, seeds)), other)
 
     def step(self, duty: ArrayLike | None = None, *, steps: int = 1) -> NDArray[np.float32]:
         """Holds duties of shape (flights, rotors) over `steps` steps, or lets our controllers fly; the observations.
 
         A flight that is over, or cannot go on (`failures`), stays where it is; the others go on.
         """
-        held = None if duty is None else np.ascontiguousarray(duty, dtype=np.float32).tobytes()
-        self._native.step(held, steps)
+        held = None if duty is None else _duties(duty, (len(self), self.rotor_count)).tobytes()
+        self._native.step(held, _steps(steps))
         return self.observation
 
     @property
@@ -375,7 +410,10 @@ def fly(
     Keeps these columns of the telemetry (`rotortwin.Simulation(…).telemetry()` has all names) of every `every`-th step.
     """
     made = _scenario(scenario, set)
-    flown = tuple(map(int, seeds))
+    flown = tuple(map(_seed, seeds))
+    if not flown:
+        raise InputError("expected at least one seed, got none")
+    every = _whole("every", every, 1, 2**31)
     kept, hashes, failures = _native.fly(made._native, list(flown), list(columns), every)
     arrays = {name: _array(data, "f8").reshape(len(flown), -1) for name, data in kept.items()}
     rows = next((values.shape[1] for values in arrays.values()), 0)

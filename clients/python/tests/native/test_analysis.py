@@ -101,3 +101,20 @@ def test_regress_what_cannot_be_judged_says_why(damaged: dict[str, Any]) -> None
             rotortwin.fdi_log(damaged, "f550", **arguments)  # type: ignore[arg-type]
     with pytest.raises(ValueError, match="4 of the vehicle"):
         rotortwin.fdi_log(damaged, "quad-x")
+
+
+def test_regress_what_is_no_table_is_told(log: dict[str, Any], tmp_path: Path) -> None:
+    pandas = pytest.importorskip("pandas")
+    frame = pandas.DataFrame(log)
+    dated = frame.assign(time_s=pandas.to_datetime(frame.time_s, unit="s"))
+    twice = pandas.concat([frame, frame[["duty_1"]]], axis=1)
+    for wrong, words in (
+        (twice, "expected each column once, got 'duty_1' 2 times"),
+        ((frame, frame), "a tuple is"),
+        (dated, "column 'time_s': expected numbers in SI units"),
+    ):
+        with pytest.raises(rotortwin.InputError, match=words):
+            rotortwin.compare(wrong, "f550")
+    frame.to_csv(tmp_path / "flight.csv", index=False)
+    path = tmp_path / "flight.csv"
+    assert len(rotortwin.compare((path, path), ("f550",))["logs"]) == 2

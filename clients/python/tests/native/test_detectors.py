@@ -137,3 +137,26 @@ def test_a_run_gets_the_verdicts_of_a_detector_under_its_name(tmp_path: Path) ->
     assert again["own_detectors"][0]["scores"][0]["false_alarm_events"] == 1
     with pytest.raises(InputError, match="says 7"):
         detectors.judge(run, [Says(7)])
+
+
+def test_regress_detectors_are_told_apart_and_cannot_hurt_one_another() -> None:
+    class Named(detectors.Detector):
+        def __init__(self, name: str, code: int) -> None:
+            self.name, self.code = name, code
+
+        def judge(self, flight: detectors.Flight) -> ArrayLike:
+            with pytest.raises(ValueError, match="read-only"):
+                flight["duty_1"][:] = 0.0
+            return np.full(flight.window_count, self.code)
+
+    cases = detectors.steps([0.1], seeds=[1], rotors=[2], healthy=0, duration_s=12.5, onset_s=12.0)
+    for wrong, words in (
+        ([Named("x", 0), Named("x", 0)], "'x' 2 times"),
+        ([Named("our sequential", 0)], "another name"),
+        ([Named("x", 7)], "x says 7"),
+        ([Named("x", 203), Named("y", 201)], "y says 201"),
+    ):
+        with pytest.raises(InputError, match=words):
+            detectors.score(wrong, cases)
+    octo = {"vehicle": "../vehicles/octo-x.toml"}
+    assert {case.rotor for case in detectors.steps([0.1], seeds=[1], healthy=0, set=octo)} == set(range(1, 9))

@@ -51,3 +51,23 @@ def test_scenario_episodes_of_a_vector_end_and_begin_one_by_one() -> None:
 def test_regress_an_unknown_task_is_named() -> None:
     with pytest.raises(ValueError, match="damaged-blade"):
         rotortwin.gym.FlightEnv("hoover")
+
+
+def test_regress_what_is_no_action_is_no_crash() -> None:
+    env = gymnasium.make("rotortwin/Hover-v0", disable_env_checker=True).unwrapped
+    env.reset(seed=1)
+    many = gymnasium.make_vec("rotortwin/Hover-v0", num_envs=2)
+    many.reset(seed=1)
+    for wrong in (np.zeros(5, np.float32), np.full(6, np.nan, np.float32)):
+        with pytest.raises(ValueError, match="expected an action of"):
+            env.step(wrong)
+        with pytest.raises(ValueError, match="expected an action of"):
+            many.step(np.stack([wrong, wrong]))
+
+
+def test_scenario_a_blade_breaks_on_any_vehicle() -> None:
+    quad = {"vehicle": "../vehicles/quad-x.toml"}
+    for seed in range(8):
+        env = gymnasium.make("rotortwin/DamagedBlade-v0", set=quad)
+        _, info = env.reset(seed=seed)
+        assert info["faulty_rotors"] == ()

@@ -90,15 +90,32 @@ def test_regress_bad_input_is_one_sentence() -> None:
         (lambda: rotortwin.Simulation("hover", set={"duraton_s": 1.0}), "duraton_s"),
         (lambda: rotortwin.Simulation("hover", set={"duration_s": object()}), "expected a number"),
         (lambda: rotortwin.Simulation("hover", record=["rol_rad"]), "roll_rad"),
-        (lambda: rotortwin.fly("hover", [1], every=0), "from 1 on"),
+        (lambda: rotortwin.fly("hover", [1], every=0), "every: expected a whole number from 1 to"),
+        (lambda: rotortwin.fly("hover", []), "at least one seed"),
+        (lambda: rotortwin.fly("hover", [1.7]), "seed: expected a whole number"),  # type: ignore[list-item]
+        (lambda: rotortwin.Simulation("hover", seed=-1), "seed: expected a whole number from 0"),
+        (lambda: rotortwin.Simulation("hover", set=["duration_s=1"]), "expected a dict"),  # type: ignore[arg-type]
         (lambda: rotortwin.SimulationBatch(rotortwin.Scenario("hover"), []), "at least one"),
     ]
     for make, words in cases:
         with pytest.raises(ValueError, match=words):
             make()
     flight = rotortwin.Simulation("short-hover", set={"duration_s": 0.1})
-    with pytest.raises(rotortwin.FlightError, match="expected 6 duties"):
-        flight.step([0.5])
+    refused: list[tuple[Callable[[], object], str]] = [
+        (lambda: flight.step([0.5]), r"shape \(6,\), got \(1,\)"),
+        (lambda: flight.step(np.full((1, 6), 0.5)), r"shape \(6,\), got \(1, 6\)"),
+        (lambda: flight.step([0.5] * 5 + [float("nan")]), "from 0 to 1, got .*nan"),
+        (lambda: flight.step([0.5] * 5 + [1.1]), "from 0 to 1, got .*1.1"),
+        (lambda: flight.step(steps=0), "steps: expected a whole number from 1"),
+        (lambda: flight.run(-1.0), "until_s"),
+    ]
+    for call, words in refused:
+        with pytest.raises(rotortwin.InputError, match=words):
+            call()
+    batch = rotortwin.SimulationBatch("short-hover", [1, 2, 3])
+    for shape in ((6, 3), (18,)):
+        with pytest.raises(rotortwin.InputError, match=r"shape \(3, 6\)"):
+            batch.step(np.full(shape, 0.4))
     flight.run()
     with pytest.raises(rotortwin.FlightError, match="over"):
         flight.step()
