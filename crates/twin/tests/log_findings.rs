@@ -273,6 +273,25 @@ fn val_rows_that_are_seconds_apart_are_named() {
     assert!(!kinds(&log(time, columns)).contains(&FindingKind::SlowRows));
 }
 
+/// A calm hover without an accelerometer, whose columns are there all the same, was a vehicle at rest.
+#[test]
+fn regress_a_column_without_values_says_nothing_of_rest() {
+    let time: Vec<f64> = (0..2000).map(|row| 0.01 * f64::from(row)).collect();
+    let mut state = 7;
+    let mut noisy =
+        |mean: f64, size: f64| -> Vec<f64> { time.iter().map(|_| mean + size * noise(&mut state)).collect() };
+    let mut columns: Columns = (1..=4)
+        .map(|rotor| (format!("duty_{rotor}"), noisy(0.4, 0.001)))
+        .collect();
+    columns.extend(names::RATES.iter().map(|name| ((*name).to_owned(), noisy(0.0, 0.005))));
+    for (values, is_at_rest) in [(noisy(-3.0, 0.001), true), (vec![f64::NAN; time.len()], false)] {
+        let mut all = columns.clone();
+        all.extend(names::ACCEL.iter().map(|name| ((*name).to_owned(), values.clone())));
+        let found = kinds(&log(time.clone(), all));
+        assert_eq!(found.contains(&FindingKind::NoFlight), is_at_rest, "{found:?}");
+    }
+}
+
 #[test]
 fn val_grounded_and_empty_logs_are_named() {
     let (time, mut columns) = motion(100.0);

@@ -250,7 +250,12 @@ pub(super) fn no_flight(log: &FlightLog, findings: &mut Vec<Finding>) {
         );
         return;
     }
-    if let (Some(rates), Some(accel)) = (log.vector(names::RATES), log.vector(names::ACCEL)) {
+    // A column without a value does not vary, and says nothing of rest.
+    let measured = |names| {
+        log.vector(names)
+            .filter(|axes| axes.iter().all(|axis| axis.iter().any(|value| !value.is_nan())))
+    };
+    if let (Some(rates), Some(accel)) = (measured(names::RATES), measured(names::ACCEL)) {
         let turning = rates.iter().map(|axis| deviation(axis)).fold(0.0, f64::max);
         let shaking = accel.iter().map(|axis| deviation(axis)).fold(0.0, f64::max);
         if turning < STILL_RATES_RAD_S && shaking < STILL_ACCEL_M_S2 {
