@@ -227,16 +227,25 @@ async fn judged(app: &App, caller: &Caller, which: &Which, body: Body, truth: &T
         _ => {}
     }
     let path = file.path().display().to_string();
+    // Under the name of an upload's file nobody knows it.
+    let stem = match &file {
+        Flight::Uploaded(file) => file.path().file_stem().map(|stem| format!("{}: ", stem.display())),
+        Flight::Stored(_) => None,
+    };
     let truth = rows.as_ref().map(|rows| format!("{}: ", rows.path().display()));
     let for_callers = |sentence: &str| {
         let sentence = truth
             .as_ref()
             .map_or_else(|| sentence.to_owned(), |truth| sentence.replace(truth, "the truth: "));
-        library
+        let sentence = library
             .without_root(&sentence)
             .replace(&format!("{path}: the log "), "the log ")
             .replace(&format!("{path}: "), "the log: ")
-            .replace(&path, "the log")
+            .replace(&path, "the log");
+        match &stem {
+            Some(stem) => sentence.replace(stem, ""),
+            None => sentence,
+        }
     };
     answered(app, words, LONGEST, for_callers).await
 }

@@ -25,13 +25,18 @@ pub(super) fn rows_too_far_apart(log: &FlightLog, findings: &mut Vec<Finding>) {
         .keys()
         .any(|name| moves(name) || names::duty_rotor(name).is_some());
     if rate_hz < SLOWEST_HZ && is_of_a_flight {
+        let apart_s = 1.0 / rate_hz;
+        let apart = if apart_s < 1e6 {
+            format!("{apart_s:.2}")
+        } else {
+            format!("{apart_s:.1e}")
+        };
         push(
             findings,
             FindingKind::SlowRows,
             format!(
-                "the rows are {:.4} s apart, and no motion of a vehicle can be followed so; if `time_s` holds milliseconds or microseconds, \
-                 `rotortwin log map` drafts a mapping that says so",
-                1.0 / rate_hz
+                "the rows are {apart} s apart, and no motion of a vehicle can be followed so; if `time_s` holds milliseconds or microseconds, \
+                 `rotortwin log map` drafts a mapping that says so"
             ),
         );
     }
