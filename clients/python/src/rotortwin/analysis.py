@@ -93,10 +93,10 @@ def _logs(logs: Log | Sequence[Log]) -> list[Any]:
 
 
 def compare(
-    logs: Log | list[Log], models: str | PathLike[str] | list[str | PathLike[str]], *, store: str | PathLike[str] = "models"
+    logs: Log | list[Log], models: str | PathLike[str] | Sequence[str | PathLike[str]], *, store: str | PathLike[str] = "models"
 ) -> Result:
     """Holds models against logs: the error of each channel against its noise, by flight condition, with the worst moments."""
-    names = list(models) if isinstance(models, (list, tuple)) else [models]
+    names = [models] if isinstance(models, (str, PathLike)) else models
     return Result(json.loads(_native.compare(_logs(logs), [fspath(name) for name in names], fspath(store))))
 
 

@@ -323,8 +323,10 @@ class SimulationBatch:
     """Flights of vehicles with the same number of rotors, stepped together on all cores without Python's lock."""
 
     def __init__(self, scenarios: Scenario | str | PathLike[str] | Sequence[Scenario], seeds: Sequence[int]) -> None:
-        one = isinstance(scenarios, (Scenario, str, PathLike))
-        flown = [_scenario(scenarios, None)] * len(seeds) if one else list(scenarios)
+        if isinstance(scenarios, (Scenario, str, PathLike)):
+            flown = [_scenario(scenarios, None)] * len(seeds)
+        else:
+            flown = list(scenarios)
         self._native = _native.SimulationBatch([scenario._native for scenario in flown], list(map(_seed, seeds)))
 
     def __len__(self) -> int:
