@@ -57,12 +57,14 @@ def _log(log: Log, number: int) -> Any:
         if len(log) != 2 or not isinstance(log[0], str):
             raise _native.InputError("expected a list for several logs; a tuple is (name, table)")
         name, log = log
-    if not isinstance(log, Mapping):
+    if isinstance(log, Mapping):
+        columns = log
+    else:
         names = [str(key) for key in _names(log)]
         twice = next((key for key in names if names.count(key) > 1), None)
         if twice is not None:
             raise _native.InputError(f"{name}: expected each column once, got '{twice}' {names.count(twice)} times")
-    columns = log if isinstance(log, Mapping) else {str(key): log[key] for key in _names(log)}
+        columns = {str(key): log[key] for key in _names(log)}
     return str(name), {str(key): _doubles(name, key, values) for key, values in columns.items()}
 
 

@@ -371,8 +371,9 @@ def score(detectors: Sequence[Detector], cases: Sequence[Case], *, learn_from: S
 
     `learn_from`: flights that detectors which learn may see, with the truth. None of them may be among `cases`.
     """
-    flown = _fly_all(cases)
+    # Before the flights: a refusal must not cost them.
     _told_apart(detectors)
+    flown = _fly_all(cases)
     _teach(detectors, cases, learn_from)
     rows: list[Row] = []
     for label in dict.fromkeys(case.label for case in cases):
