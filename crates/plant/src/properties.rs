@@ -22,8 +22,9 @@ use crate::vehicle::mismatch::MismatchPreset;
 
 /// Relative drift over 1 s of a tumbling body at up to 6 rad/s: the fourth-order error of 400 steps of 2.5 ms.
 const CONSERVATION_TOLERANCE: f64 = 1e-8;
-/// A few roundings of a normalisation.
-const UNIT_TOLERANCE: f64 = 4e-16;
+/// Every rounding of a normalisation and of the check's own norm at its worst, in units of ε/2: the sum of squares is off by 4 and its root by 3,
+/// twice; the inverse and the product add one each.
+const UNIT_TOLERANCE: f64 = 4.0 * f64::EPSILON;
 
 /// A flight of the hovering F550 with something changed.
 fn simulation(change: impl FnOnce(&mut SimulationConfig), seed: u64) -> Simulation {

@@ -3,7 +3,7 @@
 use super::axis_filter::{BIAS, GAIN, LAG, LevelProbe, STATES};
 use super::defect::AXES;
 use super::estimate::{LossEstimate, Suspects};
-use super::onset::{Evidence, FreeEvidence, LANES};
+use super::onset::{Evidence, FreeEvidence, LANES, Onset};
 use super::sets::{Demands, Observation, SetFit, Sets};
 use super::{KnownFault, Phase, SequentialDecision, SequentialDetector, limited, within};
 use crate::MAX_ROTORS;
@@ -174,7 +174,7 @@ impl SequentialDetector {
         let strong = finding.best > c.evidence_to_absorb;
         self.watch.pending = strong && (finding.named.is_some() || finding.open.is_some() && undecided);
         if let Some(set) = finding.named.filter(|_| strong) {
-            let age = self.watch.onset.age(set.index);
+            let age = self.watch.onset.age(&set.onset);
             let grows = set.loss[0] > 0.0;
             let rivalled = finding.gain_of_second > UNDISPUTED_NATS || finding.lead < 0.0;
             let disputed = !set.is_pair() && grows && rivalled;
@@ -239,9 +239,18 @@ impl SequentialDetector {
             }),
             repeat_bonus: c.repeat_bonus,
         };
-        let moments = [leading.index, push.index];
-        let count = if moments[0] == moments[1] { 1 } else { 2 };
-        let observations = moments.map(|index| (index, self.observation(index, jump, push)));
+        // Several rotors are another direction than any one of them, and with it another time within the block.
+        let pushed = self.watch.onset.observation(&Onset::at(push.index)).wrench;
+        let onsets = [
+            self.watch
+                .onset
+                .between_blocks(leading.index, &self.tuning.column[within(first)]),
+            self.watch
+                .onset
+                .between_blocks(push.index, &pushed.map(|wrench| -wrench)),
+        ];
+        let count = if onsets[0].is_close_to(&onsets[1]) { 1 } else { 2 };
+        let observations = onsets.map(|onset| (onset, self.observation(&onset, jump, push)));
         let least = core::array::from_fn(|rotor| self.least_change(rotor));
         let sets = Sets::weigh(
             &observations[..count],
@@ -276,7 +285,7 @@ impl SequentialDetector {
             && pair.unexplained <= UNEXPLAINED_BY_PAIR_NATS;
         finding.relevant |= pair_relevant;
         let open = sets.open();
-        let settled = self.watch.onset.age(pair.index) >= self.tuning.pair_blocks;
+        let settled = self.watch.onset.age(&pair.onset) >= self.tuning.pair_blocks;
         if pair_relevant && settled && open.hypothesis_count == 1 && open.rotors == pair.mask() {
             finding.probability = 1.0 / (1.0 + odds_of_none);
             finding.named = Some(pair);
@@ -287,9 +296,9 @@ impl SequentialDetector {
     }
 
     /// The lost wrench observed since one onset time, without the axes that a jump explains better.
-    fn observation(&self, index: usize, jump: &FreeEvidence, push: &FreeEvidence) -> Observation {
-        let mut observation = self.watch.onset.observation(index);
-        let of_any = self.watch.onset.free_fit(index);
+    fn observation(&self, onset: &Onset, jump: &FreeEvidence, push: &FreeEvidence) -> Observation {
+        let mut observation = self.watch.onset.observation(onset);
+        let of_any = self.watch.onset.free_fit(onset);
         for axis in 0..AXES {
             let jumped = jump.axis[axis] > push.axis[axis];
             if jumped && jump.axis[axis] > of_any[axis] + self.tuning.config.margin_to_isolate {
@@ -413,8 +422,8 @@ impl SequentialDetector {
     /// Absorbs a change into the model; further changes are sought relative to it. The part of the lasting wrench that the losses do not
     /// explain remains as a bias.
     fn absorb(&mut self, set: &SetFit, probability: f32) {
-        let seen = self.watch.onset.observation(set.index);
-        let errors = self.watch.onset.error(set.index);
+        let seen = self.watch.onset.observation(&set.onset);
+        let errors = self.watch.onset.error(&set.onset);
         for axis in 0..AXES {
             let explained: f32 = set
                 .members()

@@ -11,8 +11,10 @@
 //! An alternative hypothesis is a *jump* of the momentum itself, of any size on every axis: a sensor shift, a knock, or a brief model
 //! error in a hard manoeuvre. Its signature is that of an impulse; whatever it explains better is not a lost thrust.
 //!
-//! The onset times are every block of the last second or so, and increasingly sparse before: a fixed number, spaced about evenly in the
-//! logarithm of their age. Limits: one change at a time; a change is a step through the rotor lag.
+//! The onset times are starts of blocks: every one of the last tenths of a second, and increasingly sparse before, a fixed number, spaced
+//! about evenly in the logarithm of their age. Which of them is likeliest is enough to find a change, but not to size it: a change that
+//! set in half a block from the supposed time is off by a tenth, for good, as the filters forget. So the onset is then placed
+//! between two neighbouring ones ([`OnsetHypotheses::between_blocks`]). Limits: one change at a time; a change is a step through the rotor lag.
 
 use super::axis_filter::{DEFECT, GUST, Innovation, STATES};
 use super::defect::AXES;
@@ -29,6 +31,12 @@ const SETTLED: usize = 16;
 
 /// Keeps the division finite while there is no information yet, 1/N².
 const LEAST_INFORMATION: f32 = 1e-9;
+
+/// Onset of a hypothesis that there is not; two years of blocks away.
+const NO_BLOCK: u32 = u32::MAX;
+
+/// Signatures of two moments whose 1 − r², with the correlation r, is smaller are the same one to an `f32`.
+const LEAST_INDEPENDENCE: f32 = 1e-4;
 
 /// A later onset time must be likelier by this much to be preferred, nats: within the first window, a small early fault and a large
 /// late one look alike.
@@ -72,8 +80,10 @@ impl Signature {
     /// Updates with the innovations of one block.
     ///
     /// * `input`: what the hypothesis adds to the defect in this block, per unit
+    ///
+    /// Returns the signature of the block's innovations.
     #[inline]
-    fn update(&mut self, input: f32, block: &BlockRows) {
+    fn update(&mut self, input: f32, block: &BlockRows) -> [f32; AXES] {
         let mut signature = self.error[DEFECT];
         for axis in 0..AXES {
             signature[axis] += input;
@@ -95,6 +105,7 @@ impl Signature {
                 self.error[j][axis] -= block.gain[j][axis] * signature[axis];
             }
         }
+        signature
     }
 
     /// Error of one axis.
@@ -116,6 +127,8 @@ struct Moment {
     loss: Signature,
     /// Per unit of instantaneous momentum.
     jump: Signature,
+    /// Σ of the products of this loss's signatures and those of the moment before, weighted like the information.
+    shared: [f32; AXES],
 }
 
 impl Moment {
@@ -123,7 +136,35 @@ impl Moment {
         block: 0,
         loss: Signature::BLANK,
         jump: Signature::BLANK,
+        shared: [0.0; AXES],
     };
+}
+
+/// An onset time, which may lie between two moments under test.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct Onset {
+    /// Index of the moment at or before it.
+    pub index: usize,
+    /// Part of the way to the next moment, 0 to 1.
+    later: f32,
+    /// Squared relative standard deviation of a loss of that time, from not knowing the time any better.
+    pub relative_variance: f32,
+}
+
+impl Onset {
+    /// At one of the moments under test.
+    pub(super) const fn at(index: usize) -> Self {
+        Self {
+            index,
+            later: 0.0,
+            relative_variance: 0.0,
+        }
+    }
+
+    /// True if sizes for the two times differ by half a per cent at most.
+    pub(super) fn is_close_to(&self, other: &Self) -> bool {
+        self.index == other.index && (self.later - other.later).abs() < 0.03
+    }
 }
 
 /// Combined evidence of all onset times about one rotor.
@@ -182,7 +223,7 @@ impl OnsetHypotheses {
     pub(super) const BLANK: Self = Self {
         moment: [Moment::BLANK; MOMENTS],
         count: 0,
-        leading: [0; 3],
+        leading: [NO_BLOCK; 3],
         block: 0,
         response: [0.0; SETTLED],
     };
@@ -205,7 +246,7 @@ impl OnsetHypotheses {
             response,
         } = self;
         *count = 0;
-        *leading = [0; 3];
+        *leading = [NO_BLOCK; 3];
         *now = 0;
         let mut before = 0.0;
         for (block, entry) in response.iter_mut().enumerate() {
@@ -255,14 +296,24 @@ impl OnsetHypotheses {
                 block.gain[j][axis] = innovation[axis].gain[j];
             }
         }
+        let mut before = [0.0; AXES];
         for moment in self.moment.iter_mut().take(self.count) {
             let age = self.block.wrapping_sub(moment.block) as usize;
             let input = self.response.get(age).copied().unwrap_or(elapsed);
-            moment.loss.update(input + extra * elapsed, &block);
+            let signature = moment.loss.update(input + extra * elapsed, &block);
+            for axis in 0..AXES {
+                moment.shared[axis] += evidence[axis] * signature[axis] * before[axis];
+            }
+            before = signature;
             let impulse = if age == 0 { 1.0 } else { 0.0 };
             moment.jump.update(impulse, &block);
         }
         self.block = self.block.wrapping_add(1);
+    }
+
+    /// True for the onsets of the leading hypotheses and for their neighbours, from which the time within a block is found.
+    fn leads(&self, block: u32) -> bool {
+        self.leading.iter().any(|leading| leading.abs_diff(block) <= 1)
     }
 
     /// Makes room, and adds the current block.
@@ -274,7 +325,7 @@ impl OnsetHypotheses {
             for m in 1..MOMENTS - 1 {
                 let gap = self.moment[m + 1].block.wrapping_sub(self.moment[m - 1].block) as f32;
                 let age = self.block.wrapping_sub(self.moment[m].block) as f32;
-                if gap < least * (age + 1.0) && !self.leading.contains(&self.moment[m].block) {
+                if gap < least * (age + 1.0) && !self.leads(self.moment[m].block) {
                     least = gap / (age + 1.0);
                     drop = m;
                 }
@@ -406,26 +457,133 @@ impl OnsetHypotheses {
     }
 
     /// Blocks since an onset time.
-    pub(super) fn age(&self, index: usize) -> u32 {
-        self.block.wrapping_sub(self.at(index).block)
+    pub(super) fn age(&self, onset: &Onset) -> u32 {
+        self.block.wrapping_sub(self.at(onset.index).block)
+    }
+
+    /// The likeliest onset between a moment under test and those next to it, for a lost wrench of this direction and any size.
+    ///
+    /// The signature of an onset between two neighbouring blocks is interpolated, S = (1 − f) S₁ + f S₂: exact once a step has settled
+    /// through the rotor lag, and to a hundredth of a block before. So the losses Δ (1 − f) and Δ f that set in at both moments are fitted,
+    /// and f follows. With T = S₂ − S₁, I = Σ S², X = Σ S T and K = Σ T², and f beforehand uniform over one block,
+    ///
+    /// var Δ̂ = 1/(I − X²/(K + 12/Δ̂²)).
+    ///
+    /// * `direction`: of the wrench, levers divided out; a column of F for the loss of one rotor
+    pub(super) fn between_blocks(&self, index: usize, direction: &[f32; AXES]) -> Onset {
+        let mut onset = Onset::at(index);
+        let mut most = f32::NEG_INFINITY;
+        for first in [index.wrapping_sub(1), index] {
+            let Some(fit) = self.fit_between(first, direction) else {
+                continue;
+            };
+            if fit.log_likelihood > most {
+                most = fit.log_likelihood;
+                onset = fit.onset;
+            }
+        }
+        onset
+    }
+
+    /// [`OnsetHypotheses::between_blocks`] between a moment and the next; none where these are not neighbours.
+    fn fit_between(&self, first: usize, direction: &[f32; AXES]) -> Option<FitBetween> {
+        let early = self.moment.get(first)?;
+        let late = self
+            .moment
+            .get(first.wrapping_add(1))
+            .filter(|_| first.wrapping_add(1) < self.count)?;
+        if late.block.wrapping_sub(early.block) != 1 {
+            return None;
+        }
+        let (mut numerator, mut information, mut shared) = ([0.0; 2], [LEAST_INFORMATION; 2], 0.0);
+        for axis in 0..AXES {
+            let square = direction[axis] * direction[axis];
+            for (k, moment) in [early, late].into_iter().enumerate() {
+                numerator[k] -= direction[axis] * moment.loss.score[axis];
+                information[k] += square * moment.loss.information[axis];
+            }
+            shared += square * late.shared[axis];
+        }
+        let determinant = information[0] * information[1] - shared * shared;
+        // The later of the two has seen nothing yet, or both look alike.
+        if determinant <= LEAST_INDEPENDENCE * information[0] * information[1] {
+            return None;
+        }
+        let parts = [
+            (information[1] * numerator[0] - shared * numerator[1]) / determinant,
+            (information[0] * numerator[1] - shared * numerator[0]) / determinant,
+        ];
+        let later = if parts[0] * parts[1] > 0.0 {
+            parts[1] / (parts[0] + parts[1])
+        } else if numerator[1] * numerator[1] * information[0] > numerator[0] * numerator[0] * information[1] {
+            1.0
+        } else {
+            0.0
+        };
+        let mix = |of: [f32; 2]| of[0] + later * (of[1] - of[0]);
+        let across = [
+            information[0] + later * (shared - information[0]),
+            shared + later * (information[1] - shared),
+        ];
+        let (along, numerator) = (mix(across).max(LEAST_INFORMATION), mix(numerator));
+        let loss = numerator / along;
+        let (mixed, slope) = (across[1] - across[0], information[0] - 2.0 * shared + information[1]);
+        let explained = mixed * mixed / (slope + 12.0 / (loss * loss).max(f32::MIN_POSITIVE));
+        let variance = 1.0 / (along - explained).max(LEAST_INDEPENDENCE * along) - 1.0 / along;
+        Some(FitBetween {
+            onset: Onset {
+                index: first,
+                later,
+                relative_variance: variance / (loss * loss).max(f32::MIN_POSITIVE),
+            },
+            log_likelihood: 0.5 * numerator * loss,
+        })
+    }
+
+    /// Signature of a loss at an onset time.
+    fn loss_since(&self, onset: &Onset) -> Signature {
+        let early = self.at(onset.index);
+        if onset.later == 0.0 {
+            return early.loss;
+        }
+        let late = self.at(onset.index.wrapping_add(1));
+        let (of_early, of_late) = (1.0 - onset.later, onset.later);
+        let mut loss = Signature::BLANK;
+        for axis in 0..AXES {
+            for j in 0..STATES {
+                loss.error[j][axis] = of_early * early.loss.error[j][axis] + of_late * late.loss.error[j][axis];
+            }
+            loss.score[axis] = of_early * early.loss.score[axis] + of_late * late.loss.score[axis];
+            loss.information[axis] = of_early * of_early * early.loss.information[axis]
+                + 2.0 * of_early * of_late * late.shared[axis]
+                + of_late * of_late * late.loss.information[axis];
+        }
+        loss
     }
 
     /// The lost wrench that the innovations show since an onset time.
-    pub(super) fn observation(&self, index: usize) -> Observation {
-        let loss = &self.at(index).loss;
+    pub(super) fn observation(&self, onset: &Onset) -> Observation {
+        let loss = self.loss_since(onset);
         Observation::new(&loss.score, &loss.information)
     }
 
     /// ln of the likelihood ratio of every axis, each at its best size, nats.
-    pub(super) fn free_fit(&self, index: usize) -> [f32; AXES] {
-        self.at(index).loss.free_fit()
+    pub(super) fn free_fit(&self, onset: &Onset) -> [f32; AXES] {
+        self.loss_since(onset).free_fit()
     }
 
     /// Error of each axis filter per unit of wrench lost since an onset time.
-    pub(super) fn error(&self, index: usize) -> [[f32; STATES]; AXES] {
-        let loss = &self.at(index).loss;
+    pub(super) fn error(&self, onset: &Onset) -> [[f32; STATES]; AXES] {
+        let loss = self.loss_since(onset);
         core::array::from_fn(|axis| loss.error_of(axis))
     }
+}
+
+/// See [`OnsetHypotheses::fit_between`].
+struct FitBetween {
+    onset: Onset,
+    /// Nats.
+    log_likelihood: f32,
 }
 
 #[cfg(test)]
@@ -461,19 +619,25 @@ mod tests {
         hypotheses.evidence(&columns, &[0.0; LANES])[LANES - 1]
     }
 
-    /// Runs one filter per axis over noiseless defects with a loss from block 100 on; the other axes see nothing.
+    /// [`run_from`] the start of block 100.
     fn run(column: &[f32; AXES], loss: f32, blocks: u32) -> OnsetHypotheses {
+        run_from(0.0, column, loss, blocks)
+    }
+
+    /// Runs one filter per axis over noiseless defects with a loss from a part of block 100 on.
+    fn run_from(part: f32, column: &[f32; AXES], loss: f32, blocks: u32) -> OnsetHypotheses {
         let d = disturbance();
         let mut hypotheses = fresh();
         let mut filter = [AxisFilter::new(&[1e-6, 2.5e-7, 0.01, 0.0, 0.0, 0.0, 0.0]); AXES];
         let phi = [[0.0, BLOCK, BLOCK, 0.0, 0.0, 0.0, 0.0]; AXES];
         for block in 0..blocks {
             let mut innovation = [Innovation::default(); AXES];
-            let input = match block.checked_sub(100) {
+            let since = |start: u32| match block.checked_sub(start) {
                 None => 0.0,
                 Some(age) if (age as usize) < SETTLED => hypotheses.response[age as usize],
                 Some(_) => BLOCK,
             };
+            let input = (1.0 - part) * since(100) + part * since(101);
             for axis in 0..AXES {
                 filter[axis].predict(&phi[axis], &d);
                 innovation[axis] = filter[axis].update(-column[axis] * loss * input, d.measurement);
@@ -494,16 +658,35 @@ mod tests {
             let hypotheses = run(&column, 0.09, blocks);
             let evidence = evidence_of(&hypotheses, &column);
             assert!((evidence.loss / 0.09 - 1.0).abs() < 1e-3, "{evidence:?}");
-            assert_eq!(hypotheses.age(evidence.index), blocks - 100);
+            assert_eq!(hypotheses.age(&Onset::at(evidence.index)), blocks - 100);
             assert!(evidence.log_likelihood > 100.0);
             // ½ Δ² C with a perfect fit.
-            let seen = hypotheses.observation(evidence.index);
+            let seen = hypotheses.observation(&Onset::at(evidence.index));
             let information: f32 = (0..AXES).map(|a| column[a] * column[a] / seen.variance[a]).sum();
             let want = 0.5 * 0.09 * 0.09 * information;
             assert!((evidence.log_likelihood / want - 1.0).abs() < 1e-3);
             // A rotor on the other side would have to gain thrust.
             let opposite = [-1.0, 0.5, -0.866, -1.0];
             assert!(evidence_of(&hypotheses, &opposite).log_likelihood < 0.5 * evidence.log_likelihood);
+        }
+    }
+
+    #[test]
+    fn val_an_onset_within_a_block_is_found() {
+        let column = [-1.0, -0.5, 0.866, 1.0];
+        for part in [0.2, 0.5, 0.8] {
+            let hypotheses = run_from(part, &column, 0.09, 130);
+            let index = evidence_of(&hypotheses, &column).index;
+            let onset = hypotheses.between_blocks(index, &column);
+            assert_eq!(hypotheses.age(&onset), 30);
+            assert!((onset.later - part).abs() < 0.01, "{onset:?}");
+            let seen = hypotheses.observation(&onset);
+            for axis in 0..AXES {
+                assert!(
+                    (seen.wrench[axis] / (-0.09 * column[axis]) - 1.0).abs() < 3e-3,
+                    "{seen:?}"
+                );
+            }
         }
     }
 

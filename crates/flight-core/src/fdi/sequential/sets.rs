@@ -14,6 +14,7 @@
 
 use super::defect::AXES;
 use super::estimate::{MAX_HYPOTHESES, Suspects};
+use super::onset::Onset;
 use super::within;
 use crate::MAX_ROTORS;
 
@@ -92,8 +93,7 @@ pub(super) struct SetFit {
     pub log_likelihood: f32,
     /// Further gain that any wrench could explain, nats.
     pub unexplained: f32,
-    /// Index of the onset time.
-    pub index: usize,
+    pub onset: Onset,
 }
 
 impl SetFit {
@@ -117,7 +117,8 @@ impl SetFit {
     /// Standard deviation of the loss of a member, N.
     pub(super) fn deviation(&self, rotor: usize) -> f32 {
         let member = usize::from(self.is_pair() && usize::from(self.rotors[1]) == rotor);
-        libm::sqrtf(self.covariance[member].max(0.0))
+        let of_onset = self.onset.relative_variance * self.loss[member] * self.loss[member];
+        libm::sqrtf(self.covariance[member].max(0.0) + of_onset)
     }
 
     /// A single rotor.
@@ -196,7 +197,7 @@ pub(super) struct Demands {
 /// Only the likelihood of each at its better onset time is stored; losses are recomputed on demand, which takes a twelfth of the memory.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Sets<'a> {
-    observations: &'a [(usize, Observation)],
+    observations: &'a [(Onset, Observation)],
     rotor_count: usize,
     column: &'a [[f32; AXES]; MAX_ROTORS],
     least: &'a [f32; MAX_ROTORS],
@@ -210,10 +211,10 @@ pub(super) struct Sets<'a> {
 }
 
 impl<'a> Sets<'a> {
-    /// * `observations`: one or two; for each onset time its index and the observation   * `least`: smallest possible loss of each
+    /// * `observations`: one or two; the onset times with their observations   * `least`: smallest possible loss of each
     ///   rotor, N
     pub(super) fn weigh(
-        observations: &'a [(usize, Observation)],
+        observations: &'a [(Onset, Observation)],
         rotor_count: usize,
         column: &'a [[f32; AXES]; MAX_ROTORS],
         least: &'a [f32; MAX_ROTORS],
@@ -250,7 +251,7 @@ impl<'a> Sets<'a> {
 
     /// The best-fitting losses of a set (both entries equal for a single rotor) at one onset time.
     #[inline(never)]
-    fn fit_to(&self, (index, observation): &(usize, Observation), free: f32, rotors: [usize; 2]) -> SetFit {
+    fn fit_to(&self, (onset, observation): &(Onset, Observation), free: f32, rotors: [usize; 2]) -> SetFit {
         let (first, second) = (within(rotors[0]), within(rotors[1]));
         let mut fit = if first == second {
             SetFit::single(observation, first, &self.column[first], self.least[first])
@@ -263,7 +264,7 @@ impl<'a> Sets<'a> {
                 [self.least[first], self.least[second]],
             )
         };
-        fit.index = *index;
+        fit.onset = *onset;
         fit.unexplained = free - fit.log_likelihood;
         if fit
             .members()
@@ -422,7 +423,7 @@ mod tests {
     fn weigh<T>(rotor_count: usize, losses: &[(usize, f32)], of: impl Fn(&Sets<'_>) -> T) -> T {
         let column = columns(rotor_count);
         let observation = seen(losses, &column);
-        let observations = [(0, observation)];
+        let observations = [(Onset::at(0), observation)];
         of(&Sets::weigh(
             &observations,
             rotor_count,
@@ -482,7 +483,14 @@ mod tests {
         observation.wrench[1] *= 1.05;
         observation.variance = [1e-6; AXES];
         let gain_of_second = |observation| {
-            Sets::weigh(&[(0, observation)], 6, &column, &[0.0; MAX_ROTORS], &demands()).gain_of_second(0)
+            Sets::weigh(
+                &[(Onset::at(0), observation)],
+                6,
+                &column,
+                &[0.0; MAX_ROTORS],
+                &demands(),
+            )
+            .gain_of_second(0)
         };
         assert!(gain_of_second(observation) > 10.0);
         assert!(gain_of_second(observation.tolerant(&[0.0; AXES], &[2.5e-3; AXES], 0.0)) < 2.0);
