@@ -6,7 +6,7 @@
 //! * `healthy`: the same trajectories without a fault: hours and false alarms
 //! * `smallest`: every trajectory with every rotor losing a small fraction of its thrust at 30 s: isolated within 10 s?
 //! * `pairs`: every pair of rotors, simultaneously and in sequence: named, ambiguous, wrong?
-//! * `coverage`: how often the 95 % interval of the loss contains the truth
+//! * `coverage`: how often the 95 % interval of the loss contains the truth; faults begin anywhere in a window
 //! * `early`: a fault present from the start, before the calibration ends
 //!
 //! SCENARIO provides vehicle, mismatch and noise (default: the reference flight); `key=value` overrides a key of it, such as
@@ -27,6 +27,9 @@ use rotortwin_wire::link::in_process::InProcessLink;
 use rotortwin_wire::peers::{FdiEnginePeer, PidPeer};
 use std::collections::BTreeMap;
 use std::num::NonZeroUsize;
+
+/// Length of a window, s.
+const WINDOW_S: f64 = 25.0 * STEP_S;
 
 /// One window of one flight.
 #[derive(Clone, Copy)]
@@ -250,13 +253,13 @@ fn run_protocol(study: &Study) {
                     };
                     *others.entry(what).or_default() += 1;
                 }
-                healthy_s += if w.label == 0 { 25.0 * STEP_S } else { 0.0 };
+                healthy_s += if w.label == 0 { WINDOW_S } else { 0.0 };
             }
             let alarms = alarms(windows);
             alarm_count += alarms;
             let onset = windows.iter().find(|w| w.label != 0).map_or(f64::NAN, |w| w.end_s);
             let found = windows.iter().find(|w| w.label != 0 && w.report.sequential == w.label);
-            let delay = found.map_or(f64::INFINITY, |w| w.end_s - onset + 25.0 * STEP_S);
+            let delay = found.map_or(f64::INFINITY, |w| w.end_s - onset + WINDOW_S);
             delays.push(delay);
             let healthy_named = windows.iter().filter(|w| names_healthy(w)).count();
             let missed = (fold.1 - before.1) - (fold.0 - before.0);
@@ -333,7 +336,7 @@ fn run_healthy(study: &Study) {
         }
         (alarms(&windows), ready)
     });
-    let hours = results.iter().map(|r| r.1).sum::<usize>() as f64 * 25.0 * STEP_S / 3600.0;
+    let hours = results.iter().map(|r| r.1).sum::<usize>() as f64 * WINDOW_S / 3600.0;
     println!("  {}", rate(results.iter().map(|r| r.0).sum(), hours));
 }
 
@@ -555,7 +558,9 @@ fn run_coverage(study: &Study) {
             jobs.extend(cases.zip(seeds));
         }
         let results = study.map(&jobs, |((course, rotor), seed)| {
-            let faults = vec![loss(*rotor, 30.0, percent)];
+            // Anywhere in a window: the detector takes a block's start for the first guess of the onset.
+            let onset_s = 30.0 + WINDOW_S * RandomStream::new(*seed, "detector-study/onset").unit();
+            let faults = vec![loss(*rotor, onset_s, percent)];
             let windows = fly(&scenario(&study.base, *course, 0.9, *seed, 52.0, faults));
             let code = *rotor as i32 + 1;
             let first = windows
