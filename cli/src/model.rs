@@ -286,11 +286,14 @@ fn changed_terms(difference: &Difference) -> String {
 impl Add {
     fn run(&self, store: &ModelStore) -> Result<(), StoreError> {
         let head = Head::find(store, &self.model)?;
-        let (documents, effects) = self.effects(&head.line(store)?)?;
-        let next = head
+        let found = self.effects(&head.line(store)?)?;
+        let mut next = head
             .version
-            .with_effects(effects, self.note.clone())
-            .with_documents(&documents);
+            .with_effects(found.effects, self.note.clone())
+            .with_documents(&found.documents);
+        if found.own_winds {
+            next = next.with_own_winds();
+        }
         // Before anything is created, so that a rejection leaves nothing behind.
         ModelStore::check(&next)?;
         head.begin(store)?;
@@ -299,9 +302,8 @@ impl Add {
         Ok(())
     }
 
-    /// The effects given on the command line, or those of a diagnosis, and the documents of those outside the catalogue. `line`
-    /// contains the versions up to the one that they are added to.
-    fn effects(&self, line: &[ModelVersion]) -> Result<(Vec<EffectDocument>, Vec<ModelEffect>), StoreError> {
+    /// What the command line gives, or a diagnosis. `line` contains the versions up to the one that it is added to.
+    fn effects(&self, line: &[ModelVersion]) -> Result<Found, StoreError> {
         let Some(path) = &self.from else {
             let documents = self
                 .effects
@@ -310,7 +312,11 @@ impl Add {
                 .collect::<Result<Vec<_>, _>>()?;
             let effect = self.effect.as_deref().unwrap_or_default();
             return effect_by_hand(effect, self.rotor, self.onset, &self.parameters)
-                .map(|effect| (documents, vec![effect]))
+                .map(|effect| Found {
+                    effects: vec![effect],
+                    documents,
+                    own_winds: false,
+                })
                 .map_err(StoreError::Refused);
         };
         let refuse = |reason: String| StoreError::Refused(format!("{}: {reason}", path.display()));
@@ -320,10 +326,15 @@ impl Add {
         from_diagnosis::check_base(&json, line).map_err(refuse)?;
         if self.proposal {
             let (document, effect) = from_diagnosis::proposal(&json, &[]).map_err(refuse)?;
-            return Ok((vec![document], vec![effect]));
+            return Ok(Found {
+                effects: vec![effect],
+                documents: vec![document],
+                own_winds: false,
+            });
         }
+        let own_winds = from_diagnosis::has_own_winds(&json);
         let mut effects = from_diagnosis::effects(&json, &[]).map_err(refuse)?;
-        if effects.is_empty() {
+        if effects.is_empty() && !own_winds {
             return Err(refuse("this diagnosis found no missing physics to add".into()));
         }
         if let Some(number) = self.pick {
@@ -335,8 +346,21 @@ impl Add {
             }
             effects = vec![effects.swap_remove(number - 1)];
         }
-        Ok((Vec::new(), effects))
+        Ok(Found {
+            effects,
+            documents: Vec::new(),
+            own_winds,
+        })
     }
+}
+
+/// What a version is to get.
+struct Found {
+    effects: Vec<ModelEffect>,
+    /// Documents of effects that the catalogue lacks.
+    documents: Vec<EffectDocument>,
+    /// Each flight has a wind of its own.
+    own_winds: bool,
 }
 
 /// Prints the differences of a new version from the previous one.

@@ -111,9 +111,7 @@ pub(crate) fn diagnose(
             clock: &|| start.elapsed().as_secs_f64(),
             ..Options::default()
         };
-        rotortwin_twin::diagnose::diagnose(&logs, &model, &options).and_then(|mut diagnosis| {
-            rotortwin_twin::diagnose::add_flights_alone(&mut diagnosis, &logs, &model, &options).map(|()| diagnosis)
-        })
+        rotortwin_twin::diagnose::diagnose(&logs, &model, &options)
     });
     json(&result.map_err(input)?)
 }

@@ -13,7 +13,7 @@ use rotortwin_scenario::{ConfigError, effect_documents};
 use rotortwin_twin::baseline::Trim;
 use rotortwin_twin::compare::NamedModel;
 use rotortwin_twin::diagnose::{
-    Diagnosis, Finding, NotConsidered, Options, Verdict, add_flights_alone, diagnose as search, in_sentence,
+    Diagnosis, Finding, NotConsidered, Options, Verdict, diagnose as search, in_sentence,
 };
 use rotortwin_twin::estimation::parameters::FittedParameter;
 use rotortwin_twin::improve::from_diagnosis;
@@ -63,8 +63,7 @@ pub fn diagnose(job: &Job, advise: bool, tell: Tell<'_>) -> Result<Diagnosed, Fa
         time_limit_s: f64::from(job.time_limit_s.unwrap_or(TIME_LIMIT_S)),
         ..Options::default()
     };
-    let mut diagnosis = search(&logs, &found.version, &options).map_err(Failure::input)?;
-    add_flights_alone(&mut diagnosis, &logs, &found.version, &options).map_err(Failure::input)?;
+    let diagnosis = search(&logs, &found.version, &options).map_err(Failure::input)?;
     let mut text = text(&diagnosis);
     if (folder.is_some() || advise)
         && let Some(advice) = next_flight::after(&diagnosis, &found.version)
@@ -103,14 +102,12 @@ fn compared_models(label: &str, version: &ModelVersion, diagnosis: &Diagnosis) -
         label: label.to_owned(),
         version: version.clone(),
     }];
-    let effects = serde_json::to_value(diagnosis)
-        .map_err(|error| error.to_string())
-        .and_then(|json| from_diagnosis::effects(&json, &[]))
-        .unwrap_or_default();
-    if !effects.is_empty() {
+    let json = serde_json::to_value(diagnosis).unwrap_or_default();
+    let effects = from_diagnosis::effects(&json, &[]).unwrap_or_default();
+    if !effects.is_empty() || from_diagnosis::has_own_winds(&json) {
         models.push(NamedModel {
             label: format!("{label} with what was found"),
-            version: version.with_effects(effects, "what a diagnosis found"),
+            version: from_diagnosis::with_effects(version, effects, &json, "what a diagnosis found"),
         });
     }
     models

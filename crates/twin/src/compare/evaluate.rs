@@ -196,6 +196,7 @@ fn nuisance_values(predictor: &Predictor, fitted: &Nuisances) -> NuisanceValues 
     NuisanceValues {
         rotor_bias_n: fitted.rotor_bias_n[..predictor.series().rotors].to_vec(),
         charge_at_start: predictor.plant.charge + fitted.charge,
+        wind_m_s: predictor.has_own_wind().then_some(fitted.wind_m_s),
     }
 }
 

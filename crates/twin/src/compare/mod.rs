@@ -51,6 +51,9 @@ pub struct NuisanceValues {
     pub rotor_bias_n: Vec<f64>,
     /// Charge at the start of the log, fraction.
     pub charge_at_start: f64,
+    /// Wind of the flight, north and east, m/s; absent unless the model gives each flight one of its own.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub wind_m_s: Option<[f64; 2]>,
 }
 
 /// An interval of a log that counts for no channel.
@@ -129,7 +132,8 @@ pub fn compare(logs: &[FlightLog], models: &[NamedModel]) -> Result<(Comparison,
         for model in models {
             let documents = model.version.documents();
             let catalogue = model.version.catalogue()?;
-            let predictor = Predictor::new(&documents, &model.version.instances(), &catalogue, log)?;
+            let predictor = Predictor::new(&documents, &model.version.instances(), &catalogue, log)?
+                .with_own_wind(model.version.wind_of_each_flight);
             let grid = predictor.series();
             let into = series.get_or_insert_with(|| LogSeries {
                 time_s: (0..grid.len).map(|k| grid.time(k)).collect(),

@@ -21,7 +21,7 @@
 //! Gusts are noise, not a column: where forces stay unexplained despite a drag, their covariance is tried
 //! (`strategies/covariance.rs`).
 
-mod alone;
+mod air;
 mod calibration;
 mod considered;
 mod findings;
@@ -36,9 +36,8 @@ mod strategies;
 mod supply;
 mod words;
 
-pub use alone::add_flights_alone;
 pub use result::{
-    Calibration, ChannelGoodness, DiagnosedModel, Diagnosis, Finding, FlightAlone, Goodness, HeldOutError,
+    Calibration, ChannelGoodness, DiagnosedModel, Diagnosis, Finding, FlightWind, Goodness, HeldOutError,
     NotConsidered, NotTestable, Picture, PictureBin, Ranked, Rival, Timing, Verdict,
 };
 pub use words::in_sentence;
@@ -103,11 +102,17 @@ impl std::fmt::Debug for Options<'_> {
 }
 
 /// Compares the model with the logs and reports what is missing. Several logs share the vehicle; each has its own
-/// nuisances.
+/// nuisances, and if nothing explains them in one wind, a wind of its own.
 ///
 /// # Errors
 /// One sentence: a log cannot be compared with the model, or the model's effects are not valid.
 pub fn diagnose(logs: &[FlightLog], model: &ModelVersion, options: &Options<'_>) -> Result<Diagnosis, PredictError> {
+    let found = diagnose_by(logs, model, options)?;
+    air::in_winds_of_their_own(found, logs, model, options)
+}
+
+/// The diagnosis by this model.
+fn diagnose_by(logs: &[FlightLog], model: &ModelVersion, options: &Options<'_>) -> Result<Diagnosis, PredictError> {
     if logs.is_empty() {
         return Err(PredictError("expected at least one log, got none".into()));
     }
@@ -120,7 +125,9 @@ pub fn diagnose(logs: &[FlightLog], model: &ModelVersion, options: &Options<'_>)
         .iter()
         .map(|log| {
             let predictor = Predictor::new(&documents, &instances, &catalogue, log)?;
-            Ok(predictor.with_chart(model.guesses_its_chart()))
+            Ok(predictor
+                .with_chart(model.guesses_its_chart())
+                .with_own_wind(model.wind_of_each_flight))
         })
         .collect::<Result<Vec<_>, PredictError>>()?;
     let changed = if options.baseline.is_empty() {

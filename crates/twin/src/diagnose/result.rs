@@ -342,9 +342,9 @@ pub struct Diagnosis {
     /// Changes with respect to healthy flights, if any were given.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub trim: Option<Trim>,
-    /// What each flight says alone, where several have no explanation together and an effect of the air is found in one alone.
+    /// Wind of each flight, where the model gives each one of its own or the flights have no explanation in one wind.
     #[serde(skip_serializing_if = "Vec::is_empty")]
-    pub alone: Vec<FlightAlone>,
+    pub winds: Vec<FlightWind>,
     /// Logs.
     pub logs: Vec<String>,
     /// What was left out or assumed.
@@ -356,20 +356,13 @@ pub struct Diagnosis {
     pub timing: Timing,
 }
 
-/// What one flight of several says alone.
+/// The steady wind of a flight, fitted with its rotor biases and its charge.
 #[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]
-pub struct FlightAlone {
+pub struct FlightWind {
     /// The log.
     pub log: String,
-    /// The answer.
-    pub verdict: Verdict,
-    /// The verdict in a sentence.
-    pub sentence: String,
-    /// Missing physics, then faults of sensors and clocks.
-    pub effects: Vec<Finding>,
-    /// True if one of them belongs to the air of the flight.
-    #[serde(skip)]
-    pub(crate) is_of_the_air: bool,
+    /// Where the air moves to, north and east, m/s.
+    pub parameters: Vec<FittedParameter>,
 }
 
 /// A guessed constant of the vehicle, and the value that the flights indicate.

@@ -1,6 +1,6 @@
 //! The search: a list of passes over a state, as docs/diagnose.md describes them.
 
-use rotortwin_plant::effects::{Catalogue, EffectInstance, Requirement};
+use rotortwin_plant::effects::{Catalogue, EffectInstance, Place, Requirement};
 
 use super::considered::holds;
 use super::passes::Pass;
@@ -92,6 +92,9 @@ fn begin<'a>(
     let mut library = Library::new(catalogue, rotors, &predictors[0].vehicle_size());
     // What the model has already is not looked for; its clutter stays as that of the others.
     library.retain(|c| model.iter().all(|m| m.effect != c.declaration.id || m.rotor != c.rotor));
+    // A wind that all flights share is one of each.
+    let winds = predictors.iter().any(Predictor::has_own_wind);
+    library.retain(|c| !winds || !c.declaration.places.contains(&Place::Wind));
     // Without a measured voltage Eq. 19 uses that of the model's battery: an effect that acts through it would only be a level or a drift of
     // the thrust. An airspeed or a position that nothing tells would be taken as none.
     for requirement in [
@@ -140,7 +143,7 @@ fn begin<'a>(
         held_out: Vec::new(),
         proposal: None,
         trim: None,
-        alone: Vec::new(),
+        winds: Vec::new(),
         logs: predictors.iter().map(|p| p.name.clone()).collect(),
         notes: predictors
             .iter()

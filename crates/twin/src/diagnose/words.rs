@@ -2,6 +2,7 @@
 
 use rotortwin_plant::effects::EffectClass;
 
+use super::air;
 use super::named::Quantity;
 use super::result::{Calibration, Diagnosis, Finding, HeldOutError, NotConsidered, Outcome, Reason, Rival, Verdict};
 use super::state::Doubt;
@@ -206,7 +207,7 @@ pub(crate) fn render(diagnosis: &mut Diagnosis) {
     for one in &mut diagnosis.not_considered {
         one.reason = unconsidered(one);
     }
-    diagnosis.sentence = sentence(diagnosis);
+    diagnosis.sentence = sentence(diagnosis) + &air::sentence(&diagnosis.winds);
 }
 
 fn names(rivals: &[Rival]) -> String {
@@ -377,9 +378,13 @@ fn sentence(diagnosis: &Diagnosis) -> String {
             } else {
                 format!(" And a fault of the log: {}.", named(&diagnosis.sensor_or_timing))
             };
+            let missing = if diagnosis.effects.is_empty() {
+                "the wind of each flight".to_owned()
+            } else {
+                named(&diagnosis.effects)
+            };
             format!(
-                "Missing: {}.{share}{}{fault}{small} Also compatible: {}.",
-                named(&diagnosis.effects),
+                "Missing: {missing}.{share}{}{fault}{small} Also compatible: {}.",
                 held_out.concat(),
                 names(&rivals)
             )

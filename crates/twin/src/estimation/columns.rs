@@ -20,6 +20,10 @@ pub(crate) const LARGEST_BIAS: f64 = 0.006;
 /// Prior deviation of the charge at the start, fraction.
 pub(crate) const CHARGE_DEVIATION: f64 = 0.25;
 
+/// Prior deviation of each horizontal component of the wind of a flight, m/s, and the largest: row 4 of the catalogue.
+pub(crate) const WIND_DEVIATION_M_S: f64 = 3.0;
+pub(crate) const LARGEST_WIND_M_S: f64 = 15.0;
+
 /// Step of the differences in plausible sizes.
 pub(crate) const STEP: f64 = 0.02;
 
@@ -53,45 +57,57 @@ impl LogState {
         }
     }
 
-    /// Rotor biases and the charge; no charge without a voltage.
+    /// Rotor biases, the charge, and where each flight has a wind of its own its components north and east.
     pub(crate) fn nuisance_count(&self) -> usize {
-        self.predictor.series().rotors + 1
+        self.charge_place() + if self.predictor.has_own_wind() { 3 } else { 1 }
+    }
+
+    /// Place of the charge among the nuisances.
+    pub(crate) fn charge_place(&self) -> usize {
+        self.predictor.series().rotors
+    }
+
+    /// Places of the nuisances whose columns depend on where they and the effects are: the open-circuit voltage has kinks, and a wind acts
+    /// through the drag.
+    pub(crate) fn bent_nuisances(&self) -> std::ops::Range<usize> {
+        self.charge_place()..self.nuisance_count()
     }
 
     /// Prior deviation of a nuisance in its own unit.
     pub(crate) fn nuisance_size(&self, which: usize) -> f64 {
-        if which < self.predictor.series().rotors {
-            BIAS_SHARE * self.predictor.nominal.hover_thrust_n
-        } else {
-            CHARGE_DEVIATION
+        match which.checked_sub(self.charge_place()) {
+            None => BIAS_SHARE * self.predictor.nominal.hover_thrust_n,
+            Some(0) => CHARGE_DEVIATION,
+            Some(_) => WIND_DEVIATION_M_S,
         }
     }
 
     pub(crate) fn nuisance(&self, which: usize) -> f64 {
-        if which < self.predictor.series().rotors {
-            self.nuisances.rotor_bias_n[which]
-        } else {
-            self.nuisances.charge
+        match which.checked_sub(self.charge_place()) {
+            None => self.nuisances.rotor_bias_n[which],
+            Some(0) => self.nuisances.charge,
+            Some(wind) => self.nuisances.wind_m_s[wind - 1],
         }
     }
 
     pub(crate) fn set_nuisance(&mut self, which: usize, value: f64) {
-        if which < self.predictor.series().rotors {
-            self.nuisances.rotor_bias_n[which] = value;
-        } else {
-            self.nuisances.charge = value;
-        }
+        let charge = self.charge_place();
+        set(&mut self.nuisances, charge, which, value);
     }
 
-    /// Bounds of a nuisance in its own unit: no lift error goes beyond [`LARGEST_BIAS`], and no battery holds less than nothing or more
-    /// than it can.
+    /// Bounds of a nuisance in its own unit: no lift error goes beyond [`LARGEST_BIAS`], no battery holds less than nothing or more
+    /// than it can, and nobody flies in a storm.
     pub(crate) fn nuisance_bounds(&self, which: usize) -> (f64, f64) {
-        if which < self.predictor.series().rotors {
-            let most = LARGEST_BIAS * self.predictor.nominal.hover_thrust_n;
-            (-most, most)
-        } else {
-            let charge = self.predictor.initial_charge();
-            (-charge, 1.0 - charge)
+        match which.checked_sub(self.charge_place()) {
+            None => {
+                let most = LARGEST_BIAS * self.predictor.nominal.hover_thrust_n;
+                (-most, most)
+            }
+            Some(0) => {
+                let charge = self.predictor.initial_charge();
+                (-charge, 1.0 - charge)
+            }
+            Some(_) => (-LARGEST_WIND_M_S, LARGEST_WIND_M_S),
         }
     }
 
@@ -127,6 +143,15 @@ impl LogState {
         for (which, x) in position.iter().enumerate() {
             self.set_nuisance(which, x * self.nuisance_size(which));
         }
+    }
+}
+
+/// Sets the nuisance at a place, where the charge is at `charge`.
+fn set(nuisances: &mut Nuisances, charge: usize, which: usize, value: f64) {
+    match which.checked_sub(charge) {
+        None => nuisances.rotor_bias_n[which] = value,
+        Some(0) => nuisances.charge = value,
+        Some(wind) => nuisances.wind_m_s[wind - 1] = value,
     }
 }
 
@@ -200,18 +225,14 @@ impl LogState {
     ) -> Result<Column, PredictError> {
         let mut moved = self.nuisances;
         let size = self.nuisance_size(which);
-        let step = if which < self.predictor.series().rotors {
-            0.5 * size
-        } else {
-            0.01 * size
+        let (step, hooks) = match which.checked_sub(self.charge_place()) {
+            None => (0.5 * size, Hooks::CONSTANTS),
+            Some(0) => (0.01 * size, Hooks::CONSTANTS),
+            Some(_) => (WIND_STEP_M_S, Hooks::NONE),
         };
-        if which < self.predictor.series().rotors {
-            moved.rotor_bias_n[which] += step;
-        } else {
-            moved.charge += step;
-        }
+        set(&mut moved, self.charge_place(), which, self.nuisance(which) + step);
         let set = self.predictor.effect_set(&moved, effects)?;
-        Ok(self.column(base, &set, Hooks::CONSTANTS, size / step))
+        Ok(self.column(base, &set, hooks, size / step))
     }
 
     /// Columns of all nuisances.

@@ -46,7 +46,8 @@ pub(crate) struct Fitted {
 
 /// Products of the columns that are taken anew at a point, with all columns of their log and with the residual.
 struct Moved {
-    charge: Vec<f64>,
+    /// Of the nuisances that are bent.
+    bent: Vec<Vec<f64>>,
     free: Vec<Vec<f64>>,
     gradient: Vec<f64>,
     square_sum: f64,
@@ -243,20 +244,23 @@ impl Problem {
         for (l, part) in parts.into_iter().enumerate() {
             let part = part?;
             let own = logs[l].nuisance_count();
-            // The open-circuit voltage has kinks: the column of the charge is taken where the charge now is.
-            let charge = own - 1;
-            let place = self.global(l, charge);
-            for i in 0..normal.matrix.size() {
-                *normal.matrix.at_mut(place, i) = 0.0;
-                *normal.matrix.at_mut(i, place) = 0.0;
+            let bent = logs[l].bent_nuisances();
+            for place in bent.clone().map(|which| self.global(l, which)) {
+                for i in 0..normal.matrix.size() {
+                    *normal.matrix.at_mut(place, i) = 0.0;
+                    *normal.matrix.at_mut(i, place) = 0.0;
+                }
             }
-            for (i, product) in part.charge.iter().enumerate() {
-                let b = self.global(l, i);
-                *normal.matrix.at_mut(place, b) = *product;
-                *normal.matrix.at_mut(b, place) = *product;
+            for (which, products) in bent.clone().zip(&part.bent) {
+                let place = self.global(l, which);
+                for (i, product) in products.iter().enumerate() {
+                    let b = self.global(l, i);
+                    *normal.matrix.at_mut(place, b) = *product;
+                    *normal.matrix.at_mut(b, place) = *product;
+                }
             }
             for (&j, products) in free.iter().zip(&part.free) {
-                for (i, product) in products.iter().enumerate().filter(|(i, _)| *i != charge) {
+                for (i, product) in products.iter().enumerate().filter(|(i, _)| !bent.contains(i)) {
                     let (a, b) = (offset + j, self.global(l, i));
                     let twice = i >= own && free.contains(&(i - own));
                     *normal.matrix.at_mut(a, b) += product;
@@ -277,8 +281,8 @@ impl Problem {
     fn moved_log(&self, l: usize, log: &LogState, active: &[Active], free: &[usize]) -> Result<Moved, PredictError> {
         let own = log.nuisance_count();
         let weights = &self.weights[l];
-        let charge = own - 1;
-        let moved: Vec<usize> = std::iter::once(charge).chain(free.iter().map(|j| own + j)).collect();
+        let bent = log.bent_nuisances();
+        let moved: Vec<usize> = bent.clone().chain(free.iter().map(|j| own + j)).collect();
         let effects = instances(&self.library, active);
         let anew = || {
             let base = log.base(&effects)?;
@@ -304,7 +308,7 @@ impl Problem {
                 .collect()
         };
         Ok(Moved {
-            charge: products(&columns[charge]),
+            bent: bent.map(|which| products(&columns[which])).collect(),
             free: free.iter().map(|&j| products(&columns[own + j])).collect(),
             gradient: columns
                 .iter()

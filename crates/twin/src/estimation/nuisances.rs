@@ -1,5 +1,5 @@
 //! Properties of each flight that no model knows are fitted before any comparison: constant lift errors of the rotors,
-//! and the charge at take-off. Gauss–Newton on the whitened residuals, with priors and bounds.
+//! the charge at take-off, and the wind where the model gives each flight one of its own. Gauss–Newton on the whitened residuals, with priors and bounds.
 //!
 //! One fit for all: `compare`, `diagnose` and `propose` start from the same nuisances of a flight. As everywhere in the
 //! twin, residuals use raw data and sensitivities smoothed kinematics, so that noise does not shrink the values.
@@ -38,7 +38,7 @@ pub(crate) fn unknowns(log: &LogState, reach: Reach) -> Vec<Unknown> {
             let (low, high) = log.nuisance_bounds(which);
             let size = log.nuisance_size(which);
             match reach {
-                Reach::Anywhere if which + 1 < log.nuisance_count() => Unknown::unit(f64::INFINITY),
+                Reach::Anywhere if which < log.charge_place() => Unknown::unit(f64::INFINITY),
                 Reach::Plausible | Reach::Anywhere => Unknown {
                     deviation: 1.0,
                     low: low / size,
@@ -94,8 +94,9 @@ impl LeastSquares for Flight<'_> {
             self.columns = self.log.nuisance_columns(self.effects, &base)?;
         } else {
             let base = self.log.base(self.effects)?;
-            let charge = self.columns.len() - 1;
-            self.columns[charge] = self.log.nuisance_column(self.effects, &base, charge)?;
+            for which in self.log.bent_nuisances() {
+                self.columns[which] = self.log.nuisance_column(self.effects, &base, which)?;
+            }
         }
         let weights = [1.0; CHANNELS];
         let mut normal = Normal::zero(self.columns.len());

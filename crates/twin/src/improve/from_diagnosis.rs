@@ -76,6 +76,26 @@ pub fn effects(diagnosis: &Value, logs: &[LogReference]) -> Result<Vec<ModelEffe
         .collect()
 }
 
+/// True if the diagnosis gave each flight a wind of its own: what it found belongs into a version that does so, too.
+pub fn has_own_winds(diagnosis: &Value) -> bool {
+    diagnosis["winds"].as_array().is_some_and(|winds| !winds.is_empty())
+}
+
+/// The version with the missing physics of a diagnosis.
+pub fn with_effects(
+    version: &ModelVersion,
+    effects: impl IntoIterator<Item = ModelEffect>,
+    diagnosis: &Value,
+    note: impl Into<String>,
+) -> ModelVersion {
+    let next = version.with_effects(effects, note);
+    if has_own_winds(diagnosis) {
+        next.with_own_winds()
+    } else {
+        next
+    }
+}
+
 /// The proposal of a diagnosis that found its error in no catalogue: an effect of a user, and its term with the fitted factors.
 ///
 /// # Errors

@@ -9,7 +9,8 @@
 //! * The values of a row are those of the joint fit ([`refit`]): all effects and the nuisances of every fitted log together,
 //!   without clutter. The deviations are those of the diagnosis, which has the clutter in them, and so are the values
 //!   where the joint fit leaves them by more than three deviations: it then absorbs what is unexplained.
-//! * What makes an error of a held-out log larger is not added.
+//! * What makes an error of a held-out log larger is not added. If it is a wind, each flight gets one of its own first, fitted to its log
+//!   with its other nuisances.
 //! * The oracle is a model with the truth; no fit can beat its row except by chance.
 //!
 //! Limits: what a diagnosis calls a fault of the log is never put into a model. Where a part of the error stays
@@ -21,7 +22,7 @@ pub mod refit;
 pub mod report;
 pub mod truth;
 
-use rotortwin_plant::effects::{EffectClass, EffectDocument};
+use rotortwin_plant::effects::{Catalogue, EffectClass, EffectDocument, EffectInstance, Place};
 use serde::Serialize;
 use utoipa::ToSchema;
 
@@ -264,33 +265,27 @@ pub fn improve(
             rows.push(next_row);
             continue;
         }
-        let proposals: Vec<Finding> = diagnosis.effects.clone();
-        // All findings are fitted together: one alone would absorb the others.
-        let full = proposals.iter().fold(now.version.clone(), |version, f| {
-            with_finding(&version, f, request.fitted)
-        });
-        let refitted = refit::refit(&full, request.fitted)?;
-        let full = if stays_within(&refitted, &proposals) {
-            refitted
-        } else {
-            full
-        };
-        if let Some(last_row) = rows.last() {
-            let named = NamedModel {
-                label: "all findings".to_owned(),
-                version: full.clone(),
-            };
-            let unseen = Request {
-                fitted: &[],
-                ..*request
-            };
-            if !remarks(last_row, &row(&unseen, &named, None)?).is_empty() {
-                end = Some(End::HeldOutRises);
-                break;
+        let catalogue = now.version.with_documents(&options.effects).catalogue()?;
+        let mut proposals = Proposals::of(diagnosis, &now.version, &catalogue);
+        let mut full = proposals.fitted_to(&now.version, request.fitted)?;
+        if let Some(last_row) = rows.last()
+            && raises(request, last_row, &full)?
+        {
+            // A wind of the fitted flights is not that of the held-out ones.
+            let in_winds = proposals.in_winds_of_their_own(&catalogue);
+            let again = in_winds.as_ref().map(|own| own.fitted_to(&now.version, request.fitted));
+            match (in_winds, again.transpose()?) {
+                (Some(own), Some(version)) if !raises(request, last_row, &version)? => {
+                    (proposals, full) = (own, version);
+                }
+                _ => {
+                    end = Some(End::HeldOutRises);
+                    break;
+                }
             }
         }
-        for finding in &proposals {
-            let mut next = with_finding(&now.version, finding, request.fitted);
+        for finding in &proposals.findings {
+            let mut next = proposals.added(&now.version, finding, request.fitted);
             for effect in &mut next.effect {
                 if let Some(fitted) = full.effect.iter().find(|other| other.is_same_term(effect)) {
                     effect.parameters.clone_from(&fitted.parameters);
@@ -346,6 +341,110 @@ pub fn improve(
         model: now.version,
         next_flight: None,
     })
+}
+
+/// What a diagnosis wants added in a round.
+struct Proposals {
+    findings: Vec<Finding>,
+    /// Each flight gets a wind of its own, with the first finding.
+    own_winds: bool,
+}
+
+/// Added to the label of the step that brings the winds.
+const AND_WINDS: &str = " and the wind of each flight";
+
+impl Proposals {
+    fn of(diagnosis: &Diagnosis, version: &ModelVersion, catalogue: &Catalogue) -> Self {
+        let findings = diagnosis.effects.clone();
+        if diagnosis.winds.is_empty() || version.wind_of_each_flight {
+            return Self {
+                findings,
+                own_winds: false,
+            };
+        }
+        Self::with_winds(findings, catalogue)
+    }
+
+    fn with_winds(mut findings: Vec<Finding>, catalogue: &Catalogue) -> Self {
+        match findings.first_mut() {
+            Some(first) => first.label += AND_WINDS,
+            // The model has the drag already.
+            None => findings.extend(winds_alone(catalogue)),
+        }
+        Self {
+            findings,
+            own_winds: true,
+        }
+    }
+
+    /// The same with a wind for each flight in place of one for all; `None` if there is none for all.
+    fn in_winds_of_their_own(&self, catalogue: &Catalogue) -> Option<Self> {
+        let is_wind = |finding: &&Finding| {
+            let declared = catalogue.find(&finding.instance.effect);
+            declared.is_some_and(|one| one.class == EffectClass::Physics && one.places == [Place::Wind])
+        };
+        let others: Vec<Finding> = self.findings.iter().filter(|one| !is_wind(one)).cloned().collect();
+        (!self.own_winds && others.len() < self.findings.len()).then(|| Self::with_winds(others, catalogue))
+    }
+
+    /// The version with one of the findings.
+    fn added(&self, version: &ModelVersion, finding: &Finding, logs: &[FlightLog]) -> ModelVersion {
+        let next = with_finding(version, finding, logs);
+        if self.own_winds { next.with_own_winds() } else { next }
+    }
+
+    /// The version with all of them, fitted together: one alone would absorb the others.
+    fn fitted_to(&self, version: &ModelVersion, logs: &[FlightLog]) -> Result<ModelVersion, PredictError> {
+        let add = |version: ModelVersion, finding| self.added(&version, finding, logs);
+        let full = self.findings.iter().fold(version.clone(), add);
+        let refitted = refit::refit(&full, logs)?;
+        Ok(if stays_within(&refitted, &self.findings) {
+            refitted
+        } else {
+            full
+        })
+    }
+}
+
+/// The winds of the flights as a step of their own.
+fn winds_alone(catalogue: &Catalogue) -> Option<Finding> {
+    let mut entries = catalogue.entries().iter();
+    let steady = entries.find(|one| one.class == EffectClass::Physics && one.places == [Place::Wind])?;
+    Some(Finding {
+        instance: EffectInstance {
+            effect: steady.id.to_owned(),
+            rotor: None,
+            onset_s: None,
+            parameters: Default::default(),
+        },
+        label: "Wind of each flight".to_owned(),
+        class: EffectClass::Physics,
+        equation: steady.equation.to_owned(),
+        parameters: Vec::new(),
+        ln_bayes_factor: f64::NAN,
+        posterior: f64::NAN,
+        channels: Vec::new(),
+        also_compatible: Vec::new(),
+        lost: Vec::new(),
+        onset_s: None,
+        reason: "no wind of all flights explains them".to_owned(),
+        seen_from: None,
+        constant: None,
+        picture: None,
+    })
+}
+
+/// True if an error of a held-out log is larger with this version than it was.
+fn raises(request: &Request<'_>, before: &Row, version: &ModelVersion) -> Result<bool, PredictError> {
+    let named = NamedModel {
+        label: "all findings".to_owned(),
+        version: version.clone(),
+    };
+    let unseen = Request {
+        fitted: &[],
+        ..*request
+    };
+    Ok(!remarks(before, &row(&unseen, &named, None)?).is_empty())
 }
 
 fn references(logs: &[FlightLog]) -> Vec<LogReference> {
@@ -449,8 +548,9 @@ fn with_finding(version: &ModelVersion, finding: &Finding, logs: &[FlightLog]) -
             held_out: Vec::new(),
         },
     };
+    // A finding without a value is no effect: the winds of the flights.
     version.with_effects(
-        [effect],
+        (!finding.parameters.is_empty()).then_some(effect),
         format!("improve: {}", crate::diagnose::in_sentence(&finding.label)),
     )
 }

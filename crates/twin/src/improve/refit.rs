@@ -61,7 +61,11 @@ pub fn refit(version: &ModelVersion, logs: &[FlightLog]) -> Result<ModelVersion,
             .iter()
             .map(|log| {
                 let predictor = Predictor::new(&documents, &[], &catalogue, log)?;
-                Ok(LogState::new(predictor.with_chart(version.guesses_its_chart())))
+                Ok(LogState::new(
+                    predictor
+                        .with_chart(version.guesses_its_chart())
+                        .with_own_wind(version.wind_of_each_flight),
+                ))
             })
             .collect::<Result<_, PredictError>>()?,
         effects: version.instances(),

@@ -116,6 +116,9 @@ fn leaves(version: &ModelVersion) -> Leaves {
     let mut found = Leaves::new();
     let tree = toml::Value::try_from(version.documents()).expect("documents hold nothing that TOML cannot");
     walk(&tree, String::new(), &mut found);
+    if version.wind_of_each_flight {
+        found.insert("wind_of_each_flight".to_owned(), "true".to_owned());
+    }
     found
 }
 

@@ -56,6 +56,8 @@ struct File {
     effect_document: Vec<EffectDocument>,
     #[serde(default)]
     constant: Vec<ConstantInterval>,
+    #[serde(default)]
+    wind_of_each_flight: bool,
     vehicle_file: Option<VehicleFile>,
     vehicle: Option<VehicleModel>,
     blades: Option<BladeSet>,
@@ -152,6 +154,7 @@ impl ModelVersion {
             correlation: file.correlation,
             effect_document: file.effect_document,
             constant: file.constant,
+            wind_of_each_flight: file.wind_of_each_flight,
             vehicle: documents.vehicle,
             blades: documents.blades,
         };
@@ -268,6 +271,12 @@ impl ModelVersion {
                 quoted(&self.hash())
             ),
         );
+        if self.wind_of_each_flight {
+            put(
+                text,
+                format_args!("wind_of_each_flight = true # fitted to each log that this version is compared with\n"),
+            );
+        }
         let catalogue = self.catalogue().unwrap_or_default();
         for effect in &self.effect {
             effect.write(text, &catalogue);

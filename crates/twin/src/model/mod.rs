@@ -15,7 +15,8 @@
 //! every value does, and so does the parent. It detects change; it is no signature against forgery.
 //!
 //! Limits: parameters are normal about their value ([`ModelEffect::deviations`], [`Correlation`]); nothing else about their
-//! distribution is kept. Nuisances of a flight (rotor biases, charge at take-off) belong to the log and are not part of a version.
+//! distribution is kept. Nuisances of a flight (rotor biases, charge at take-off, its wind) belong to the log and are not part of a version;
+//! that there is a wind to fit is ([`ModelVersion::wind_of_each_flight`]).
 
 pub mod constants;
 pub mod detector;
@@ -62,6 +63,10 @@ pub struct ModelVersion {
     /// How well the constants of the vehicle are known, where that was estimated; a constant without an entry is taken as exact.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub constant: Vec<ConstantInterval>,
+    /// Each flight has a steady wind of its own, which is fitted to its log as its charge is; a flight that is simulated has that of its
+    /// scenario.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub wind_of_each_flight: bool,
     /// The nominal vehicle.
     pub vehicle: VehicleModel,
     /// The blades of its rotors.
@@ -200,6 +205,7 @@ impl ModelVersion {
             correlation: Vec::new(),
             effect_document: Vec::new(),
             constant: Vec::new(),
+            wind_of_each_flight: false,
             vehicle: documents.vehicle,
             blades: documents.blades,
         }
@@ -249,6 +255,15 @@ impl ModelVersion {
             }
         }
         next
+    }
+
+    /// The version with a wind of its own for each flight that it is compared with.
+    #[must_use]
+    pub fn with_own_winds(&self) -> Self {
+        Self {
+            wind_of_each_flight: true,
+            ..self.clone()
+        }
     }
 
     /// True for a vehicle that `vehicle from-log` wrote and whose intervals are not with it: its guesses pass for exact values.

@@ -59,13 +59,16 @@ impl From<Refusal> for PredictError {
     }
 }
 
-/// What every flight has and no model contains: constant errors of the rotors' lift, and the initial charge.
+/// What every flight has and no model contains: constant errors of the rotors' lift, the initial charge, and, where the model says so, the
+/// wind.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Nuisances {
     /// Added to the static lift of each rotor, N.
     pub rotor_bias_n: [f64; MAX_ROTORS],
     /// Added to the charge at the start, fraction.
     pub charge: f64,
+    /// Wind of this flight beside that of the model, north and east, m/s; 0 unless the model gives each flight a wind of its own.
+    pub wind_m_s: [f64; 2],
 }
 
 impl Default for Nuisances {
@@ -73,6 +76,7 @@ impl Default for Nuisances {
         Self {
             rotor_bias_n: [0.0; MAX_ROTORS],
             charge: 0.0,
+            wind_m_s: [0.0; 2],
         }
     }
 }
@@ -136,6 +140,7 @@ pub struct Predictor {
     assumed: Option<Arc<[Option<Whitener>; 3]>>,
     rate_noise: [RateNoise; 3],
     forgives_the_chart: bool,
+    has_own_wind: bool,
     /// Name of the log.
     pub name: String,
 }
@@ -183,6 +188,7 @@ impl Predictor {
             whiteners: Arc::new(std::array::from_fn(|_| None)),
             assumed: None,
             forgives_the_chart: false,
+            has_own_wind: false,
             rate_noise: [0, 1, 2].map(|axis| RateNoise {
                 reading: noise.rates_rad_s,
                 white: noise.torque_floor_rad_s2[axis] * step_s / noise.rates_rad_s,
@@ -251,6 +257,17 @@ impl Predictor {
             self.forgive_the_chart();
         }
         self
+    }
+
+    /// The same, where each flight may have a steady wind of its own, which is fitted with its other nuisances.
+    pub(crate) fn with_own_wind(mut self, has_own_wind: bool) -> Self {
+        self.has_own_wind = has_own_wind;
+        self
+    }
+
+    /// True if a wind is fitted to this flight.
+    pub(crate) fn has_own_wind(&self) -> bool {
+        self.has_own_wind
     }
 
     fn forgive_the_chart(&mut self) {
@@ -410,6 +427,9 @@ impl Predictor {
     ) -> Result<EffectSet, PredictError> {
         let mut vehicle = self.nominal;
         for (own, more) in vehicle.wind_ned_m_s.iter_mut().zip(wind_ned_m_s) {
+            *own += more;
+        }
+        for (own, more) in vehicle.wind_ned_m_s.iter_mut().zip(nuisances.wind_m_s) {
             *own += more;
         }
         for (bias, own) in vehicle.rotor_bias_n.iter_mut().zip(&nuisances.rotor_bias_n) {

@@ -252,7 +252,8 @@ pub fn propose(logs: &[FlightLog], model: &ModelVersion) -> Result<Proposal, Pre
     let mut failing = Vec::new();
     for log in logs {
         let predictor = Predictor::new(&model.documents(), &model.instances(), &model.catalogue()?, log)?
-            .with_chart(model.guesses_its_chart());
+            .with_chart(model.guesses_its_chart())
+            .with_own_wind(model.wind_of_each_flight);
         let regression = Regression::new(predictor)?;
         failing.extend(regression.failing());
         regressions.push(regression);

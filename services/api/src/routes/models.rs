@@ -222,11 +222,11 @@ pub(crate) async fn add(
     check_match(&headers, &name, &branch, &head)?;
     let effects = body.effects(&app, &caller, &base.line(stands_at)).await?;
     let library = app.library(&caller).await?;
-    let next = with_documents_of(
-        &library,
-        head.with_effects(effects.effects, body.note),
-        effects.documents,
-    )?;
+    let mut next = head.with_effects(effects.effects, body.note);
+    if effects.own_winds {
+        next = next.with_own_winds();
+    }
+    let next = with_documents_of(&library, next, effects.documents)?;
     check(&next)?;
     let changed = if base.begun {
         let database = &app.database;
@@ -513,6 +513,8 @@ impl Base {
 struct Effects {
     effects: Vec<ModelEffect>,
     documents: Vec<EffectDocument>,
+    /// Each flight has a wind of its own.
+    own_winds: bool,
 }
 
 impl Addition {
@@ -529,6 +531,7 @@ impl Addition {
                     provenance: Provenance::by_hand(),
                 }],
                 documents: Vec::new(),
+                own_winds: false,
             }),
             _ => Err(Problem::unprocessable(
                 "expected either `diagnosis`, with `pick` or `proposal` or neither, or `effect`",
@@ -556,10 +559,12 @@ impl Addition {
             return Ok(Effects {
                 effects: vec![effect],
                 documents: vec![document],
+                own_winds: false,
             });
         }
+        let own_winds = from_diagnosis::has_own_winds(&json);
         let mut effects = from_diagnosis::effects(&json, &[]).map_err(refused)?;
-        if effects.is_empty() {
+        if effects.is_empty() && !own_winds {
             return Err(refused("it found no missing physics to add".to_owned()));
         }
         if let Some(pick) = self.pick {
@@ -574,6 +579,7 @@ impl Addition {
         Ok(Effects {
             effects,
             documents: Vec::new(),
+            own_winds,
         })
     }
 }

@@ -6,7 +6,7 @@ use rotortwin_plant::effects::EffectClass;
 use super::Pass;
 use crate::diagnose::result::Calibration;
 use crate::diagnose::state::{Doubt, State};
-use crate::diagnose::{calibration, findings, picture, words};
+use crate::diagnose::{air, calibration, findings, picture, words};
 use crate::estimation::settle::averaged;
 use crate::predict::PredictError;
 
@@ -25,6 +25,7 @@ impl Pass for Estimates {
                 None => state.posterior()?,
             },
         };
+        state.diagnosis.winds = air::winds(&state.problem, &posterior);
         let named = std::mem::take(&mut state.named);
         let (mut found, impossible) = findings::findings(&state.problem, named, &posterior);
         let unproved = calibration::without_proof(&mut found, &state.problem)?;
