@@ -12,9 +12,7 @@ use rotortwin_plant::effects::EffectDocument;
 use rotortwin_scenario::{ConfigError, effect_documents};
 use rotortwin_twin::baseline::Trim;
 use rotortwin_twin::compare::NamedModel;
-use rotortwin_twin::diagnose::{
-    Diagnosis, Finding, NotConsidered, Options, Verdict, diagnose as search, in_sentence,
-};
+use rotortwin_twin::diagnose::{Diagnosis, Finding, NotConsidered, Options, Verdict, diagnose as search, in_sentence};
 use rotortwin_twin::estimation::parameters::FittedParameter;
 use rotortwin_twin::improve::from_diagnosis;
 use rotortwin_twin::improve::report::quantity;

@@ -34,7 +34,10 @@ pub(super) fn in_winds_of_their_own(
     }
     let progress = |text: &str, share: f64| {
         // The share of the whole search never falls.
-        (options.progress)(&format!("each flight in a wind of its own: {text}"), 0.99 + 0.01 * share);
+        (options.progress)(
+            &format!("each flight in a wind of its own: {text}"),
+            0.99 + 0.01 * share,
+        );
     };
     let in_winds = Options {
         effects: options.effects.clone(),
@@ -95,12 +98,13 @@ pub(super) fn winds(problem: &Problem, posterior: &Posterior) -> Vec<FlightWind>
 
 /// True if two flights have different winds.
 fn differ(winds: &[FlightWind]) -> bool {
-    let apart = |a: &FittedParameter, b: &FittedParameter| {
-        (a.value - b.value).abs() > APART * a.deviation.hypot(b.deviation)
-    };
+    let apart =
+        |a: &FittedParameter, b: &FittedParameter| (a.value - b.value).abs() > APART * a.deviation.hypot(b.deviation);
     winds.iter().enumerate().any(|(i, one)| {
         let others = winds[..i].iter();
-        others.flat_map(|other| one.parameters.iter().zip(&other.parameters)).any(|(a, b)| apart(a, b))
+        others
+            .flat_map(|other| one.parameters.iter().zip(&other.parameters))
+            .any(|(a, b)| apart(a, b))
     })
 }
 

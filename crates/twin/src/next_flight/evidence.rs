@@ -56,8 +56,8 @@ impl Sensitivity {
     /// The log cannot be compared with the model.
     pub fn new(log: &FlightLog, model: &ModelVersion, catalogue: &Catalogue) -> Result<Self, PredictError> {
         let instances = model.instances();
-        let predictor = Predictor::new(&model.documents(), &instances, catalogue, log)?
-            .with_own_wind(model.wind_of_each_flight);
+        let predictor =
+            Predictor::new(&model.documents(), &instances, catalogue, log)?.with_own_wind(model.wind_of_each_flight);
         let rotors = predictor.series().rotors;
         let mut library = Library::new(catalogue, rotors, &predictor.vehicle_size());
         library.retain(|c| {
