@@ -395,7 +395,9 @@ fn print_changes(difference: &Difference) {
     let absent = || "–".to_owned();
     for change in &difference.keys {
         let [before, after] = [&change.before, &change.after].map(|v| v.clone().unwrap_or_else(absent));
-        table.add_row(["vehicle".to_owned(), change.key.clone(), before, after]);
+        // Keys of the vehicle are paths.
+        let what = if change.key.contains('.') { "vehicle" } else { "flights" };
+        table.add_row([what.to_owned(), change.key.clone(), before, after]);
     }
     println!("{table}");
 }

@@ -74,6 +74,20 @@ fn val_a_version_reads_back_from_its_file() {
 }
 
 #[test]
+fn val_a_version_with_a_wind_for_each_flight_reads_back_and_says_what_changed() {
+    let (before, after) = (full(), full().with_own_winds());
+    let text = after.to_toml();
+    assert_eq!(ModelVersion::parse("model.toml", &text, Path::new("")).unwrap(), after);
+    assert_ne!(before.hash(), after.hash());
+    let changed = Difference::between(&before, &after);
+    assert!(changed.parameters.is_empty(), "{changed:?}");
+    let keys: Vec<&str> = changed.keys.iter().map(|change| change.key.as_str()).collect();
+    assert_eq!(keys, ["wind_of_each_flight"]);
+    // Files of before this key mean what they meant.
+    assert!(!before.to_toml().contains("wind_of_each_flight"));
+}
+
+#[test]
 fn val_a_vehicle_document_is_version_0() {
     let version = ModelVersion::load(vehicle_path()).unwrap();
     assert_eq!(version, first());

@@ -55,7 +55,7 @@ export interface ModelOnLog {
   errors: QuantityError[];
   open_loop: { horizon_s: number; starts: number; position_m: number | null; velocity_m_s: number | null; attitude_rad: number | null }[];
   worst: { start_s: number; end_s: number; channel: string; error: number; unit: string; deviations: number; conditions: [string, number, string][] }[];
-  nuisances: { rotor_bias_n: number[]; charge_at_start: number };
+  nuisances: { rotor_bias_n: number[]; charge_at_start: number; wind_m_s?: [number, number] };
 }
 export interface LogComparison {
   log: { name: string; hash: string };
@@ -171,6 +171,8 @@ export interface Diagnosis {
   goodness: { explained_share: number | null; unexplained: string[] };
   held_out: { quantity: string; unit: string; before: number; after: number; change_deviation: number; noise: number }[];
   proposal: Proposal | null;
+  /** Steady wind of each flight, where they have no explanation in one. */
+  winds?: { log: string; parameters: { symbol: string; unit: string; value: number; interval_95: number }[] }[];
   logs: string[];
   notes: string[];
   threshold: number;

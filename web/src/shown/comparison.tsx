@@ -265,7 +265,7 @@ function Assumed(props: { log: LogComparison; model: ModelOnLog }) {
         Noise, estimated from the log itself: position {short(noise().position_m)} m, velocity {short(noise().velocity_m_s)} m/s, attitude {short(noise().attitude_rad)} rad,
         rates {short(noise().rates_rad_s)} rad/s, accelerometer {short(noise().accel_m_s2)} m/s² (white disturbance included), voltage {short(noise().voltage_v)} V.
       </li>
-      <li>Fitted to this log: lift error of the rotors {props.model.nuisances.rotor_bias_n.map((one) => (1e3 * one).toFixed(1)).join(" ")} mN, charge at the start {(100 * props.model.nuisances.charge_at_start).toFixed(1)} %.</li>
+      <li>Fitted to this log: lift error of the rotors {props.model.nuisances.rotor_bias_n.map((one) => (1e3 * one).toFixed(1)).join(" ")} mN, charge at the start {(100 * props.model.nuisances.charge_at_start).toFixed(1)} %<Show when={props.model.nuisances.wind_m_s}>{(wind) => <>, wind to north {wind()[0].toFixed(2)} and east {wind()[1].toFixed(2)} m/s</>}</Show>.</li>
       <li>Timing: a row is the state at its time, its duty holds to the next row; half a sample off would show as a latency.</li>
       <li>Left out (ends, ground): {props.log.excluded.length > 0 ? props.log.excluded.map((one) => `${one.start_s.toFixed(1)} – ${one.end_s.toFixed(1)} s`).join(", ") : "nothing"}.</li>
       <For each={props.log.notes}>{(one) => <li>{one}</li>}</For>

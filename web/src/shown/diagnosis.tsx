@@ -18,7 +18,7 @@ const HEADLINES: Record<Diagnosis["verdict"]["kind"], { words: string; kind: str
 
 /** The sentence without the part that the headline already says. */
 function restOf(found: Diagnosis, onPage: boolean): string {
-  let rest = found.sentence.replace(/^The model agrees with (this|the) flights?: /, "");
+  let rest = found.sentence.replace(/^The model agrees with (this|the) flights?: /, "").replace(/ Each flight has a wind of its own: .*$/, "");
   // The page has a button for what a report names a command for, and fields for its options.
   if (onPage) rest = adviceText(rest.replace(/^Calibrate first \(`rotortwin [^)]*\): /, ""));
   // The headline has said it.
@@ -56,6 +56,7 @@ export function DiagnosisView(props: { found: Diagnosis; add?: AddToModel; calib
         </For>
         <For each={props.found.sensor_or_timing}>{(one) => <Card finding={one} found={props.found} />}</For>
       </div>
+      <Show when={(props.found.winds ?? []).length > 0}><Winds found={props.found} add={add() && props.found.effects.length === 0 ? () => add()?.({}) : undefined} /></Show>
       <Show when={props.found.effects.length > 1 && add()}>
         {(all) => <div class="row"><button type="button" onClick={() => all()({})}>Add all {props.found.effects.length} effects in one version</button></div>}
       </Show>
@@ -68,6 +69,32 @@ export function DiagnosisView(props: { found: Diagnosis; add?: AddToModel; calib
       <NotConsidered found={props.found} />
       <Rest found={props.found} />
     </>
+  );
+}
+
+/** The wind of each flight; what is added to the model fits one to every flight from then on. */
+function Winds(props: { found: Diagnosis; add?: () => void }) {
+  return (
+    <article class="card found" aria-label="The wind of each flight">
+      <h3>Each flight has a wind of its own</h3>
+      <div class="scroll" tabindex="0" role="region" aria-label="Winds">
+        <table class="small">
+          <thead><tr><th scope="col">Flight</th><th scope="col">Where the air moves to, with 95 % intervals</th></tr></thead>
+          <tbody>
+            <For each={props.found.winds ?? []}>
+              {(one) => (
+                <tr>
+                  <td>{one.log}</td>
+                  <td>{one.parameters.map((p) => `${p.symbol} = ${plusMinus(p.value, p.interval_95, p.unit)}`).join(", ")}</td>
+                </tr>
+              )}
+            </For>
+          </tbody>
+        </table>
+      </div>
+      <p class="small">A model with this fits the wind of every flight, as it fits its charge; no wind becomes part of the vehicle.</p>
+      <Show when={props.add}>{(add) => <button type="button" class="main" onClick={() => add()()}>Add to the model<span class="sr">: the wind of each flight</span></button>}</Show>
+    </article>
   );
 }
 
