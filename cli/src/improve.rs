@@ -168,6 +168,8 @@ impl Companion for Terminal<'_> {
                 .collect();
             self.say(&format!("Proposed     {}: {}", finding.label, values.join(", ")));
             self.say(&format!("             {}", finding.equation));
+        } else {
+            self.say(&format!("Proposed     {}", finding.label));
         }
         self.yes("Add it?")
     }

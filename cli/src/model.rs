@@ -303,7 +303,7 @@ impl Add {
     }
 
     /// What the command line gives, or a diagnosis. `line` contains the versions up to the one that it is added to.
-    fn effects(&self, line: &[ModelVersion]) -> Result<Found, StoreError> {
+    fn effects(&self, line: &[ModelVersion]) -> Result<Addition, StoreError> {
         let Some(path) = &self.from else {
             let documents = self
                 .effects
@@ -312,7 +312,7 @@ impl Add {
                 .collect::<Result<Vec<_>, _>>()?;
             let effect = self.effect.as_deref().unwrap_or_default();
             return effect_by_hand(effect, self.rotor, self.onset, &self.parameters)
-                .map(|effect| Found {
+                .map(|effect| Addition {
                     effects: vec![effect],
                     documents,
                     own_winds: false,
@@ -326,13 +326,15 @@ impl Add {
         from_diagnosis::check_base(&json, line).map_err(refuse)?;
         if self.proposal {
             let (document, effect) = from_diagnosis::proposal(&json, &[]).map_err(refuse)?;
-            return Ok(Found {
+            return Ok(Addition {
                 effects: vec![effect],
                 documents: vec![document],
                 own_winds: false,
             });
         }
-        let own_winds = from_diagnosis::has_own_winds(&json);
+        let own_winds = line
+            .last()
+            .is_some_and(|head| from_diagnosis::brings_winds(&json, head));
         let mut effects = from_diagnosis::effects(&json, &[]).map_err(refuse)?;
         if effects.is_empty() && !own_winds {
             return Err(refuse("this diagnosis found no missing physics to add".into()));
@@ -346,7 +348,7 @@ impl Add {
             }
             effects = vec![effects.swap_remove(number - 1)];
         }
-        Ok(Found {
+        Ok(Addition {
             effects,
             documents: Vec::new(),
             own_winds,
@@ -355,7 +357,7 @@ impl Add {
 }
 
 /// What a version is to get.
-struct Found {
+struct Addition {
     effects: Vec<ModelEffect>,
     /// Documents of effects that the catalogue lacks.
     documents: Vec<EffectDocument>,

@@ -102,10 +102,12 @@ fn compared_models(label: &str, version: &ModelVersion, diagnosis: &Diagnosis) -
     }];
     let json = serde_json::to_value(diagnosis).unwrap_or_default();
     let effects = from_diagnosis::effects(&json, &[]).unwrap_or_default();
-    if !effects.is_empty() || from_diagnosis::has_own_winds(&json) {
+    let brings_winds = from_diagnosis::brings_winds(&json, version);
+    if !effects.is_empty() || brings_winds {
+        let found = version.with_effects(effects, "what a diagnosis found");
         models.push(NamedModel {
             label: format!("{label} with what was found"),
-            version: from_diagnosis::with_effects(version, effects, &json, "what a diagnosis found"),
+            version: if brings_winds { found.with_own_winds() } else { found },
         });
     }
     models

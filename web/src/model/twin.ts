@@ -172,7 +172,7 @@ export interface Diagnosis {
   held_out: { quantity: string; unit: string; before: number; after: number; change_deviation: number; noise: number }[];
   proposal: Proposal | null;
   /** Steady wind of each flight, where they have no explanation in one. */
-  winds?: { log: string; parameters: { symbol: string; unit: string; value: number; interval_95: number }[] }[];
+  winds?: { log: string; distinguished: boolean; parameters: { symbol: string; unit: string; value: number; interval_95: number }[] }[];
   logs: string[];
   notes: string[];
   threshold: number;

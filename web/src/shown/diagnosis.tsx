@@ -56,7 +56,7 @@ export function DiagnosisView(props: { found: Diagnosis; add?: AddToModel; calib
         </For>
         <For each={props.found.sensor_or_timing}>{(one) => <Card finding={one} found={props.found} />}</For>
       </div>
-      <Show when={(props.found.winds ?? []).length > 0}><Winds found={props.found} add={add() && props.found.effects.length === 0 ? () => add()?.({}) : undefined} /></Show>
+      <Show when={(props.found.winds ?? []).length > 0}><Winds found={props.found} add={add() && props.found.verdict.kind === "missing" && props.found.effects.length === 0 ? () => add()?.({}) : undefined} /></Show>
       <Show when={props.found.effects.length > 1 && add()}>
         {(all) => <div class="row"><button type="button" onClick={() => all()({})}>Add all {props.found.effects.length} effects in one version</button></div>}
       </Show>
@@ -85,7 +85,7 @@ function Winds(props: { found: Diagnosis; add?: () => void }) {
               {(one) => (
                 <tr>
                   <td>{one.log}</td>
-                  <td>{one.parameters.map((p) => `${p.symbol} = ${plusMinus(p.value, p.interval_95, p.unit)}`).join(", ")}</td>
+                  <td>{one.parameters.map((p) => `${p.symbol} = ${plusMinus(p.value, p.interval_95, p.unit)}`).join(", ")}{one.distinguished ? "" : ", or sensors that are off in this flight alone: it turns too little to tell"}</td>
                 </tr>
               )}
             </For>

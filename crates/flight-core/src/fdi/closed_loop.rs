@@ -284,18 +284,20 @@ fn scenario_every_rotor_is_isolated_at_once() {
 
 #[test]
 fn val_a_loss_is_sized_wherever_in_a_block_it_begins() {
+    // A window is 25 steps long; onset times grow sparse in a long flight.
+    let soon = [(false, 0.05), (true, 0.1), (false, 0.2)].map(|(circle, loss)| (12.0, circle, loss, 1));
+    let late = (180.0, true, 0.03, 5);
     let (mut inside, mut square, mut count) = (0, 0.0, 0);
-    for (circle, loss) in [(false, 0.05), (true, 0.1), (false, 0.2)] {
-        // A window is 25 steps long.
-        for step in 0..25 {
+    for (from_s, circle, loss, every) in soon.into_iter().chain([late]) {
+        for step in (0..25).step_by(every) {
             let rotor = step % 6;
             let log = run(&Conditions {
                 rotor,
                 seed: 700 + step as u64,
                 loss,
                 circle,
-                from_s: 12.0 + f64::from(PERIOD) * step as f64,
-                duration_s: 16.0,
+                from_s: from_s + f64::from(PERIOD) * step as f64,
+                duration_s: from_s + 4.0,
                 ..Conditions::CALM
             });
             let last = log.last.expect("samples");
@@ -307,33 +309,9 @@ fn val_a_loss_is_sized_wherever_in_a_block_it_begins() {
             count += 1;
         }
     }
-    // At a tenth off by the half of a block, 46 of 75 were inside.
+    // With each taken for one that began with a block, 46 of the first 75 were inside, at 6 % rms.
     let rms = libm::sqrt(square / f64::from(count));
-    assert!(inside >= 72 && rms < 0.025, "{inside} of {count} inside, {rms} rms");
-}
-
-#[test]
-fn scenario_wind_and_wrong_lag_raise_no_alarm_and_hide_no_fault() {
-    for (seed, lag) in [(1, 0.8), (2, 1.2), (3, 1.0)] {
-        let windy = Conditions {
-            seed,
-            lag,
-            gust: (0.5, 0.002),
-            duration_s: 40.0,
-            ..Conditions::CALM
-        };
-        let log = run(&windy);
-        assert_eq!(log.changes.len(), 2, "{:?}", log.changes);
-        let log = run(&Conditions {
-            loss: 0.035,
-            rotor: 4,
-            from_s: 30.0,
-            ..windy
-        });
-        assert_eq!(log.changes.len(), 3, "{:?}", log.changes);
-        assert_eq!(log.changes[2].1, FaultVerdict::Faulty { rotor: 4 });
-        assert!(log.changes[2].0 < 31.0, "{:?}", log.changes);
-    }
+    assert!(inside >= 77 && rms < 0.025, "{inside} of {count} inside, {rms} rms");
 }
 
 #[test]

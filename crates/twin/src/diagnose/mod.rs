@@ -107,36 +107,16 @@ impl std::fmt::Debug for Options<'_> {
 /// # Errors
 /// One sentence: a log cannot be compared with the model, or the model's effects are not valid.
 pub fn diagnose(logs: &[FlightLog], model: &ModelVersion, options: &Options<'_>) -> Result<Diagnosis, PredictError> {
-    let found = diagnose_by(logs, model, options)?;
-    air::in_winds_of_their_own(found, logs, model, options)
-}
-
-/// The diagnosis by this model.
-fn diagnose_by(logs: &[FlightLog], model: &ModelVersion, options: &Options<'_>) -> Result<Diagnosis, PredictError> {
     if logs.is_empty() {
         return Err(PredictError("expected at least one log, got none".into()));
     }
     let start = (options.clock)();
-    (options.progress)("reading", 0.0);
-    let documents = model.documents();
-    let instances = model.instances();
-    let catalogue = model.with_documents(&options.effects).catalogue()?;
-    let predictors = logs
-        .iter()
-        .map(|log| {
-            let predictor = Predictor::new(&documents, &instances, &catalogue, log)?;
-            Ok(predictor
-                .with_chart(model.guesses_its_chart())
-                .with_own_wind(model.wind_of_each_flight))
-        })
-        .collect::<Result<Vec<_>, PredictError>>()?;
     let changed = if options.baseline.is_empty() {
         None
     } else {
         Some(baseline::trim(logs, &options.baseline, model)?)
     };
-    let constants = constants::with_exact(&model.vehicle, &model.constant);
-    let mut diagnosis = search::search(predictors, &catalogue, &instances, &constants, options, start)?;
+    let mut diagnosis = air::diagnose_in_winds(logs, model, options)?;
     let guesses = model.guesses();
     let makes_up_for_guesses = model.lacks_intervals() && diagnosis.verdict != Verdict::Agrees;
     if let (true, Some(warning)) = (makes_up_for_guesses, &guesses) {
@@ -155,5 +135,26 @@ fn diagnose_by(logs: &[FlightLog], model: &ModelVersion, options: &Options<'_>) 
         hash: model.hash(),
     };
     diagnosis.timing.total_s = (options.clock)() - start;
+    (options.progress)("done", 1.0);
     Ok(diagnosis)
+}
+
+/// The search by this model.
+fn search_by(logs: &[FlightLog], model: &ModelVersion, options: &Options<'_>) -> Result<Diagnosis, PredictError> {
+    let start = (options.clock)();
+    (options.progress)("reading", 0.0);
+    let documents = model.documents();
+    let instances = model.instances();
+    let catalogue = model.with_documents(&options.effects).catalogue()?;
+    let predictors = logs
+        .iter()
+        .map(|log| {
+            let predictor = Predictor::new(&documents, &instances, &catalogue, log)?;
+            Ok(predictor
+                .with_chart(model.guesses_its_chart())
+                .with_own_wind(model.wind_of_each_flight))
+        })
+        .collect::<Result<Vec<_>, PredictError>>()?;
+    let constants = constants::with_exact(&model.vehicle, &model.constant);
+    search::search(predictors, &catalogue, &instances, &constants, options, start)
 }

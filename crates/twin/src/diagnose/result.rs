@@ -354,6 +354,9 @@ pub struct Diagnosis {
     /// Seconds; absent from results that must not depend on the machine.
     #[serde(skip)]
     pub timing: Timing,
+    /// Limit at which the search was stopped, s.
+    #[serde(skip)]
+    pub(crate) stopped_at_s: Option<f64>,
 }
 
 /// The steady wind of a flight, fitted with its rotor biases and its charge.
@@ -363,6 +366,9 @@ pub struct FlightWind {
     pub log: String,
     /// Where the air moves to, north and east, m/s.
     pub parameters: Vec<FittedParameter>,
+    /// False if the flight turns too little to distinguish its wind from sensors that are off in this flight alone: a bias of the
+    /// accelerometer, a tilted mounting.
+    pub distinguished: bool,
 }
 
 /// A guessed constant of the vehicle, and the value that the flights indicate.

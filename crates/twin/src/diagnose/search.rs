@@ -1,6 +1,6 @@
 //! The search: a list of passes over a state, as docs/diagnose.md describes them.
 
-use rotortwin_plant::effects::{Catalogue, EffectInstance, Place, Requirement};
+use rotortwin_plant::effects::{Catalogue, EffectInstance, Requirement};
 
 use super::considered::holds;
 use super::passes::Pass;
@@ -23,7 +23,7 @@ use super::{Options, THRESHOLD, THRESHOLD_AT_REST, words};
 use crate::estimation::candidates::Library;
 use crate::estimation::columns::LogState;
 use crate::estimation::problem::Problem;
-use crate::model::ConstantInterval;
+use crate::model::{ConstantInterval, is_steady_wind};
 use crate::predict::{CHANNELS, Nuisances, PredictError, Predictor};
 
 /// Speed and rate (root mean square about the mean) below which a flight counts as at rest.
@@ -67,16 +67,9 @@ pub(crate) fn search(
     } else {
         Coverage.run(&mut state)?;
     }
-    let (stopped, limit_s) = (state.stopped, options.time_limit_s);
     let mut diagnosis = state.diagnosis;
+    diagnosis.stopped_at_s = state.stopped.then_some(options.time_limit_s);
     words::render(&mut diagnosis);
-    if stopped {
-        diagnosis.sentence = format!(
-            "Stopped by the time limit of {limit_s:.0} s, before the search was complete. As far as it got: {}",
-            diagnosis.sentence
-        );
-    }
-    (options.progress)("done", 1.0);
     Ok(diagnosis)
 }
 
@@ -94,7 +87,7 @@ fn begin<'a>(
     library.retain(|c| model.iter().all(|m| m.effect != c.declaration.id || m.rotor != c.rotor));
     // A wind that all flights share is one of each.
     let winds = predictors.iter().any(Predictor::has_own_wind);
-    library.retain(|c| !winds || !c.declaration.places.contains(&Place::Wind));
+    library.retain(|c| !winds || !is_steady_wind(c.declaration));
     // Without a measured voltage Eq. 19 uses that of the model's battery: an effect that acts through it would only be a level or a drift of
     // the thrust. An airspeed or a position that nothing tells would be taken as none.
     for requirement in [
@@ -144,6 +137,7 @@ fn begin<'a>(
         proposal: None,
         trim: None,
         winds: Vec::new(),
+        stopped_at_s: None,
         logs: predictors.iter().map(|p| p.name.clone()).collect(),
         notes: predictors
             .iter()

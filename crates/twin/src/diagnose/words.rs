@@ -208,6 +208,12 @@ pub(crate) fn render(diagnosis: &mut Diagnosis) {
         one.reason = unconsidered(one);
     }
     diagnosis.sentence = sentence(diagnosis) + &air::sentence(&diagnosis.winds);
+    if let Some(limit_s) = diagnosis.stopped_at_s {
+        diagnosis.sentence = format!(
+            "Stopped by the time limit of {limit_s:.0} s, before the search was complete. As far as it got: {}",
+            diagnosis.sentence
+        );
+    }
 }
 
 fn names(rivals: &[Rival]) -> String {
@@ -383,10 +389,15 @@ fn sentence(diagnosis: &Diagnosis) -> String {
             } else {
                 named(&diagnosis.effects)
             };
+            // What a wind of a flight's own is also compatible with stands beside it.
+            let compatible = if rivals.is_empty() && air::is_in_doubt(&diagnosis.winds) {
+                String::new()
+            } else {
+                format!(" Also compatible: {}.", names(&rivals))
+            };
             format!(
-                "Missing: {missing}.{share}{}{fault}{small} Also compatible: {}.",
-                held_out.concat(),
-                names(&rivals)
+                "Missing: {missing}.{share}{}{fault}{small}{compatible}",
+                held_out.concat()
             )
         }
     }

@@ -76,24 +76,13 @@ pub fn effects(diagnosis: &Value, logs: &[LogReference]) -> Result<Vec<ModelEffe
         .collect()
 }
 
-/// True if the diagnosis gave each flight a wind of its own: what it found belongs into a version that does so, too.
-pub fn has_own_winds(diagnosis: &Value) -> bool {
-    diagnosis["winds"].as_array().is_some_and(|winds| !winds.is_empty())
+/// True if the diagnosis gave each flight a wind of its own, and the version does not yet: what was found belongs into one that does.
+pub fn brings_winds(diagnosis: &Value, version: &ModelVersion) -> bool {
+    has_winds(diagnosis) && !version.wind_of_each_flight
 }
 
-/// The version with the missing physics of a diagnosis.
-pub fn with_effects(
-    version: &ModelVersion,
-    effects: impl IntoIterator<Item = ModelEffect>,
-    diagnosis: &Value,
-    note: impl Into<String>,
-) -> ModelVersion {
-    let next = version.with_effects(effects, note);
-    if has_own_winds(diagnosis) {
-        next.with_own_winds()
-    } else {
-        next
-    }
+fn has_winds(diagnosis: &Value) -> bool {
+    diagnosis["winds"].as_array().is_some_and(|winds| !winds.is_empty())
 }
 
 /// The proposal of a diagnosis that found its error in no catalogue: an effect of a user, and its term with the fitted factors.
@@ -159,6 +148,7 @@ pub fn check_base(diagnosis: &Value, line: &[ModelVersion]) -> Result<(), String
         };
         base.vehicle_hash() == head.vehicle_hash()
             && base.effect_document == head.effect_document
+            && (base.wind_of_each_flight == head.wind_of_each_flight || has_winds(diagnosis))
             && others(base) == others(head)
     };
     if head.hash() == hash || line.iter().any(|base| base.hash() == hash && only_adds(base)) {

@@ -267,29 +267,10 @@ pub fn improve(
             rows.push(next_row);
             continue;
         }
-        let catalogue = now
-            .version
-            .with_documents(&options.effects)
-            .catalogue()
-            .map_err(PredictError::from)?;
-        let mut proposals = Proposals::of(diagnosis, &now.version, &catalogue);
-        let mut full = proposals.fitted_to(&now.version, request.fitted)?;
-        if let Some(last_row) = rows.last()
-            && raises(request, last_row, &full)?
-        {
-            // A wind of the fitted flights is not that of the held-out ones.
-            let in_winds = proposals.in_winds_of_their_own(&catalogue);
-            let again = in_winds.as_ref().map(|own| own.fitted_to(&now.version, request.fitted));
-            match (in_winds, again.transpose()?) {
-                (Some(own), Some(version)) if !raises(request, last_row, &version)? => {
-                    (proposals, full) = (own, version);
-                }
-                _ => {
-                    end = Some(End::HeldOutRises);
-                    break;
-                }
-            }
-        }
+        let Some((proposals, full)) = accepted(request, &now.version, diagnosis, options)? else {
+            end = Some(End::HeldOutRises);
+            break;
+        };
         for finding in &proposals.findings {
             let mut next = proposals.added(&now.version, finding, request.fitted);
             for effect in &mut next.effect {
@@ -349,17 +330,47 @@ pub fn improve(
     })
 }
 
-/// True if an error of a held-out log is larger with this version than it was.
-fn raises(request: &Request<'_>, before: &Row, version: &ModelVersion) -> Result<bool, PredictError> {
+/// What a diagnosis wants added, and the version with all of it fitted together; `None` if an error of a held-out log grows with it.
+fn accepted(
+    request: &Request<'_>,
+    version: &ModelVersion,
+    diagnosis: &Diagnosis,
+    options: &diagnose::Options<'_>,
+) -> Result<Option<(Proposals, ModelVersion)>, PredictError> {
+    let catalogue = version.with_documents(&options.effects).catalogue()?;
+    let fitted = |proposals: Proposals| -> Result<_, PredictError> {
+        let full = proposals.fitted_to(version, request.fitted)?;
+        // The winds of held-out flights are no merit of what is added with them.
+        let before = unseen(request, &proposals.with_winds_alone(version))?;
+        let after = unseen(request, &full)?;
+        Ok((proposals, full, before, after))
+    };
+    let found = fitted(Proposals::of(diagnosis, version, &catalogue))?;
+    // A wind of the fitted flights need not be that of the held-out ones.
+    if !request.held_out.is_empty()
+        && let Some(own) = found.0.in_winds_of_their_own(&catalogue)
+    {
+        let own = fitted(own)?;
+        let is_better = !remarks(&own.3, &found.3).is_empty();
+        if is_better && remarks(&own.2, &own.3).is_empty() {
+            return Ok(Some((own.0, own.1)));
+        }
+    }
+    let rises = !remarks(&found.2, &found.3).is_empty();
+    Ok((!rises).then_some((found.0, found.1)))
+}
+
+/// A version on the held-out logs.
+fn unseen(request: &Request<'_>, version: &ModelVersion) -> Result<Row, PredictError> {
     let named = NamedModel {
-        label: "all findings".to_owned(),
+        label: version.name.clone(),
         version: version.clone(),
     };
     let unseen = Request {
         fitted: &[],
         ..*request
     };
-    Ok(!remarks(before, &row(&unseen, &named, None)?).is_empty())
+    row(&unseen, &named, None)
 }
 
 fn references(logs: &[FlightLog]) -> Vec<LogReference> {

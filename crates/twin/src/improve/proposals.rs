@@ -1,12 +1,12 @@
 //! What one round of the loop adds: the findings of a diagnosis, fitted together, and a wind for each flight where one for all does not
 //! do.
 
-use rotortwin_plant::effects::{Catalogue, EffectClass, EffectInstance, Place};
+use rotortwin_plant::effects::{Catalogue, EffectClass, EffectInstance};
 
 use super::{refit, stays_within, with_finding};
 use crate::diagnose::{Diagnosis, Finding};
 use crate::log::FlightLog;
-use crate::model::ModelVersion;
+use crate::model::{ModelVersion, is_steady_wind};
 use crate::predict::PredictError;
 
 /// What a diagnosis wants added in a round.
@@ -45,12 +45,18 @@ impl Proposals {
 
     /// The same with a wind for each flight in place of one for all; `None` if there is none for all.
     pub(super) fn in_winds_of_their_own(&self, catalogue: &Catalogue) -> Option<Self> {
-        let is_wind = |finding: &&Finding| {
-            let declared = catalogue.find(&finding.instance.effect);
-            declared.is_some_and(|one| one.class == EffectClass::Physics && one.places == [Place::Wind])
-        };
+        let is_wind = |finding: &&Finding| catalogue.find(&finding.instance.effect).is_some_and(is_steady_wind);
         let others: Vec<Finding> = self.findings.iter().filter(|one| !is_wind(one)).cloned().collect();
         (!self.own_winds && others.len() < self.findings.len()).then(|| Self::with_winds(others, catalogue))
+    }
+
+    /// The version with the winds that come with the findings, without these.
+    pub(super) fn with_winds_alone(&self, version: &ModelVersion) -> ModelVersion {
+        if self.own_winds {
+            version.with_own_winds()
+        } else {
+            version.clone()
+        }
     }
 
     /// The version with one of the findings.
@@ -74,8 +80,7 @@ impl Proposals {
 
 /// The winds of the flights as a step of their own.
 fn winds_alone(catalogue: &Catalogue) -> Option<Finding> {
-    let mut entries = catalogue.entries().iter();
-    let steady = entries.find(|one| one.class == EffectClass::Physics && one.places == [Place::Wind])?;
+    let steady = catalogue.entries().iter().find(|one| is_steady_wind(one))?;
     Some(Finding {
         instance: EffectInstance {
             effect: steady.id.to_owned(),

@@ -28,7 +28,7 @@ pub mod store;
 
 use std::collections::BTreeMap;
 
-use rotortwin_plant::effects::{Catalogue, EffectDocument, EffectInstance};
+use rotortwin_plant::effects::{Catalogue, EffectClass, EffectDeclaration, EffectDocument, EffectInstance, Place};
 use rotortwin_plant::error::Refusal;
 use rotortwin_plant::powertrain::blades::BladeSet;
 use rotortwin_plant::vehicle::model::VehicleModel;
@@ -257,13 +257,17 @@ impl ModelVersion {
         next
     }
 
-    /// The version with a wind of its own for each flight that it is compared with.
+    /// The version with a wind of its own for each flight that it is compared with, in place of one that it may have for all.
     #[must_use]
     pub fn with_own_winds(&self) -> Self {
-        Self {
-            wind_of_each_flight: true,
-            ..self.clone()
-        }
+        let catalogue = Catalogue::default();
+        let is_wind = |id: &str| catalogue.find(id).is_some_and(is_steady_wind);
+        let mut next = self.clone();
+        next.effect.retain(|effect| !is_wind(&effect.effect));
+        next.correlation
+            .retain(|one| !one.between.iter().any(|key| key.split('.').next().is_some_and(is_wind)));
+        next.wind_of_each_flight = true;
+        next
     }
 
     /// True for a vehicle that `vehicle from-log` wrote and whose intervals are not with it: its guesses pass for exact values.
@@ -321,6 +325,11 @@ impl ModelVersion {
         }
         next
     }
+}
+
+/// True for the effect that is one steady wind: what a wind of each flight's own takes the place of.
+pub(crate) fn is_steady_wind(declared: &EffectDeclaration) -> bool {
+    declared.catalogue_number.is_some() && declared.class == EffectClass::Physics && declared.places == [Place::Wind]
 }
 
 /// XXH3-128 as 32 hexadecimal digits: the content hash of every document and log of this project.

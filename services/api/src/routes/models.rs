@@ -562,7 +562,9 @@ impl Addition {
                 own_winds: false,
             });
         }
-        let own_winds = from_diagnosis::has_own_winds(&json);
+        let own_winds = line
+            .last()
+            .is_some_and(|head| from_diagnosis::brings_winds(&json, head));
         let mut effects = from_diagnosis::effects(&json, &[]).map_err(refused)?;
         if effects.is_empty() && !own_winds {
             return Err(refused("it found no missing physics to add".to_owned()));

@@ -241,14 +241,19 @@ impl SequentialDetector {
         };
         // Several rotors are another direction than any one of them, and with it another time within the block.
         let pushed = self.watch.onset.observation(&Onset::at(push.index)).wrench;
-        let onsets = [
-            self.watch
-                .onset
-                .between_blocks(leading.index, &self.tuning.column[within(first)]),
-            self.watch
-                .onset
-                .between_blocks(push.index, &pushed.map(|wrench| -wrench)),
+        let directions = [
+            (leading.index, self.tuning.column[within(first)]),
+            (push.index, pushed.map(|wrench| -wrench)),
         ];
+        let onsets = directions.map(|(index, mut direction)| {
+            let jumped = self.jumped(&Onset::at(index), jump, push);
+            for axis in 0..AXES {
+                if jumped[axis] {
+                    direction[axis] = 0.0;
+                }
+            }
+            self.watch.onset.between_blocks(index, &direction)
+        });
         let count = if onsets[0].is_close_to(&onsets[1]) { 1 } else { 2 };
         let observations = onsets.map(|onset| (onset, self.observation(&onset, jump, push)));
         let least = core::array::from_fn(|rotor| self.least_change(rotor));
@@ -298,15 +303,22 @@ impl SequentialDetector {
     /// The lost wrench observed since one onset time, without the axes that a jump explains better.
     fn observation(&self, onset: &Onset, jump: &FreeEvidence, push: &FreeEvidence) -> Observation {
         let mut observation = self.watch.onset.observation(onset);
-        let of_any = self.watch.onset.free_fit(onset);
+        let jumped = self.jumped(onset, jump, push);
         for axis in 0..AXES {
-            let jumped = jump.axis[axis] > push.axis[axis];
-            if jumped && jump.axis[axis] > of_any[axis] + self.tuning.config.margin_to_isolate {
+            if jumped[axis] {
                 observation.forget(axis);
             }
         }
         let centre = self.tuning.config.centre_of_mass_spread;
         observation.tolerant(&self.watch.gain, &self.watch.gain_variance, centre * centre)
+    }
+
+    /// Axes that a jump explains better than any lasting wrench since an onset time.
+    fn jumped(&self, onset: &Onset, jump: &FreeEvidence, push: &FreeEvidence) -> [bool; AXES] {
+        let of_any = self.watch.onset.free_fit(onset);
+        core::array::from_fn(|axis| {
+            jump.axis[axis] > push.axis[axis] && jump.axis[axis] > of_any[axis] + self.tuning.config.margin_to_isolate
+        })
     }
 
     fn report_none(&mut self, verdict: FaultVerdict, probability: f32) {

@@ -11,8 +11,8 @@
 //! An alternative hypothesis is a *jump* of the momentum itself, of any size on every axis: a sensor shift, a knock, or a brief model
 //! error in a hard manoeuvre. Its signature is that of an impulse; whatever it explains better is not a lost thrust.
 //!
-//! The onset times are starts of blocks: every one of the last tenths of a second, and increasingly sparse before, a fixed number, spaced
-//! about evenly in the logarithm of their age. Which of them is likeliest is enough to find a change, but not to size it: a change that
+//! The onset times are starts of blocks: the newest few, and increasingly sparse before, a fixed number, spaced about evenly in the
+//! logarithm of their age. Which of them is likeliest is enough to find a change, but not to size it: a change that
 //! set in half a block from the supposed time is off by a tenth, for good, as the filters forget. So the onset is then placed
 //! between two neighbouring ones ([`OnsetHypotheses::between_blocks`]). Limits: one change at a time; a change is a step through the rotor lag.
 
@@ -25,6 +25,9 @@ pub(super) const LANES: usize = 4;
 
 /// Onset times under test.
 const MOMENTS: usize = 20;
+
+/// Newest onset times, of which none is dropped: a fault that is found at once has its neighbours.
+const NEWEST: usize = 5;
 
 /// Blocks after which a step has settled through the rotor lag.
 const SETTLED: usize = 16;
@@ -311,9 +314,10 @@ impl OnsetHypotheses {
         self.block = self.block.wrapping_add(1);
     }
 
-    /// True for the onsets of the leading hypotheses and for their neighbours, from which the time within a block is found.
+    /// True for the onsets of the leading hypotheses, and for the neighbours of lasting ones, from which the time within a block is found.
     fn leads(&self, block: u32) -> bool {
-        self.leading.iter().any(|leading| leading.abs_diff(block) <= 1)
+        let [loss, jump, push] = self.leading;
+        loss.abs_diff(block) <= 1 || push.abs_diff(block) <= 1 || jump == block
     }
 
     /// Makes room, and adds the current block.
@@ -322,7 +326,7 @@ impl OnsetHypotheses {
             // Drop the one whose neighbours are closest to each other relative to their age.
             let mut drop = 1;
             let mut least = f32::INFINITY;
-            for m in 1..MOMENTS - 1 {
+            for m in 1..MOMENTS - NEWEST {
                 let gap = self.moment[m + 1].block.wrapping_sub(self.moment[m - 1].block) as f32;
                 let age = self.block.wrapping_sub(self.moment[m].block) as f32;
                 if gap < least * (age + 1.0) && !self.leads(self.moment[m].block) {
@@ -482,7 +486,29 @@ impl OnsetHypotheses {
                 onset = fit.onset;
             }
         }
+        if most == f32::NEG_INFINITY {
+            onset.relative_variance = self.variance_among(index, direction);
+        }
         onset
+    }
+
+    /// Squared relative deviation of a loss whose onset lies anywhere from the moment before to the one after: a third of the square of
+    /// half the difference of the losses there. For an onset whose neighbouring blocks are no longer kept.
+    fn variance_among(&self, index: usize, direction: &[f32; AXES]) -> f32 {
+        let loss_at = |index: usize| {
+            let loss = &self.at(index).loss;
+            let (mut numerator, mut information) = (0.0, LEAST_INFORMATION);
+            for axis in 0..AXES {
+                numerator -= direction[axis] * loss.score[axis];
+                information += direction[axis] * direction[axis] * loss.information[axis];
+            }
+            numerator / information
+        };
+        let last = self.count.saturating_sub(1);
+        let (before, after) = (loss_at(index.saturating_sub(1)), loss_at((index + 1).min(last)));
+        let here = loss_at(index);
+        let half = 0.5 * (after - before);
+        (half * half / 3.0 / (here * here).max(f32::MIN_POSITIVE)).min(1.0)
     }
 
     /// [`OnsetHypotheses::between_blocks`] between a moment and the next; none where these are not neighbours.
