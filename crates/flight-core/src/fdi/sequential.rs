@@ -53,6 +53,7 @@ mod config;
 mod decision;
 mod defect;
 mod estimate;
+mod observation;
 mod onset;
 mod sets;
 

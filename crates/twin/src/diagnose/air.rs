@@ -148,28 +148,3 @@ fn are_proved(winds: &[FlightWind]) -> bool {
             .flat_map(|one| &one.parameters)
             .all(|parameter| parameter.plausible)
 }
-
-/// True if one of the winds may be something else.
-pub(super) fn is_in_doubt(winds: &[FlightWind]) -> bool {
-    winds.iter().any(|one| !one.distinguished)
-}
-
-/// ` Each flight has a wind of its own: a1 w_N = …, w_E = …; a2 ….`, as the next sentence of a verdict.
-pub(super) fn sentence(winds: &[FlightWind]) -> String {
-    if winds.is_empty() {
-        return String::new();
-    }
-    let told: Vec<String> = winds
-        .iter()
-        .map(|one| {
-            let values: Vec<String> = one.parameters.iter().map(words::parameter).collect();
-            let or = if one.distinguished {
-                ""
-            } else {
-                " (or sensors that are off in this flight alone: it turns too little to tell)"
-            };
-            format!("{} {}{or}", one.log, values.join(", "))
-        })
-        .collect();
-    format!(" Each flight has a wind of its own: {}.", told.join("; "))
-}

@@ -2,9 +2,10 @@
 
 use rotortwin_plant::effects::EffectClass;
 
-use super::air;
 use super::named::Quantity;
-use super::result::{Calibration, Diagnosis, Finding, HeldOutError, NotConsidered, Outcome, Reason, Rival, Verdict};
+use super::result::{
+    Calibration, Diagnosis, Finding, FlightWind, HeldOutError, NotConsidered, Outcome, Reason, Rival, Verdict,
+};
 use super::state::Doubt;
 use crate::estimation::parameters::{FittedParameter, SMALLEST, number};
 use crate::log::names::duty_rotor;
@@ -207,13 +208,38 @@ pub(crate) fn render(diagnosis: &mut Diagnosis) {
     for one in &mut diagnosis.not_considered {
         one.reason = unconsidered(one);
     }
-    diagnosis.sentence = sentence(diagnosis) + &air::sentence(&diagnosis.winds);
+    diagnosis.sentence = sentence(diagnosis) + &winds(&diagnosis.winds);
     if let Some(limit_s) = diagnosis.stopped_at_s {
         diagnosis.sentence = format!(
             "Stopped by the time limit of {limit_s:.0} s, before the search was complete. As far as it got: {}",
             diagnosis.sentence
         );
     }
+}
+
+/// True if one of the winds may be something else.
+fn is_in_doubt(winds: &[FlightWind]) -> bool {
+    winds.iter().any(|one| !one.distinguished)
+}
+
+/// ` Each flight has a wind of its own: a1 w_N = …, w_E = …; a2 ….`, as the next sentence of a verdict.
+fn winds(winds: &[FlightWind]) -> String {
+    if winds.is_empty() {
+        return String::new();
+    }
+    let told: Vec<String> = winds
+        .iter()
+        .map(|one| {
+            let values: Vec<String> = one.parameters.iter().map(parameter).collect();
+            let or = if one.distinguished {
+                ""
+            } else {
+                " (or sensors that are off in this flight alone: it turns too little to tell)"
+            };
+            format!("{} {}{or}", one.log, values.join(", "))
+        })
+        .collect();
+    format!(" Each flight has a wind of its own: {}.", told.join("; "))
 }
 
 fn names(rivals: &[Rival]) -> String {
@@ -390,7 +416,7 @@ fn sentence(diagnosis: &Diagnosis) -> String {
                 named(&diagnosis.effects)
             };
             // What a wind of a flight's own is also compatible with stands beside it.
-            let compatible = if rivals.is_empty() && air::is_in_doubt(&diagnosis.winds) {
+            let compatible = if rivals.is_empty() && is_in_doubt(&diagnosis.winds) {
                 String::new()
             } else {
                 format!(" Also compatible: {}.", names(&rivals))

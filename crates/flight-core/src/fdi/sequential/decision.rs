@@ -3,8 +3,9 @@
 use super::axis_filter::{BIAS, GAIN, LAG, LevelProbe, STATES};
 use super::defect::AXES;
 use super::estimate::{LossEstimate, Suspects};
+use super::observation::Observation;
 use super::onset::{Evidence, FreeEvidence, LANES, Onset};
-use super::sets::{Demands, Observation, SetFit, Sets};
+use super::sets::{Demands, SetFit, Sets};
 use super::{KnownFault, Phase, SequentialDecision, SequentialDetector, limited, within};
 use crate::MAX_ROTORS;
 use crate::fdi::FaultVerdict;

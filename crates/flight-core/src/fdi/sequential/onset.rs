@@ -18,7 +18,7 @@
 
 use super::axis_filter::{DEFECT, GUST, Innovation, STATES};
 use super::defect::AXES;
-use super::sets::Observation;
+use super::observation::Observation;
 
 /// Rotors evaluated at a time: as many `f32` as fit any vector register.
 pub(super) const LANES: usize = 4;
