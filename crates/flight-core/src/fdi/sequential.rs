@@ -14,7 +14,7 @@
 //!    learnt), a constant bias (rotor biases, offset of the centre of mass), gain errors, the error of τ. What it learns in one
 //!    manoeuvre carries over to the next. So the same tuning decides within one or two windows where there is only sensor noise, and
 //!    takes longer in wind.
-//! 3. *Onset.* Generalised likelihood ratio of a step of lost thrust, for every rotor, over some twenty onset times. Losses are
+//! 3. *Onset.* Generalised likelihood ratio of a step of lost thrust, for every rotor, over eighteen onset times. Losses are
 //!    positive: the sign of the torque distinguishes opposite rotors. Anything that a jump of the momentum itself explains better (a
 //!    sensor shift, a knock) does not count.
 //! 4. *Decision*, at each window's end: the evidence for the best rotor, in nats, and its lead over the next one, and over every pair of

@@ -240,21 +240,7 @@ impl SequentialDetector {
             }),
             repeat_bonus: c.repeat_bonus,
         };
-        // Several rotors are another direction than any one of them, and with it another time within the block.
-        let pushed = self.watch.onset.observation(&Onset::at(push.index)).wrench;
-        let directions = [
-            (leading.index, self.tuning.column[within(first)]),
-            (push.index, pushed.map(|wrench| -wrench)),
-        ];
-        let onsets = directions.map(|(index, mut direction)| {
-            let jumped = self.jumped(&Onset::at(index), jump, push);
-            for axis in 0..AXES {
-                if jumped[axis] {
-                    direction[axis] = 0.0;
-                }
-            }
-            self.watch.onset.between_blocks(index, &direction)
-        });
+        let onsets = self.onsets(first, leading, jump, push);
         let count = if onsets[0].is_close_to(&onsets[1]) { 1 } else { 2 };
         let observations = onsets.map(|onset| (onset, self.observation(&onset, jump, push)));
         let least = core::array::from_fn(|rotor| self.least_change(rotor));
@@ -301,7 +287,28 @@ impl SequentialDetector {
         finding
     }
 
+    /// The times within blocks at which the best rotor, and a lasting wrench of any direction, set in.
+    #[inline(never)]
+    fn onsets(&self, first: usize, leading: &Evidence, jump: &FreeEvidence, push: &FreeEvidence) -> [Onset; 2] {
+        // Several rotors are another direction than any one of them, and with it another time within the block.
+        let pushed = self.watch.onset.observation(&Onset::at(push.index)).wrench;
+        let directions = [
+            (leading.index, self.tuning.column[within(first)]),
+            (push.index, pushed.map(|wrench| -wrench)),
+        ];
+        directions.map(|(index, mut direction)| {
+            let jumped = self.jumped(&Onset::at(index), jump, push);
+            for axis in 0..AXES {
+                if jumped[axis] {
+                    direction[axis] = 0.0;
+                }
+            }
+            self.watch.onset.between_blocks(index, &direction)
+        })
+    }
+
     /// The lost wrench observed since one onset time, without the axes that a jump explains better.
+    #[inline(never)]
     fn observation(&self, onset: &Onset, jump: &FreeEvidence, push: &FreeEvidence) -> Observation {
         let mut observation = self.watch.onset.observation(onset);
         let jumped = self.jumped(onset, jump, push);
@@ -436,14 +443,13 @@ impl SequentialDetector {
     /// explain remains as a bias.
     fn absorb(&mut self, set: &SetFit, probability: f32) {
         let seen = self.watch.onset.observation(&set.onset);
-        let errors = self.watch.onset.error(&set.onset);
         for axis in 0..AXES {
             let explained: f32 = set
                 .members()
                 .map(|(rotor, loss)| -self.tuning.column[within(rotor)][axis] * loss)
                 .sum();
+            let error = &self.watch.onset.error(&set.onset, axis);
             let state = &mut self.watch.axis[axis];
-            let error = &errors[axis];
             // An uninformative axis keeps its state except for what the losses explain.
             let informed = seen.variance[axis] < 1.0;
             let (lost, variance) = if informed {

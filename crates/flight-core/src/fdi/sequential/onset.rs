@@ -24,7 +24,7 @@ use super::observation::Observation;
 pub(super) const LANES: usize = 4;
 
 /// Onset times under test.
-const MOMENTS: usize = 20;
+const MOMENTS: usize = 18;
 
 /// Newest onset times, of which none is dropped: a fault that is found at once has its neighbours.
 const NEWEST: usize = 5;
@@ -70,14 +70,10 @@ impl Signature {
         information: [0.0; AXES],
     };
 
-    /// ln of the likelihood ratio of every axis, each at its best size, nats.
+    /// [`free_fit`] of this signature.
     #[inline]
     fn free_fit(&self) -> [f32; AXES] {
-        let mut fit = [0.0; AXES];
-        for axis in 0..AXES {
-            fit[axis] = 0.5 * self.score[axis] * self.score[axis] / self.information[axis].max(LEAST_INFORMATION);
-        }
-        fit
+        free_fit(&self.score, &self.information)
     }
 
     /// Updates with the innovations of one block.
@@ -119,6 +115,16 @@ impl Signature {
         }
         error
     }
+}
+
+/// ln of the likelihood ratio of every axis, each at its best size, nats.
+#[inline]
+fn free_fit(score: &[f32; AXES], information: &[f32; AXES]) -> [f32; AXES] {
+    let mut fit = [0.0; AXES];
+    for axis in 0..AXES {
+        fit[axis] = 0.5 * score[axis] * score[axis] / information[axis].max(LEAST_INFORMATION);
+    }
+    fit
 }
 
 /// One onset time.
@@ -226,7 +232,8 @@ impl OnsetHypotheses {
     pub(super) const BLANK: Self = Self {
         moment: [Moment::BLANK; MOMENTS],
         count: 0,
-        leading: [NO_BLOCK; 3],
+        // All bits 0, as of everything before it is configured: a board has no room for an image of it in flash.
+        leading: [0; 3],
         block: 0,
         response: [0.0; SETTLED],
     };
@@ -474,6 +481,7 @@ impl OnsetHypotheses {
     /// var Δ̂ = 1/(I − X²/(K + 12/Δ̂²)).
     ///
     /// * `direction`: of the wrench, levers divided out; a column of F for the loss of one rotor
+    #[inline(never)]
     pub(super) fn between_blocks(&self, index: usize, direction: &[f32; AXES]) -> Onset {
         let mut onset = Onset::at(index);
         let mut most = f32::NEG_INFINITY;
@@ -566,42 +574,44 @@ impl OnsetHypotheses {
         })
     }
 
-    /// Signature of a loss at an onset time.
-    fn loss_since(&self, onset: &Onset) -> Signature {
-        let early = self.at(onset.index);
-        if onset.later == 0.0 {
-            return early.loss;
-        }
-        let late = self.at(onset.index.wrapping_add(1));
-        let (of_early, of_late) = (1.0 - onset.later, onset.later);
-        let mut loss = Signature::BLANK;
-        for axis in 0..AXES {
-            for j in 0..STATES {
-                loss.error[j][axis] = of_early * early.loss.error[j][axis] + of_late * late.loss.error[j][axis];
-            }
-            loss.score[axis] = of_early * early.loss.score[axis] + of_late * late.loss.score[axis];
-            loss.information[axis] = of_early * of_early * early.loss.information[axis]
-                + 2.0 * of_early * of_late * late.shared[axis]
-                + of_late * of_late * late.loss.information[axis];
-        }
-        loss
-    }
-
     /// The lost wrench that the innovations show since an onset time.
     pub(super) fn observation(&self, onset: &Onset) -> Observation {
-        let loss = self.loss_since(onset);
-        Observation::new(&loss.score, &loss.information)
+        let [score, information] = self.loss_since(onset);
+        Observation::new(&score, &information)
     }
 
     /// ln of the likelihood ratio of every axis, each at its best size, nats.
     pub(super) fn free_fit(&self, onset: &Onset) -> [f32; AXES] {
-        self.loss_since(onset).free_fit()
+        let [score, information] = self.loss_since(onset);
+        free_fit(&score, &information)
     }
 
-    /// Error of each axis filter per unit of wrench lost since an onset time.
-    pub(super) fn error(&self, onset: &Onset) -> [[f32; STATES]; AXES] {
-        let loss = self.loss_since(onset);
-        core::array::from_fn(|axis| loss.error_of(axis))
+    /// Score and information of a loss since an onset time.
+    fn loss_since(&self, onset: &Onset) -> [[f32; AXES]; 2] {
+        let (early, late) = (self.at(onset.index), self.at(onset.index.wrapping_add(1)));
+        let (of_early, of_late) = (1.0 - onset.later, onset.later);
+        let mut sums = [early.loss.score, early.loss.information];
+        if of_late > 0.0 {
+            for axis in 0..AXES {
+                sums[0][axis] = of_early * early.loss.score[axis] + of_late * late.loss.score[axis];
+                sums[1][axis] = of_early * of_early * early.loss.information[axis]
+                    + 2.0 * of_early * of_late * late.shared[axis]
+                    + of_late * of_late * late.loss.information[axis];
+            }
+        }
+        sums
+    }
+
+    /// Error of one axis filter per unit of wrench lost since an onset time.
+    pub(super) fn error(&self, onset: &Onset, axis: usize) -> [f32; STATES] {
+        let mut error = self.at(onset.index).loss.error_of(axis);
+        if onset.later > 0.0 {
+            let late = self.at(onset.index.wrapping_add(1)).loss.error_of(axis);
+            for j in 0..STATES {
+                error[j] += onset.later * (late[j] - error[j]);
+            }
+        }
+        error
     }
 }
 
