@@ -9,7 +9,7 @@ use std::path::{Path, PathBuf};
 /// Known failures; `None` once one is fixed.
 const EXPECTED: [(&str, Option<Failure>); 3] = [
     ("false-alarm-in-slow-gusts", Some(Failure::FalseAlarm)),
-    ("missed-slow-ramp", Some(Failure::Missed)),
+    ("missed-slow-ramp", Some(Failure::Late)),
     ("wrong-rotor-after-ramp", None),
 ];
 
