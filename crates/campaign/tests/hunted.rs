@@ -10,7 +10,7 @@ use std::path::{Path, PathBuf};
 const EXPECTED: [(&str, Option<Failure>); 3] = [
     ("false-alarm-in-slow-gusts", Some(Failure::FalseAlarm)),
     ("missed-slow-ramp", Some(Failure::Late)),
-    ("wrong-rotor-after-ramp", None),
+    ("wrong-rotor-after-ramp", Some(Failure::WrongRotor)),
 ];
 
 fn root() -> PathBuf {
