@@ -35,7 +35,7 @@ const SETTLED: usize = 16;
 /// Keeps the division finite while there is no information yet, 1/N².
 const LEAST_INFORMATION: f32 = 1e-9;
 
-/// Onset of a hypothesis that there is not; two years of blocks away.
+/// Onset of a hypothesis that there is not; four years of blocks away.
 const NO_BLOCK: u32 = u32::MAX;
 
 /// Signatures of two moments whose 1 − r², with the correlation r, is smaller are the same one to an `f32`.
