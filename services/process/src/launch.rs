@@ -37,6 +37,9 @@ const GRACE: Duration = Duration::from_millis(800);
 /// Polling interval of the children while no event arrives.
 const POLL: Duration = Duration::from_millis(20);
 
+/// Time for the plant's word that all have joined to arrive, when a process is found to have ended and the plant has not said so.
+const NEWS_ON_ITS_WAY: Duration = Duration::from_millis(100);
+
 /// One process to start.
 pub struct Part {
     /// `sim`, `controller` or `fdi`: the subcommand, and the name of its log.
@@ -109,6 +112,7 @@ pub fn run(
     let mut flight = FlightWatch::new(plant_pid);
     let mut asked = false;
     let mut stalled = None;
+    let mut found_ended: Option<Instant> = None;
 
     let plant_status = loop {
         match events.recv_timeout(POLL) {
@@ -132,7 +136,9 @@ pub fn run(
         let request = if interrupted.load(Ordering::Relaxed) {
             Some(StopRequest::Cancel)
         } else if flight.stage == Stage::Join {
-            find_early_end(&mut peers)?
+            let ended = find_early_end(&mut peers)?;
+            // It may have joined, and the plant's word of that be on its way.
+            ended.filter(|_| found_ended.get_or_insert_with(Instant::now).elapsed() >= NEWS_ON_ITS_WAY)
         } else {
             // The plant notices the death of a peer itself.
             None
