@@ -2,13 +2,12 @@
 
 use crate::output::{self, fitted};
 use clap::{Parser, Subcommand};
-use rotortwin_plant::effects::EffectDocument;
 use rotortwin_runner::grid::Grid;
 use rotortwin_runner::text::significant;
 use rotortwin_runner::versions::{Head, model_and_branch};
 use rotortwin_scenario::effect_documents;
 use rotortwin_twin::Z95;
-use rotortwin_twin::improve::from_diagnosis;
+use rotortwin_twin::improve::from_diagnosis::{self, Addition};
 use rotortwin_twin::model::difference::{ParameterChange, Value};
 use rotortwin_twin::model::specification::effect_by_hand;
 use rotortwin_twin::model::store::{Found, Place};
@@ -287,13 +286,7 @@ impl Add {
     fn run(&self, store: &ModelStore) -> Result<(), StoreError> {
         let head = Head::find(store, &self.model)?;
         let found = self.effects(&head.line(store)?)?;
-        let mut next = head
-            .version
-            .with_effects(found.effects, self.note.clone())
-            .with_documents(&found.documents);
-        if found.own_winds {
-            next = next.with_own_winds();
-        }
+        let next = found.onto(&head.version, self.note.clone());
         // Before anything is created, so that a rejection leaves nothing behind.
         ModelStore::check(&next)?;
         head.begin(store)?;
@@ -312,11 +305,7 @@ impl Add {
                 .collect::<Result<Vec<_>, _>>()?;
             let effect = self.effect.as_deref().unwrap_or_default();
             return effect_by_hand(effect, self.rotor, self.onset, &self.parameters)
-                .map(|effect| Addition {
-                    effects: vec![effect],
-                    documents,
-                    own_winds: false,
-                })
+                .map(|effect| Addition::of_one(effect, documents))
                 .map_err(StoreError::Refused);
         };
         let refuse = |reason: String| StoreError::Refused(format!("{}: {reason}", path.display()));
@@ -325,44 +314,17 @@ impl Add {
         let json = serde_json::from_str(&text).map_err(|error| refuse(format!("expected JSON: {error}")))?;
         from_diagnosis::check_base(&json, line).map_err(refuse)?;
         if self.proposal {
-            let (document, effect) = from_diagnosis::proposal(&json, &[]).map_err(refuse)?;
-            return Ok(Addition {
-                effects: vec![effect],
-                documents: vec![document],
-                own_winds: false,
-            });
+            return Addition::proposed(&json).map_err(refuse);
         }
-        let own_winds = line
-            .last()
-            .is_some_and(|head| from_diagnosis::brings_winds(&json, head));
-        let mut effects = from_diagnosis::effects(&json, &[]).map_err(refuse)?;
-        if effects.is_empty() && !own_winds {
+        let found = Addition::found(&json, line).map_err(refuse)?;
+        if found.is_empty() {
             return Err(refuse("this diagnosis found no missing physics to add".into()));
         }
-        if let Some(number) = self.pick {
-            if !(1..=effects.len()).contains(&number) {
-                return Err(refuse(format!(
-                    "expected --pick from 1 to {}, got {number}",
-                    effects.len()
-                )));
-            }
-            effects = vec![effects.swap_remove(number - 1)];
+        match self.pick {
+            None => Ok(found),
+            Some(number) => found.picked(number, "--pick").map_err(refuse),
         }
-        Ok(Addition {
-            effects,
-            documents: Vec::new(),
-            own_winds,
-        })
     }
-}
-
-/// What a version is to get.
-struct Addition {
-    effects: Vec<ModelEffect>,
-    /// Documents of effects that the catalogue lacks.
-    documents: Vec<EffectDocument>,
-    /// Each flight has a wind of its own.
-    own_winds: bool,
 }
 
 /// Prints the differences of a new version from the previous one.

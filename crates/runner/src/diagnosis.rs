@@ -14,7 +14,7 @@ use rotortwin_twin::baseline::Trim;
 use rotortwin_twin::compare::NamedModel;
 use rotortwin_twin::diagnose::{Diagnosis, Finding, NotConsidered, Options, Verdict, diagnose as search, in_sentence};
 use rotortwin_twin::estimation::parameters::FittedParameter;
-use rotortwin_twin::improve::from_diagnosis;
+use rotortwin_twin::improve::from_diagnosis::Addition;
 use rotortwin_twin::improve::report::quantity;
 use rotortwin_twin::model::{ModelStore, ModelVersion};
 use rotortwin_twin::over_time::OverTime;
@@ -101,13 +101,11 @@ fn compared_models(label: &str, version: &ModelVersion, diagnosis: &Diagnosis) -
         version: version.clone(),
     }];
     let json = serde_json::to_value(diagnosis).unwrap_or_default();
-    let effects = from_diagnosis::effects(&json, &[]).unwrap_or_default();
-    let brings_winds = from_diagnosis::brings_winds(&json, version);
-    if !effects.is_empty() || brings_winds {
-        let found = version.with_effects(effects, "what a diagnosis found");
+    let found = Addition::found(&json, std::slice::from_ref(version)).unwrap_or_default();
+    if !found.is_empty() {
         models.push(NamedModel {
             label: format!("{label} with what was found"),
-            version: if brings_winds { found.with_own_winds() } else { found },
+            version: found.onto(version, "what a diagnosis found"),
         });
     }
     models

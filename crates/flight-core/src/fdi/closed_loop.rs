@@ -282,12 +282,35 @@ fn scenario_every_rotor_is_isolated_at_once() {
     }
 }
 
+/// Estimated losses against the truth.
+#[derive(Default, Debug)]
+struct Sizes {
+    /// Within their intervals.
+    inside: u32,
+    count: u32,
+    /// Sum of the squared relative errors.
+    square: f64,
+}
+
+impl Sizes {
+    fn add(&mut self, estimate: &LossEstimate, truth: f64) {
+        let [share, low, high] = estimate.share().map(f64::from);
+        self.inside += u32::from(low <= truth && truth <= high);
+        self.count += 1;
+        self.square += (share / truth - 1.0) * (share / truth - 1.0);
+    }
+
+    fn rms(&self) -> f64 {
+        libm::sqrt(self.square / f64::from(self.count))
+    }
+}
+
 #[test]
 fn val_a_loss_is_sized_wherever_in_a_block_it_begins() {
     // A window is 25 steps long; onset times grow sparse in a long flight.
     let soon = [(false, 0.05), (true, 0.1), (false, 0.2)].map(|(circle, loss)| (12.0, circle, loss, 1));
     let late = (180.0, true, 0.03, 5);
-    let (mut inside, mut square, mut count) = (0, 0.0, 0);
+    let mut sizes = Sizes::default();
     for (from_s, circle, loss, every) in soon.into_iter().chain([late]) {
         for step in (0..25).step_by(every) {
             let rotor = step % 6;
@@ -303,20 +326,16 @@ fn val_a_loss_is_sized_wherever_in_a_block_it_begins() {
             let last = log.last.expect("samples");
             let named = FaultVerdict::Faulty { rotor: rotor as u8 };
             assert_eq!(last.sequential, named, "{:?}", log.changes);
-            let [share, low, high] = last.thrust_loss[0].share().map(f64::from);
-            inside += usize::from(low <= loss && loss <= high);
-            square += (share / loss - 1.0) * (share / loss - 1.0);
-            count += 1;
+            sizes.add(&last.thrust_loss[0], loss);
         }
     }
     // With each taken for one that began with a block, 46 of the first 75 were inside, at 6 % rms.
-    let rms = libm::sqrt(square / f64::from(count));
-    assert!(inside >= 77 && rms < 0.025, "{inside} of {count} inside, {rms} rms");
+    assert!(sizes.inside >= 77 && sizes.rms() < 0.025, "{sizes:?}");
 }
 
 #[test]
 fn val_two_losses_are_sized_wherever_in_a_block_they_begin() {
-    let (mut inside, mut square, mut count) = (0, 0.0, 0);
+    let mut sizes = Sizes::default();
     for step in 0..25 {
         // Equal losses of opposite rotors are a pure vertical force, which other pairs give, too.
         let (rotor, second) = (step % 6, (step + [1, 2, 4, 5][step % 4]) % 6);
@@ -335,14 +354,10 @@ fn val_two_losses_are_sized_wherever_in_a_block_they_begin() {
         let named = FaultVerdict::FaultyPair { first, second };
         assert_eq!(last.sequential, named, "{step}: {:?}", log.changes);
         for estimate in last.thrust_loss {
-            let [share, low, high] = estimate.share().map(f64::from);
-            inside += usize::from(low <= 0.1 && 0.1 <= high);
-            square += (share / 0.1 - 1.0) * (share / 0.1 - 1.0);
-            count += 1;
+            sizes.add(&estimate, 0.1);
         }
     }
-    let rms = libm::sqrt(square / f64::from(count));
-    assert!(inside >= 46 && rms < 0.03, "{inside} of {count} inside, {rms} rms");
+    assert!(sizes.inside >= 46 && sizes.rms() < 0.03, "{sizes:?}");
 }
 
 #[test]

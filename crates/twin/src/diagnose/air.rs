@@ -11,7 +11,7 @@ use crate::estimation::normal::Posterior;
 use crate::estimation::parameters::{FittedParameter, QUANTILE_95};
 use crate::estimation::problem::Problem;
 use crate::log::FlightLog;
-use crate::model::{ModelVersion, is_steady_wind};
+use crate::model::{ModelVersion, steady_wind};
 use crate::predict::PredictError;
 use crate::predict::channels::{F, M};
 
@@ -60,9 +60,9 @@ pub(super) fn diagnose_in_winds(
     let mut found = in_winds;
     if found.verdict == Verdict::Agrees {
         let catalogue = model.with_documents(&options.effects).catalogue()?;
-        let winds = catalogue.entries().iter().filter(|entry| is_steady_wind(entry));
+        let wind = steady_wind(&catalogue).map(|wind| wind.id.to_owned());
         found.verdict = Verdict::Missing {
-            effects: winds.map(|entry| entry.id.to_owned()).collect(),
+            effects: wind.into_iter().collect(),
         };
         words::render(&mut found);
     }
@@ -87,10 +87,7 @@ pub(super) fn winds(problem: &Problem, posterior: &Posterior) -> Vec<FlightWind>
     flights
         .filter(|(_, log)| log.predictor.has_own_wind())
         .map(|(l, log)| {
-            let mut entries = log.predictor.catalogue().entries().iter();
-            let components = entries
-                .find(|entry| is_steady_wind(entry))
-                .map_or(&[][..], |entry| entry.parameters);
+            let components = steady_wind(log.predictor.catalogue()).map_or(&[][..], |wind| wind.parameters);
             FlightWind {
                 log: log.predictor.name.clone(),
                 distinguished: turns(log),

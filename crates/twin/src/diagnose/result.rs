@@ -156,6 +156,35 @@ pub struct Finding {
     pub picture: Option<Picture>,
 }
 
+impl Finding {
+    /// Physics that no evidence was computed for.
+    pub(crate) fn without_evidence(
+        instance: EffectInstance,
+        label: String,
+        equation: String,
+        parameters: Vec<FittedParameter>,
+        reason: String,
+    ) -> Self {
+        Self {
+            instance,
+            label,
+            class: EffectClass::Physics,
+            equation,
+            parameters,
+            ln_bayes_factor: f64::NAN,
+            posterior: f64::NAN,
+            channels: Vec::new(),
+            also_compatible: Vec::new(),
+            lost: Vec::new(),
+            onset_s: None,
+            reason,
+            seen_from: None,
+            constant: None,
+            picture: None,
+        }
+    }
+}
+
 /// A constant of the vehicle that an effect is the error of.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct ConstantWanted {

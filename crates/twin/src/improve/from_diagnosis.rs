@@ -76,9 +76,72 @@ pub fn effects(diagnosis: &Value, logs: &[LogReference]) -> Result<Vec<ModelEffe
         .collect()
 }
 
-/// True if the diagnosis gave each flight a wind of its own, and the version does not yet: what was found belongs into one that does.
-pub fn brings_winds(diagnosis: &Value, version: &ModelVersion) -> bool {
-    has_winds(diagnosis) && !version.wind_of_each_flight
+/// What a version is to get.
+#[derive(Debug, Clone, Default)]
+pub struct Addition {
+    /// Terms of the model.
+    pub effects: Vec<ModelEffect>,
+    /// Documents of effects that the catalogue lacks.
+    pub documents: Vec<EffectDocument>,
+    /// A wind of its own for each flight.
+    pub own_winds: bool,
+}
+
+impl Addition {
+    /// One effect.
+    pub fn of_one(effect: ModelEffect, documents: Vec<EffectDocument>) -> Self {
+        Self {
+            effects: vec![effect],
+            documents,
+            own_winds: false,
+        }
+    }
+
+    /// What a diagnosis found: the missing physics, and the winds of its flights, unless the last of the versions has these.
+    ///
+    /// # Errors
+    /// One sentence: the JSON is not that of a diagnosis.
+    pub fn found(diagnosis: &Value, line: &[ModelVersion]) -> Result<Self, String> {
+        Ok(Self {
+            effects: effects(diagnosis, &[])?,
+            documents: Vec::new(),
+            own_winds: has_winds(diagnosis) && line.last().is_some_and(|head| !head.wind_of_each_flight),
+        })
+    }
+
+    /// What a diagnosis proposes.
+    ///
+    /// # Errors
+    /// As of [`proposal`].
+    pub fn proposed(diagnosis: &Value) -> Result<Self, String> {
+        let (document, effect) = proposal(diagnosis, &[])?;
+        Ok(Self::of_one(effect, vec![document]))
+    }
+
+    /// True if a version would get nothing.
+    pub fn is_empty(&self) -> bool {
+        self.effects.is_empty() && !self.own_winds
+    }
+
+    /// The same with one of the effects alone, counted from 1; `option` is what gave the number.
+    ///
+    /// # Errors
+    /// One sentence: there is no such effect.
+    pub fn picked(mut self, number: usize, option: &str) -> Result<Self, String> {
+        let count = self.effects.len();
+        if !(1..=count).contains(&number) {
+            return Err(format!("expected {option} from 1 to {count}, got {number}"));
+        }
+        self.effects = vec![self.effects.swap_remove(number - 1)];
+        Ok(self)
+    }
+
+    /// The version that follows.
+    #[must_use]
+    pub fn onto(self, version: &ModelVersion, note: impl Into<String>) -> ModelVersion {
+        let next = version.with_effects(self.effects, note).with_documents(&self.documents);
+        if self.own_winds { next.with_own_winds() } else { next }
+    }
 }
 
 fn has_winds(diagnosis: &Value) -> bool {

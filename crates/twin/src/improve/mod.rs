@@ -23,7 +23,7 @@ pub mod refit;
 pub mod report;
 pub mod truth;
 
-use rotortwin_plant::effects::{EffectClass, EffectDocument};
+use rotortwin_plant::effects::EffectDocument;
 use serde::Serialize;
 use utoipa::ToSchema;
 
@@ -267,14 +267,14 @@ pub fn improve(
             rows.push(next_row);
             continue;
         }
-        let Some((proposals, full)) = accepted(request, &now.version, diagnosis, options)? else {
+        let Some(trial) = accepted(request, &now.version, diagnosis, options)? else {
             end = Some(End::HeldOutRises);
             break;
         };
-        for finding in &proposals.findings {
-            let mut next = proposals.added(&now.version, finding, request.fitted);
+        for finding in &trial.proposals.findings {
+            let mut next = trial.proposals.added(&now.version, finding, request.fitted);
             for effect in &mut next.effect {
-                if let Some(fitted) = full.effect.iter().find(|other| other.is_same_term(effect)) {
+                if let Some(fitted) = trial.version.effect.iter().find(|other| other.is_same_term(effect)) {
                     effect.parameters.clone_from(&fitted.parameters);
                 }
             }
@@ -330,34 +330,51 @@ pub fn improve(
     })
 }
 
-/// What a diagnosis wants added, and the version with all of it fitted together; `None` if an error of a held-out log grows with it.
+/// What a diagnosis wants added, fitted together; `None` if an error of a held-out log grows with it.
 fn accepted(
     request: &Request<'_>,
     version: &ModelVersion,
     diagnosis: &Diagnosis,
     options: &diagnose::Options<'_>,
-) -> Result<Option<(Proposals, ModelVersion)>, PredictError> {
+) -> Result<Option<Trial>, PredictError> {
     let catalogue = version.with_documents(&options.effects).catalogue()?;
-    let fitted = |proposals: Proposals| -> Result<_, PredictError> {
-        let full = proposals.fitted_to(version, request.fitted)?;
-        // The winds of held-out flights are no merit of what is added with them.
-        let before = unseen(request, &proposals.with_winds_alone(version))?;
-        let after = unseen(request, &full)?;
-        Ok((proposals, full, before, after))
-    };
-    let found = fitted(Proposals::of(diagnosis, version, &catalogue))?;
+    let found = Trial::of(Proposals::of(diagnosis, version, &catalogue), request, version)?;
     // A wind of the fitted flights need not be that of the held-out ones.
     if !request.held_out.is_empty()
-        && let Some(own) = found.0.in_winds_of_their_own(&catalogue)
+        && let Some(own) = found.proposals.in_winds_of_their_own(&catalogue)
     {
-        let own = fitted(own)?;
-        let is_better = !remarks(&own.3, &found.3).is_empty();
-        if is_better && remarks(&own.2, &own.3).is_empty() {
-            return Ok(Some((own.0, own.1)));
+        let own = Trial::of(own, request, version)?;
+        let is_better = !remarks(&own.after, &found.after).is_empty();
+        if is_better && !own.raises_an_error() {
+            return Ok(Some(own));
         }
     }
-    let rises = !remarks(&found.2, &found.3).is_empty();
-    Ok((!rises).then_some((found.0, found.1)))
+    Ok((!found.raises_an_error()).then_some(found))
+}
+
+/// Proposals that were fitted, and the held-out logs without and with them.
+struct Trial {
+    proposals: Proposals,
+    version: ModelVersion,
+    before: Row,
+    after: Row,
+}
+
+impl Trial {
+    fn of(proposals: Proposals, request: &Request<'_>, version: &ModelVersion) -> Result<Self, PredictError> {
+        let fitted = proposals.fitted_to(version, request.fitted)?;
+        Ok(Self {
+            // The winds of held-out flights are no merit of what is added with them.
+            before: unseen(request, &proposals.with_winds_alone(version))?,
+            after: unseen(request, &fitted)?,
+            proposals,
+            version: fitted,
+        })
+    }
+
+    fn raises_an_error(&self) -> bool {
+        !remarks(&self.before, &self.after).is_empty()
+    }
 }
 
 /// A version on the held-out logs.
@@ -406,24 +423,14 @@ fn proposed(diagnosis: &Diagnosis) -> Option<Part> {
             plausible: true,
         })
         .collect();
-    let finding = Finding {
-        instance: proposal.instance()?,
-        label: format!("Proposed: {}", acts.join("; ")),
-        class: EffectClass::Physics,
-        equation: proposal.sentence(),
+    // A regression computes no evidence; what supports it is the error on unseen blocks.
+    let finding = Finding::without_evidence(
+        proposal.instance()?,
+        format!("Proposed: {}", acts.join("; ")),
+        proposal.sentence(),
         parameters,
-        // A regression computes no evidence; what supports it is the error on unseen blocks.
-        ln_bayes_factor: f64::NAN,
-        posterior: f64::NAN,
-        channels: Vec::new(),
-        also_compatible: Vec::new(),
-        lost: Vec::new(),
-        onset_s: None,
-        reason: proposal.sentence(),
-        seen_from: None,
-        constant: None,
-        picture: None,
-    };
+        proposal.sentence(),
+    );
     Some(Part { document, finding })
 }
 

@@ -1,12 +1,12 @@
 //! What one round of the loop adds: the findings of a diagnosis, fitted together, and a wind for each flight where one for all does not
 //! do.
 
-use rotortwin_plant::effects::{Catalogue, EffectClass, EffectInstance};
+use rotortwin_plant::effects::{Catalogue, EffectInstance};
 
 use super::{refit, stays_within, with_finding};
 use crate::diagnose::{Diagnosis, Finding};
 use crate::log::FlightLog;
-use crate::model::{ModelVersion, is_steady_wind};
+use crate::model::{ModelVersion, is_steady_wind, steady_wind};
 use crate::predict::PredictError;
 
 /// What a diagnosis wants added in a round.
@@ -80,27 +80,18 @@ impl Proposals {
 
 /// The winds of the flights as a step of their own.
 fn winds_alone(catalogue: &Catalogue) -> Option<Finding> {
-    let steady = catalogue.entries().iter().find(|one| is_steady_wind(one))?;
-    Some(Finding {
-        instance: EffectInstance {
-            effect: steady.id.to_owned(),
-            rotor: None,
-            onset_s: None,
-            parameters: Default::default(),
-        },
-        label: "Wind of each flight".to_owned(),
-        class: EffectClass::Physics,
-        equation: steady.equation.to_owned(),
-        parameters: Vec::new(),
-        ln_bayes_factor: f64::NAN,
-        posterior: f64::NAN,
-        channels: Vec::new(),
-        also_compatible: Vec::new(),
-        lost: Vec::new(),
+    let wind = steady_wind(catalogue)?;
+    let instance = EffectInstance {
+        effect: wind.id.to_owned(),
+        rotor: None,
         onset_s: None,
-        reason: "no wind of all flights explains them".to_owned(),
-        seen_from: None,
-        constant: None,
-        picture: None,
-    })
+        parameters: Default::default(),
+    };
+    Some(Finding::without_evidence(
+        instance,
+        "Wind of each flight".to_owned(),
+        wind.equation.to_owned(),
+        Vec::new(),
+        "no wind of all flights explains them".to_owned(),
+    ))
 }

@@ -332,6 +332,15 @@ pub(crate) fn is_steady_wind(declared: &EffectDeclaration) -> bool {
     declared.catalogue_number.is_some() && declared.class == EffectClass::Physics && declared.places == [Place::Wind]
 }
 
+/// That effect in a catalogue.
+pub(crate) fn steady_wind(catalogue: &Catalogue) -> Option<&'static EffectDeclaration> {
+    catalogue
+        .entries()
+        .iter()
+        .copied()
+        .find(|declared| is_steady_wind(declared))
+}
+
 /// XXH3-128 as 32 hexadecimal digits: the content hash of every document and log of this project.
 pub fn content_hash(bytes: &[u8]) -> String {
     format!("{:032x}", xxhash_rust::xxh3::xxh3_128(bytes))

@@ -19,7 +19,6 @@ use axum::extract::rejection::{PathRejection, QueryRejection};
 use axum::extract::{Path, Query};
 use axum::http::{HeaderMap, StatusCode, header};
 use axum::response::{IntoResponse as _, Response};
-use rotortwin_plant::effects::EffectDocument;
 use rotortwin_twin::improve::from_diagnosis;
 use rotortwin_twin::model::store::{History, MAIN, version_number};
 use rotortwin_twin::model::{ModelEffect, ModelStore, ModelVersion, Provenance};
@@ -222,11 +221,7 @@ pub(crate) async fn add(
     check_match(&headers, &name, &branch, &head)?;
     let effects = body.effects(&app, &caller, &base.line(stands_at)).await?;
     let library = app.library(&caller).await?;
-    let mut next = head.with_effects(effects.effects, body.note);
-    if effects.own_winds {
-        next = next.with_own_winds();
-    }
-    let next = with_documents_of(&library, next, effects.documents)?;
+    let next = with_documents_of(&library, effects.onto(&head, body.note))?;
     check(&next)?;
     let changed = if base.begun {
         let database = &app.database;
@@ -509,30 +504,26 @@ impl Base {
     }
 }
 
-/// Effects to add, and the documents of those that are in no catalogue.
-struct Effects {
-    effects: Vec<ModelEffect>,
-    documents: Vec<EffectDocument>,
-    /// Each flight has a wind of its own.
-    own_winds: bool,
-}
-
 impl Addition {
-    async fn effects(&self, app: &App, caller: &Caller, line: &[ModelVersion]) -> Result<Effects, Problem> {
+    async fn effects(
+        &self,
+        app: &App,
+        caller: &Caller,
+        line: &[ModelVersion],
+    ) -> Result<from_diagnosis::Addition, Problem> {
         match (&self.diagnosis, &self.effect) {
             (Some(id), None) => self.of_diagnosis(app, caller, id, line).await,
-            (None, Some(effect)) if self.pick.is_none() && !self.proposal => Ok(Effects {
-                effects: vec![ModelEffect {
+            (None, Some(effect)) if self.pick.is_none() && !self.proposal => {
+                let effect = ModelEffect {
                     effect: effect.effect.clone(),
                     rotor: effect.rotor,
                     onset_s: effect.onset_s,
                     parameters: effect.parameters.clone(),
                     deviations: effect.deviations.clone(),
                     provenance: Provenance::by_hand(),
-                }],
-                documents: Vec::new(),
-                own_winds: false,
-            }),
+                };
+                Ok(from_diagnosis::Addition::of_one(effect, Vec::new()))
+            }
             _ => Err(Problem::unprocessable(
                 "expected either `diagnosis`, with `pick` or `proposal` or neither, or `effect`",
             )),
@@ -545,7 +536,7 @@ impl Addition {
         caller: &Caller,
         id: &str,
         line: &[ModelVersion],
-    ) -> Result<Effects, Problem> {
+    ) -> Result<from_diagnosis::Addition, Problem> {
         let refused = |sentence: String| Problem::unprocessable(format!("diagnosis {id}: {sentence}"));
         let job = done(app, caller, JobKind::Diagnosis, id).await?;
         let text = job.result.unwrap_or_default();
@@ -555,49 +546,26 @@ impl Addition {
             if self.pick.is_some() {
                 return Err(Problem::unprocessable("`pick` and `proposal`; expected one of them"));
             }
-            let (document, effect) = from_diagnosis::proposal(&json, &[]).map_err(refused)?;
-            return Ok(Effects {
-                effects: vec![effect],
-                documents: vec![document],
-                own_winds: false,
-            });
+            return from_diagnosis::Addition::proposed(&json).map_err(refused);
         }
-        let own_winds = line
-            .last()
-            .is_some_and(|head| from_diagnosis::brings_winds(&json, head));
-        let mut effects = from_diagnosis::effects(&json, &[]).map_err(refused)?;
-        if effects.is_empty() && !own_winds {
+        let found = from_diagnosis::Addition::found(&json, line).map_err(refused)?;
+        if found.is_empty() {
             return Err(refused("it found no missing physics to add".to_owned()));
         }
-        if let Some(pick) = self.pick {
-            if !(1..=effects.len()).contains(&pick) {
-                return Err(refused(format!(
-                    "expected `pick` from 1 to {}, got {pick}",
-                    effects.len()
-                )));
-            }
-            effects = vec![effects.swap_remove(pick - 1)];
+        match self.pick {
+            None => Ok(found),
+            Some(pick) => found.picked(pick, "`pick`").map_err(refused),
         }
-        Ok(Effects {
-            effects,
-            documents: Vec::new(),
-            own_winds,
-        })
     }
 }
 
-/// The version with the documents of its effects that are in no catalogue: those given, else those of the library.
-fn with_documents_of(
-    library: &Library,
-    version: ModelVersion,
-    mut documents: Vec<EffectDocument>,
-) -> Result<ModelVersion, Problem> {
-    let version = version.with_documents(&documents);
+/// The version with the documents of the library for those of its effects that are in no catalogue and have none.
+fn with_documents_of(library: &Library, version: ModelVersion) -> Result<ModelVersion, Problem> {
     let known = version
         .catalogue()
         .map_err(|refusal| Problem::unprocessable(refusal.reason))?;
     let missing = |id: &str| version.effect.iter().any(|effect| effect.effect == id) && known.find(id).is_none();
-    documents = library.effect_documents()?;
+    let mut documents = library.effect_documents()?;
     documents.retain(|document| missing(&document.id));
     Ok(version.with_documents(&documents))
 }

@@ -107,6 +107,17 @@ impl Signature {
         signature
     }
 
+    /// N and C of the module documentation, for a wrench of a direction.
+    #[inline]
+    fn along(&self, direction: &[f32; AXES]) -> [f32; 2] {
+        let mut sums = [0.0, LEAST_INFORMATION];
+        for axis in 0..AXES {
+            sums[0] -= direction[axis] * self.score[axis];
+            sums[1] += direction[axis] * direction[axis] * self.information[axis];
+        }
+        sums
+    }
+
     /// Error of one axis.
     fn error_of(&self, axis: usize) -> [f32; STATES] {
         let mut error = [0.0; STATES];
@@ -504,12 +515,7 @@ impl OnsetHypotheses {
     /// half the difference of the losses there. For an onset whose neighbouring blocks are no longer kept.
     fn variance_among(&self, index: usize, direction: &[f32; AXES]) -> f32 {
         let loss_at = |index: usize| {
-            let loss = &self.at(index).loss;
-            let (mut numerator, mut information) = (0.0, LEAST_INFORMATION);
-            for axis in 0..AXES {
-                numerator -= direction[axis] * loss.score[axis];
-                information += direction[axis] * direction[axis] * loss.information[axis];
-            }
+            let [numerator, information] = self.at(index).loss.along(direction);
             numerator / information
         };
         let last = self.count.saturating_sub(1);
@@ -529,14 +535,11 @@ impl OnsetHypotheses {
         if late.block.wrapping_sub(early.block) != 1 {
             return None;
         }
-        let (mut numerator, mut information, mut shared) = ([0.0; 2], [LEAST_INFORMATION; 2], 0.0);
+        let [of_early, of_late] = [early, late].map(|moment| moment.loss.along(direction));
+        let (numerator, information) = ([of_early[0], of_late[0]], [of_early[1], of_late[1]]);
+        let mut shared = 0.0;
         for axis in 0..AXES {
-            let square = direction[axis] * direction[axis];
-            for (k, moment) in [early, late].into_iter().enumerate() {
-                numerator[k] -= direction[axis] * moment.loss.score[axis];
-                information[k] += square * moment.loss.information[axis];
-            }
-            shared += square * late.shared[axis];
+            shared += direction[axis] * direction[axis] * late.shared[axis];
         }
         let determinant = information[0] * information[1] - shared * shared;
         // The later of the two has seen nothing yet, or both look alike.
