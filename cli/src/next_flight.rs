@@ -242,6 +242,7 @@ fn prove(
         Verdict::PartlyMissing { .. } => "missing, in part",
         Verdict::CalibrateFirst { .. } => "calibrate first",
         Verdict::OutsideCatalogue => "outside of the catalogue",
+        Verdict::FlightsDiffer { .. } => "flights differ",
         Verdict::LogFault { .. } => "log fault",
         Verdict::NothingTestable => "nothing testable",
     };

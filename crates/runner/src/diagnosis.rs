@@ -27,6 +27,8 @@ const RANKING_ROWS: usize = 8;
 pub const TIME_LIMIT_S: u32 = 600;
 /// Effect document of a proposal.
 pub const PROPOSAL_FILE: &str = "proposed-effect.toml";
+/// What a `±` is, in all that the programs print.
+pub(crate) const PLUS_MINUS: &str = "± is half of a 95 % interval";
 
 /// A diagnosis, with its text form if needed.
 #[derive(Debug)]
@@ -62,7 +64,7 @@ pub fn diagnose(job: &Job, advise: bool, tell: Tell<'_>) -> Result<Diagnosed, Fa
         ..Options::default()
     };
     let diagnosis = search(&logs, &found.version, &options).map_err(Failure::input)?;
-    let mut text = text(&diagnosis);
+    let mut text = text(&diagnosis, &found.label());
     if (folder.is_some() || advise)
         && let Some(advice) = next_flight::after(&diagnosis, &found.version)
     {
@@ -224,15 +226,33 @@ fn called(verdict: &Verdict) -> &'static str {
 const FAR_TOO_LARGE: f64 = 10.0;
 
 /// The diagnosis for a terminal: the verdict first.
-fn text(diagnosis: &Diagnosis) -> String {
+///
+/// * `model`: the version that it stands on
+fn text(diagnosis: &Diagnosis, model: &str) -> String {
     let mut text = diagnosis.trim.as_ref().map_or_else(String::new, trim);
-    text += &format!("{}\n\n", diagnosis.sentence);
+    text += &format!("{}\n", diagnosis.sentence);
+    // Told once, where the first one is.
+    let is_told = text.contains('±');
+    if is_told {
+        text += &format!("({PLUS_MINUS})\n");
+    }
+    text += "\n";
     let label = called(&diagnosis.verdict);
     for found in &diagnosis.effects {
         text += &format!("{label:13}{}", finding(found));
     }
     for found in &diagnosis.sensor_or_timing {
         text += &format!("Log fault    {}", finding(found));
+    }
+    for one in &diagnosis.apart {
+        let logs = one.logs.join(", ");
+        let label = called(&one.verdict);
+        for found in &one.effects {
+            text += &format!("{label:13}in {logs}: {}", finding(found));
+        }
+        for found in &one.sensor_or_timing {
+            text += &format!("Log fault    in {logs}: {}", finding(found));
+        }
     }
     for one in diagnosis.calibrate.iter().filter(|one| !one.blocking) {
         text += &format!("Calibrate    {}\n", one.sentence());
@@ -253,7 +273,12 @@ fn text(diagnosis: &Diagnosis) -> String {
             );
         }
     }
-    text += "\nRanking about the given model (linear; ± is 95 %)\n";
+    let plus_minus = if is_told {
+        String::new()
+    } else {
+        format!("; {PLUS_MINUS}")
+    };
+    text += &format!("\nRanking about the given model (linear{plus_minus})\n");
     let mut table = Grid::new(["effect", "fitted", "ln BF", "held-out chi²"]).numbers([2, 3]);
     for row in diagnosis.ranking.iter().take(RANKING_ROWS) {
         let label = if row.can_be() {
@@ -300,8 +325,8 @@ fn text(diagnosis: &Diagnosis) -> String {
         text += &format!("Note         {note}\n");
     }
     text += &format!(
-        "Model        {}, hash {}; the findings apply to this model only\n",
-        diagnosis.model.name, diagnosis.model.hash
+        "Model        {model}, hash {}; the findings apply to this model only\n",
+        diagnosis.model.hash
     );
     text += &format!(
         "Assumed      every other parameter is off by 2 % of its plausible size; threshold ln BF {:.0}\n",

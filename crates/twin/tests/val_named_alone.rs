@@ -387,3 +387,64 @@ fn val_improve_learns_the_vehicle_from_flights_in_winds_of_their_own() {
         assert!(force.error < 1.1 * force.noise, "{force:?}");
     }
 }
+
+/// Flights between which something changed: each is told what it has.
+#[test]
+fn val_flights_that_differ_are_told_apart() {
+    let model = ModelVersion::load(f550()).unwrap();
+    let told = |hidden: &[&[&str]]| {
+        let logs: Vec<FlightLog> = (hidden.iter().zip(first_seed() + 130..))
+            .map(|(hidden, seed)| flown(Script::built_in("excitation", seed).unwrap(), 40.0, seed, hidden))
+            .collect();
+        let found = diagnose(&logs, &model, &Options::default()).unwrap();
+        println!("{}", found.sentence);
+        found
+    };
+    let share = |one: &Finding| one.parameters[0].value;
+    let [small, large] = [
+        "rotor-thrust-scale:rotor=3,share=-0.04",
+        "rotor-thrust-scale:rotor=3,share=-0.1",
+    ];
+    // A propeller breaks after the second flight.
+    let found = told(&[&[], &[], &[large]]);
+    assert_eq!(
+        found.verdict,
+        Verdict::FlightsDiffer { changed: true },
+        "{}",
+        found.sentence
+    );
+    assert!(found.effects.is_empty() && found.held_out.is_empty() && found.proposal.is_none());
+    let [healthy, damaged] = found.apart.as_slice() else {
+        panic!("{}", found.sentence)
+    };
+    assert_eq!((healthy.logs.len(), &healthy.verdict), (2, &Verdict::Agrees));
+    let [one] = damaged.effects.as_slice() else {
+        panic!("{}", found.sentence)
+    };
+    assert_eq!(
+        (one.instance.effect.as_str(), one.instance.rotor),
+        ("rotor-thrust-scale", Some(3))
+    );
+    assert!(
+        (share(one) + 0.1).abs() < 1.5 * one.parameters[0].interval_95,
+        "{}",
+        found.sentence
+    );
+    // It wears.
+    let found = told(&[&[small], &[large]]);
+    assert_eq!(
+        found.verdict,
+        Verdict::FlightsDiffer { changed: true },
+        "{}",
+        found.sentence
+    );
+    let shares: Vec<f64> = found.apart.iter().map(|one| share(&one.effects[0])).collect();
+    assert!(
+        matches!(*shares.as_slice(), [first, second] if (first + 0.04).abs() < 0.01 && (second + 0.1).abs() < 0.01),
+        "{}",
+        found.sentence
+    );
+    // What all of them have, and the catalogue has not, is no change.
+    let found = told(&[&["thrust-fade"], &["thrust-fade"]]);
+    assert!(found.apart.is_empty(), "{}", found.sentence);
+}

@@ -100,7 +100,7 @@ pub fn read_diagnosis(json: &str) -> Result<Answer, String> {
             Verdict::Ambiguous
         }
         // Said to be real and not wholly in the catalogue; or nothing is claimed, because a constant is a guess.
-        "outside-catalogue" | "partly-missing" | "calibrate-first" => Verdict::Outside,
+        "outside-catalogue" | "partly-missing" | "calibrate-first" | "flights-differ" => Verdict::Outside,
         "missing" | "log-fault" if doubt => Verdict::Ambiguous,
         "missing" | "log-fault" => Verdict::Named,
         other => return Err(format!("the diagnosis has the unknown verdict `{other}`")),

@@ -5,12 +5,11 @@
 //! other nuisances. That answer stands if it is a whole one, and differs from the first by nothing else: so there are these winds.
 
 use super::result::{Diagnosis, FlightWind, Verdict};
-use super::{Options, search_by, words};
+use super::words;
 use crate::estimation::columns::LogState;
 use crate::estimation::normal::Posterior;
 use crate::estimation::parameters::{FittedParameter, QUANTILE_95};
 use crate::estimation::problem::Problem;
-use crate::log::FlightLog;
 use crate::model::{ModelVersion, steady_wind};
 use crate::predict::PredictError;
 use crate::predict::channels::{F, M};
@@ -19,66 +18,24 @@ use crate::predict::channels::{F, M};
 const APART: f64 = 5.0;
 /// Length of the mean of the unit vectors along the heading from which a flight turns too little: a standard deviation of 14°.
 const TURNS_TOO_LITTLE: f64 = 0.97;
-/// Share of the progress that the search in one wind has, where one in the winds of the flights may follow.
-const FIRST_SEARCH: f64 = 0.6;
 
-/// The search, and where it ends without an explanation of several flights, that with a wind of each flight's own, if that explains them.
-pub(super) fn diagnose_in_winds(
-    logs: &[FlightLog],
-    model: &ModelVersion,
-    options: &Options<'_>,
-) -> Result<Diagnosis, PredictError> {
-    if logs.len() < 2 || model.wind_of_each_flight {
-        return search_by(logs, model, options);
+/// The answer of a search by the model with a wind of each flight, if it is a whole one.
+///
+/// # Errors
+/// The effects of the model are not valid.
+pub(super) fn accepted(mut found: Diagnosis, model: &ModelVersion) -> Result<Option<Diagnosis>, PredictError> {
+    let is_whole = matches!(found.verdict, Verdict::Agrees | Verdict::Missing { .. });
+    if !is_whole || found.stopped_at_s.is_some() || !are_proved(&found.winds) {
+        return Ok(None);
     }
-    let start = (options.clock)();
-    let first = |text: &str, share: f64| (options.progress)(text, FIRST_SEARCH * share);
-    let mut found = search_by(logs, model, &part(options, &first, options.time_limit_s))?;
-    let is_open = matches!(found.verdict, Verdict::OutsideCatalogue | Verdict::PartlyMissing { .. });
-    let left_s = options.time_limit_s - ((options.clock)() - start);
-    if !is_open || left_s <= 0.0 {
-        return Ok(found);
-    }
-    let second = |text: &str, share: f64| {
-        let text = format!("each flight in a wind of its own: {text}");
-        (options.progress)(&text, FIRST_SEARCH + (1.0 - FIRST_SEARCH) * share);
-    };
-    let in_winds = match search_by(logs, &model.with_own_winds(), &part(options, &second, left_s)) {
-        Ok(in_winds) => in_winds,
-        // What the flights say in one wind is not lost for it.
-        Err(refused) => {
-            found
-                .notes
-                .push(format!("not tried with a wind of each flight's own: {refused}"));
-            return Ok(found);
-        }
-    };
-    let is_whole = matches!(in_winds.verdict, Verdict::Agrees | Verdict::Missing { .. });
-    if !is_whole || in_winds.stopped_at_s.is_some() || !are_proved(&in_winds.winds) {
-        return Ok(found);
-    }
-    let mut found = in_winds;
     if found.verdict == Verdict::Agrees {
-        let catalogue = model.with_documents(&options.effects).catalogue()?;
-        let wind = steady_wind(&catalogue).map(|wind| wind.id.to_owned());
+        let wind = steady_wind(&model.catalogue()?).map(|wind| wind.id.to_owned());
         found.verdict = Verdict::Missing {
             effects: wind.into_iter().collect(),
         };
         words::render(&mut found);
     }
-    Ok(found)
-}
-
-/// The options of one of the two searches.
-fn part<'a>(options: &Options<'a>, progress: &'a (dyn Fn(&str, f64) + Sync), time_limit_s: f64) -> Options<'a> {
-    Options {
-        effects: options.effects.clone(),
-        baseline: Vec::new(),
-        most_effects: options.most_effects,
-        progress,
-        clock: options.clock,
-        time_limit_s,
-    }
+    Ok(Some(found))
 }
 
 /// Winds of the flights of a problem, by their posterior.

@@ -22,6 +22,7 @@
 //! (`strategies/covariance.rs`).
 
 mod air;
+mod apart;
 mod calibration;
 mod considered;
 mod findings;
@@ -31,19 +32,20 @@ mod picture;
 mod ranking;
 mod result;
 mod search;
+mod several;
 mod state;
 mod strategies;
 mod supply;
 mod words;
 
 pub use result::{
-    Calibration, ChannelGoodness, DiagnosedModel, Diagnosis, Finding, FlightWind, Goodness, HeldOutError,
+    Calibration, ChannelGoodness, DiagnosedModel, Diagnosis, Finding, FlightWind, FlightsApart, Goodness, HeldOutError,
     NotConsidered, NotTestable, Picture, PictureBin, Ranked, Rival, Timing, Verdict,
 };
 pub use words::in_sentence;
 pub(crate) use words::small_errors;
 
-use rotortwin_plant::effects::EffectDocument;
+use rotortwin_plant::effects::{Catalogue, EffectDocument};
 
 use crate::log::FlightLog;
 use crate::model::{ModelVersion, constants};
@@ -102,7 +104,8 @@ impl std::fmt::Debug for Options<'_> {
 }
 
 /// Compares the model with the logs and reports what is missing. Several logs share the vehicle; each has its own
-/// nuisances, and if nothing explains them in one wind, a wind of its own.
+/// nuisances, and if nothing explains them in one wind, a wind of its own; and if that explains them neither, what each
+/// has alone is the answer.
 ///
 /// # Errors
 /// One sentence: a log cannot be compared with the model, or the model's effects are not valid.
@@ -116,7 +119,7 @@ pub fn diagnose(logs: &[FlightLog], model: &ModelVersion, options: &Options<'_>)
     } else {
         Some(baseline::trim(logs, &options.baseline, model)?)
     };
-    let mut diagnosis = air::diagnose_in_winds(logs, model, options)?;
+    let mut diagnosis = several::diagnose_flights(logs, model, options)?;
     let guesses = model.guesses();
     let makes_up_for_guesses = model.lacks_intervals() && diagnosis.verdict != Verdict::Agrees;
     if let (true, Some(warning)) = (makes_up_for_guesses, &guesses) {
@@ -140,21 +143,29 @@ pub fn diagnose(logs: &[FlightLog], model: &ModelVersion, options: &Options<'_>)
 }
 
 /// The search by this model.
-fn search_by(logs: &[FlightLog], model: &ModelVersion, options: &Options<'_>) -> Result<Diagnosis, PredictError> {
+fn search_by(logs: &[&FlightLog], model: &ModelVersion, options: &Options<'_>) -> Result<Diagnosis, PredictError> {
     let start = (options.clock)();
     (options.progress)("reading", 0.0);
-    let documents = model.documents();
     let instances = model.instances();
     let catalogue = model.with_documents(&options.effects).catalogue()?;
-    let predictors = logs
-        .iter()
+    let predictors = predictors(logs, model, &catalogue)?;
+    let constants = constants::with_exact(&model.vehicle, &model.constant);
+    search::search(predictors, &catalogue, &instances, &constants, options, start)
+}
+
+/// A predictor of each flight.
+fn predictors(
+    logs: &[&FlightLog],
+    model: &ModelVersion,
+    catalogue: &Catalogue,
+) -> Result<Vec<Predictor>, PredictError> {
+    let (documents, instances) = (model.documents(), model.instances());
+    logs.iter()
         .map(|log| {
-            let predictor = Predictor::new(&documents, &instances, &catalogue, log)?;
+            let predictor = Predictor::new(&documents, &instances, catalogue, log)?;
             Ok(predictor
                 .with_chart(model.guesses_its_chart())
                 .with_own_wind(model.wind_of_each_flight))
         })
-        .collect::<Result<Vec<_>, PredictError>>()?;
-    let constants = constants::with_exact(&model.vehicle, &model.constant);
-    search::search(predictors, &catalogue, &instances, &constants, options, start)
+        .collect()
 }

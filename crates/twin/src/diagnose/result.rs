@@ -42,6 +42,11 @@ pub enum Verdict {
     },
     /// The error is real and not, or only partly, explained by the catalogue.
     OutsideCatalogue,
+    /// Nothing explains the flights together, and each alone is explained (`apart`).
+    FlightsDiffer {
+        /// True if the vehicle or its sensors changed between them: what one flight has would have shown in another that has not.
+        changed: bool,
+    },
     /// Sensors or clocks of the log are at fault; the physics agrees.
     LogFault {
         /// Ids of the faults.
@@ -374,6 +379,9 @@ pub struct Diagnosis {
     /// Wind of each flight, where the model gives each one of its own or the flights have no explanation in one wind.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub winds: Vec<FlightWind>,
+    /// What each flight has, or each group of flights with the same answer, where nothing explains them all together.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub apart: Vec<FlightsApart>,
     /// Logs.
     pub logs: Vec<String>,
     /// What was left out or assumed.
@@ -386,6 +394,23 @@ pub struct Diagnosis {
     /// Limit at which the search was stopped, s.
     #[serde(skip)]
     pub(crate) stopped_at_s: Option<f64>,
+}
+
+/// The answer of some of the flights, which the others contradict.
+#[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]
+pub struct FlightsApart {
+    /// The logs.
+    pub logs: Vec<String>,
+    /// The answer.
+    pub verdict: Verdict,
+    /// The answer in a sentence.
+    pub sentence: String,
+    /// Missing physics.
+    pub effects: Vec<Finding>,
+    /// Faults of sensors and clocks.
+    pub sensor_or_timing: Vec<Finding>,
+    /// Errors on held-out blocks.
+    pub held_out: Vec<HeldOutError>,
 }
 
 /// The steady wind of a flight, fitted with its rotor biases and its charge.

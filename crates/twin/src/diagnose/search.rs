@@ -137,6 +137,7 @@ fn begin<'a>(
         proposal: None,
         trim: None,
         winds: Vec::new(),
+        apart: Vec::new(),
         stopped_at_s: None,
         logs: predictors.iter().map(|p| p.name.clone()).collect(),
         notes: predictors

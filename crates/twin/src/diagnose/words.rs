@@ -4,7 +4,8 @@ use rotortwin_plant::effects::EffectClass;
 
 use super::named::Quantity;
 use super::result::{
-    Calibration, Diagnosis, Finding, FlightWind, HeldOutError, NotConsidered, Outcome, Reason, Rival, Verdict,
+    Calibration, Diagnosis, Finding, FlightWind, FlightsApart, HeldOutError, NotConsidered, Outcome, Reason, Rival,
+    Verdict,
 };
 use super::state::Doubt;
 use crate::estimation::parameters::{FittedParameter, SMALLEST, number};
@@ -277,6 +278,48 @@ fn rising(diagnosis: &Diagnosis) -> String {
     }
 }
 
+/// Effects with their sizes: `rotor drag, k_d = 0.2503 ± 0.0012 N·s/m; and …`.
+fn named(findings: &[Finding]) -> String {
+    let all: Vec<String> = findings
+        .iter()
+        .map(|f| {
+            let onset = f.onset_s.map_or(String::new(), |t| format!(" from {t:.1} s on"));
+            let constant = f.constant.as_ref().map_or(String::new(), |one| {
+                format!(
+                    " ({} {} ± {} where the model has {})",
+                    one.name,
+                    quantity(one.wanted, &one.unit),
+                    quantity(one.interval_95, &one.unit),
+                    quantity(one.value, &one.unit)
+                )
+            });
+            format!("{}, {}{onset}{constant}", in_sentence(&f.label), parameters(f))
+        })
+        .collect();
+    all.join("; and ")
+}
+
+/// What some of the flights have: `a1 and a2 agree with the model`, `a3: missing mass, s = …`.
+fn apart(one: &FlightsApart) -> String {
+    let logs = one.logs.join(" and ");
+    match &one.verdict {
+        Verdict::CannotTell { group } => {
+            format!("{logs}: one of {}, best fit {}", group.join(", "), named(&one.effects))
+        }
+        Verdict::LogFault { .. } => format!("{logs}: fault of the log, {}", named(&one.sensor_or_timing)),
+        Verdict::Missing { .. } if one.sensor_or_timing.is_empty() => {
+            format!("{logs}: missing {}", named(&one.effects))
+        }
+        Verdict::Missing { .. } => format!(
+            "{logs}: missing {}, and fault of the log, {}",
+            named(&one.effects),
+            named(&one.sensor_or_timing)
+        ),
+        _ if one.logs.len() == 1 => format!("{logs} agrees with the model"),
+        _ => format!("{logs} agree with the model"),
+    }
+}
+
 /// The verdict as a sentence.
 fn sentence(diagnosis: &Diagnosis) -> String {
     let share = diagnosis.goodness.explained_share.map_or(String::new(), |share| {
@@ -288,25 +331,6 @@ fn sentence(diagnosis: &Diagnosis) -> String {
         .filter(|e| (e.before - e.after).abs() > (0.01 * e.before).max(e.negligible()))
         .map(|e| format!(" Held-out {} error {}.", e.quantity, from_to(e)))
         .collect();
-    let named = |findings: &[Finding]| {
-        findings
-            .iter()
-            .map(|f| {
-                let onset = f.onset_s.map_or(String::new(), |t| format!(" from {t:.1} s on"));
-                let constant = f.constant.as_ref().map_or(String::new(), |one| {
-                    format!(
-                        " ({} {} ± {} where the model has {})",
-                        one.name,
-                        quantity(one.wanted, &one.unit),
-                        quantity(one.interval_95, &one.unit),
-                        quantity(one.value, &one.unit)
-                    )
-                });
-                format!("{}, {}{onset}{constant}", in_sentence(&f.label), parameters(f))
-            })
-            .collect::<Vec<_>>()
-            .join("; and ")
-    };
     let found: Vec<Finding> = diagnosis
         .effects
         .iter()
@@ -391,6 +415,18 @@ fn sentence(diagnosis: &Diagnosis) -> String {
                 "The error is real and not, or not wholly, in the catalogue: {unexplained} {stay} unexplained.{part}{}{outputs}{}",
                 rising(diagnosis),
                 or_unconsidered(diagnosis)
+            )
+        }
+        Verdict::FlightsDiffer { changed } => {
+            let flights: Vec<String> = diagnosis.apart.iter().map(apart).collect();
+            let why = if *changed {
+                "The vehicle or its sensors changed between them"
+            } else {
+                "The vehicle or its sensors changed between them, or an effect outside of the catalogue is in all of them"
+            };
+            format!(
+                "These flights differ: nothing explains them together, and each alone is explained. {}. {why}.",
+                flights.join("; ")
             )
         }
         Verdict::CannotTell { group } => format!(

@@ -112,6 +112,8 @@ pub enum End {
     CalibrateFirst,
     /// The error is real and not in the catalogue.
     OutsideCatalogue,
+    /// Nothing explains the flights together; each alone is explained.
+    FlightsDiffer,
     /// These flights cannot tell.
     CannotTell,
     /// The logs hold nothing to test.
@@ -241,6 +243,7 @@ pub fn improve(
             Verdict::CalibrateFirst { .. } => Some(End::CalibrateFirst),
             Verdict::OutsideCatalogue if proposed(diagnosis).is_some() => None,
             Verdict::OutsideCatalogue => Some(End::OutsideCatalogue),
+            Verdict::FlightsDiffer { .. } => Some(End::FlightsDiffer),
             Verdict::CannotTell { .. } => Some(End::CannotTell),
             Verdict::NothingTestable => Some(End::NothingTestable),
             Verdict::Missing { .. } | Verdict::PartlyMissing { .. } => None,
@@ -585,6 +588,9 @@ fn reason(end: End, label: &str, diagnosis: Option<&Diagnosis>) -> String {
         End::HeldOutRises => format!(
             "Ended at {label}, nothing is added to it: with what was found an error of a held-out log grows, so it belongs to the fitted flights alone. {sentence}"
         ),
+        End::FlightsDiffer => {
+            format!("Ended at {label}, nothing is added to it: improve it by flights that are alike. {sentence}")
+        }
         End::CannotTell | End::CalibrateFirst => format!("Ended at {label}, nothing is added to it. {sentence}"),
         End::NothingTestable => format!("Ended. {sentence}"),
         End::Declined => format!("Ended at {label}: the next step was declined."),

@@ -1,0 +1,94 @@
+//! Several flights: one vehicle and one wind for all of them; where nothing explains them so, a wind of each; where that does not
+//! either, what each has alone.
+
+use super::considered::holds;
+use super::result::{Diagnosis, Verdict};
+use super::{Options, air, apart, predictors, search_by};
+use crate::log::FlightLog;
+use crate::model::ModelVersion;
+use crate::predict::PredictError;
+use rotortwin_plant::effects::Requirement;
+
+/// Shares of the progress at which the search in one wind and that in the winds of the flights end, where others may follow.
+const TOGETHER: f64 = 0.4;
+const IN_WINDS: f64 = 0.6;
+
+/// The search over several flights.
+///
+/// # Errors
+/// One sentence: a log cannot be compared with the model, or the model's effects are not valid.
+pub(super) fn diagnose_flights(
+    logs: &[FlightLog],
+    model: &ModelVersion,
+    options: &Options<'_>,
+) -> Result<Diagnosis, PredictError> {
+    let all: Vec<&FlightLog> = logs.iter().collect();
+    if logs.len() < 2 {
+        return search_by(&all, model, options);
+    }
+    let start = (options.clock)();
+    // `None` once the time is up: what the flights say together is the answer then.
+    let further = |logs: &[&FlightLog], model: &ModelVersion, text: &str, from: f64, to: f64| {
+        let left_s = options.time_limit_s - ((options.clock)() - start);
+        if left_s <= 0.0 {
+            return Ok(None);
+        }
+        let progress =
+            |pass: &str, share: f64| (options.progress)(&format!("{text}: {pass}"), from + (to - from) * share);
+        search_by(logs, model, &part(options, &progress, left_s)).map(Some)
+    };
+    let first = |text: &str, share: f64| (options.progress)(text, TOGETHER * share);
+    let mut together = search_by(&all, model, &part(options, &first, options.time_limit_s))?;
+    if !matches!(
+        together.verdict,
+        Verdict::OutsideCatalogue | Verdict::PartlyMissing { .. }
+    ) {
+        return Ok(together);
+    }
+    if !model.wind_of_each_flight && feel_the_air(&all, model)? {
+        let text = "each flight in a wind of its own";
+        match further(&all, &model.with_own_winds(), text, TOGETHER, IN_WINDS) {
+            Ok(None) => return Ok(together),
+            Ok(Some(in_winds)) => {
+                let with_documents = model.with_documents(&options.effects);
+                if let Some(found) = air::accepted(in_winds, &with_documents)? {
+                    return Ok(found);
+                }
+            }
+            // What the flights say in one wind is not lost for it.
+            Err(refused) => {
+                let note = format!("not tried with a wind of each flight's own: {refused}");
+                together.notes.push(note);
+            }
+        }
+    }
+    let alone = |flights: &[usize]| {
+        let of: Vec<&FlightLog> = flights.iter().map(|flight| &logs[*flight]).collect();
+        let names: Vec<&str> = of.iter().map(|log| log.name.as_str()).collect();
+        let step = (1.0 - IN_WINDS) / logs.len() as f64;
+        let from = IN_WINDS + step * flights[0] as f64;
+        further(&of, model, &format!("{} alone", names.join(" and ")), from, from + step)
+    };
+    if let Some(groups) = apart::each_alone(logs.len(), &alone)? {
+        apart::tell(&mut together, groups);
+    }
+    Ok(together)
+}
+
+/// True if one of the flights tells how fast the vehicle goes through the air.
+fn feel_the_air(logs: &[&FlightLog], model: &ModelVersion) -> Result<bool, PredictError> {
+    let predictors = predictors(logs, model, &model.catalogue()?)?;
+    Ok(predictors.iter().any(|one| holds(one, Requirement::AirVelocity)))
+}
+
+/// The options of one of several searches.
+fn part<'a>(options: &Options<'a>, progress: &'a (dyn Fn(&str, f64) + Sync), time_limit_s: f64) -> Options<'a> {
+    Options {
+        effects: options.effects.clone(),
+        baseline: Vec::new(),
+        most_effects: options.most_effects,
+        progress,
+        clock: options.clock,
+        time_limit_s,
+    }
+}
