@@ -2,6 +2,7 @@
 
 use crate::output;
 use clap::Parser;
+use rotortwin_campaign::study::intervals::wilson;
 use rotortwin_plant::effects::Catalogue;
 use rotortwin_runner::next_flight::{self, catalogue_of, fly, sensitivities, with_companions};
 use rotortwin_twin::diagnose::{Options, Verdict, diagnose};
@@ -195,7 +196,7 @@ fn validate(args: &Args, model: &ModelVersion) -> Result<(), String> {
     }
     let share = |list: &[&Proof]| {
         let (right, n) = (list.iter().filter(|p| p.right).count(), list.len());
-        let [low, high] = wilson(right, n);
+        let [low, high] = wilson(right as f64, n as f64).unwrap_or([0.0, 1.0]);
         format!(
             "{right} of {n} right: {:.1} % [{:.1}, {:.1}]",
             100.0 * right as f64 / n.max(1) as f64,
@@ -247,34 +248,4 @@ fn prove(
         Verdict::NothingTestable => "nothing testable",
     };
     Ok((named, verdict))
-}
-
-/// Wilson's 95 % interval.
-fn wilson(right: usize, n: usize) -> [f64; 2] {
-    if n == 0 {
-        return [0.0, 1.0];
-    }
-    let (n, z) = (n as f64, 1.959_964);
-    let p = right as f64 / n;
-    let centre = (p + z * z / (2.0 * n)) / (1.0 + z * z / n);
-    let half = z / (1.0 + z * z / n) * (p * (1.0 - p) / n + z * z / (4.0 * n * n)).sqrt();
-    [(centre - half).max(0.0), (centre + half).min(1.0)]
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn val_every_validated_pair_is_of_the_catalogue() {
-        let catalogue = Catalogue::built_in();
-        assert!(VALIDATED.len() >= 20);
-        for (a, b) in VALIDATED {
-            let pair = [a, b].map(|text| Rival::parse(text, &catalogue).unwrap());
-            for rival in &pair {
-                rival.typical(&catalogue).unwrap().check(&catalogue, 6).unwrap();
-            }
-            assert_ne!(pair[0], pair[1]);
-        }
-    }
 }

@@ -41,7 +41,7 @@ mod schema;
 pub mod vibration;
 
 /// Half of a 95 % interval of a normal distribution, in standard deviations: used for every `±`.
-pub const Z95: f64 = 1.96;
+pub const Z95: f64 = 1.959_963_984_540_054;
 
 /// Fewest healthy flights of a vehicle whose spread suffices to detect a change.
 pub const LEAST_BASELINE: usize = 3;

@@ -455,7 +455,7 @@ fn val_a_frame_that_the_motion_contradicts_is_refused_and_no_impossible_inertia_
             Some((vehicle, arm, order, log))
         };
         let (vehicle, arm, order, log) = (3000..).find_map(flight).unwrap();
-        for other in FRAMES {
+        for other in FRAMES.iter() {
             let places = other.places();
             if places.len() != order.len() {
                 continue;

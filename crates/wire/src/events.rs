@@ -55,7 +55,7 @@ pub struct Progress {
     pub t_test: i32,
     /// Verdict of the network; codes as for `t_test`.
     pub network: i32,
-    /// Verdict of the network; codes as for `t_test`.
+    /// Verdict of the sequential detector; codes as for `t_test`.
     pub sequential: i32,
 }
 

@@ -133,7 +133,7 @@ pub fn pooled_lag(fits: &[Fit]) -> Option<[f64; 3]> {
                 .find(|model| model.name == "first order")?
                 .parameter("tau_s")?;
             let half = 0.5 * (p.high - p.low);
-            (half.is_finite() && half > 0.0).then_some((p.value, half / 1.96))
+            (half.is_finite() && half > 0.0).then_some((p.value, half / crate::Z95))
         })
         .collect();
     let weight: f64 = lags.iter().map(|(_, s)| 1.0 / (s * s)).sum();
@@ -144,7 +144,7 @@ pub fn pooled_lag(fits: &[Fit]) -> Option<[f64; 3]> {
     let misfit: f64 = lags.iter().map(|(value, s)| ((value - mean) / s).powi(2)).sum();
     // Birge's ratio: where the fits differ by more than their intervals, the intervals were too narrow.
     let widen = (misfit / (lags.len() as f64 - 1.0).max(1.0)).sqrt().max(1.0);
-    let half = 1.96 * widen / weight.sqrt();
+    let half = crate::Z95 * widen / weight.sqrt();
     Some([mean, mean - half, mean + half])
 }
 

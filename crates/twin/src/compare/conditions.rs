@@ -4,6 +4,7 @@ use serde::Serialize;
 use utoipa::ToSchema;
 
 use super::statistics::finite_mean;
+use crate::Z95;
 use crate::predict::Series;
 use crate::predict::series::Drive;
 use crate::predict::vectors::{rotation, to_body};
@@ -178,7 +179,7 @@ pub fn dependence(condition: &Condition, at: &[f64], residual: &[f64], deviation
         bins.push(Bin {
             at: bin.iter().map(|p| p.0).sum::<f64>() / count,
             mean,
-            band_95: 1.96 * deviation / count.sqrt(),
+            band_95: Z95 * deviation / count.sqrt(),
             chi2: bin.iter().map(|p| p.1 * p.1).sum::<f64>() / (count * deviation * deviation),
             blocks: bin.len(),
         });

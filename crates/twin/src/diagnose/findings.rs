@@ -4,14 +4,16 @@ use std::collections::BTreeSet;
 
 use rotortwin_plant::effects::{ChannelGroup, EffectClass, ParameterKind};
 
+use super::THRESHOLD;
 use super::named::{Named, RivalFit, UNTOLD_GAP};
 use super::result::{ConstantWanted, Diagnosis, Finding, HeldOutError, Outcome, Rival, Verdict};
 use super::strategies::{along, covariance};
+use crate::Z95;
 use crate::estimation::candidates::Candidate;
 use crate::estimation::columns::Active;
 use crate::estimation::linearisation::Linear;
 use crate::estimation::normal::Posterior;
-use crate::estimation::parameters::{QUANTILE_95, parameters, parameters_of};
+use crate::estimation::parameters::{parameters, parameters_of};
 use crate::estimation::problem::{Problem, position_of};
 use crate::predict::channels::{F, KV, group};
 use crate::predict::{CHANNELS, NAMES};
@@ -19,8 +21,9 @@ use crate::predict::{CHANNELS, NAMES};
 /// Least explained share of an answer.
 const LEAST_SHARE: f64 = 0.9;
 
-/// Evidence gap below which a rival counts as compatible.
-pub(crate) const COMPATIBLE_GAP: f64 = 5.0;
+/// Evidence gap below which a rival counts as compatible: it takes as much to exclude an effect as to name one. A fit that ended beside
+/// the best charge of the battery has cost the right one of two faults of the voltage sensor 5 nats.
+const COMPATIBLE_GAP: f64 = THRESHOLD;
 
 /// Whether the sizes of an effect are possible: within the plausible range of the vehicle, with a margin of a tenth of
 /// it, and not all of them less than their own deviation. A fit may leave the range with another effect present or with
@@ -56,7 +59,7 @@ pub(crate) fn values_of(problem: &Problem, active: &Active, posterior: &Posterio
     }
     let sizes = entry.parameters.iter().zip(&values);
     let sizes = sizes.filter(|(parameter, _)| parameter.kind == ParameterKind::Size);
-    let unknown = entry.declaration.search.blur * sizes.map(|(_, size)| size * size).sum::<f64>().sqrt() / QUANTILE_95;
+    let unknown = entry.declaration.search.blur * sizes.map(|(_, size)| size * size).sum::<f64>().sqrt() / Z95;
     for deviation in &mut deviations {
         *deviation = deviation.hypot(unknown);
     }
@@ -128,7 +131,7 @@ fn constant_of(entry: &Candidate, values: &[f64], deviations: &[f64], onset_s: O
         unit: constant.unit.clone(),
         value: constant.value,
         wanted: constant.value * (1.0 + values[*place]),
-        interval_95: QUANTILE_95 * constant.value.abs() * deviations[*place],
+        interval_95: Z95 * constant.value.abs() * deviations[*place],
     })
 }
 

@@ -142,7 +142,7 @@ pub struct Finding {
     pub posterior: f64,
     /// Channels in which the effect is most visible, strongest first.
     pub channels: Vec<String>,
-    /// Rivals with an evidence gap below 5.
+    /// Rivals with an evidence gap below 10.
     pub also_compatible: Vec<Rival>,
     /// Rivals that were fitted and rejected.
     pub lost: Vec<Rival>,

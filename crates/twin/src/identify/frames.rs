@@ -1,11 +1,14 @@
 //! Frames: where the rotor of each motor number is, and how it turns.
 //!
 //! Angles in degrees from the nose, clockwise seen from above. Numbers are those of the autopilot: ArduPilot's frame classes and types
-//! (`AP_MotorsMatrix`), which PX4's fixed airframes share. Of two coaxial rotors (X8, Y6) it is not determined which is
-//! the upper one: their columns of the effectiveness matrix do not depend on height.
+//! (`AP_MotorsMatrix`), which PX4's fixed airframes share. Those that are flown, too, are in `config/autopilots`, and read from there; the
+//! others are here. Of two coaxial rotors (X8, Y6) it is not determined which is the upper one: their columns of the effectiveness matrix do
+//! not depend on height.
 
 use rotortwin_plant::vehicle::model::SpinDirection::{self, Ccw, Cw};
+use rotortwin_scenario::autopilot_frame::AutopilotFrame;
 use std::collections::BTreeMap;
+use std::sync::LazyLock;
 
 /// One rotor of a frame.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -43,164 +46,133 @@ pub struct Frame {
     /// SYS_AUTOSTART of PX4's generic airframe, 0 where it has none.
     airframe: u32,
     /// Angle and spin by motor number.
-    motors: &'static [(f64, SpinDirection)],
+    motors: Vec<(f64, SpinDirection)>,
 }
 
 /// FRAME_CLASS of ArduPilot's Y6.
 const Y6: u32 = 5;
 
 /// Every frame that can be named.
-pub const FRAMES: &[Frame] = &[
-    frame(
-        "quad-x",
-        1,
-        1,
-        4001,
-        &[(45.0, Ccw), (-135.0, Ccw), (-45.0, Cw), (135.0, Cw)],
-    ),
-    frame(
-        "quad-plus",
-        1,
-        0,
-        5001,
-        &[(90.0, Ccw), (-90.0, Ccw), (0.0, Cw), (180.0, Cw)],
-    ),
+pub static FRAMES: LazyLock<Vec<Frame>> = LazyLock::new(|| {
+    let documents = AutopilotFrame::built_in();
+    ENTRIES.iter().map(|entry| entry.frame(&documents)).collect()
+});
+
+/// A frame, and where its motors are written.
+struct Entry {
+    name: &'static str,
+    class: u32,
+    kind: u32,
+    airframe: u32,
+    motors: Motors,
+}
+
+enum Motors {
+    /// In a document of `config/autopilots`, by its name.
+    Flown(&'static str),
+    /// Angle and spin by motor number: no document has this frame.
+    Here(&'static [(f64, SpinDirection)]),
+}
+use Motors::{Flown, Here};
+
+impl Entry {
+    fn frame(&self, documents: &[AutopilotFrame]) -> Frame {
+        let motors = match self.motors {
+            Here(motors) => motors.to_vec(),
+            Flown(name) => {
+                let document = documents.iter().find(|document| document.name == name);
+                let mut motors = document.expect("a shipped document").motor.clone();
+                motors.sort_by_key(|motor| motor.channel);
+                motors.iter().map(|motor| (motor.azimuth_deg, motor.spin)).collect()
+            }
+        };
+        Frame {
+            name: self.name,
+            class: self.class,
+            kind: self.kind,
+            airframe: self.airframe,
+            motors,
+        }
+    }
+}
+
+const ENTRIES: &[Entry] = &[
+    frame("quad-x", 1, 1, 4001, Flown("ardupilot-quad-x")),
+    frame("quad-plus", 1, 0, 5001, Flown("ardupilot-quad-plus")),
     frame(
         "quad-v",
         1,
         2,
         0,
-        &[(45.0, Ccw), (-135.0, Ccw), (-45.0, Cw), (135.0, Cw)],
+        Here(&[(45.0, Ccw), (-135.0, Ccw), (-45.0, Cw), (135.0, Cw)]),
     ),
     frame(
         "quad-h",
         1,
         3,
         0,
-        &[(45.0, Cw), (-135.0, Cw), (-45.0, Ccw), (135.0, Ccw)],
+        Here(&[(45.0, Cw), (-135.0, Cw), (-45.0, Ccw), (135.0, Ccw)]),
     ),
-    frame(
-        "quad-betaflight-x",
-        1,
-        12,
-        0,
-        &[(135.0, Cw), (45.0, Ccw), (-135.0, Ccw), (-45.0, Cw)],
-    ),
+    frame("quad-betaflight-x", 1, 12, 0, Flown("betaflight-quadx")),
     frame(
         "quad-dji-x",
         1,
         13,
         0,
-        &[(45.0, Ccw), (-45.0, Cw), (-135.0, Ccw), (135.0, Cw)],
+        Here(&[(45.0, Ccw), (-45.0, Cw), (-135.0, Ccw), (135.0, Cw)]),
     ),
     frame(
         "quad-cw-x",
         1,
         14,
         0,
-        &[(45.0, Ccw), (135.0, Cw), (-135.0, Ccw), (-45.0, Cw)],
+        Here(&[(45.0, Ccw), (135.0, Cw), (-135.0, Ccw), (-45.0, Cw)]),
     ),
     frame(
         "quad-betaflight-x-reversed",
         1,
         18,
         0,
-        &[(135.0, Ccw), (45.0, Cw), (-135.0, Cw), (-45.0, Ccw)],
+        Here(&[(135.0, Ccw), (45.0, Cw), (-135.0, Cw), (-45.0, Ccw)]),
     ),
-    frame(
-        "hexa-x",
-        2,
-        1,
-        6001,
-        &[
-            (90.0, Cw),
-            (-90.0, Ccw),
-            (-30.0, Cw),
-            (150.0, Ccw),
-            (30.0, Ccw),
-            (-150.0, Cw),
-        ],
-    ),
-    frame(
-        "hexa-plus",
-        2,
-        0,
-        7001,
-        &[
-            (0.0, Cw),
-            (180.0, Ccw),
-            (-120.0, Cw),
-            (60.0, Ccw),
-            (-60.0, Ccw),
-            (120.0, Cw),
-        ],
-    ),
+    frame("hexa-x", 2, 1, 6001, Flown("ardupilot-hexa-x")),
+    frame("hexa-plus", 2, 0, 7001, Flown("ardupilot-hexa-plus")),
     frame(
         "hexa-dji-x",
         2,
         13,
         0,
-        &[
+        Here(&[
             (30.0, Ccw),
             (-30.0, Cw),
             (-90.0, Ccw),
             (-150.0, Cw),
             (150.0, Ccw),
             (90.0, Cw),
-        ],
+        ]),
     ),
     frame(
         "hexa-cw-x",
         2,
         14,
         0,
-        &[
+        Here(&[
             (30.0, Ccw),
             (90.0, Cw),
             (150.0, Ccw),
             (-150.0, Cw),
             (-90.0, Ccw),
             (-30.0, Cw),
-        ],
+        ]),
     ),
-    frame(
-        "octo-x",
-        3,
-        1,
-        8001,
-        &[
-            (22.5, Cw),
-            (-157.5, Cw),
-            (67.5, Ccw),
-            (157.5, Ccw),
-            (-22.5, Ccw),
-            (-112.5, Ccw),
-            (-67.5, Cw),
-            (112.5, Cw),
-        ],
-    ),
-    frame(
-        "octo-plus",
-        3,
-        0,
-        9001,
-        &[
-            (0.0, Cw),
-            (180.0, Cw),
-            (45.0, Ccw),
-            (135.0, Ccw),
-            (-45.0, Ccw),
-            (-135.0, Ccw),
-            (-90.0, Cw),
-            (90.0, Cw),
-        ],
-    ),
+    frame("octo-x", 3, 1, 8001, Flown("ardupilot-octo-x")),
+    frame("octo-plus", 3, 0, 9001, Flown("ardupilot-octo-plus")),
     frame(
         "octo-dji-x",
         3,
         13,
         0,
-        &[
+        Here(&[
             (22.5, Ccw),
             (-22.5, Cw),
             (-67.5, Ccw),
@@ -209,47 +181,17 @@ pub const FRAMES: &[Frame] = &[
             (157.5, Cw),
             (112.5, Ccw),
             (67.5, Cw),
-        ],
+        ]),
     ),
-    frame(
-        "octo-cw-x",
-        3,
-        14,
-        0,
-        &[
-            (22.5, Ccw),
-            (67.5, Cw),
-            (112.5, Ccw),
-            (157.5, Cw),
-            (-157.5, Ccw),
-            (-112.5, Cw),
-            (-67.5, Ccw),
-            (-22.5, Cw),
-        ],
-    ),
+    frame("octo-cw-x", 3, 14, 0, Flown("ardupilot-octo-cw-x")),
     // Coaxial, of PX4 too: pairs on four arms, motors 1 to 4 above.
-    frame(
-        "octaquad-x",
-        4,
-        1,
-        12_001,
-        &[
-            (45.0, Ccw),
-            (-45.0, Cw),
-            (-135.0, Ccw),
-            (135.0, Cw),
-            (-45.0, Ccw),
-            (45.0, Cw),
-            (135.0, Ccw),
-            (-135.0, Cw),
-        ],
-    ),
+    frame("octaquad-x", 4, 1, 12_001, Flown("ardupilot-octaquad-x")),
     frame(
         "octaquad-plus",
         4,
         0,
         0,
-        &[
+        Here(&[
             (0.0, Ccw),
             (-90.0, Cw),
             (180.0, Ccw),
@@ -258,14 +200,14 @@ pub const FRAMES: &[Frame] = &[
             (0.0, Cw),
             (90.0, Ccw),
             (180.0, Cw),
-        ],
+        ]),
     ),
     frame(
         "octaquad-h",
         4,
         3,
         0,
-        &[
+        Here(&[
             (45.0, Cw),
             (-45.0, Ccw),
             (-135.0, Cw),
@@ -274,7 +216,7 @@ pub const FRAMES: &[Frame] = &[
             (45.0, Ccw),
             (135.0, Cw),
             (-135.0, Ccw),
-        ],
+        ]),
     ),
     // Pairs on three arms; every kind but 10 and 11 is the first.
     frame(
@@ -282,53 +224,47 @@ pub const FRAMES: &[Frame] = &[
         Y6,
         1,
         0,
-        &[
+        Here(&[
             (60.0, Ccw),
             (-60.0, Cw),
             (-60.0, Ccw),
             (180.0, Cw),
             (60.0, Cw),
             (180.0, Ccw),
-        ],
+        ]),
     ),
     frame(
         "y6b",
         Y6,
         10,
         11_001,
-        &[
+        Here(&[
             (60.0, Cw),
             (60.0, Ccw),
             (180.0, Cw),
             (180.0, Ccw),
             (-60.0, Cw),
             (-60.0, Ccw),
-        ],
+        ]),
     ),
     frame(
         "y6f",
         Y6,
         11,
         0,
-        &[
+        Here(&[
             (180.0, Ccw),
             (60.0, Ccw),
             (-60.0, Ccw),
             (180.0, Cw),
             (60.0, Cw),
             (-60.0, Cw),
-        ],
+        ]),
     ),
 ];
 
-const fn frame(
-    name: &'static str,
-    class: u32,
-    kind: u32,
-    airframe: u32,
-    motors: &'static [(f64, SpinDirection)],
-) -> Frame {
-    Frame {
+const fn frame(name: &'static str, class: u32, kind: u32, airframe: u32, motors: Motors) -> Entry {
+    Entry {
         name,
         class,
         kind,
@@ -490,7 +426,7 @@ mod tests {
 
     #[test]
     fn val_no_thrust_turns_a_frame() {
-        for frame in FRAMES {
+        for frame in FRAMES.iter() {
             let places = frame.places();
             for sum in [
                 places.iter().map(|p| p.position[0]).sum::<f64>(),
@@ -549,7 +485,99 @@ mod tests {
         }
     }
 
-    /// Logs are read with this table, flights use `config/autopilots`.
+    /// Numbers of `AP_MotorsMatrix`, by hand: an error in a document would be one of logs and flights alike.
+    #[test]
+    fn val_documents_of_frames_have_ardupilot_s_motors() {
+        let expected: [(&str, &[(f64, SpinDirection)]); 9] = [
+            (
+                "quad-betaflight-x",
+                &[(135.0, Cw), (45.0, Ccw), (-135.0, Ccw), (-45.0, Cw)],
+            ),
+            ("quad-x", &[(45.0, Ccw), (-135.0, Ccw), (-45.0, Cw), (135.0, Cw)]),
+            ("quad-plus", &[(90.0, Ccw), (-90.0, Ccw), (0.0, Cw), (180.0, Cw)]),
+            (
+                "hexa-x",
+                &[
+                    (90.0, Cw),
+                    (-90.0, Ccw),
+                    (-30.0, Cw),
+                    (150.0, Ccw),
+                    (30.0, Ccw),
+                    (-150.0, Cw),
+                ],
+            ),
+            (
+                "hexa-plus",
+                &[
+                    (0.0, Cw),
+                    (180.0, Ccw),
+                    (-120.0, Cw),
+                    (60.0, Ccw),
+                    (-60.0, Ccw),
+                    (120.0, Cw),
+                ],
+            ),
+            (
+                "octo-x",
+                &[
+                    (22.5, Cw),
+                    (-157.5, Cw),
+                    (67.5, Ccw),
+                    (157.5, Ccw),
+                    (-22.5, Ccw),
+                    (-112.5, Ccw),
+                    (-67.5, Cw),
+                    (112.5, Cw),
+                ],
+            ),
+            (
+                "octo-plus",
+                &[
+                    (0.0, Cw),
+                    (180.0, Cw),
+                    (45.0, Ccw),
+                    (135.0, Ccw),
+                    (-45.0, Ccw),
+                    (-135.0, Ccw),
+                    (-90.0, Cw),
+                    (90.0, Cw),
+                ],
+            ),
+            (
+                "octo-cw-x",
+                &[
+                    (22.5, Ccw),
+                    (67.5, Cw),
+                    (112.5, Ccw),
+                    (157.5, Cw),
+                    (-157.5, Ccw),
+                    (-112.5, Cw),
+                    (-67.5, Ccw),
+                    (-22.5, Cw),
+                ],
+            ),
+            (
+                "octaquad-x",
+                &[
+                    (45.0, Ccw),
+                    (-45.0, Cw),
+                    (-135.0, Ccw),
+                    (135.0, Cw),
+                    (-45.0, Ccw),
+                    (45.0, Cw),
+                    (135.0, Ccw),
+                    (-135.0, Cw),
+                ],
+            ),
+        ];
+        for (name, motors) in expected {
+            assert_eq!(Frame::named(name).unwrap().motors, motors, "{name}");
+        }
+        let flown = ENTRIES.iter().filter(|entry| matches!(entry.motors, Flown(_))).count();
+        assert_eq!(flown, expected.len());
+    }
+
+    /// Logs are read with this table, flights use `config/autopilots`: the documents of PX4 have the motors of ArduPilot's.
     #[test]
     fn val_logs_and_flights_of_a_frame_have_the_same_outputs() {
         use rotortwin_scenario::autopilot_frame::{AutopilotFrame, AutopilotKind};

@@ -27,9 +27,10 @@ use rotortwin_plant::effects::EffectDocument;
 use serde::Serialize;
 use utoipa::ToSchema;
 
+use crate::Z95;
 use crate::compare::{self, GroupError, NamedModel, OpenLoopError};
 use crate::diagnose::{self, Diagnosis, Finding, Verdict, diagnose};
-use crate::estimation::parameters::{FittedParameter, QUANTILE_95};
+use crate::estimation::parameters::FittedParameter;
 use crate::log::FlightLog;
 use crate::model::{LogReference, ModelEffect, ModelVersion, Provenance, Source, TOOL};
 use crate::predict::PredictError;
@@ -43,7 +44,7 @@ const WORSE: f64 = 0.1;
 /// A parameter as a row shows it.
 #[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]
 #[schema(as = ImprovementValue)]
-pub struct Value {
+pub struct ParameterValue {
     /// Key in documents.
     pub name: String,
     /// Letter.
@@ -88,7 +89,7 @@ pub struct Row {
     /// What this version adds to the previous one.
     pub added: Option<String>,
     /// Its parameters.
-    pub parameters: Vec<Value>,
+    pub parameters: Vec<ParameterValue>,
     /// ln of the Bayes factor of the addition.
     pub ln_bayes_factor: Option<f64>,
     /// True for the row of the true model.
@@ -422,7 +423,7 @@ fn proposed(diagnosis: &Diagnosis) -> Option<Part> {
             unit: term.unit.clone(),
             value: term.factor,
             deviation: term.deviation,
-            interval_95: QUANTILE_95 * term.deviation,
+            interval_95: Z95 * term.deviation,
             plausible: true,
         })
         .collect();
@@ -511,7 +512,7 @@ fn row(request: &Request<'_>, model: &NamedModel, finding: Option<&Finding>) -> 
     let added = finding.and_then(|finding| effect_of(&model.version, finding));
     let value = |p: &FittedParameter| {
         let fitted = added.and_then(|effect| effect.parameters.get(&p.name));
-        Value {
+        ParameterValue {
             name: p.name.clone(),
             symbol: p.symbol.clone(),
             unit: p.unit.clone(),

@@ -4,7 +4,6 @@ use rayon::prelude::*;
 use rotortwin_plant::effects::{ChannelGroup, EffectClass, ParameterKind};
 
 use crate::diagnose::calibration;
-use crate::diagnose::findings::COMPATIBLE_GAP;
 use crate::diagnose::named::{Named, Quantity, RivalFit};
 use crate::diagnose::strategies::start::{Trial, plain};
 use crate::diagnose::strategies::trials::Trials;
@@ -27,6 +26,9 @@ const REFINED: usize = 4;
 
 /// Share of the best ln Bayes factor from which a candidate is refined.
 const REFINED_SHARE: f64 = 0.35;
+
+/// Evidence by which a guess that fits less well still goes before another explanation.
+const GUESS_FIRST: f64 = 5.0;
 
 /// chi² per sample from which a channel has more noise than its sensor.
 const NOISY: f64 = 1.5;
@@ -92,7 +94,7 @@ pub(crate) fn best_of(
     };
     let winner = winner.map(|best| {
         let mut guesses = possible.iter().copied().filter(is_guess);
-        let as_good = guesses.find(|&i| tried[i].gain > tried[best].gain - COMPATIBLE_GAP);
+        let as_good = guesses.find(|&i| tried[i].gain > tried[best].gain - GUESS_FIRST);
         as_good.unwrap_or(best)
     });
     let Some(winner) = winner else {
