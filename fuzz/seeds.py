@@ -111,6 +111,13 @@ def bridge() -> dict[str, bytes]:
     seeds |= {f"mavlink-{name}": b"\1" + content for name, content in frames.items()}
     for text in ("ardupilot:127.0.0.1:9002", "betaflight:9103@0.5", "serial:/dev/ttyACM0@921600", "virtual:loss=0.01,seed=3", "tcp:127.0.0.1:5760"):
         seeds[f"address-{text}"] = b"\5" + text.encode()
+    # Lines of a plant for ArduPilot, and one with a quaternion and no attitude.
+    line = '\n{"timestamp":0.001,"imu":{"gyro":[0,0.1,0],"accel_body":[0,0,-9.80665]},"position":[1,2,-3],"attitude":[0,0,0.5],"velocity":[0,0,0]}\n'
+    seeds["plant-line"] = b"\6" + line.encode()
+    seeds["plant-quaternion"] = b"\6" + line.replace('"attitude":[0,0,0.5]', '"quaternion":[1,0,0,0]').encode()
+    # Recorded commands of a quadrotor (the first byte behind the selector), every 0.5 ms and every 4 ms.
+    for parts in (1, 8):
+        seeds[f"commands-{parts}"] = b"\7\4RTCMD 1\n" + struct.pack("<II12d", parts, 4, *[0.25, 0.5, 0.75, 1.0] * 3)
     # A board's line: COBS pieces between zeros.
     seeds["board"] = b"\3" + b"\1\2\3\4\5\0" * 4
     return seeds

@@ -98,7 +98,10 @@ impl std::str::FromStr for Endpoint {
         if let Some(plant) = text.strip_prefix("plant:") {
             let address: AutopilotAddress = plant.parse()?;
             return match address.protocol {
-                Protocol::ArduPilot => Ok(Self::Plant(address)),
+                Protocol::ArduPilot if address.rc.pulses_us().is_empty() => Ok(Self::Plant(address)),
+                Protocol::ArduPilot => Err(format!(
+                    "'{text}': expected no @rc: a plant sends the channels of a transmitter, it does not get them"
+                )),
                 _ => Err(format!(
                     "'{text}': expected plant:ardupilot[:ADDR]; the links of the other autopilots are not supported yet"
                 )),

@@ -24,7 +24,7 @@ pub struct Args {
     /// Scenario that each of them flies: a file, or a name that 'rotortwin list scenarios' shows
     #[arg(value_parser = crate::named::scenario(), requires = "controller", required_unless_present = "runs")]
     scenario: Option<PathBuf>,
-    /// Controllers that fly in turn: own; external, which joins over zenoh by the printed command; a board or an autopilot as with
+    /// Controllers that fly in turn: own; external (join over zenoh with the printed command); a board or an autopilot as with
     /// 'rotortwin fly --controller'
     #[arg(long, value_name = "WHO", requires = "scenario")]
     controller: Vec<Who>,

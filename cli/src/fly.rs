@@ -62,7 +62,7 @@ pub struct Args {
     /// Run folder to write; must not exist or be empty [default: runs/SCENARIO-SEED, with a number if that exists]
     #[arg(long, value_name = "DIR")]
     pub out: Option<PathBuf>,
-    /// Do not start these processes: they join by the printed command
+    /// Do not start these processes; start them with the printed command
     #[arg(long, value_enum, value_delimiter = ',', value_name = "WHO")]
     pub external: Vec<External>,
     /// Longest wait for both peers to join, ms [default: 10000, with --external 600000]

@@ -289,6 +289,12 @@ impl Add {
         let next = found.onto(&head.version, self.note.clone());
         // Before anything is created, so that a rejection leaves nothing behind.
         ModelStore::check(&next)?;
+        if Difference::between(&head.version, &next).is_empty() {
+            return Err(StoreError::Refused(format!(
+                "{} has all of this already: nothing is added",
+                self.model
+            )));
+        }
         head.begin(store)?;
         let place = store.append(&head.branch, &next)?;
         announce(&head.version, &next, &place);

@@ -15,7 +15,7 @@ use std::process::ExitCode;
 /// Arguments of `rotortwin spin-test`.
 #[derive(Debug, Parser)]
 pub struct Args {
-    /// The autopilot's simulator build, which is waited for: ardupilot[:ADDR], px4[:ADDR], betaflight[:ADDR][@SPEED]
+    /// The autopilot's simulator build, which is waited for: ardupilot[:ADDR][@rc=US/US/…], px4[:ADDR], betaflight[:ADDR][@SPEED]
     autopilot: AutopilotAddress,
     /// Scenario whose vehicle is put on the test stand: a file, or a name that 'rotortwin list scenarios' shows; it begins on the ground
     #[arg(long, value_parser = crate::named::scenario(), default_value = "autopilot-hover")]

@@ -16,6 +16,7 @@ import signal
 import socket
 import sqlite3
 import statistics
+import struct
 import subprocess
 import sys
 import threading
@@ -24,6 +25,7 @@ import urllib.error
 import urllib.parse
 import urllib.request
 from collections.abc import Callable
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
 
 from axe_playwright_python.sync_playwright import Axe
@@ -317,6 +319,50 @@ def where_it_fails(page: Page) -> None:
     assert table.locator("tbody tr").count() == step.locator("figure[aria-label^='chi²/N of each channel in blocks'] button.cell").count(), "each cell is a row of the table"
 
 
+def where_it_depends(page: Page) -> None:
+    """Step 4: a click on the worst cell over the flight condition opens its channel where the condition is met; what is said of it are the API's numbers."""
+    step = page.locator("#step-4")
+    condition = step.get_by_label("flight condition").input_value()
+    comparison = query(page, "cmp")
+    channels = [one for one in api(f"/comparisons/{comparison}")["result"]["logs"][0]["models"][-1]["channels"] if one["verdict"] != "not-testable"]
+    # In the order of the cells: row by row.
+    cells = [(one, two["bins"], place) for one in channels for two in one["conditions"] if two["condition"] == condition for place in range(len(two["bins"]))]
+    heat = step.locator("figure[aria-label^='chi²/N of each channel by']")
+    assert heat.locator("button.cell").count() == len(cells) > 4
+    at = max(range(len(cells)), key=lambda k: cells[k][1][cells[k][2]]["chi2"])
+    channel, bins, place = cells[at]
+    worst = bins[place]
+    assert worst["chi2"] > 5, "a missing drag depends on something"
+    cell = heat.locator("button.cell").nth(at)
+    assert is_shown(re.search(r"chi²/N (\S+)$", cell.get_attribute("aria-label"))[1], worst["chi2"]), (cell.get_attribute("aria-label"), worst)
+    cell.click()
+    assert query(page, "ch") == channel["channel"] and cell.get_attribute("aria-pressed") == "true"
+    said = step.locator("[role=status] p", has_text="mean residual")
+    said.filter(has_text="Shaded below").wait_for()
+    words = said.inner_text()
+    mean, noise, chi2, blocks, share = re.search(r"mean residual (\S+) \S+, noise alone ± (\S+); chi²/N (\S+) over (\d+) blocks\. Shaded below: ([\d.]+) % of the flight", words).groups()
+    assert is_shown(mean, worst["mean"]) and is_shown(noise, worst["band_95"]) and is_shown(chi2, worst["chi2"]) and int(blocks) == worst["blocks"], (words, worst)
+    low, high = [(worst["at"] + bins[other]["at"]) / 2 if 0 <= other < len(bins) else end for other, end in ((place - 1, -math.inf), (place + 1, math.inf))]
+    over = api(f"/comparisons/{comparison}/conditions?points=800")
+    (means,) = [one["mean"] for one in over["items"] if one["name"] == condition]
+    met = [low <= value <= high for value in means if value is not None]
+    length = api(f"/comparisons/{comparison}")["result"]["logs"][0]["duration_s"]
+    assert abs(float(share) - 100 * sum(met) * over["bucket_s"] / length) <= 0.6, (words, sum(met), len(met))
+    assert 0 < sum(met) < len(met), "some of the flight, not all of it"
+    plot = step.locator("figure", has=page.locator("strong", has_text=f"({channel['channel']}): measured and model")).locator("canvas")
+    page.wait_for_timeout(500)
+    shaded = plot.evaluate("one => one.toDataURL()")
+    # Another condition has other bins, and nothing is chosen there: the same plot without the shades.
+    others = step.get_by_label("flight condition").locator("option").evaluate_all("all => all.map((one) => one.value)")
+    step.get_by_label("flight condition").select_option(next(one for one in others if one != condition))
+    said.wait_for(state="detached")
+    assert heat.locator("button[aria-pressed=true]").count() == 0
+    deadline = time.monotonic() + PATIENCE_MS / 1000
+    while plot.evaluate("one => one.toDataURL()") == shaded:
+        assert time.monotonic() < deadline, "the plot does not show when the condition is met"
+        time.sleep(0.1)
+
+
 def shown_as_answered(page: Page, diagnosis: dict) -> None:
     """What step 5 shows of the first finding is what the API answers: parameter with interval, evidence, held-out errors, rivals."""
     card = page.locator("#step-5 article.card").first
@@ -370,6 +416,7 @@ def loop(browser: Browser) -> None:
     shown_as_answered(page, diagnosis)
     same_as_the_command(diagnosis, "drag.parquet")
     where_it_fails(page)
+    where_it_depends(page)
     labels = page.locator("#step-6 h3", has_text="Error of each version").all_inner_texts()
     assert len(labels) == 2 and "on drag, fitted" in labels[0] and "on drag-again, held out" in labels[1], labels
     before, held_out = force_ratios(page), force_ratios(page, 1)
@@ -679,6 +726,64 @@ def repair(browser: Browser) -> None:
     write("nan.csv", rows)
     drop(page, "nan.csv")
     page.locator("#step-1 .say.bad", has_text="row 1000, column yaw_rate_rad_s: 'NaN'").wait_for()
+    watch.check()
+
+
+def of_a_run(browser: Browser) -> None:
+    """A run of this server in the twin, from its own page and from the list of step 1: what its scenario added to the physics is named with its size, added, and
+    the error falls to the noise. For a run of four rotors the default vehicle, which has six, is not taken."""
+    page, watch = open_page(browser)
+    drag = 0.3
+    settings = [f"effect=[{{effect='rotor-drag', parameters={{drag_n_s_m={drag}}}}}]", "fault=[]", "duration_s=60.0"]
+    run = api("/runs", {"scenario": "helix-2", "link": "in-process", "set": settings})["id"]
+    quad = api("/runs", {"scenario": "quad-hover-chip", "link": "in-process"})["id"]
+    log = given("healthy.parquet")
+    assert [wait_for(f"/runs/{one}")["status"] for one in (run, quad)] == ["done", "done"]
+    page.goto(f"{SERVER}/runs/{run}")
+    page.get_by_role("link", name="Compare a model with it").click()
+    add = page.get_by_role("button", name=re.compile("^Add to the model"))
+    add.wait_for()
+    assert query(page, "run") == run and "log=" not in page.url
+    assert f"run {run[:12]}" in page.locator("#step-1").inner_text()
+    diagnosis = api(f"/diagnoses/{query(page, 'diag')}")["result"]
+    (effect,) = diagnosis["effects"]
+    (parameter,) = effect["parameters"]
+    assert effect["instance"]["effect"] == "rotor-drag" and abs(parameter["value"] - drag) < 2 * parameter["interval_95"], parameter
+    assert diagnosis["sentence"] in page.locator("#step-5").inner_text()
+    # The flight is drawn, and the vehicle moves in 3-D.
+    page.locator("#step-4 figure", has=page.locator("strong", has_text="Trajectory from above")).first.wait_for()
+    page.locator("#step-4 summary", has_text="The vehicle in 3-D at that time").click()
+    page.locator("#step-4 .replay .player .num").wait_for()
+    before = force_ratios(page)
+    add.click()
+    page.locator("#step-5").get_by_text("The model agrees with the flight.").wait_for()
+    until(page, "document.querySelector('#step-6').innerText.includes('@v1')")
+    until(page, "document.querySelectorAll('#step-6 .bars').length >= 3")
+    after = force_ratios(page)
+    print(f"a run: force error over noise {after}, {parameter['value']:.4f} ± {parameter['interval_95']:.4f} of {drag} N·s/m")
+    assert len(before) == 1 and before[0] > 5 and len(after) == 2 and after[0] == before[0] and after[1] <= 1.1, (before, after)
+    model = query(page, "model")
+    # By the list it is the same flight, whose model has the effect by now.
+    page.goto(f"{SERVER}/twin")
+    page.locator("#step-1 summary", has_text="A run or a log that is on this server").click()
+    picked = page.locator("#step-1 details")
+    picked.get_by_role("button", name="helix-2", exact=True).click()
+    page.wait_for_url(re.compile(f"run={run}"))
+    page.locator("#step-5").get_by_text("The model agrees with the flight.").wait_for()
+    assert query(page, "model") == model and force_ratios(page) == after
+    page.get_by_role("button", name="Other flight").click()
+    page.locator("#step-1 summary", has_text="A run or a log that is on this server").click()
+    picked.get_by_role("button", name="healthy.parquet", exact=True).click()
+    page.wait_for_url(re.compile(f"log={log}"))
+    page.locator("#step-5").get_by_text("The model agrees with the flight.").wait_for()
+    assert "run=" not in page.url
+    # One of four rotors: the default vehicle, which has six, is not chosen for it.
+    page.goto(f"{SERVER}/twin?run={quad}")
+    page.locator("#step-3.problem .say", has_text="The run is of a vehicle with 4 rotors").wait_for()
+    assert "model=" not in page.url and page.locator("#step-4.waiting").count() == 1
+    page.locator("#step-3 select").first.select_option("quad-x")
+    page.locator("#step-4 .say.sentence").wait_for()
+    assert query(page, "model") == f"quad-x-{quad[:32][-8:]}"
     watch.check()
 
 
@@ -1363,22 +1468,55 @@ def table(browser: Browser) -> None:
     watch.check()
 
 
+# ArduPilot's letters for the types of values: as `struct` has them, and the scale of the text.
+DATAFLASH = {"B": ("B", 1), "H": ("H", 1), "h": ("h", 1), "c": ("h", 0.01), "C": ("H", 0.01), "f": ("f", 1), "Q": ("Q", 1), "N": ("16s", 1)}
+
+
+def dataflash_as_text(log: bytes) -> str:
+    """A DataFlash log as the text that ArduPilot's tools make of it: a line for each message, described by `FMT` lines, values scaled."""
+    formats: dict[int, tuple[str, str, int]] = {}
+    lines = []
+    at = 0
+    while (at := log.find(b"\xa3\x95", at)) >= 0 and at + 3 <= len(log):
+        kind = log[at + 2]
+        if kind == 128:
+            of, length, name, types, labels = (field.rstrip(b"\0").decode() if isinstance(field, bytes) else field for field in struct.unpack("<BB4s16s64s", log[at + 3 : at + 89]))
+            formats[of] = (name, types, length)
+            lines.append(f"FMT, {of}, {length}, {name}, {types}, {labels}")
+            at += 89
+        elif kind in formats:
+            name, types, length = formats[kind]
+            values = struct.unpack("<" + "".join(DATAFLASH[letter][0] for letter in types), log[at + 3 : at + length])
+            cells = [value.rstrip(b"\0").decode() if isinstance(value, bytes) else repr(value * DATAFLASH[letter][1]) for letter, value in zip(types, values, strict=True)]
+            lines.append(", ".join([name, *cells]))
+            at += length
+        else:
+            # Bytes that are no message.
+            at += 2
+    return "\n".join(lines) + "\n"
+
+
 def formats(browser: Browser) -> None:
-    """Logs of other programs, let go over the page: ArduPilot's `.bin`, a Crazyflie's file without an ending, PX4's `.ulg`."""
+    """Logs of other programs, let go over the page: ArduPilot's `.bin` and the same as text, ROS 2's `.mcap` and the same as `.db3`, a Crazyflie's file without
+    an ending, PX4's `.ulg`."""
     page, watch = open_page(browser)
     data = Path(__file__).parents[2] / "crates/twin/tests/data"
     shutil.copy(data / "made-up.bin", FOLDER / "00000042.BIN")
+    (FOLDER / "00000042.log").write_text(dataflash_as_text((data / "made-up.bin").read_bytes()))
+    shutil.copy(data / "ros2.mcap", FOLDER / "flight.mcap")
+    shutil.copy(data / "ros2.db3", FOLDER / "flight.db3")
     shutil.copy(data / "crazyflie-sysid.usdlog", FOLDER / "sysid00")
     run = api("/runs", {"scenario": "short-hover"})["id"]
     assert wait_for(f"/runs/{run}")["status"] == "done"
     with urllib.request.urlopen(f"{SERVER}/api/v1/runs/{run}/export?format=ulog", timeout=60) as answer:
         (FOLDER / "flight.ulg").write_bytes(answer.read())
-    for name in ("00000042.BIN", "sysid00", "flight.ulg"):
+    counted = {}
+    for name in ("00000042.BIN", "00000042.log", "flight.mcap", "flight.db3", "sysid00", "flight.ulg"):
         drop(page, name)
         page.locator("#step-2.done, #step-2 .say.bad").first.wait_for()
         result = wait_for(f"/logs/{query(page, 'log')}")
         assert result["status"] == "done", (name, result["error"])
-        rows = read_as_answered(page)["rows"]
+        rows = counted[name] = read_as_answered(page)["rows"]
         assert rows > 50, (name, rows)
         print(f"{name}: {rows} rows, {result['result']['headline']}")
         if name == "sysid00":
@@ -1389,6 +1527,7 @@ def formats(browser: Browser) -> None:
             page.locator("#step-3 select").first.select_option("crazyflie-2")
             page.locator("#step-3.done").wait_for()
             assert query(page, "vehicle") == "crazyflie-2"
+    assert counted["00000042.log"] == counted["00000042.BIN"] and counted["flight.db3"] == counted["flight.mcap"], counted
     watch.check()
 
 
@@ -1435,6 +1574,183 @@ def session(browser: Browser) -> None:
     form.get_by_role("button", name="Sign in").click()
     page.locator("#step-1 .say.bad", has_text="late").wait_for()
     assert "log=" in page.url
+    watch.check()
+
+
+class Hostile(BaseHTTPRequestHandler):
+    """A site of somebody else: an empty page under every address; it notes what forms send to it."""
+
+    taken: list[str] = []
+
+    def do_GET(self) -> None:
+        self.answer(b"<!doctype html><title>hostile</title>hostile")
+
+    def do_POST(self) -> None:
+        self.taken.append(self.rfile.read(int(self.headers["content-length"])).decode())
+        self.answer(b"<!doctype html><title>taken</title>taken")
+
+    def answer(self, page: bytes) -> None:
+        self.send_response(200)
+        self.send_header("content-type", "text/html")
+        self.send_header("content-length", str(len(page)))
+        self.end_headers()
+        self.wfile.write(page)
+
+    def log_message(self, *_: object) -> None:
+        pass
+
+
+# What a page can try with a server: what each attempt has got. `refused` is all that a page learns of an answer that it may not read, and
+# `nothing` that it learns nothing: a form that a page may not send makes no event, so there the wait is short.
+ATTEMPTS = """
+  async ([server, run, formMs]) => {
+    const api = server + '/api/v1';
+    const flight = JSON.stringify({ scenario: 'short-hover', set: ['duration_s=2.0'] });
+    const within = (attempt, ms = 60000) => Promise.race([attempt, new Promise((done) => setTimeout(() => done('nothing'), ms))]);
+    const ask = (path, how) => within(fetch(api + path, { credentials: 'include', ...how }).then(async (answer) => `${answer.type} ${answer.status} ${await answer.text()}`, () => 'refused'));
+    const post = (type, more) => ask('/runs', { method: 'POST', headers: { 'content-type': type }, body: flight, ...more });
+    const event = (target, good, ms) => within(new Promise((done) => { target.addEventListener(good, () => done('open')); target.addEventListener('error', () => done('refused')); }), ms);
+    const closed = async (target, good) => { const said = await event(target, good); target.close(); return said; };
+    const shown = async (element, show) => { const said = event(element, 'load'); document.body.append(element); show?.(); return said; };
+    const frame = (name, src) => Object.assign(document.createElement('iframe'), src ? { name, src } : { name });
+    // A form cannot send JSON, but a text that is JSON.
+    const form = async (action, name) => {
+      document.body.append(frame(name));
+      const field = Object.assign(document.createElement('input'), { name: flight.slice(0, -1) + ',"seed":1}', value: '' });
+      const made = Object.assign(document.createElement('form'), { action, method: 'post', enctype: 'text/plain', target: name });
+      made.append(field);
+      document.body.append(made);
+      const said = event(document.querySelector(`iframe[name=${name}]`), 'load', formMs);
+      made.submit();
+      return said;
+    };
+    const got = {
+      events: await closed(new EventSource(api + '/events', { withCredentials: true }), 'open'),
+      live: await closed(new WebSocket(`${api.replace('http', 'ws')}/runs/${run}/live?channels=roll_rad`), 'open'),
+      read: await ask('/runs', {}),
+      'read opaquely': await ask('/runs', { mode: 'no-cors' }),
+      post: await post('application/json', {}),
+      'post a text': await post('text/plain', {}),
+      'post opaquely': await post('text/plain', { mode: 'no-cors' }),
+      script: await shown(Object.assign(document.createElement('script'), { src: api + '/runs' })),
+      frame: await shown(frame('framed', server + '/runs')),
+      form: await form(api + '/runs', 'posted'),
+      cancel: await ask(`/runs/${run}/cancel`, { method: 'POST' }),
+      delete: await ask(`/runs/${run}`, { method: 'DELETE' }),
+    };
+    navigator.sendBeacon(api + '/runs', flight);
+    // With these two the attempts by frame and form would have worked.
+    got['own frame'] = await shown(frame('own', location.origin + '/'));
+    got['own form'] = await form(location.origin + '/', 'own-posted');
+    return got;
+  }
+"""
+
+
+def foreign(browser: Browser) -> None:
+    """Pages of others in the browser of a user: of another port of this host, whose requests have the session's cookie, since no cookie knows ports; of
+    another name; and of a name that was pointed at this host. With and without tokens they read nothing, make nothing and end nothing; what our own page
+    tries in the same way it gets."""
+    hostile = ThreadingHTTPServer(("127.0.0.1", 0), Hostile)
+    threading.Thread(target=hostile.serve_forever, daemon=True).start()
+    port = hostile.server_port
+    page, watch = open_page(browser)
+    page.goto(f"{SERVER}/runs")
+    page.get_by_role("heading", name="Runs", exact=True).wait_for()
+    watch.expected = r"401 \(Unauthorized\)"
+
+    def call(path: str, body: dict | None = None) -> dict:
+        """The API, as our own page asks it."""
+        how = None if body is None else {"method": "POST", "headers": {"content-type": "application/json"}, "body": json.dumps(body)}
+        return page.evaluate("async ([path, how]) => { const answer = await fetch(`/api/v1${path}`, how ?? {}); return { ok: answer.ok, ...(await answer.json()) }; }", [path, how])
+
+    def runs() -> list[str]:
+        found = call("/runs?limit=100")
+        assert found["ok"], found
+        return sorted(one["id"] for one in found["items"])
+
+    def nothing_from(site: str, run: str, has_cookie: bool) -> None:
+        before = runs()
+        taken = len(Hostile.taken)
+        other = page.context.new_page()
+        other.set_default_timeout(PATIENCE_MS)
+        # The browser's own account: of a refused request Playwright does not tell the cookies.
+        network = page.context.new_cdp_session(other)
+        asked: list[str] = []
+        sent: dict[str, dict] = {}
+        network.on("Network.requestWillBeSent", lambda one: asked.append(one["requestId"]) if (one["request"]["url"], one["request"]["method"]) == (f"{SERVER}/api/v1/runs", "GET") else None)
+        network.on("Network.requestWillBeSentExtraInfo", lambda one: sent.update({one["requestId"]: one["headers"]}))
+        network.send("Network.enable")
+        other.goto(f"{site}/")
+        got = other.evaluate(ATTEMPTS, [SERVER, run, PATIENCE_MS])
+        print(f"{site}: {got}")
+        refused = ("events", "live", "read", "post", "post a text", "script", "cancel", "delete")
+        assert all(got[what] == "refused" for what in refused), got
+        # Of an opaque answer there is neither status nor text.
+        assert all(got[what] in ("refused", "opaque 0 ") for what in ("read opaquely", "post opaquely")), got
+        assert (got["own frame"], got["own form"], len(Hostile.taken)) == ("open", "open", taken + 1), got
+        assert "short-hover" in Hostile.taken[-1], Hostile.taken
+        frames = {frame.name: frame.url for frame in other.frames[1:]}
+        assert frames["own"] == frames["own-posted"] == f"{site}/", frames
+        assert all(frames[name].startswith("chrome-error:") for name in ("framed", "posted")), frames
+        # The browser did send the cookie where it is said to: what was refused was refused by the server, and not for the want of it.
+        cookies = [any(name.lower() == "cookie" and "rotortwin_session=" in value for name, value in sent.get(one, {}).items()) for one in asked]
+        assert len(cookies) == 3 and any(cookies) == has_cookie, (asked, cookies)
+        page.wait_for_timeout(1000)
+        assert runs() == before and call(f"/runs/{run}")["status"] == "running", (before, runs())
+        other.close()
+
+    def own_page_gets(run: str) -> None:
+        before = runs()
+        ours = page.context.new_page()
+        ours.set_default_timeout(PATIENCE_MS)
+        ours.goto(f"{SERVER}/fdi")
+        got = ours.evaluate(ATTEMPTS, [SERVER, run, 2000])
+        assert got["events"] == got["live"] == "open", got
+        assert got["read"].startswith("basic 200 {") and run in got["read"] and got["post"].startswith("basic 202 {"), got
+        # The beacon made none: it sends a text.
+        assert got["cancel"].startswith("basic 20") and len(set(runs()) - set(before)) == 1, got
+        # What no page may, ours neither: a text that is JSON, a frame.
+        assert got["post a text"].startswith("basic 415 ") and got["frame"] != "refused", got
+        ours.close()
+
+    def attempts(has_cookie: bool) -> None:
+        run = call("/runs", {"scenario": "short-hover", "link": "in-process", "pace": "real-time", "set": [f"duration_s={LONG_S}"]})["id"]
+        until(page, f"fetch('/api/v1/runs/{run}').then((answer) => answer.json()).then((one) => one.status === 'running')")
+        nothing_from(f"http://127.0.0.1:{port}", run, has_cookie)
+        nothing_from(f"http://localhost:{port}", run, False)
+        pointed_here(run)
+        own_page_gets(run)
+
+    def pointed_here(run: str) -> None:
+        """DNS rebinding: the name of a page was pointed at this host after it was loaded, so that for the browser the server is its own."""
+        before = runs()
+        there = SERVER.replace("127.0.0.1", "evil.example")
+        misled = browser.browser_type.launch(executable_path=CHROMIUM, args=[*OPTIONS, "--host-resolver-rules=MAP evil.example 127.0.0.1"])
+        other = misled.new_page()
+        other.set_default_timeout(PATIENCE_MS)
+        for path in ("/", "/runs", "/api/v1/runs"):
+            answer = other.goto(there + path)
+            assert answer.status == 421 and "'evil.example' is not a name of this server" in answer.text(), (path, answer.status, answer.text())
+        got = other.evaluate(ATTEMPTS, [there, run, 2000])
+        print(f"{there}: { {what: said[:30] for what, said in got.items()} }")
+        assert got["events"] == got["live"] == "refused", got
+        assert all(got[what].startswith("basic 421 ") for what in ("read", "read opaquely", "post", "post a text", "post opaquely", "cancel", "delete")), got
+        assert runs() == before and call(f"/runs/{run}")["status"] == "running", (before, runs())
+        misled.close()
+
+    try:
+        attempts(has_cookie=False)
+        # The same with a session.
+        token = re.search(r"rtw_\w+", subprocess.run([os.environ["ROTORTWIN"], "token", "create", "first", "--data", FOLDER / "data"], check=True, capture_output=True, text=True).stdout)[0]
+        page.goto(f"{SERVER}/runs")
+        form = page.get_by_role("form", name="Sign in")
+        form.get_by_label(re.compile("access token")).fill(token)
+        form.get_by_role("button", name="Sign in").click()
+        form.wait_for(state="detached")
+        attempts(has_cookie=True)
+    finally:
+        hostile.shutdown()
     watch.check()
 
 
@@ -1886,7 +2202,8 @@ def too_wide_or_serious(page: Page) -> list[str]:
 
 
 def pages(browser: Browser) -> None:
-    """Each page, narrow and wide, dark and light: nothing sticks out, axe finds nothing serious; the first load is small and soon there."""
+    """Each page, narrow and wide, dark and light: nothing sticks out, axe finds nothing serious, each plot has a summary and a table, the keyboard reaches every
+    control; the first load is small and soon there."""
     found = []
     interactive = statistics.median(until_usable(browser) for _ in range(3))
     if not is_crowded() and interactive > limit(INTERACTIVE_S):
@@ -1901,7 +2218,9 @@ def pages(browser: Browser) -> None:
             page.wait_for_timeout(700)
             if path.startswith("/runs/"):
                 page.locator("figure canvas").nth(4).wait_for()
-            found.extend(f"{path} at {width}, {scheme}: {one}" for one in too_wide_or_serious(page))
+            found.extend(f"{path} at {width}, {scheme}: {one}" for one in [*too_wide_or_serious(page), *bare(page)])
+            if (width, scheme) == (1600, "light"):
+                found.extend(f"{path}: by keyboard {one}" for one in unreached(page))
             if path == "/twin":
                 sizes = page.evaluate("performance.getEntriesByType('resource').filter(r => r.name.includes('/assets/')).map(r => r.encodedBodySize)")
                 print(f"first load: {sum(sizes) / 1000:.1f} kB, can be used after {interactive:.2f} s")
@@ -2338,8 +2657,9 @@ def given(name: str) -> str:
 
 
 def states(browser: Browser) -> None:
-    """What a page shows after a click or a wrong entry: the repair of a log, the columns of a table, a new vehicle and what is known of it, cards of findings,
-    a proposal, constants to calibrate, a manoeuvre, sign-in. Nothing sticks out, axe finds nothing serious, the keyboard reaches and uses every control."""
+    """What a page shows after a click or a wrong entry, or while something runs: the repair of a log, the columns of a table, a new vehicle and what is known of
+    it, cards of findings, a proposal, constants to calibrate, a manoeuvre, a branch and its differences, an effect's sandbox, a campaign's document, a flight in
+    the air, sign-in; narrow and wide, dark and light. Nothing sticks out, axe finds nothing serious, the keyboard reaches and uses every control."""
     rows = rows_of("healthy.parquet")
     exchanged = {"roll_rate_rad_s": "pitch_rate_rad_s", "pitch_rate_rad_s": "roll_rate_rad_s"}
     write("swapped.csv", [[exchanged.get(name, name) for name in rows[0]], *rows[1:]])
@@ -2383,6 +2703,26 @@ def states(browser: Browser) -> None:
         form.get_by_text("'heavy' is no number above 0").wait_for()
         unfold(page, "#step-3")
 
+    def branch_form(page: Page) -> None:
+        step = page.locator("#step-6")
+        step.get_by_role("button", name=re.compile("^Differences to")).click()
+        step.locator("td", has_text="rotor-drag: drag_n_s_m").wait_for()
+        step.get_by_role("button", name="Branch from v1").click()
+        step.get_by_label("Name of the branch").fill("v7")
+        step.get_by_role("button", name="Begin it").click()
+        step.locator(".say.bad", has_text="could be mistaken for a version").wait_for()
+
+    def opened_sandbox(page: Page) -> None:
+        card = page.locator("article#rotor-drag")
+        card.locator("summary", has_text="What it does").click()
+        card.locator("figure", has=page.locator("strong", has_text="over time")).wait_for()
+
+    def campaign_document(page: Page) -> None:
+        page.get_by_text("or a document of one's own").click()
+        page.get_by_label("campaign document").fill(CELLS.replace("pick = ", "pik = ", 1))
+        page.get_by_role("button", name="Fly", exact=True).click()
+        page.locator("main .say.bad", has_text="pik").wait_for()
+
     def wrong_token(page: Page) -> None:
         page.get_by_label(re.compile("access token")).fill("rtw_wrong")
         page.get_by_role("form", name="Sign in").get_by_role("button", name="Sign in").click()
@@ -2402,15 +2742,20 @@ def states(browser: Browser) -> None:
         ("finding", at("drag.parquet"), "#step-5 article.card", lambda page: unfold(page, "#step-5")),
         ("proposal", at("strange.parquet"), "text=Add the proposal", lambda page: unfold(page, "#step-5")),
         ("known", "/library?kind=vehicles&name=own-1", "[aria-label='Known values of own-1']", lambda page: None),
+        ("sandbox", "/library?q=rotor-drag", "article#rotor-drag", opened_sandbox),
+        ("campaign-document", "/campaigns", "h1", campaign_document),
     ]
+    # Those whose wrong entry the server refuses.
+    refused = ("branch", "campaign-document")
     found = []
 
     def check(page: Page, name: str, width: int, scheme: str, within: str = "main") -> None:
         page.wait_for_timeout(700)
         found.extend(f"{name} at {width}, {scheme}: {one}" for one in [*too_wide_or_serious(page), *bare(page)])
         page.evaluate("scrollTo(0, 0)")
-        page.screenshot(path=FOLDER / f"state-{name}-{width}.png", full_page=True)
-        if width == 1600:
+        page.screenshot(path=FOLDER / f"state-{name}-{width}-{scheme}.png", full_page=True)
+        # What has the focus differs between the schemes by its colour only.
+        if (width, scheme) == (1600, "light"):
             found.extend(f"{name}: by keyboard {one}" for one in unreached(page, within))
 
     # The manoeuvre is looked for once; its address is that of the answer.
@@ -2419,19 +2764,30 @@ def states(browser: Browser) -> None:
     page.get_by_role("button", name="Find the manoeuvre that tells").click()
     page.get_by_role("region", name="Manoeuvres, best first").wait_for()
     places.append(("manoeuvre", page.url.removeprefix(SERVER), "[aria-label='Manoeuvres, best first']", lambda page: unfold(page, "#step-5")))
+    # So is a version added once: to a log of its own, as the finding of the other one is looked at below.
+    page.goto(f"{SERVER}/twin?log={given('drag.parquet')}")
+    page.get_by_role("button", name=re.compile("^Add to the model")).click()
+    page.locator("#step-5").get_by_text("The model agrees with the flight.").wait_for()
+    until(page, "document.querySelector('#step-6').innerText.includes('@v1')")
+    places.append(("branch", page.url.removeprefix(SERVER), "#step-6 .bars", branch_form))
     watch.check()
     page.close()
+    flight = real_time(LONG_S)
+    places.append(("in-the-air", f"/runs/{flight}", ".replay .player .num", lambda page: page.locator("figure canvas").nth(8).wait_for()))
     # Each width and each scheme.
-    screens = ((1600, "light"), (390, "dark"))
+    screens = tuple(itertools.product((1600, 390), ("light", "dark")))
     for width, scheme in screens:
         for name, path, there, do in places:
             page, watch = open_page(browser, width, scheme)
+            if name in refused:
+                watch.expected = r"422 \("
             page.goto(f"{SERVER}{path}", wait_until="load")
             page.locator(there).first.wait_for()
             do(page)
             check(page, name, width, scheme)
             watch.check()
             page.context.close()
+    api(f"/runs/{flight}/cancel", {})
     # A repair without a mouse: the choice of the finding is there already.
     page, watch = open_page(browser)
     page.goto(f"{SERVER}{at('swapped.csv')}")
@@ -2569,7 +2925,7 @@ def promised(browser: Browser) -> None:
         print(f"{what}: {figure}" + ("" if met is None else ": met" if met else ": NOT met"))
 
 
-SCENARIOS = {f.__name__: f for f in (loop, healthy, steps, strange, vehicle, untold, repair, cancel, strangers, session, many, keyboard, live, behind, tabs, killed, full, scrub, pages, cells, filters, branches, clicks, over_time, sandbox, seeds, filled, states, bench, copies, monitor, editor, table, stranger, formats, promised)}
+SCENARIOS = {f.__name__: f for f in (loop, healthy, steps, of_a_run, strange, vehicle, untold, repair, cancel, strangers, session, foreign, many, keyboard, live, behind, tabs, killed, full, scrub, pages, cells, filters, branches, clicks, over_time, sandbox, seeds, filled, states, bench, copies, monitor, editor, table, stranger, formats, promised)}
 
 with sync_playwright() as playwright:
     chromium = playwright.chromium.launch(executable_path=CHROMIUM, args=OPTIONS)

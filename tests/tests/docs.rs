@@ -7,6 +7,7 @@
 
 use rotortwin_tests::process::wait_until;
 use rotortwin_tests::program::{Call, Link, PATIENCE, program};
+use rotortwin_tests::python::environment;
 use rotortwin_tests::scratch::{Scratch, repository, shipped_scenario};
 use rotortwin_tests::skip;
 use std::collections::{BTreeMap, BTreeSet};
@@ -39,6 +40,38 @@ const START_PAGES: [(&str, &[&str]); 5] = [
         ],
     ),
 ];
+
+/// Other pages whose blocks are run, in a folder that has what a checkout has, with the first command of each block that is not.
+const PAGES: [(&str, &[&str]); 7] = [
+    (
+        "hosts.md",
+        &[
+            "rotortwin fly config/scenarios/short-hover.toml --link zenoh --listen tcp/10.9.0.1:7447 --external controller,fdi",
+            "rotortwin controller --link zenoh:connect=tcp/10.9.0.1:7447 --run-id c866f1e0f139e7fe &",
+        ],
+    ),
+    (
+        "own-controller.md",
+        &[
+            "cargo build --release -p rotortwin-controller --example pd_controller",
+            "target/release/examples/pd_controller --link iceoryx2:default --run-id 106903600f155765",
+            "rotortwin fly config/scenarios/motors-off.toml --external controller",
+            "python3 -m venv venv && venv/bin/pip install eclipse-zenoh protobuf",
+            "rotortwin replay runs/own",
+        ],
+    ),
+    ("own-detector.md", &[]),
+    ("scenarios.md", &[]),
+    ("run-folder.md", &["pip install pandas pyarrow"]),
+    ("foxglove.md", &[]),
+    ("when-it-fails.md", &[]),
+];
+
+/// Folders of a checkout that these pages name.
+const OF_A_CHECKOUT: [&str; 3] = ["config", "examples", "proto"];
+
+/// A page whose commands need other programs: its tests are those of the programs.
+const NEITHER: &str = "autopilots.md";
 
 /// Longest page that counts as one: printed lines of 100 characters.
 const LINES_OF_A_PAGE: usize = 100;
@@ -165,6 +198,9 @@ impl Drop for Background {
     }
 }
 
+/// Words that stand for values of a run, and what comes before them where they are printed.
+const PRINTED: [(&str, &str); 2] = [("RUN_ID", "--run-id "), ("ENDPOINT", "zenoh:connect=")];
+
 /// An empty folder in which a page is followed.
 struct Reader {
     page: &'static str,
@@ -184,6 +220,16 @@ impl Reader {
             ports: BTreeMap::new(),
             background: Vec::new(),
         }
+    }
+
+    /// With the folders of a checkout that pages name.
+    fn in_a_checkout(page: &'static str) -> Self {
+        let reader = Self::new(page);
+        for folder in OF_A_CHECKOUT {
+            let link = reader.scratch.path(folder);
+            std::os::unix::fs::symlink(repository().join(folder), link).expect("the folder is empty");
+        }
+        reader
     }
 
     /// Replaces the ports that the page names with free ones: another program may be using them.
@@ -207,21 +253,30 @@ impl Reader {
         changed + rest
     }
 
-    /// RUN_ID is what a background command has printed.
-    fn with_run_id(&self, command: &str) -> String {
-        if !command.contains("RUN_ID") {
-            return command.to_owned();
+    /// RUN_ID and ENDPOINT are what the last background command has printed.
+    fn with_printed(&self, command: &str) -> String {
+        let mut command = command.to_owned();
+        for (word, before) in PRINTED {
+            if !command.contains(word) {
+                continue;
+            }
+            let last = self
+                .background
+                .last()
+                .expect("a command before it runs in the background");
+            let mut value = None;
+            wait_until(PATIENCE, || {
+                let printed = last.printed();
+                value = printed
+                    .split_once(before)
+                    .and_then(|(_, rest)| rest.split_once(' '))
+                    .map(|(value, _)| value.to_owned());
+                value.is_some()
+            });
+            let value = value.unwrap_or_else(|| panic!("no '{before}' was printed: {}", last.printed()));
+            command = command.replace(word, &value);
         }
-        let mut id = None;
-        wait_until(PATIENCE, || {
-            let printed: String = self.background.iter().map(Background::printed).collect();
-            id = printed
-                .split_once("--run-id ")
-                .and_then(|(_, rest)| rest.split_once(' '))
-                .map(|(id, _)| id.to_owned());
-            id.is_some()
-        });
-        command.replace("RUN_ID", &id.expect("a run id was printed"))
+        command
     }
 
     fn shell(&self, command: &str) -> Command {
@@ -241,9 +296,11 @@ impl Reader {
 
     fn follow(&mut self, shown: Shown) {
         let place = format!("docs/{}:{}: {}", self.page, shown.line, shown.command);
-        let output = shown.output.iter().map(|line| self.with_free_ports(line)).collect();
+        let of_this_run = |line: String| PRINTED.iter().fold(line, |line, (word, _)| line.replace(word, "…"));
+        let output = shown.output.iter().map(|line| of_this_run(self.with_free_ports(line)));
+        let output = output.collect();
         let command = self.with_free_ports(&shown.command);
-        let command = self.with_run_id(&command);
+        let command = self.with_printed(&command);
         let shown = Shown { output, ..shown };
         if let Some(command) = command.strip_suffix(" &") {
             let file = self.scratch.path(&format!(".background-{}", shown.line));
@@ -266,7 +323,8 @@ impl Reader {
             self.background.push(begun);
             return;
         }
-        let done = self.shell(&format!("( {command} ) 2>&1")).output().expect("sh starts");
+        // On a line of its own: a command may end with a comment.
+        let done = self.shell(&format!("( {command}\n) 2>&1")).output().expect("sh starts");
         let printed = String::from_utf8_lossy(&done.stdout);
         assert!(done.status.success(), "{place}\n{}: {printed}", done.status);
         if let Some(difference) = difference(&shown.output, &printed) {
@@ -288,14 +346,22 @@ impl Reader {
     }
 }
 
-/// Runs a page from its first to its last command.
+/// Runs a start page from its first to its last command.
 fn follow(page: &'static str) {
     if Command::new("curl").arg("--version").output().is_err() {
         skip(&format!("docs/{page}: expected curl"));
         return;
     }
-    let text = read(page);
-    let mut reader = Reader::new(page);
+    follow_as(Reader::new(page));
+}
+
+/// Runs one of the other pages.
+fn follow_in_a_checkout(page: &'static str) {
+    follow_as(Reader::in_a_checkout(page));
+}
+
+fn follow_as(mut reader: Reader) {
+    let text = read(reader.page);
     for block in blocks(&text).into_iter().filter(|block| block.is_run) {
         for shown in block.commands {
             reader.follow(shown);
@@ -329,6 +395,88 @@ fn scenario_start_pixhawk() {
     follow("start-pixhawk.md");
 }
 
+/// The front page: the result table of the reference flight, and a hidden effect that is found.
+#[test]
+fn scenario_front_page() {
+    assert_eq!(
+        not_run(&read("../README.md")),
+        [""; 0],
+        "README.md: blocks that are {NOT_RUN}"
+    );
+    follow("../README.md");
+}
+
+#[test]
+fn scenario_page_hosts() {
+    follow_in_a_checkout("hosts.md");
+}
+
+#[test]
+fn scenario_page_own_controller() {
+    let Some(programs) = environment("python-zenoh", &["eclipse-zenoh>=1.10,<2", "protobuf>=5"]) else {
+        return;
+    };
+    let reader = Reader::in_a_checkout("own-controller.md");
+    let environment = programs.parent().expect("it is in the environment");
+    let environment = environment.canonicalize().expect("it was made");
+    std::os::unix::fs::symlink(environment, reader.scratch.path("venv")).expect("the folder is empty");
+    follow_as(reader);
+}
+
+#[test]
+fn scenario_page_own_detector() {
+    follow_in_a_checkout("own-detector.md");
+}
+
+#[test]
+fn scenario_page_scenarios() {
+    follow_in_a_checkout("scenarios.md");
+}
+
+#[test]
+fn scenario_page_run_folder() {
+    follow_in_a_checkout("run-folder.md");
+}
+
+#[test]
+fn scenario_page_foxglove() {
+    follow_in_a_checkout("foxglove.md");
+}
+
+#[test]
+fn scenario_page_when_it_fails() {
+    follow_in_a_checkout("when-it-fails.md");
+}
+
+/// First commands of the blocks that no test runs.
+fn not_run(page: &str) -> Vec<String> {
+    let skipped = blocks(page).into_iter().filter(|block| !block.is_run);
+    skipped.map(|block| block.commands[0].command.clone()).collect()
+}
+
+/// A new page with commands is followed, too, and says plainly what no test runs.
+#[test]
+fn val_each_page_with_commands_is_run() {
+    let known: BTreeSet<&str> = START_PAGES
+        .iter()
+        .chain(&PAGES)
+        .map(|(page, _)| *page)
+        .chain([NEITHER])
+        .collect();
+    let mut found = BTreeSet::new();
+    for file in std::fs::read_dir(repository().join("docs")).expect("it is there") {
+        let name = file.expect("a file").file_name().to_string_lossy().into_owned();
+        if name.ends_with(".md") && read(&name).lines().any(|line| line == "```console") {
+            found.insert(name);
+        }
+    }
+    let found: BTreeSet<&str> = found.iter().map(String::as_str).collect();
+    assert_eq!(found, known, "pages with commands, and those that the tests know");
+    for (page, expected) in PAGES {
+        assert_eq!(not_run(&read(page)), expected, "docs/{page}: blocks that are {NOT_RUN}");
+    }
+}
+
 /// Each fits on one page, is linked from both front doors, and says plainly what no test runs.
 #[test]
 fn val_start_pages_are_short_linked_and_run() {
@@ -347,12 +495,7 @@ fn val_start_pages_are_short_linked_and_run() {
             index.contains(&format!("({page})")),
             "docs/README.md: no link to {page}"
         );
-        let skipped: Vec<String> = blocks(&text)
-            .into_iter()
-            .filter(|block| !block.is_run)
-            .map(|block| block.commands[0].command.clone())
-            .collect();
-        assert_eq!(skipped, not_run, "docs/{page}: blocks that are {NOT_RUN}");
+        assert_eq!(self::not_run(&text), not_run, "docs/{page}: blocks that are {NOT_RUN}");
     }
 }
 
@@ -373,7 +516,7 @@ fn regress_limits_of_the_front_page() {
     ];
     let limits = [
         (
-            "takes a fault of the first 10 s for the vehicle's own bias. `fly` and `campaign` warn of that",
+            "treats a fault in the first 10 s as vehicle bias. `fly` and `campaign` warn of that",
             [&hover[..], &[early]].concat(),
             0,
             &[

@@ -49,6 +49,66 @@ fn scenario_a_hidden_effect_of_a_run_is_named_from_its_folder() {
     assert_eq!((verdict.as_str(), named), ("agrees", Vec::new()));
 }
 
+/// `model add`, `diagnose` and `improve` print the version that they stand on with its hash; a diagnosis is only added to the version it was made on.
+#[test]
+fn scenario_commands_say_on_which_version_they_stand() {
+    let scratch = Scratch::new();
+    let call = |line: &str, code: i32| {
+        let words: Vec<String> = line.split(' ').map(str::to_owned).collect();
+        let ended = Call::new(&scratch, words).run().expect_code(code);
+        format!("{}{}", ended.stdout, ended.stderr.join("\n"))
+    };
+    // The hash that `model show` gives, and that of a version file.
+    let hash = |model: &str| {
+        let shown: Value = serde_json::from_str(&call(&format!("model show {model} --json"), 0)).expect("JSON");
+        let hash = text(&shown, "/hash").to_owned();
+        assert_eq!(hash.len(), 32, "{hash}");
+        (text(&shown, "/version").to_owned(), hash)
+    };
+    call(
+        "blind generate --effect rotor-drag --flight waypoint --seed 7 --duration-s 60 --out log.parquet",
+        0,
+    );
+
+    // On the shipped vehicle, of which no folder of models has a version.
+    let said = call("diagnose log.parquet --model f550 --out found", 0);
+    let diagnosis = rotortwin_tests::program::read_json(&scratch.path("found/diagnosis.json"));
+    let vehicle = text(&diagnosis, "/model/hash").to_owned();
+    assert!(said.contains(&format!("Model        f550, hash {vehicle}")), "{said}");
+    let added = call("model add f550 --from found/diagnosis.json", 0);
+    let (label, first) = hash("f550");
+    assert_eq!(label, "f550@v1");
+    assert!(added.starts_with(&format!("f550@v1 · hash {first}")), "{added}");
+    assert_eq!(hash("f550@v0").1, vehicle);
+
+    // On a version of the folder: its number, not only the name.
+    let said = call("diagnose log.parquet --model f550", 0);
+    assert!(said.contains(&format!("Model        f550@v1, hash {first}")), "{said}");
+    let said = call("improve log.parquet --model f550 --yes", 0);
+    assert!(said.contains(&format!("Model        f550@v1, hash {first}")), "{said}");
+    call("model branch f550@v0 again", 0);
+    let said = call("improve log.parquet --model f550@again --yes", 0);
+    let (label, last) = hash("f550@again");
+    assert_eq!(label, "f550@v2");
+    let line = format!("Model        f550@v2, hash {last}; stands on f550@v0, hash {vehicle}");
+    assert!(said.contains(&line), "{said}");
+
+    // The same findings once more.
+    let again = call("model add f550 --from found/diagnosis.json", 2);
+    assert!(again.contains("f550 has all of this already"), "{again}");
+    // On a version with something else, and on another vehicle.
+    call("model add f550 mass share=0.02", 0);
+    let (_, heavier) = hash("f550");
+    for (model, there) in [("f550", heavier), ("quad-x", String::new())] {
+        let before = scratch.listing();
+        let refused = call(&format!("model add {model} --from found/diagnosis.json"), 2);
+        for said in ["f550", vehicle.as_str(), model, there.as_str(), "diagnose against that"] {
+            assert!(refused.contains(said), "expected {said} in: {refused}");
+        }
+        assert_eq!(scratch.listing(), before, "{model}: something was written");
+    }
+}
+
 /// A scenario that is shipped, with the vehicle that it flies.
 struct Shipped {
     name: String,

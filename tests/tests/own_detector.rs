@@ -1,8 +1,9 @@
 //! `rotortwin judge`: a detector of the user's own in a run that was flown, under its own name, next to ours.
 
 use rotortwin_tests::columns::too_wide;
-use rotortwin_tests::program::{Call, Ended, program};
-use rotortwin_tests::scratch::Scratch;
+use rotortwin_tests::program::{Call, Ended, PATIENCE, number, program};
+use rotortwin_tests::python::environment;
+use rotortwin_tests::scratch::{Scratch, repository};
 use serde_json::Value;
 use std::process::Command;
 
@@ -144,6 +145,79 @@ fn scenario_verdicts_that_cannot_be_are_refused_with_their_place() {
         before,
         "nothing was changed"
     );
+}
+
+/// An FDI engine in Python in the place of ours, over zenoh, started with the values that the run prints.
+#[test]
+fn scenario_the_python_example_judges_a_flight_over_zenoh() {
+    let Some(programs) = environment("python-zenoh", &["eclipse-zenoh>=1.10,<2", "protobuf>=5"]) else {
+        return;
+    };
+    let scratch = Scratch::new();
+    // A calibration of few windows is none: it is refused before the flight.
+    for (name, setting, code, says) in [
+        ("damaged", FAULT, 0, "6400 steps judged, at the end: rotor 3"),
+        ("healthy", "fault=[]", 0, "6400 steps judged, at the end: healthy"),
+        (
+            "short",
+            "fdi.window_samples=250",
+            1,
+            "refused to judge: expected a calibration of at least 16 windows, got 13",
+        ),
+    ] {
+        let words = [
+            "fly",
+            "hover",
+            "--link",
+            "zenoh",
+            "--external",
+            "fdi",
+            "--set",
+            "duration_s=16.0",
+            "--set",
+            setting,
+            "--out",
+            name,
+        ];
+        let mut run = Call::new(&scratch, words).start();
+        let line = run.line(|line| line.starts_with("  rotortwin fdi "));
+        let after = |before: &str| {
+            let (_, rest) = line.split_once(before).expect("it is printed");
+            rest.split(' ').next().expect("a word").to_owned()
+        };
+        let example = Command::new(programs.join("python"))
+            .arg(repository().join("examples/python_detector.py"))
+            .args([after("zenoh:connect="), after("--run-id ")])
+            .output()
+            .expect("python starts");
+        let said = [example.stdout, example.stderr].map(|text| String::from_utf8_lossy(&text).into_owned());
+        let said = said.concat();
+        assert!(said.contains(says), "{name}: {said}");
+        assert_eq!(example.status.success(), code == 0, "{name}: {said}");
+        let ended = run.end(PATIENCE).expect_code(code);
+        if code != 0 {
+            let printed = ended.stdout + &ended.stderr.concat();
+            assert!(
+                printed.contains("expected a calibration of at least 16 windows"),
+                "{printed}"
+            );
+            continue;
+        }
+        let summary: Value = serde_json::from_str(&call(&scratch, &["show", name, "--json"], 0).stdout).expect("JSON");
+        let healthy = "/intervals/0/scores/sequential";
+        assert!(
+            number(&summary, &format!("{healthy}/false_alarm_events")).abs() < 0.5,
+            "{name}: {summary}"
+        );
+        if name == "damaged" {
+            let found = "/intervals/1/scores/sequential";
+            assert!((number(&summary, &format!("{found}/verdict_at_end")) - 3.0).abs() < 0.5);
+            assert!(
+                number(&summary, &format!("{found}/isolated_after_s")) < 1.0,
+                "{summary}"
+            );
+        }
+    }
 }
 
 const OVER_TIME: &str = "improved network over time";

@@ -77,6 +77,16 @@ fn scenario_a_run_over_http_is_the_run_of_the_command_line() {
     let id = server.submit(&json!({ "scenario": "short-hover", "seed": 7 }));
     let run = server.ended(&id);
     assert_eq!(run["status"], "done", "{run}");
+    // Its kind and its result are where those of every job are.
+    assert_eq!(
+        (&run["kind"], &run["result"], &run["result"]["run_hash"]),
+        (&json!("run"), &run["summary"], &run["run_hash"])
+    );
+    let listed = server.get("/api/v1/runs")["items"][0].clone();
+    assert_eq!(
+        (&listed["kind"], &listed["id"], &listed["result"]),
+        (&json!("run"), &run["id"], &Value::Null)
+    );
     let here = Call::fly(&scratch, Link::InProcess, &shipped_scenario("short-hover"), "here").with(["--seed", "7"]);
     assert_eq!(run["run_hash"], here.run().expect_code(0).run_hash());
     let verified = server.ask("POST", &format!("/api/v1/runs/{id}/verify"), &[], "").json();

@@ -41,7 +41,8 @@ const HELD: Duration = Duration::from_secs(5);
 const FULL: Duration = Duration::from_secs(4);
 /// Step of a clock, s.
 const STEP: i64 = 3600;
-/// Longest time from the loss of a host until its jobs are queued or restarted.
+/// Longest time from the loss of a host until its jobs are queued or restarted, whatever else happens meanwhile (15 s of silence until its
+/// claims expire, 5 s until the row that it had locked is free, and room for a busy machine).
 const RECOVERY: Duration = Duration::from_secs(30);
 /// Size of the disk with all files.
 const ROOM: &str = "6g";
@@ -424,7 +425,7 @@ fn scenario_everything_at_once() {
                 std::thread::sleep(LOOK);
             }
             // Lost hosts stay lost until others have taken over their jobs.
-            wait_until(RECOVERY * 2, || {
+            wait_until(RECOVERY, || {
                 bench.mend(false);
                 bench.look_after_losses();
                 std::thread::sleep(LOOK);
@@ -470,7 +471,6 @@ fn scenario_everything_at_once() {
         }
     }
     if let Some((longest, kind)) = worst {
-        // The figure is for an otherwise idle machine; a busy one may take longer.
-        assert!(longest <= RECOVERY * 2, "{kind:?}: {longest:?}");
+        assert!(longest <= RECOVERY, "{kind:?}: {longest:?}");
     }
 }

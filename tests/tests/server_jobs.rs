@@ -5,7 +5,7 @@ use rotortwin_links::zenoh::ZenohOptions;
 use rotortwin_proto::{ControllerSetup, Role};
 use rotortwin_tests::accepted::{Accepted, nothing_lost_and_nothing_doubled, short_run, submit_for_sure};
 use rotortwin_tests::postgres::Postgres;
-use rotortwin_tests::process::Process;
+use rotortwin_tests::process::{Process, wait_until};
 use rotortwin_tests::program::{Call, Link};
 use rotortwin_tests::random::Random;
 use rotortwin_tests::scratch::{Scratch, repository, shipped_scenario};
@@ -233,6 +233,97 @@ fn scenario_flights_of_a_cell_are_listed_and_each_is_the_same_run() {
     let idle = server.submit_to("campaigns", &json!({ "text": CELLS.replace("seed = 9", "seed = 8") }));
     let early = server.ask("GET", &format!("/api/v1/campaigns/{idle}/flights"), &[], "");
     assert!([200, 409].contains(&early.status), "{}", early.json());
+}
+
+/// 64 flights in two parts, each of which takes seconds.
+const LONG: &str = r#"
+name = "long"
+description = "two long parts"
+scenario = "../scenarios/short-hover.toml"
+seed = 5
+flights = 64
+[set]
+duration_s = 1000.0
+"#;
+
+/// Ids of the campaigns listed in a state.
+fn listed(server: &Server, status: &str) -> Vec<String> {
+    let page = server.get(&format!("/api/v1/campaigns?status={status}"));
+    let items = page["items"].as_array().expect("a list");
+    items
+        .iter()
+        .filter_map(|job| job["id"].as_str().map(str::to_owned))
+        .collect()
+}
+
+fn assert_waits(server: &Server, id: &str) {
+    let job = server.get(&format!("/api/v1/campaigns/{id}"));
+    assert_eq!(
+        (&job["status"], &job["started_ms"]),
+        (&json!("queued"), &Value::Null),
+        "{job}"
+    );
+    assert_eq!(
+        (listed(server, "queued"), listed(server, "running")),
+        (vec![id.to_owned()], vec![])
+    );
+}
+
+/// Waits until a campaign runs; then none of its parts is done.
+fn assert_runs(server: &Server, id: &str) {
+    let path = format!("/api/v1/campaigns/{id}");
+    let mut job = Value::Null;
+    wait_until(Duration::from_secs(60), || {
+        std::thread::sleep(Duration::from_millis(10));
+        job = server.get(&path);
+        job["status"] != "queued"
+    })
+    .expect("it begins");
+    assert_eq!(
+        (&job["status"], &job["waits_for"]),
+        (&json!("running"), &json!(2)),
+        "{job}"
+    );
+    assert!(job["started_ms"].as_i64() >= job["submitted_ms"].as_i64(), "{job}");
+    assert_eq!(
+        (listed(server, "queued"), listed(server, "running")),
+        (vec![], vec![id.to_owned()])
+    );
+    // Nobody has claimed the whole, so it is canceled at once.
+    let canceled = server.ask("POST", &format!("{path}/cancel"), &[], "").json();
+    assert_eq!(
+        (&canceled["status"], &canceled["started_ms"]),
+        (&json!("canceled"), &job["started_ms"]),
+        "{canceled}"
+    );
+    assert_eq!((listed(server, "queued"), listed(server, "running")), (vec![], vec![]));
+}
+
+#[test]
+fn scenario_a_campaign_runs_from_its_first_part_on() {
+    let scratch = Scratch::new();
+    let data = scratch.path("data");
+    let mut server = Server::start_at("127.0.0.1:0", &data, &["--workers", "0"]);
+    let id = server.submit_to("campaigns", &json!({ "text": LONG }));
+    assert_waits(&server, &id);
+    assert_eq!(server.stop(), Some(0));
+    let server = Server::start_at("127.0.0.1:0", &data, &["--workers", "1"]);
+    assert_runs(&server, &id);
+}
+
+#[test]
+fn scenario_a_campaign_runs_from_its_first_part_on_with_postgres() {
+    let scratch = Scratch::new();
+    let Some(postgres) = Postgres::start(&scratch.path("")) else {
+        return;
+    };
+    let arguments = shared(&scratch, &postgres, &["--workers", "0"]);
+    let server = Server::start_at("127.0.0.1:0", &scratch.path("server"), &words(&arguments));
+    let id = server.submit_to("campaigns", &json!({ "text": LONG }));
+    assert_waits(&server, &id);
+    let arguments = shared(&scratch, &postgres, &["--workers", "1"]);
+    let _worker = Worker::start(&scratch.path("worker"), &words(&arguments));
+    assert_runs(&server, &id);
 }
 
 #[test]

@@ -157,6 +157,60 @@ fn scenario_a_network_cut_without_a_word() {
     worker.kill();
 }
 
+/// What docs/server.md says of the patience of the database, as Postgres shows it: `tcp_user_timeout` in ms, the others of `tcp_*` in s.
+const PROMISED: [(&str, &str); 8] = [
+    ("lock_timeout", "5s"),
+    ("statement_timeout", "15s"),
+    ("idle_in_transaction_session_timeout", "5s"),
+    ("tcp_keepalives_idle", "10"),
+    ("tcp_keepalives_interval", "3"),
+    ("tcp_keepalives_count", "3"),
+    ("tcp_user_timeout", "10000"),
+    // 202 means on disk.
+    ("synchronous_commit", "on"),
+];
+
+/// Settings are those of a session, and no session sees those of another one: a trigger notes them in the sessions of the server (which
+/// inserts the job) and of the worker (which takes it).
+#[test]
+fn scenario_connections_have_the_time_outs_that_the_manual_promises() {
+    let scratch = Scratch::new();
+    let Some(postgres) = Postgres::start(&scratch.path("")) else {
+        return;
+    };
+    let (url, artifacts) = (postgres.url(), scratch.path("artifacts").display().to_string());
+    let server = Server::start_at(
+        "127.0.0.1:0",
+        &scratch.path("server"),
+        &words(&url, &artifacts, &["--workers", "0"]),
+    );
+    let names: Vec<String> = PROMISED.iter().map(|(name, _)| format!("('{name}')")).collect();
+    postgres.ask(&format!(
+        "CREATE TABLE seen (operation text, setting text, has text); \
+         CREATE FUNCTION see() RETURNS trigger LANGUAGE plpgsql AS $$ BEGIN \
+           INSERT INTO seen SELECT TG_OP, p.setting, current_setting(p.setting) FROM (VALUES {}) AS p (setting); RETURN NULL; END $$; \
+         CREATE TRIGGER see AFTER INSERT OR UPDATE ON job FOR EACH ROW EXECUTE FUNCTION see()",
+        names.join(", ")
+    ));
+    // A session without our settings has others, so the trigger shows those of the session.
+    let usual = postgres.ask("SHOW tcp_keepalives_idle");
+    assert_ne!(usual, "10");
+    let seen = |operation: &str, name: &str| {
+        postgres.ask(&format!(
+            "SELECT string_agg(DISTINCT has, ' or ') FROM seen WHERE operation = '{operation}' AND setting = '{name}'"
+        ))
+    };
+    let id = server.submit(&json!({ "scenario": "short-hover", "link": "in-process" }));
+    for (name, expected) in PROMISED {
+        assert_eq!(seen("INSERT", name), expected, "{name} of the server's connections");
+    }
+    let _worker = Worker::start(&scratch.path("worker"), &words(&url, &artifacts, &["--workers", "1"]));
+    assert_eq!(server.ended(&id)["status"], "done");
+    for (name, expected) in PROMISED {
+        assert_eq!(seen("UPDATE", name), expected, "{name} of the worker's connections");
+    }
+}
+
 /// Requests of every kind while Postgres stops, is down and starts: each succeeds, or is refused with 503 and a retry delay; no status
 /// is an internal error.
 #[test]

@@ -85,6 +85,11 @@ fn scenario_what_is_found_is_added_and_undone_over_http() {
     assert!((drag - 0.25).abs() < 0.01, "{drag}");
     let second = post(&server, "f550/versions", &[("if-match", &seen)], &body);
     assert_eq!(second.status, 412, "{}", second.json());
+    // Nor does it become a version without a difference.
+    let again = post(&server, "f550/versions", &[], &body);
+    assert_eq!(again.status, 422, "{}", again.json());
+    let detail = again.json()["detail"].to_string();
+    assert!(detail.contains("f550@v1 has all of this already"), "{detail}");
     let after = get(&server, "f550/history");
     assert_eq!(after["versions"].as_array().map(Vec::len), Some(2));
     assert_eq!(

@@ -4,7 +4,7 @@ use rotortwin_tests::bucket::Bucket;
 use rotortwin_tests::disk::Disk;
 use rotortwin_tests::postgres::Postgres;
 use rotortwin_tests::process::wait_until;
-use rotortwin_tests::scratch::Scratch;
+use rotortwin_tests::scratch::{Scratch, repository};
 use rotortwin_tests::server::Server;
 use serde_json::json;
 use std::io::{Read as _, Write as _};
@@ -405,4 +405,63 @@ fn scenario_a_start_leaves_the_uploads_of_another_server_alone() {
     stream.read_to_string(&mut answer).expect("an answer");
     assert!(answer.starts_with("HTTP/1.0 202"), "{answer}");
     assert_eq!(uploads(&files).len(), 1);
+}
+
+/// Copies of the library are made for jobs: those that no job names go at the next start, as does what a killed process left.
+#[test]
+fn scenario_a_start_removes_the_copies_of_the_library_that_no_job_names() {
+    let scratch = Scratch::new();
+    let data = scratch.path("data");
+    let mut server = Server::start_at("127.0.0.1:0", &data, &["--workers", "0"]);
+    let copies = || {
+        let entries = std::fs::read_dir(data.join("library")).expect("there are copies");
+        let mut names: Vec<String> = entries
+            .map(|entry| entry.expect("readable").file_name().to_string_lossy().into_owned())
+            .collect();
+        names.sort();
+        names
+    };
+    let blades = std::fs::read_to_string(repository().join("config/blades/t9545.toml")).expect("it is there");
+    let campaign =
+        "name = \"two\"\ndescription = \"two flights\"\nscenario = \"../scenarios/short-hover.toml\"\nflights = 2\n";
+    // A job for each of two states of the library.
+    let submitted = ["one", "two"].map(|state| {
+        let text = format!("{blades}\n# {state}\n");
+        let toml = [("content-type", "application/toml")];
+        let put = server.ask("PUT", "/api/v1/blades/mine", &toml, &text);
+        assert!(
+            matches!(put.status, 200 | 201),
+            "{}",
+            String::from_utf8_lossy(&put.body)
+        );
+        let before = if state == "one" { Vec::new() } else { copies() };
+        let id = server.submit_to("campaigns", &json!({ "text": campaign }));
+        let now = copies();
+        assert_eq!(now.len(), before.len() + 1, "{now:?}");
+        let new = now.into_iter().find(|name| !before.contains(name));
+        (id, new.expect("there is one more"))
+    });
+    let [(deleted, of_deleted), (kept, of_kept)] = &submitted;
+    let address = format!("/api/v1/campaigns/{deleted}");
+    assert_eq!(server.ask("POST", &format!("{address}/cancel"), &[], "").status, 202);
+    assert_eq!(server.ask("DELETE", &address, &[], "").status, 204);
+    assert!(copies().contains(of_deleted), "another job may be about to name it");
+
+    // A copy that was never completed, a temporary one, and what is none.
+    let [half, temporary, none] = [
+        &*format!("library/{}", "0".repeat(32)),
+        "temporary-library-x",
+        "library/vehicles",
+    ]
+    .map(|name| data.join(name));
+    for folder in [&half, &temporary, &none] {
+        std::fs::create_dir(folder).expect("made");
+        std::fs::write(folder.join("f550.toml"), "").expect("written");
+    }
+    server.kill();
+    let server = Server::start_at("127.0.0.1:0", &data, &["--workers", "1"]);
+    assert_eq!(copies(), [of_kept.as_str(), "vehicles"]);
+    assert!(!temporary.exists() && none.join("f550.toml").exists());
+    let job = server.ended_in("campaigns", kept);
+    assert_eq!(job["status"], "done", "{job}");
 }

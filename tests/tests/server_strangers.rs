@@ -5,7 +5,9 @@ use rotortwin_tests::scratch::{Scratch, repository};
 use rotortwin_tests::server::Server;
 use rotortwin_tests::websocket::WebSocket;
 use rustix::process::Signal;
+use std::collections::BTreeSet;
 use std::io::{Read as _, Write as _};
+use std::net::{Shutdown, TcpStream};
 use std::os::unix::fs::PermissionsExt as _;
 use std::path::Path;
 use std::time::{Duration, Instant};
@@ -316,29 +318,282 @@ fn scenario_a_job_has_only_so_much_memory() {
     assert_eq!(server.ended(&id)["status"], "done", "a flight needs less");
 }
 
+/// Unfinished heads that are open at the same time.
+const HALF_HEADS: usize = 900;
+/// The time-outs of docs/server.md: of a head (or the pause before the next one), between two pieces of a body, of an unread response.
+const HEAD: Duration = Duration::from_secs(15);
+const BODY_PAUSE: Duration = Duration::from_secs(30);
+const UNREAD: Duration = Duration::from_secs(60);
+/// How much later a connection may be closed.
+const LATE: Duration = Duration::from_secs(5);
+/// Longest wait of another client for its answer, on a busy machine.
+const SERVED: Duration = Duration::from_secs(5);
+
+/// A client that does not go on.
+struct Stalled {
+    what: &'static str,
+    stream: TcpStream,
+    /// The server's and its own.
+    ports: (u16, u16),
+    since: Instant,
+    limit: Duration,
+    held: Option<Duration>,
+}
+
+impl Stalled {
+    fn new(server: &Server, what: &'static str, limit: Duration, words: &[u8]) -> Self {
+        let mut stream = server.connect();
+        stream.write_all(words).expect("it is taken");
+        let ports = [stream.peer_addr(), stream.local_addr()].map(|end| end.expect("it is connected").port());
+        Self {
+            what,
+            stream,
+            ports: ports.into(),
+            since: Instant::now(),
+            limit,
+            held: None,
+        }
+    }
+
+    /// Notes when the server has closed its end. A client whose buffers are full is not told, so the kernel is asked.
+    fn look(&mut self, open: &BTreeSet<(u16, u16)>) {
+        if self.held.is_none() && !open.contains(&self.ports) {
+            self.held = Some(self.since.elapsed());
+        }
+    }
+}
+
+/// The server's and the client's port of every connection over IPv4 that neither end has closed.
+fn open_connections() -> BTreeSet<(u16, u16)> {
+    const ESTABLISHED: &str = "01";
+    let table = std::fs::read_to_string("/proc/net/tcp").expect("the kernel tells");
+    let port = |address: &str| u16::from_str_radix(address.rsplit(':').next()?, 16).ok();
+    let rows = table.lines().skip(1).filter_map(|row| {
+        let mut columns = row.split_ascii_whitespace().skip(1);
+        let (own, other) = (port(columns.next()?)?, port(columns.next()?)?);
+        (columns.next()? == ESTABLISHED).then_some((own, other))
+    });
+    rows.collect()
+}
+
+/// All kinds of slow clients side by side, each closed in its own time, while a client that is slow but goes on is waited for, and one that
+/// is not slow is served.
 #[test]
 fn scenario_half_a_request_does_not_wait_for_ever() {
+    const FILE: &[u8] = b"time_s";
     let scratch = Scratch::new();
     let server = Server::start_at("127.0.0.1:0", &scratch.path("data"), &["--workers", "0"]);
-    let mut halves: Vec<_> = (0..50)
-        .map(|_| {
-            let mut stream = server.connect();
-            stream.write_all(b"GET / HTTP/1.1\r\nhost: loc").expect("it is taken");
-            stream
-        })
-        .collect();
-    let mut idle = server.connect();
-    idle.write_all(b"GET /healthz HTTP/1.1\r\nhost: localhost\r\n\r\n")
-        .expect("it is taken");
+    let upload = |length: usize, begin: &[u8]| {
+        let head = format!(
+            "POST /api/v1/logs?name=a.csv HTTP/1.1\r\nhost: localhost\r\ncontent-type: text/csv\r\ncontent-length: {length}\r\n\r\n"
+        );
+        [head.as_bytes(), begin].concat()
+    };
+    // 40 MB of responses: more than the buffers of both ends hold.
+    let unread = b"GET /api/v1/docs/swagger-ui-bundle.js HTTP/1.1\r\nhost: localhost\r\n\r\n".repeat(30);
+    let mut stalled = vec![
+        Stalled::new(&server, "half an upload", BODY_PAUSE, &upload(1000, FILE)),
+        Stalled::new(&server, "an unread download", UNREAD, &unread),
+        Stalled::new(
+            &server,
+            "an idle connection",
+            HEAD,
+            b"GET /healthz HTTP/1.1\r\nhost: localhost\r\n\r\n",
+        ),
+    ];
+    // A byte each 8 s: more than the time of a pause in all.
+    let mut going_on = server.connect();
+    going_on.write_all(&upload(FILE.len(), b"")).expect("it is taken");
+    let mut rest = FILE.iter();
+    let mut next = Instant::now() + Duration::from_secs(8);
+    stalled.extend((0..HALF_HEADS).map(|_| Stalled::new(&server, "half a head", HEAD, b"GET / HTTP/1.1\r\nhost: loc")));
+    let open = open_connections();
+    stalled.iter_mut().for_each(|client| client.look(&open));
+    let held = stalled.iter().filter(|client| client.held.is_none()).count();
+    assert_eq!(held, stalled.len(), "all of them are open at the same time");
+
     let begun = Instant::now();
-    for half in &mut halves {
-        let mut said = Vec::new();
-        half.read_to_end(&mut said).expect("it is closed in time");
+    let (mut served, mut slowest) = (0, Duration::ZERO);
+    while stalled.iter().any(|client| client.held.is_none()) && begun.elapsed() < UNREAD + LATE {
+        let asked = Instant::now();
+        assert_eq!(server.ask("GET", "/api/v1/runs", &[], "").status, 200);
+        served += 1;
+        slowest = slowest.max(asked.elapsed());
+        if Instant::now() >= next
+            && let Some(byte) = rest.next()
+        {
+            going_on.write_all(&[*byte]).expect("it is taken");
+            next += Duration::from_secs(8);
+        }
+        let open = open_connections();
+        stalled.iter_mut().for_each(|client| client.look(&open));
+        std::thread::sleep(Duration::from_millis(200));
     }
-    let mut said = Vec::new();
-    idle.read_to_end(&mut said).expect("it is closed in time");
-    assert!(begun.elapsed() < Duration::from_secs(25), "{:?}", begun.elapsed());
+    println!("{served} answers to another client, the slowest after {slowest:?}");
+    assert!(slowest < SERVED, "another client waited for {slowest:?}");
+    for client in &stalled {
+        let (what, limit) = (client.what, client.limit);
+        let held = client
+            .held
+            .unwrap_or_else(|| panic!("{what} is still open after {:?}", client.since.elapsed()));
+        // It is the pause that counts: the connection is older than that.
+        assert!(
+            held + Duration::from_secs(1) >= limit && held <= limit + LATE,
+            "{what} was closed after {held:?}"
+        );
+    }
+    let answer = |stream: &mut TcpStream| {
+        let mut said = Vec::new();
+        stream.read_to_end(&mut said).expect("an answer, and the end");
+        String::from_utf8_lossy(&said).into_owned()
+    };
+    let said = answer(&mut stalled[0].stream);
+    assert!(
+        said.starts_with("HTTP/1.1 400 ") && said.contains("arrived incomplete"),
+        "{said}"
+    );
+    going_on.shutdown(Shutdown::Write).expect("it is open");
+    let said = answer(&mut going_on);
+    assert!(said.starts_with("HTTP/1.1 202 "), "{said}");
+}
+
+#[test]
+fn scenario_a_head_that_is_too_large_is_refused_with_the_reason() {
+    let scratch = Scratch::new();
+    let server = Server::start_at("127.0.0.1:0", &scratch.path("data"), &["--workers", "0"]);
+    let path = |bytes: usize| format!("/api/v1/runs?name={}", "a".repeat(bytes));
+    let names: Vec<String> = (0..600).map(|number| format!("x-{number}")).collect();
+    let many = |count: usize| {
+        names[..count]
+            .iter()
+            .map(|name| (name.as_str(), "1"))
+            .collect::<Vec<_>>()
+    };
+    let large = "a".repeat(65 << 10);
+    for (path, headers, status, kind, detail) in [
+        (
+            path(33 << 10),
+            vec![],
+            414,
+            "uri-too-long",
+            "path and query have 33810 bytes",
+        ),
+        (path(60 << 10), vec![], 414, "uri-too-long", "expected at most 32768"),
+        (path(1), many(101), 431, "headers-too-large", "expected at most 100"),
+        (path(1), many(400), 431, "headers-too-large", "expected at most 100"),
+        (
+            path(1),
+            vec![("x-large", &*large)],
+            431,
+            "headers-too-large",
+            "expected at most 65536",
+        ),
+    ] {
+        let answer = server.ask("GET", &path, &headers, "");
+        let said = String::from_utf8_lossy(&answer.body).into_owned();
+        assert_eq!(answer.status, status, "{said}");
+        let head = answer.headers.to_ascii_lowercase();
+        assert!(head.contains("content-type: application/problem+json"), "{head}");
+        assert!(head.contains("content-security-policy: "), "{head}");
+        let problem = answer.json();
+        assert_eq!(problem["status"], status, "{said}");
+        assert_eq!(problem["type"], format!("/problems/{kind}"), "{said}");
+        assert!(
+            problem["detail"].as_str().is_some_and(|text| text.contains(detail)),
+            "{said}"
+        );
+    }
+    // What fits is taken.
+    assert_eq!(server.ask("GET", &path(30 << 10), &many(99), "").status, 200);
+    // Beyond what the parser takes there is a status, and the server goes on.
+    assert_eq!(server.ask("GET", &path(70_000), &[], "").status, 414);
+    assert_eq!(server.ask("GET", &path(1), &many(600), "").status, 431);
     assert_eq!(server.ask("GET", "/healthz", &[], "").status, 200);
+}
+
+/// Campaigns whose few lines mean much: a process of its own takes the harm, and others are served meanwhile.
+#[test]
+fn scenario_a_campaign_takes_neither_memory_nor_time_of_the_server() {
+    let scratch = Scratch::new();
+    let server = Server::start_at("127.0.0.1:0", &scratch.path("data"), &["--workers", "0"]);
+    let campaign = |rest: &str| {
+        let text = format!("name = \"x\"\ndescription = \"d\"\nscenario = \"../scenarios/short-hover.toml\"\n{rest}");
+        serde_json::json!({ "text": text }).to_string()
+    };
+    // 200 million settings in 15 kB.
+    let keys: Vec<String> = (0..2000).map(|number| format!("\"k{number}\"")).collect();
+    let keys = format!(
+        "[[axis]]\nname = \"a\"\nrange = [0, 99999]\nkeys = [{}]\n",
+        keys.join(",")
+    );
+    let grid = ["a", "b", "c"].map(|name| format!("[[axis]]\nname = \"{name}\"\nrange = [0, 99999]\nkey = \"seed\"\n"));
+    for (rest, status, words) in [
+        (&*keys, 422, "256 MB of memory allowed; expected fewer keys or values"),
+        (&*format!("x = {}", "[".repeat(250_000)), 422, "recurs"),
+        (&*format!("x = {}", "{ a = ".repeat(40_000)), 422, "recurs"),
+        (&*format!("set.{}a = 1", "a.".repeat(120_000)), 422, "recurs"),
+        ("flights = 1000000000000000000", 422, "expected 1 to 100000000"),
+        (&*grid.concat(), 422, "expected at most 100000000 flights"),
+        (
+            &*format!("x = \"{}\"", "a".repeat(256 << 10)),
+            413,
+            "expected a campaign of at most 262144",
+        ),
+    ] {
+        let answer = server.ask("POST", "/api/v1/campaigns", &[], &campaign(rest));
+        let said = String::from_utf8_lossy(&answer.body).into_owned();
+        assert_eq!(answer.status, status, "{rest:.60}: {said}");
+        let detail = answer.json()["detail"].as_str().unwrap_or_default().to_owned();
+        assert!(
+            detail.contains(words) && !detail.contains("temporary-library"),
+            "{rest:.60}: {detail}"
+        );
+    }
+
+    // 32,500 flights are tried, which takes many seconds. The process ends with its caller.
+    let values: Vec<String> = (0..1000).map(|number| format!("0.{}", 5000 + number)).collect();
+    let axes = (0..32).map(|number| {
+        let key = "initial.state_of_charge";
+        format!(
+            "[[axis]]\nname = \"a{number}\"\npick = \"any\"\nkey = \"{key}\"\nvalues = [{}]\n",
+            values.join(",")
+        )
+    });
+    let caller = server.send(
+        "POST",
+        "/api/v1/campaigns",
+        &[],
+        &campaign(&format!("flights = 500\n{}", axes.collect::<String>())),
+    );
+    let mut checks = Vec::new();
+    wait_until(Duration::from_secs(20), || {
+        checks = Process::children(server.process().pid);
+        checks.retain(|(_, words)| words.get(1).is_some_and(|word| word == "campaign"));
+        !checks.is_empty()
+    })
+    .expect("a process of its own");
+    for path in ["/healthz", "/api/v1/campaigns", "/api/v1/runs", "/readyz"] {
+        let asked = Instant::now();
+        assert_eq!(server.ask("GET", path, &[], "").status, 200, "{path}");
+        assert!(asked.elapsed() < SERVED, "{path}: {:?}", asked.elapsed());
+    }
+    let (check, _) = &checks[0];
+    assert!(check.is_alive(), "the others were not served after it, but meanwhile");
+    drop(caller);
+    wait_until(Duration::from_secs(20), || !check.is_alive()).expect("it ends with its caller");
+
+    let answer = server.ask("POST", "/api/v1/campaigns", &[], &campaign("flights = 2"));
+    assert_eq!(answer.status, 202, "{}", answer.json());
+    let peak = peak_memory(server.process().pid) >> 20;
+    assert!(peak < 300, "the server took {peak} MB");
+    let left = std::fs::read_dir(scratch.path("data")).expect("readable").flatten();
+    let left: Vec<_> = left.map(|entry| entry.file_name()).collect();
+    assert!(
+        !left
+            .iter()
+            .any(|name| name.to_string_lossy().starts_with("temporary-library")),
+        "{left:?}"
+    );
 }
 
 #[test]

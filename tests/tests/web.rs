@@ -506,6 +506,11 @@ fn scenario_forms_findings_and_sign_in_are_accessible_and_fit_a_telephone() {
 }
 
 #[test]
+fn scenario_a_run_of_the_server_is_compared_and_its_effect_is_named_and_added() {
+    passes("of_a_run", &["healthy"]);
+}
+
+#[test]
 fn scenario_an_effect_of_no_catalogue_is_proposed_added_and_undone_by_mouse() {
     passes("strange", &["strange", "strange-again"]);
 }
@@ -553,6 +558,11 @@ fn scenario_files_that_are_no_logs_get_a_sentence_and_text_stays_text() {
 #[test]
 fn scenario_an_ended_session_asks_for_the_token_and_goes_on() {
     passes("session", &[]);
+}
+
+#[test]
+fn scenario_pages_of_other_sites_read_nothing_and_make_nothing() {
+    passes("foreign", &[]);
 }
 
 #[test]

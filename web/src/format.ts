@@ -19,9 +19,9 @@ function power(value: number, digits: number): string {
 }
 
 /** `0.2497 ± 0.0011 N·s/m`: the interval to two digits, the value to the same place. */
-export function plusMinus(value: number, half: number, unit: string): string {
+export function plusMinus(value: number | null | undefined, half: number | null | undefined, unit: string): string {
   const ending = unit && unit !== "1" ? ` ${unit}` : "";
-  if (!(half > 0) || !Number.isFinite(value)) return `${short(value)}${ending}`;
+  if (typeof value !== "number" || typeof half !== "number" || !(half > 0) || !Number.isFinite(value)) return `${short(value)}${ending}`;
   const size = Math.max(Math.abs(value), half);
   const exponent = size >= 1e5 || size < 1e-3 ? Math.floor(Math.log10(size)) : 0;
   const scale = 10 ** exponent;

@@ -3,13 +3,18 @@
 //! These are not tests: a rate that depends on the machine and its load proves nothing by passing a limit.
 
 use anyhow::{Context, Result, bail};
+use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
-use std::process::{Command, Stdio};
+use std::process::{Child, Command, Stdio};
+use std::time::Instant;
 
 const SCENARIO: &str = "config/scenarios/reference-flight.toml";
 
 /// Steps of the reference flight; the bare link runs the same number.
 const STEPS: &str = "36000";
+
+/// Campaign of 288 flights whose rate is compared on one core and on two.
+const CAMPAIGN: &str = "detector-ideal";
 
 /// Runs all benchmarks: five repetitions, or two if `quick`.
 pub(crate) fn run(root: &Path, quick: bool) -> Result<()> {
@@ -27,7 +32,10 @@ pub(crate) fn run(root: &Path, quick: bool) -> Result<()> {
     bench.lockstep("iceoryx2", "not pinned", None)?;
     bench.lockstep("zenoh", "all processes on CPU 0", Some(0))?;
     bench.lockstep("zenoh", "not pinned", None)?;
-    bench.side_by_side()
+    bench.side_by_side()?;
+    bench.placement("nothing else of ours runs", 0)?;
+    bench.placement("beside a process that keeps one CPU busy", 1)?;
+    bench.campaigns()
 }
 
 /// Flights side by side only.
@@ -149,36 +157,126 @@ impl Bench {
             ("six scenarios with seeds 1 to 8", "8", &SIDE_BY_SIDE[..]),
         ] {
             let (mut single, mut batch, mut ratio) = (Vec::new(), Vec::new(), Vec::new());
+            let mut by_unit: BTreeMap<String, Vec<f64>> = BTreeMap::new();
             let mut alone = 0.0;
             for _ in 0..self.repetitions {
                 let json = side_by_side(&self.root, flights, scenarios)?;
                 single.push(number(&json, "single_steps_per_cpu_s")?);
                 batch.push(number(&json, "batch_steps_per_cpu_s")?);
                 ratio.push(100.0 * number(&json, "ratio")?);
+                for (unit, rate) in units(&json)? {
+                    by_unit.entry(unit).or_default().push(rate);
+                }
                 alone = number(&json, "flown_alone")?;
             }
             println!("flights side by side, one core: {title}");
             println!("  one after another, steps per CPU-second {}", Spread::of(single));
             println!("  side by side, steps per CPU-second      {}", Spread::of(batch));
             println!("  ratio, per cent                         {}", Spread::of(ratio));
+            for (unit, rates) in by_unit {
+                println!("  side by side on {unit:<23} {}", Spread::of(rates));
+            }
             println!("  flights without a lane                  {alone:>9}\n");
         }
         Ok(())
     }
 
-    /// The reference flight versus echo peers over the same link: same processes, message sizes and pinning.
+    /// The reference flight versus echo peers over the same link: same processes, message sizes and pinning. In shared memory also versus two
+    /// processes that only hand each other a futex: what no link between processes that sleep can be faster than.
     fn lockstep(&self, link: &str, title: &str, cpu: Option<usize>) -> Result<()> {
-        let (mut bare, mut flight) = (Vec::new(), Vec::new());
+        let (mut bare, mut flight, mut futex) = (Vec::new(), Vec::new(), Vec::new());
         for _ in 0..self.repetitions {
             bare.push(self.bare_rate(link, cpu)?);
-            flight.push(self.flight_rate(link, cpu)?);
+            if link == "iceoryx2" {
+                futex.push(self.bare_rate("futex", cpu)?);
+            }
+            flight.push(match cpu {
+                Some(cpu) => self.flight_rate(link, Some(cpu))?,
+                None => self.unpinned_rate(link)?,
+            });
         }
         let (bare, flight) = (Spread::of(bare), Spread::of(flight));
         println!("three processes over {link}, {title}");
         println!("  bare link, steps/s       {bare}");
         println!("  reference flight         {flight}");
-        println!("  ratio of medians         {:.2}\n", flight.median / bare.median);
+        println!("  ratio of medians         {:.2}", flight.median / bare.median);
+        if !futex.is_empty() {
+            let futex = Spread::of(futex);
+            println!("  futex, two processes     {futex}");
+            println!("  bare link over futex     {:.2}", bare.median / futex.median);
+        }
+        println!();
         Ok(())
+    }
+
+    /// The placement that a flight chooses by itself versus fixed ones and the kernel's, in turns, beside `busy` processes that never sleep.
+    fn placement(&self, title: &str, busy: usize) -> Result<()> {
+        let cpus = std::thread::available_parallelism().map_or(1, usize::from).min(2);
+        let mut chosen = Vec::new();
+        let mut others: Vec<(String, Vec<f64>)> = (0..cpus).map(|cpu| (format!("--cpu {cpu}"), Vec::new())).collect();
+        others.push(("left to the kernel".to_owned(), Vec::new()));
+        let beside: Vec<Ended> = (0..busy)
+            .map(|_| {
+                let child = Command::new("sh").args(["-c", "while :; do :; done"]).spawn();
+                child.map(Ended).context("starting sh")
+            })
+            .collect::<Result<_>>()?;
+        for _ in 0..self.repetitions {
+            chosen.push(self.flight_rate("iceoryx2", None)?);
+            for (cpu, (_, rates)) in others.iter_mut().enumerate() {
+                rates.push(if cpu < cpus {
+                    self.flight_rate("iceoryx2", Some(cpu))?
+                } else {
+                    self.unpinned_rate("iceoryx2")?
+                });
+            }
+        }
+        drop(beside);
+        let chosen = Spread::of(chosen);
+        println!("placement of a flight over iceoryx2, {title}");
+        println!("  chosen by itself, steps/s {chosen}");
+        let mut best = 0.0_f64;
+        for (name, rates) in others {
+            let rates = Spread::of(rates);
+            best = best.max(rates.median);
+            println!("  {name:<25} {rates}");
+        }
+        println!("  chosen over the best      {:.2}\n", chosen.median / best);
+        Ok(())
+    }
+
+    /// A campaign with one thread versus two, in turns.
+    fn campaigns(&self) -> Result<()> {
+        if std::thread::available_parallelism().map_or(1, usize::from) < 2 {
+            println!("campaigns: needs 2 CPUs");
+            return Ok(());
+        }
+        let (mut one, mut two, mut ratio) = (Vec::new(), Vec::new(), Vec::new());
+        for _ in 0..self.repetitions {
+            let pair = [self.campaign_s(1)?, self.campaign_s(2)?];
+            one.push(pair[0]);
+            two.push(pair[1]);
+            ratio.push(100.0 * pair[0] / pair[1]);
+        }
+        println!("campaign {CAMPAIGN}, whole command, s");
+        println!("  --jobs 1                 {}", Spread::of(one));
+        println!("  --jobs 2                 {}", Spread::of(two));
+        println!("  rate of 2 over 1, of each pair, per cent {}", Spread::of(ratio));
+        Ok(())
+    }
+
+    /// Wall-clock time of the campaign, s.
+    fn campaign_s(&self, jobs: usize) -> Result<f64> {
+        let out = std::env::temp_dir().join(format!("rotortwin-bench-{}-campaign", std::process::id()));
+        let begin = Instant::now();
+        let done = self.output(
+            Command::new("target/release/rotortwin")
+                .args(["campaign", CAMPAIGN, "--json", "--jobs", &jobs.to_string(), "--out"])
+                .arg(&out),
+        );
+        let taken = begin.elapsed().as_secs_f64();
+        remove(&out)?;
+        done.map(|_| taken)
     }
 
     /// Two simultaneous flights, each on its own core, versus one.
@@ -228,8 +326,42 @@ impl Bench {
             command.args(["--cpu", &cpu.to_string()]);
         }
         let json = self.json(&mut command);
-        std::fs::remove_dir_all(&out).with_context(|| format!("removing {}", out.display()))?;
+        remove(&out)?;
         number(&json?, "steps_per_s")
+    }
+
+    /// The reference flight of processes that are started one by one, which therefore run where the kernel puts them.
+    fn unpinned_rate(&self, link: &str) -> Result<f64> {
+        let out = std::env::temp_dir().join(format!("rotortwin-bench-{}-unpinned", std::process::id()));
+        let [plant, peer] = match link {
+            "zenoh" => ["listen", "connect"].map(|how| format!("zenoh:{how}=tcp/127.0.0.1:17449")),
+            _ => [(); 2].map(|()| format!("{link}:bench{}", std::process::id())),
+        };
+        let run_id = format!("{:x}", std::process::id());
+        let peers = ["controller", "fdi"]
+            .map(|name| {
+                let child = Command::new("target/release/rotortwin")
+                    .current_dir(&self.root)
+                    .args([name, "--link", &peer, "--run-id", &run_id])
+                    .spawn();
+                child.map(Ended).with_context(|| format!("starting rotortwin {name}"))
+            })
+            .into_iter()
+            .collect::<Result<Vec<_>>>()?;
+        let flown = self.output(
+            Command::new("target/release/rotortwin")
+                .args(["sim", SCENARIO, "--link", &plant, "--run-id", &run_id, "--out"])
+                .arg(&out),
+        );
+        let summary = std::fs::read_to_string(out.join("summary.json"));
+        drop(peers);
+        remove(&out)?;
+        flown?;
+        let summary = summary.context("reading the summary of a flight")?;
+        number(
+            &serde_json::from_str(&summary).context("reading a summary")?,
+            "steps_per_s",
+        )
     }
 
     fn output(&self, command: &mut Command) -> Result<String> {
@@ -249,6 +381,25 @@ impl Bench {
     }
 }
 
+/// A process that ends with this value.
+struct Ended(Child);
+
+impl Drop for Ended {
+    fn drop(&mut self) {
+        if let Err(error) = self.0.kill().and_then(|()| self.0.wait().map(|_| ())) {
+            eprintln!("a process cannot be ended: {error}");
+        }
+    }
+}
+
+/// Removes a folder of results, if there is one.
+fn remove(folder: &Path) -> Result<()> {
+    if folder.exists() {
+        std::fs::remove_dir_all(folder).with_context(|| format!("removing {}", folder.display()))?;
+    }
+    Ok(())
+}
+
 fn pinned(program: &str, cpu: Option<usize>) -> Command {
     match cpu {
         None => Command::new(program),
@@ -264,6 +415,19 @@ pub(crate) fn number(json: &serde_json::Value, key: &str) -> Result<f64> {
     json.get(key)
         .and_then(serde_json::Value::as_f64)
         .with_context(|| format!("no number '{key}' in a result"))
+}
+
+/// Rate of each vector unit of the machine, in a result of `batch_rate` or `dynamics_rate`.
+pub(crate) fn units(json: &serde_json::Value) -> Result<Vec<(String, f64)>> {
+    let units = json.get("units").and_then(serde_json::Value::as_object);
+    let units = units.context("no rates by vector unit in a result")?;
+    units
+        .iter()
+        .map(|(name, rate)| {
+            let rate = rate.as_f64();
+            Ok((name.clone(), rate.with_context(|| format!("no rate of {name}"))?))
+        })
+        .collect()
 }
 
 /// Median, lowest and highest of a few measurements.

@@ -42,7 +42,8 @@ const USAGE: &str = "usage: cargo xtask TASK
   seeds [SCENARIO]  the evaluators over 100 seeds of a scenario: delays, false alarms, right windows
   detector WHAT [SCENARIO] [key=value …]
                     the sequential detector: protocol, healthy, smallest, pairs, coverage, early (crates/campaign/examples/detector_study.rs)
-  bench [--quick]   speed: closed loop in one process, lockstep through three processes, against the bare link
+  bench [--quick]   speed: closed loop in one process, lockstep through three processes, against the bare link and a futex, the placement that a
+                    flight chooses against others, a campaign on one core and on two
   bench --side-by-side
                     flights side by side against one after another
   bench --telemetry answers of the server to queries for telemetry

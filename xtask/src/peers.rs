@@ -53,45 +53,58 @@ pub(crate) fn run(root: &Path, environments: Option<&Path>, seconds: f64) -> Res
         std::fs::remove_dir_all(&temporary).with_context(|| format!("removing {}", temporary.display()))?;
     }
     println!(
-        "\n{:<28} {:>14} {:>12}  computes",
+        "\n{:<38} {:>14} {:>12}  computes",
         "one pinned core", "steps/CPU-s", "× real time"
     );
-    for row in rows {
+    for row in &rows {
         println!(
-            "{:<28} {:>14.0} {:>12.1}  {}",
+            "{:<38} {:>14.0} {:>12.1}  {}",
             row.what,
             row.steps_per_cpu_s,
             row.steps_per_cpu_s / row.rate_hz,
             row.computes
         );
     }
+    let best = |begin: &str| {
+        let rates = rows.iter().filter(|row| row.what.starts_with(begin));
+        rates.map(|row| row.steps_per_cpu_s).reduce(f64::max)
+    };
+    if let Some(theirs) = best("crazyflow") {
+        println!();
+        for (what, begin) in [("side by side", OURS), ("the same work", SAME_WORK)] {
+            if let Some(ours) = best(begin) {
+                println!("{what}, best unit over crazyflow's best: {:.2}", ours / theirs);
+            }
+        }
+    }
     Ok(())
 }
+
+/// Rows of ours with detectors, one for each vector unit.
+const OURS: &str = "rotortwin, 8 side by side";
+/// Rows of ours that compute what crazyflow does, one for each vector unit.
+const SAME_WORK: &str = "rotortwin, 8, no detectors";
 
 fn ours(root: &Path, seconds: f64) -> Result<Vec<Row>> {
     let dynamics = crate::bench::dynamics(root, "xtask/peers/quad-hover.toml", seconds)?;
     let json = crate::bench::side_by_side(root, FLIGHTS, &SIDE_BY_SIDE)?;
     let computes = "hexarotor, 400 Hz, RK4, battery, wind, PID, f64; sensor noise, FDI with three evaluators, run hash";
-    let row = |what: &str, key: &str| -> Result<Row> {
-        Ok(Row {
-            what: what.to_owned(),
-            computes: computes.to_owned(),
-            rate_hz: 400.0,
-            steps_per_cpu_s: crate::bench::number(&json, key)?,
-        })
+    let row = |what: String, computes: &str, steps_per_cpu_s: f64| Row {
+        what,
+        computes: computes.to_owned(),
+        rate_hz: 400.0,
+        steps_per_cpu_s,
     };
-    Ok(vec![
-        row("rotortwin, one flight", "single_steps_per_cpu_s")?,
-        row("rotortwin, 8 side by side", "batch_steps_per_cpu_s")?,
-        Row {
-            what: "rotortwin, 8, no detectors".to_owned(),
-            computes:
-                "quadrotor, 400 Hz, RK4, battery, PID, f64; no noise, no FDI, no run hash: the same work as crazyflow's"
-                    .to_owned(),
-            rate_hz: 400.0,
-            steps_per_cpu_s: crate::bench::number(&dynamics, "steps_per_cpu_s")?,
-        },
-    ])
+    let single = crate::bench::number(&json, "single_steps_per_cpu_s")?;
+    let mut rows = vec![row("rotortwin, one flight".to_owned(), computes, single)];
+    let same_work =
+        "quadrotor, 400 Hz, RK4, battery, PID, f64; no noise, no FDI, no run hash: the same work as crazyflow's";
+    for (what, computes, json) in [(OURS, computes, &json), (SAME_WORK, same_work, &dynamics)] {
+        for (unit, rate) in crate::bench::units(json)? {
+            rows.push(row(format!("{what}, {unit}"), computes, rate));
+        }
+    }
+    Ok(rows)
 }
 
 fn install(home: &Path, package: &str) -> Result<()> {

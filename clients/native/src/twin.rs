@@ -27,9 +27,10 @@ pub(crate) enum Log<'py> {
     Table(String, Bound<'py, PyDict>),
 }
 
-fn read(log: &Log<'_>) -> PyResult<FlightLog> {
+fn read(py: Python<'_>, log: &Log<'_>) -> PyResult<FlightLog> {
     match log {
-        Log::Path(path) => FlightLog::read_part(path).map_err(input),
+        // A file of an hour takes seconds.
+        Log::Path(path) => py.detach(|| FlightLog::read_part(path)).map_err(input),
         Log::Table(name, columns) => {
             let mut time_s = None;
             let mut others = Vec::with_capacity(columns.len());
@@ -49,8 +50,8 @@ fn read(log: &Log<'_>) -> PyResult<FlightLog> {
 }
 
 /// Reads logs for a comparison with `model`.
-fn read_for(logs: &[Log<'_>], model: &ModelVersion) -> PyResult<Vec<FlightLog>> {
-    let ordered = |log| read(log).map(|log| in_the_order_of(log, &model.vehicle));
+fn read_for(py: Python<'_>, logs: &[Log<'_>], model: &ModelVersion) -> PyResult<Vec<FlightLog>> {
+    let ordered = |log| read(py, log).map(|log| in_the_order_of(log, &model.vehicle));
     let logs = logs.iter().map(ordered).collect::<PyResult<Vec<_>>>()?;
     match logs.iter().find_map(|log| log.refusal_before_diagnosis(&model.vehicle)) {
         Some(sentence) => Err(input(sentence)),
@@ -61,7 +62,7 @@ fn read_for(logs: &[Log<'_>], model: &ModelVersion) -> PyResult<Vec<FlightLog>> 
 fn model(store: &Path, name: &str) -> PyResult<NamedModel> {
     let found = ModelStore::new(store).find(name).map_err(input)?;
     Ok(NamedModel {
-        label: name.to_owned(),
+        label: found.label(),
         version: found.version,
     })
 }
@@ -80,7 +81,7 @@ pub(crate) fn compare(py: Python<'_>, logs: Vec<Log<'_>>, models: Vec<String>, s
     let first = models
         .first()
         .ok_or_else(|| input("expected at least one model, got none"))?;
-    let logs = read_for(&logs, &first.version)?;
+    let logs = read_for(py, &logs, &first.version)?;
     let result = py.detach(|| rotortwin_twin::compare::compare(&logs, &models));
     json(&result.map_err(input)?.0)
 }
@@ -96,8 +97,8 @@ pub(crate) fn diagnose(
     baseline: Vec<Log<'_>>,
 ) -> PyResult<String> {
     let model = model(&store, model_name)?.version;
-    let logs = read_for(&logs, &model)?;
-    let baseline = read_for(&baseline, &model)?;
+    let logs = read_for(py, &logs, &model)?;
+    let baseline = read_for(py, &baseline, &model)?;
     let effects = effects
         .iter()
         .map(effect_documents::load)
@@ -126,8 +127,8 @@ pub(crate) fn improve(
     store: PathBuf,
 ) -> PyResult<(String, String)> {
     let model = model(&store, model_name)?;
-    let logs = read_for(&logs, &model.version)?;
-    let held_out = read_for(&held_out, &model.version)?;
+    let logs = read_for(py, &logs, &model.version)?;
+    let held_out = read_for(py, &held_out, &model.version)?;
     let result = py.detach(|| {
         let start = Instant::now();
         let options = Options {
@@ -164,7 +165,7 @@ pub(crate) fn fdi_log(
         settings: &settings,
     };
     let (detectors, note) = choice.detectors().map_err(input)?;
-    let logs = logs.iter().map(read).collect::<PyResult<Vec<_>>>()?;
+    let logs = logs.iter().map(|log| read(py, log)).collect::<PyResult<Vec<_>>>()?;
     let reports = py.detach(|| {
         let judged = logs.iter().map(|log| {
             let report = rotortwin_verdicts::log::judge(log, &detectors, every_window);
@@ -193,7 +194,7 @@ pub(crate) fn identify(
     cells: Option<u32>,
     bench: Vec<PathBuf>,
 ) -> PyResult<(String, [String; 3])> {
-    let logs = logs.iter().map(read).collect::<PyResult<Vec<_>>>()?;
+    let logs = logs.iter().map(|log| read(py, log)).collect::<PyResult<Vec<_>>>()?;
     let request = rotortwin_twin::identify::Request {
         mass_kg,
         arm_m,

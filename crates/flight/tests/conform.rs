@@ -1,6 +1,7 @@
 //! A controller with one deliberate error is detected and the error identified; a correct one is never faulted.
 
 use rotortwin_flight::conform::{Demands, Fault, Report, conform};
+use rotortwin_flight_core::MAX_ROTORS;
 use rotortwin_proto::ControllerSetup;
 use rotortwin_proto::controller_setup::ThrustToDuty;
 use rotortwin_scenario::Scenario;
@@ -8,7 +9,9 @@ use rotortwin_wire::frames::{CommandFrame, SensorFrame};
 use rotortwin_wire::link::ControllerPeer;
 use rotortwin_wire::link::in_process::InProcessLink;
 use rotortwin_wire::peers::{FdiEnginePeer, PidPeer};
+use std::cell::Cell;
 use std::collections::VecDeque;
+use std::rc::Rc;
 
 const DEG: f32 = 180.0 / std::f32::consts::PI;
 
@@ -419,7 +422,50 @@ fn faults() -> Vec<Case> {
         "body_rates_rad_s.r",
         "not used",
     );
+    let mut first: Option<[f32; MAX_ROTORS]> = None;
+    add(
+        "constant",
+        of_command(move |command, _| command.duty = *first.get_or_insert(command.duty)),
+        Fault::Field,
+        "position_ned_m.north",
+        "not used",
+    );
+    // Right in sign, frame, unit, order and delay: what is wrong with the next two shows in flight alone.
+    let mut height = 0.0;
+    add(
+        "unstable",
+        of_sensors(move |s| {
+            // An integral ten times the proportional part: with a derivative of 3.6 to 3.9 1/s it swings up with about 0.5 1/s.
+            height += (s.position_ned_m[2] - s.reference_position_ned_m[2]) / 400.0;
+            s.position_ned_m[2] += 10.0 * height;
+        }),
+        Fault::Flight,
+        "MotorCommand.duty",
+        "does not fly",
+    );
+    add(
+        "constant from the middle of a turn on",
+        stuck_in_the_turn(),
+        Fault::Flight,
+        "MotorCommand.duty",
+        "does not fly",
+    );
     faults
+}
+
+/// Repeats the command with which it reached a yaw that only the flight asks for.
+fn stuck_in_the_turn() -> (Before, After) {
+    let turning = Rc::new(Cell::new(false));
+    let seen = Rc::clone(&turning);
+    let mut held: Option<[f32; MAX_ROTORS]> = None;
+    (
+        Box::new(move |s| seen.set(seen.get() || (0.9..1.1).contains(&s.reference_yaw_rad))),
+        Box::new(move |command, _| {
+            if turning.get() {
+                command.duty = *held.get_or_insert(command.duty);
+            }
+        }),
+    )
 }
 
 fn text(report: &Report) -> String {

@@ -129,6 +129,7 @@ pub fn open_autopilot(
         .map_err(Refused::Place)?;
     match autopilot.protocol {
         Protocol::ArduPilot => ArduPilot::listen(autopilot.address, map, patience)
+            .map(|link| link.with_rc(autopilot.rc))
             .map(|link| OpenedAutopilot::ArduPilot(Box::new(Piloted::new(link, commander)), supervisor)),
         Protocol::Px4 => Px4::listen(autopilot.address, map, patience)
             .map(|link| OpenedAutopilot::Px4(Box::new(Piloted::new(link, commander)), supervisor)),

@@ -234,7 +234,7 @@ fn text(diagnosis: &Diagnosis, model: &str) -> String {
     // Told once, where the first one is.
     let is_told = text.contains('±');
     if is_told {
-        text += &format!("({PLUS_MINUS})\n");
+        text += &format!("{PLUS_MINUS}\n");
     }
     text += "\n";
     let label = called(&diagnosis.verdict);

@@ -3,7 +3,7 @@
 
 use crate::Tell;
 use crate::destination::{self, ResultFolder, write_text};
-use crate::diagnosis::{TIME_LIMIT_S, share_done};
+use crate::diagnosis::{PLUS_MINUS, TIME_LIMIT_S, share_done};
 use crate::failure::Failure;
 use crate::grid::Grid;
 use crate::logs::{read_logs_for, refused};
@@ -15,7 +15,7 @@ use rotortwin_twin::diagnose::{Diagnosis, Finding, Options};
 use rotortwin_twin::improve::report::{QUANTITIES, open_loop_m, short, value_text};
 use rotortwin_twin::improve::truth::truth;
 use rotortwin_twin::improve::{
-    Guide, ImproveError, Improvement, OnLog, Request, Row, Value, improve as search, report,
+    Guide, ImproveError, Improvement, OnLog, ParameterValue, Request, Row, improve as search, report,
 };
 use rotortwin_twin::log::RotorOrder;
 use rotortwin_twin::model::{ModelStore, ModelVersion};
@@ -79,6 +79,7 @@ pub fn improve(job: &Job, companion: &mut impl Companion, tell: Tell<'_>) -> Res
     let oracle = oracle.map_err(Failure::input)?;
     let number = store.head(&version.name, &branch)?;
     let label = format!("{}@v{number}", version.name);
+    let base = format!("{label}, hash {}", version.hash());
     let model = NamedModel { label, version };
     job.final_version
         .as_deref()
@@ -110,7 +111,18 @@ pub fn improve(job: &Job, companion: &mut impl Companion, tell: Tell<'_>) -> Res
     if let Some(diagnosis) = &improvement.diagnosis {
         improvement.next_flight = next_flight::after(diagnosis, &improvement.model);
     }
+    let last = format!(
+        "{}@v{}, hash {}",
+        improvement.model.name,
+        store.head(&improvement.model.name, &branch)?,
+        improvement.model.hash()
+    );
     let mut text = text(&improvement);
+    text += &if last == base {
+        format!("Model        {base}\n")
+    } else {
+        format!("Model        {last}; stands on {base}\n")
+    };
     for log in logs.iter().chain(&held_out) {
         if let RotorOrder::Vehicle(note) = &log.report.rotor_order {
             text += &format!("Note         {note}\n");
@@ -177,7 +189,7 @@ fn text(improvement: &Improvement) -> String {
         let role = if log.held_out { "held out" } else { "fitted" };
         text += &format!("\n{} ({role})\n{}\n", log.log, waterfall(improvement, place, log));
     }
-    text += "Errors are means over 0.1 s; ± is 95 %; open loop: position error after 1 s\n\n";
+    text += &format!("Errors are means over 0.1 s; {PLUS_MINUS}; open loop: position error after 1 s\n\n");
     text += &format!("{}\n", improvement.reason);
     if let Some(advice) = &improvement.next_flight {
         text += &format!("Next flight  {advice}\n");
@@ -197,7 +209,7 @@ fn waterfall(improvement: &Improvement, place: usize, first: &OnLog) -> Grid {
     let number = |value: Option<f64>| value.map_or_else(|| "–".to_owned(), short);
     for row in &improvement.rows {
         let Some(log) = row.logs.get(place) else { continue };
-        let values: Vec<String> = row.parameters.iter().map(|p: &Value| value_text(p)).collect();
+        let values: Vec<String> = row.parameters.iter().map(|p: &ParameterValue| value_text(p)).collect();
         let mut cells = vec![
             row.version.clone(),
             row.added.clone().unwrap_or_default(),

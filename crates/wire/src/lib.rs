@@ -7,6 +7,7 @@
 //! * [`link`]: the other side ([`link::PlantLink`], [`link::ControllerPeer`], [`link::FdiPeer`]) and the link within one
 //!   process; those between processes are in `rotortwin-links`. A run has the same hash over each of them.
 //! * [`autopilot`]: an autopilot with its own instruments and clock, in place of the controller.
+//! * [`autopilot_commands`]: what it commanded, as recorded for a replay.
 //! * [`events`]: progress events of a run.
 //! * [`peers`]: our own controller and FDI engine behind those traits.
 //!
@@ -21,6 +22,7 @@
 //! silent.
 
 pub mod autopilot;
+pub mod autopilot_commands;
 pub mod convert;
 pub mod events;
 pub mod frames;

@@ -127,6 +127,11 @@ impl Problem {
         )
     }
 
+    /// 414: longer than the server's limit.
+    pub(crate) fn uri_too_long(detail: impl Into<String>) -> Self {
+        Self::new(StatusCode::URI_TOO_LONG, "uri-too-long", "URI Too Long", detail)
+    }
+
     /// 415: unsupported format of the body.
     pub fn unsupported(detail: impl Into<String>) -> Self {
         Self::new(
@@ -170,6 +175,16 @@ impl Problem {
     /// 429: limit exceeded.
     pub fn too_many(detail: impl Into<String>) -> Self {
         Self::new(StatusCode::TOO_MANY_REQUESTS, "too-many", "Too Many Requests", detail)
+    }
+
+    /// 431: more headers, or larger ones, than the server takes.
+    pub(crate) fn headers_too_large(detail: impl Into<String>) -> Self {
+        Self::new(
+            StatusCode::REQUEST_HEADER_FIELDS_TOO_LARGE,
+            "headers-too-large",
+            "Request Header Fields Too Large",
+            detail,
+        )
     }
 
     /// 503: the server is shutting down, or its database does not respond.
@@ -389,6 +404,91 @@ fn is_away(error: &sqlx::Error) -> bool {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use std::collections::{BTreeMap, BTreeSet};
+    use std::io;
+
+    /// Every kind of problem: how it is made, its status, its type.
+    fn all() -> Vec<(Problem, u16, &'static str)> {
+        let rejection = |status| Problem::of_rejection(status, "why".to_owned());
+        let full = io::Error::from(ErrorKind::StorageFull);
+        vec![
+            (Problem::bad_request("why"), 400, "bad-request"),
+            (Problem::unauthorized("why"), 401, "unauthorized"),
+            (Problem::forbidden("why"), 403, "forbidden"),
+            (Problem::foreign_page("why"), 403, "foreign-page"),
+            (Problem::not_found("why"), 404, "not-found"),
+            (Problem::method_not_allowed("why"), 405, "method-not-allowed"),
+            (Problem::conflict("why"), 409, "conflict"),
+            (Problem::in_use("why"), 409, "in-use"),
+            (Problem::gone("why"), 410, "gone"),
+            (Problem::precondition_failed("why"), 412, "precondition-failed"),
+            (Problem::too_large("why"), 413, "too-large"),
+            (Problem::uri_too_long("why"), 414, "uri-too-long"),
+            (Problem::unsupported("why"), 415, "unsupported-media-type"),
+            (Problem::range_not_satisfiable("why"), 416, "range-not-satisfiable"),
+            (Problem::misdirected("why"), 421, "misdirected"),
+            (Problem::unprocessable("why"), 422, "unprocessable"),
+            (rejection(StatusCode::UPGRADE_REQUIRED), 426, "upgrade-required"),
+            (Problem::too_many("why"), 429, "too-many"),
+            (Problem::headers_too_large("why"), 431, "headers-too-large"),
+            (Problem::internal("why"), 500, "internal"),
+            (Problem::not_implemented("why"), 501, "not-implemented"),
+            (Problem::unavailable("why"), 503, "unavailable"),
+            (Problem::disk_full("why"), 507, "disk-full"),
+            // Those that choose one of the others.
+            (rejection(StatusCode::PAYLOAD_TOO_LARGE), 413, "too-large"),
+            (
+                rejection(StatusCode::UNSUPPORTED_MEDIA_TYPE),
+                415,
+                "unsupported-media-type",
+            ),
+            (rejection(StatusCode::UNPROCESSABLE_ENTITY), 422, "unprocessable"),
+            (rejection(StatusCode::METHOD_NOT_ALLOWED), 405, "method-not-allowed"),
+            (rejection(StatusCode::BAD_REQUEST), 400, "bad-request"),
+            (rejection(StatusCode::IM_A_TEAPOT), 400, "bad-request"),
+            (Problem::of_files(&full), 507, "disk-full"),
+            (
+                Problem::of_files(&io::Error::from(ErrorKind::NotFound)),
+                500,
+                "internal",
+            ),
+            (Problem::from(sqlx::Error::PoolTimedOut), 503, "unavailable"),
+            (Problem::from(sqlx::Error::RowNotFound), 500, "internal"),
+        ]
+    }
+
+    #[test]
+    fn val_the_type_of_a_problem_says_what_its_status_says() {
+        let mut status_of = BTreeMap::new();
+        for (problem, status, kind) in all() {
+            assert_eq!(
+                (problem.status, problem.kind.as_str()),
+                (status, &*format!("/problems/{kind}"))
+            );
+            assert_eq!(
+                *status_of.entry(kind).or_insert(status),
+                status,
+                "{kind}: one status for a type"
+            );
+            let response = problem.clone().into_response();
+            assert_eq!(response.status().as_u16(), status, "{kind}");
+            assert_eq!(
+                response.headers()[header::CONTENT_TYPE],
+                "application/problem+json",
+                "{kind}"
+            );
+            let is_asked_to_wait = response.headers().contains_key(header::RETRY_AFTER);
+            assert_eq!(is_asked_to_wait, status == 503, "{kind}");
+        }
+        // None is forgotten: each call of `new` above names its type.
+        let source = include_str!("problem.rs")
+            .split("#[cfg(test)]")
+            .next()
+            .unwrap_or_default();
+        let calls = source.split("Self::new(").skip(1);
+        let named: BTreeSet<&str> = calls.filter_map(|call| call.split('"').nth(1)).collect();
+        assert_eq!(named, status_of.into_keys().collect::<BTreeSet<_>>());
+    }
 
     #[test]
     fn val_refusals_of_a_body_name_no_type_of_rust() {

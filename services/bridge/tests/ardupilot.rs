@@ -19,6 +19,7 @@ use rotortwin_flight::conform::{SpinReport, spin_test};
 use rotortwin_flight::lockstep::FlightEnd;
 use rotortwin_scenario::Scenario;
 use rotortwin_scenario::autopilot_frame::AutopilotKind;
+use rotortwin_wire::autopilot::{Autopilot as _, Readings};
 use std::net::{SocketAddr, UdpSocket};
 use std::sync::OnceLock;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -82,6 +83,24 @@ fn socket() -> UdpSocket {
     socket
 }
 
+/// A servo packet, byte by byte as the protocol is described: packed and little endian, u16 magic (18458 is 48 1A in hexadecimal, 29569 of the
+/// wide one 73 81), u16 frame rate, u32 frame count, u16 pulse of each of 16 or 32 channels. Not by the codec under test.
+fn servo_packet(frame_rate_hz: u16, frame: u32, pulses_us: &[u16]) -> Vec<u8> {
+    let low_first = |number: u32, bytes: u32| (0..bytes).map(move |byte| (number >> (8 * byte) & 0xff) as u8);
+    let magic: [u8; 2] = match pulses_us.len() {
+        16 => [0x1a, 0x48],
+        32 => [0x81, 0x73],
+        other => panic!("{other} channels"),
+    };
+    let mut packet = magic.to_vec();
+    packet.extend(low_first(u32::from(frame_rate_hz), 2));
+    packet.extend(low_first(frame, 4));
+    for pulse in pulses_us {
+        packet.extend(low_first(u32::from(*pulse), 2));
+    }
+    packet
+}
+
 /// Three numbers after a key, found by searching, without a space in between.
 fn vector(line: &str, key: &str) -> [f64; 3] {
     let start = line.find(&format!("\"{key}\":[")).unwrap() + key.len() + 4;
@@ -104,12 +123,12 @@ impl Peer {
         }
     }
 
-    fn send(&self, packet: &ServoPacket) {
-        self.socket.send_to(&packet.encode(), self.to).unwrap();
+    fn send(&self, packet: &[u8]) {
+        self.socket.send_to(packet, self.to).unwrap();
     }
 
     /// Repeats the packet until it is answered; `None`: no more answers.
-    fn ask(&mut self, packet: &ServoPacket) -> Option<String> {
+    fn ask(&mut self, packet: &[u8]) -> Option<String> {
         let mut buffer = [0; 2048];
         for _ in 0..4 {
             self.send(packet);
@@ -125,7 +144,7 @@ impl Peer {
     /// Flies until there are no more answers, following the script. Returns answers, and frames sent.
     fn run(mut self, script: impl Fn(u32) -> Act) -> (u64, u64) {
         let mut duty = [0.0_f32; 16];
-        let mut before = None;
+        let mut before: Option<Vec<u8>> = None;
         let (mut total, mut rushed, mut time_s) = (0, 0, 0.0);
         loop {
             let act = script(total);
@@ -140,12 +159,7 @@ impl Peer {
             if let Act::Pulse(pulse) = act {
                 pulses_us[2] = pulse;
             }
-            let packet = ServoPacket {
-                frame_rate_hz: 1000,
-                frame: self.frame,
-                channels: self.channels,
-                pulses_us: std::array::from_fn(|i| if i < self.channels { pulses_us[i] } else { 0 }),
-            };
+            let packet = servo_packet(1000, self.frame, &pulses_us[..self.channels]);
             match act {
                 Act::SendTwice => self.send(&packet),
                 Act::Overtaken => {
@@ -263,6 +277,44 @@ fn at(frame: u32, act: Act) -> impl Fn(u32) -> Act + Send {
     move |now| if now == frame { act } else { Act::Normal }
 }
 
+/// Hexadecimal digits, two per byte.
+fn bytes_of(hex: &str) -> Vec<u8> {
+    let digits: String = hex.split_whitespace().collect();
+    let byte = |at| u8::from_str_radix(&digits[at..at + 2], 16).unwrap();
+    (0..digits.len()).step_by(2).map(byte).collect()
+}
+
+/// 16 and 32 channels as they go over the wire, written by hand. Pulse n of frame 74565 (0x12345) at 1200 Hz (0x4b0) is 1000 + n µs (0x3e8 + n).
+#[test]
+fn val_servo_packets_are_the_bytes_of_the_protocol() {
+    let head = "b004 45230100";
+    let first = "e803 e903 ea03 eb03 ec03 ed03 ee03 ef03 f003 f103 f203 f303 f403 f503 f603 f703";
+    let second = "f803 f903 fa03 fb03 fc03 fd03 fe03 ff03 0004 0104 0204 0304 0404 0504 0604 0704";
+    for (bytes, channels) in [
+        (format!("1a48 {head} {first}"), 16),
+        (format!("8173 {head} {first} {second}"), 32),
+    ] {
+        let bytes = bytes_of(&bytes);
+        assert_eq!(bytes.len(), 8 + 2 * channels);
+        let pulses: Vec<u16> = (1000..).take(channels).collect();
+        assert_eq!(servo_packet(1200, 0x1_2345, &pulses), bytes, "the scripted peer");
+        let packet = ServoPacket::decode(&bytes).unwrap();
+        assert_eq!(
+            (packet.frame_rate_hz, packet.frame, packet.channels),
+            (1200, 0x1_2345, channels)
+        );
+        assert_eq!(packet.pulses_us[..channels], pulses);
+        assert!(packet.pulses_us[channels..].iter().all(|pulse| *pulse == 0));
+        assert_eq!(packet.encode(), bytes);
+        // The other magic, and the same bytes in the other order, are refused.
+        for magic in [[0x1a, 0x48], [0x81, 0x73], [0x48, 0x1a], [0x73, 0x81]] {
+            let mut other = bytes.clone();
+            other[..2].copy_from_slice(&magic);
+            assert_eq!(ServoPacket::decode(&other).is_ok(), magic == bytes[..2], "{magic:?}");
+        }
+    }
+}
+
 #[test]
 fn scenario_takes_off_holds_and_the_damaged_propeller_is_isolated() {
     let fault = "[[fault]]\ntime_s = 12.0\nrotor = 3\nthrust_loss_percent = 10.0";
@@ -377,16 +429,11 @@ fn scenario_a_flood_from_elsewhere_changes_nothing() {
         });
         scope.spawn(move || {
             let socket = socket();
-            let packet = ServoPacket {
-                frame_rate_hz: 1,
-                frame: 77,
-                channels: 16,
-                pulses_us: [2000; 32],
-            };
+            let packet = servo_packet(1, 77, &[2000; 16]);
             while !stop.load(Ordering::Relaxed) {
                 // Not before the peer is known: until then the first comer is.
                 for _ in 0..if known.load(Ordering::Relaxed) { 2 } else { 0 } {
-                    socket.send_to(&packet.encode(), to).unwrap();
+                    socket.send_to(&packet, to).unwrap();
                     socket.send_to(b"noise", to).unwrap();
                 }
                 std::thread::sleep(Duration::from_millis(1));
@@ -422,6 +469,45 @@ fn scenario_an_autopilot_that_pauses_for_three_seconds_costs_no_simulated_time()
         peer.join().unwrap();
         assert_eq!((outcome.flight.end, outcome.flight.run_hash), (FlightEnd::Done, hash));
     });
+}
+
+#[test]
+fn scenario_a_transmitter_is_in_every_answer() {
+    let scenario = scenario_of(HEXAROTOR, 3.0, "");
+    let map = outputs(AutopilotKind::ArduPilot, &scenario);
+    for (rc, expected) in [
+        ("", None),
+        (
+            "1500/1500/1000",
+            Some("\"rc\":{\"rc_1\":1500,\"rc_2\":1500,\"rc_3\":1000}"),
+        ),
+    ] {
+        let link = ArduPilot::listen("127.0.0.1:0".parse().unwrap(), map.clone(), patience()).unwrap();
+        let mut link = match expected {
+            Some(_) => link.with_rc(rc.parse().unwrap()),
+            None => link,
+        };
+        let to = link.local_address().unwrap();
+        let peer = std::thread::spawn(move || {
+            let (socket, mut buffer) = (socket(), [0; 2048]);
+            let packets: Vec<Vec<u8>> = (0..4).map(|frame| servo_packet(1000, frame, &[1000; 16])).collect();
+            for packet in &packets[..3] {
+                socket.send_to(packet, to).unwrap();
+                let length = socket.recv(&mut buffer).unwrap();
+                let line = std::str::from_utf8(&buffer[..length]).unwrap();
+                match expected {
+                    Some(rc) => assert!(line.contains(rc), "{line}"),
+                    None => assert!(!line.contains("rc"), "{line}"),
+                }
+            }
+            // The last exchange waits for it.
+            socket.send_to(&packets[3], to).unwrap();
+        });
+        for _ in 0..4 {
+            link.exchange(&Readings::default()).unwrap();
+        }
+        peer.join().unwrap();
+    }
 }
 
 #[test]
@@ -548,32 +634,43 @@ fn scenario_never_leaving_the_ground_ends_the_prelude() {
     });
 }
 
-/// On the stand, over the link, with the autopilot's outputs connected to the motors of `map`, our rotors from 1.
-fn on_the_stand(map: [usize; 6]) -> SpinReport {
-    let scenario = scenario_of(HEXAROTOR, 5.0, "");
-    let outputs = outputs(AutopilotKind::ArduPilot, &scenario);
+/// On the stand, over the link: our rotor, from 1, that each channel of the autopilot means, and those that it takes to turn the other way.
+fn on_the_stand(scenario: &Scenario, means: &[usize], reversed: &[usize]) -> SpinReport {
+    let outputs = outputs(AutopilotKind::ArduPilot, scenario);
     let table = outputs.rotor_of_channel.clone();
     let mut link = ArduPilot::listen(([127, 0, 0, 1], 0).into(), outputs, patience()).unwrap();
-    let mut peer = Peer::new(&scenario, link.local_address().unwrap());
-    peer.map = map.to_vec();
+    let mut peer = Peer::new(scenario, link.local_address().unwrap());
+    peer.map = means.to_vec();
+    peer.pilot = Pilot::with_spins(scenario, f64::from(ARMS_AT) * 0.001, reversed);
     let peer = std::thread::spawn(move || peer.run(|_| Act::Normal));
-    let report = spin_test(&mut link, &scenario, 1, &table, &mut |_, _| {}).unwrap();
+    let report = spin_test(&mut link, scenario, 1, &table, &mut |_, _| {}).unwrap();
     drop(link);
     peer.join().unwrap();
     report
 }
 
+/// Channel, our rotor, and the one whose place it is taken for, of each motor that is not right.
+fn wrong(report: &SpinReport) -> Vec<[usize; 3]> {
+    let wrong = report.motors.iter().filter(|motor| !motor.is_right());
+    wrong
+        .map(|motor| [motor.channel, motor.rotor, motor.answers_as])
+        .collect()
+}
+
 #[test]
 fn scenario_swapped_motors_are_named_over_the_link() {
-    let right = on_the_stand([2, 5, 6, 3, 1, 4]);
+    let scenario = scenario_of(HEXAROTOR, 5.0, "");
+    let right = on_the_stand(&scenario, &[2, 5, 6, 3, 1, 4], &[]);
     assert!(right.is_right(), "{right:?}");
     // Wires of channels 2 and 6 swapped.
-    let swapped = on_the_stand([2, 4, 6, 3, 1, 5]);
-    let wrong: Vec<[usize; 3]> = swapped
-        .motors
-        .iter()
-        .filter(|motor| !motor.is_right())
-        .map(|motor| [motor.channel, motor.rotor, motor.answers_as])
-        .collect();
-    assert_eq!(wrong, [[2, 5, 4], [6, 4, 5]], "{swapped:?}");
+    let swapped = on_the_stand(&scenario, &[2, 4, 6, 3, 1, 5], &[]);
+    assert_eq!(wrong(&swapped), [[2, 5, 4], [6, 4, 5]], "{swapped:?}");
+}
+
+#[test]
+fn scenario_a_reversed_motor_is_named_over_the_link() {
+    let scenario = scenario_of(HEXAROTOR, 5.0, "");
+    let reversed = on_the_stand(&scenario, channels(&scenario), &[3]);
+    // Our rotor 3 is on channel 4.
+    assert_eq!(wrong(&reversed), [[4, 3, 3]], "{reversed:?}");
 }

@@ -2,7 +2,7 @@
 #![expect(clippy::unwrap_used, reason = "a plant that cannot answer has failed its test")]
 
 use rotortwin_bridge::autopilot::plant_check::{Observation, examine};
-use rotortwin_bridge::autopilot::servo_packet::{ServoPacket, write_answer};
+use rotortwin_bridge::autopilot::servo_packet::{RcChannels, write_answer};
 use rotortwin_flight_core::MAX_ROTORS;
 use rotortwin_plant::Simulation;
 use rotortwin_plant::sensing::instruments::{InstrumentModel, Instruments};
@@ -37,6 +37,14 @@ fn standing(seed: u64) -> Simulation {
     simulation
 }
 
+/// Frame and pulses, µs, of a packet of 16 channels, byte by byte as the protocol is described: not by the codec that wrote it.
+fn frame_and_pulses(packet: &[u8]) -> (u32, [u16; 16]) {
+    assert_eq!((packet.len(), &packet[..2]), (40, &[0x1a, 0x48][..]));
+    let word = |at: usize| u16::from(packet[at]) + 256 * u16::from(packet[at + 1]);
+    let frame = u32::from(word(4)) + 65_536 * u32::from(word(6));
+    (frame, std::array::from_fn(|channel| word(8 + 2 * channel)))
+}
+
 /// Our plant behind the protocol, 1 ms per frame, until there is no request for 0.7 s.
 fn serve(socket: &UdpSocket, wrong: Wrong, seed: u64) {
     let mut simulation = standing(seed);
@@ -49,14 +57,14 @@ fn serve(socket: &UdpSocket, wrong: Wrong, seed: u64) {
         ROTORS
     };
     while let Ok((length, from)) = socket.recv_from(&mut buffer) {
-        let packet = ServoPacket::decode(&buffer[..length]).unwrap();
-        if last == Some(packet.frame) && !matches!(wrong, Wrong::Echo) {
+        let (frame, pulses_us) = frame_and_pulses(&buffer[..length]);
+        if last == Some(frame) && !matches!(wrong, Wrong::Echo) {
             continue;
         }
-        last = Some(packet.frame);
+        last = Some(frame);
         let mut duty = [0.0; MAX_ROTORS];
         for (channel, &rotor) in rotors.iter().enumerate() {
-            duty[rotor] = (f64::from(packet.pulses_us[channel]) - 1000.0) / 1000.0;
+            duty[rotor] = (f64::from(pulses_us[channel]) - 1000.0) / 1000.0;
         }
         for _ in 0..2 {
             simulation.advance_part(&duty).unwrap();
@@ -75,7 +83,7 @@ fn serve(socket: &UdpSocket, wrong: Wrong, seed: u64) {
         if let Wrong::Readings(change) = wrong {
             change(&mut readings);
         }
-        write_answer(&mut line, &readings);
+        write_answer(&mut line, &readings, &RcChannels::default());
         let line = if let Wrong::Line(change) = wrong {
             change(&line)
         } else {

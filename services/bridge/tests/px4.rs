@@ -18,11 +18,14 @@ use rotortwin_bridge::autopilot::px4::Px4;
 use rotortwin_bridge::mavlink::frame::{Decoder, encode};
 use rotortwin_bridge::mavlink::messages::{HEARTBEAT, HIL_ACTUATOR_CONTROLS, HilActuatorControls, HilGps, HilSensor};
 use rotortwin_flight::autopilot::AutopilotOutcome;
+use rotortwin_flight::conform::{SpinReport, spin_test};
 use rotortwin_flight::lockstep::FlightEnd;
 use rotortwin_scenario::Scenario;
 use rotortwin_scenario::autopilot_frame::AutopilotKind;
-use std::io::{Read as _, Write as _};
+use rotortwin_wire::autopilot::{Autopilot as _, Readings};
+use std::io::{ErrorKind, Read as _, Write as _};
 use std::net::{SocketAddr, TcpStream};
+use std::sync::{Mutex, OnceLock};
 use std::time::Duration;
 
 /// The peer's action for one sample.
@@ -38,6 +41,12 @@ enum Act {
     Damaged,
     Sleep(Duration),
     Stop,
+    /// No answer, but a heartbeat.
+    Missing,
+    /// The payload ends after this many bytes, with a checksum that fits.
+    Short(usize),
+    /// Three more bytes, as of a newer catalogue.
+    Long,
     Restart,
     NotANumber,
     Future,
@@ -52,20 +61,83 @@ const IN_FLIGHT: u64 = 2200;
 /// First answer: some 70 ms after the first sample.
 const FIRST_ANSWER: u64 = 18;
 
+/// Run hash of a flight without disturbances.
+fn plain() -> &'static str {
+    static PLAIN: OnceLock<String> = OnceLock::new();
+    PLAIN.get_or_init(|| hash(&short(|_| Act::Normal)))
+}
+
+fn hash(flown: &Flown) -> String {
+    assert_eq!(flown.outcome.flight.end, FlightEnd::Done);
+    flown.outcome.flight.run_hash.clone()
+}
+
+fn heartbeat() -> Vec<u8> {
+    encode(0, 1, 1, HEARTBEAT, &[0, 0, 0, 0, 2, 12, 0, 0, 3])
+}
+
+fn patient() -> Patience {
+    // As on the command line.
+    Patience {
+        step: Duration::from_secs(5),
+        ..patience()
+    }
+}
+
 struct Peer {
+    scenario: Scenario,
     to: SocketAddr,
     pilot: Pilot,
-    channels: &'static [usize],
-    answers: u64,
+    channels: Vec<usize>,
+    /// Connects again, and begins anew, when the plant closes the connection.
+    returns: bool,
+}
+
+/// The samples seen so far.
+#[derive(Default)]
+struct Seen {
+    samples: u64,
+    last_us: Option<u64>,
+    /// Samples with a compass and with a barometer, the last of each.
+    compass: Option<u64>,
+    barometer: Option<u64>,
+}
+
+impl Seen {
+    /// Takes in a sample and returns the time since the one before, s. Each instrument keeps its rate.
+    fn take(&mut self, sample: &HilSensor) -> f64 {
+        assert_eq!(sample.fields_updated & 0x3f, 0x3f);
+        let now = self.samples;
+        let every = |last: &mut Option<u64>, bits: u32, samples: u64| {
+            let since = last.map(|last| now - last);
+            if sample.fields_updated & bits != 0 {
+                assert!(since.is_none_or(|since| since == samples), "{since:?} of {samples}");
+                *last = Some(now);
+            } else {
+                assert!(since.is_none_or(|since| since < samples), "{since:?} of {samples}");
+            }
+        };
+        // 125 Hz and 50 Hz.
+        every(&mut self.compass, 0x1c0, 2);
+        every(&mut self.barometer, 0x1a00, 5);
+        let interval = self
+            .last_us
+            .map_or(0.004, |last| (sample.time_usec - last) as f64 * 1e-6);
+        assert!((interval - 0.004).abs() < 1e-9, "{interval}");
+        self.last_us = Some(sample.time_usec);
+        self.samples += 1;
+        interval
+    }
 }
 
 impl Peer {
     fn new(scenario: &Scenario, to: SocketAddr) -> Self {
         Self {
+            scenario: scenario.clone(),
             to,
             pilot: Pilot::new(scenario, ARMS_S),
-            channels: channels(scenario),
-            answers: 0,
+            channels: channels(scenario).to_vec(),
+            returns: false,
         }
     }
 
@@ -81,21 +153,22 @@ impl Peer {
         None
     }
 
-    /// Flies until the connection is gone; returns the number of answers.
-    fn run(mut self, script: impl Fn(u64) -> Act) -> u64 {
-        let mut estimate = Estimate::new();
-        let (mut samples, mut last_us) = (0, None);
+    /// Flies until the connection is gone.
+    fn run(mut self, script: impl Fn(u64) -> Act) {
+        let (mut estimate, mut seen) = (Estimate::new(), Seen::default());
         while let Some(mut stream) = self.connect() {
-            let hello = encode(0, 1, 1, HEARTBEAT, &[0, 0, 0, 0, 2, 12, 0, 0, 3]);
-            if stream.write_all(&hello).is_err() {
-                return self.answers;
+            if stream.write_all(&heartbeat()).is_err() {
+                return;
             }
-            match self.serve(&mut stream, &script, &mut estimate, &mut samples, &mut last_us) {
+            match self.serve(&mut stream, &script, &mut estimate, &mut seen) {
                 Act::Restart => {}
-                _ => return self.answers,
+                _ if self.returns => {
+                    self.pilot = Pilot::new(&self.scenario, ARMS_S);
+                    (estimate, seen) = (Estimate::new(), Seen::default());
+                }
+                _ => return,
             }
         }
-        self.answers
     }
 
     fn serve(
@@ -103,8 +176,7 @@ impl Peer {
         stream: &mut TcpStream,
         script: &impl Fn(u64) -> Act,
         estimate: &mut Estimate,
-        samples: &mut u64,
-        last_us: &mut Option<u64>,
+        seen: &mut Seen,
     ) -> Act {
         let mut decoder = Decoder::default();
         let mut before: Option<Vec<u8>> = None;
@@ -126,43 +198,15 @@ impl Peer {
                 let Some(sample) = HilSensor::read(&frame) else {
                     continue;
                 };
-                assert_eq!(sample.fields_updated & 0x3f, 0x3f);
-                assert_eq!(
-                    sample.fields_updated & 0x1c0 != 0,
-                    samples.is_multiple_of(2),
-                    "compass at 125 Hz"
-                );
-                assert_eq!(
-                    sample.fields_updated & 0x1a00 != 0,
-                    samples.is_multiple_of(5),
-                    "barometer at 50 Hz"
-                );
-                let interval = last_us.map_or(0.004, |last| (sample.time_usec - last) as f64 * 1e-6);
-                assert!((interval - 0.004).abs() < 1e-9, "{interval}");
-                *last_us = Some(sample.time_usec);
+                let interval = seen.take(&sample);
                 estimate.inertial(&sample, interval);
-                (*samples, since) = (*samples + 1, since + 1);
+                since += 1;
                 if since < FIRST_ANSWER {
                     continue;
                 }
-                let act = script(*samples);
-                let time_s = sample.time_usec as f64 * 1e-6;
-                let rates = sample.gyro.map(f64::from);
-                let duty = self
-                    .pilot
-                    .duties(time_s, estimate.position, estimate.velocity, estimate.euler(), rates);
-                let mut answer = HilActuatorControls {
-                    time_usec: sample.time_usec,
-                    flags: 1,
-                    mode: if time_s >= ARMS_S { 129 } else { 1 },
-                    ..HilActuatorControls::default()
-                };
-                for (channel, rotor) in self.channels.iter().enumerate() {
-                    answer.controls[channel] = duty[rotor - 1];
-                }
+                let act = script(seen.samples);
+                let answer = self.answer(&sample, estimate, act);
                 match act {
-                    Act::NotANumber => answer.controls[2] = f32::NAN,
-                    Act::Future => answer.time_usec += 1_000_000,
                     Act::Sleep(time) => std::thread::sleep(time),
                     Act::Stop => {
                         // Alive but silent.
@@ -172,7 +216,13 @@ impl Peer {
                     Act::Restart => return Act::Restart,
                     _ => {}
                 }
-                let bytes = encode(0, 1, 1, HIL_ACTUATOR_CONTROLS, &answer.encode());
+                let mut payload = answer.encode();
+                match act {
+                    Act::Short(bytes) => payload.truncate(bytes),
+                    Act::Long => payload.extend([7; 3]),
+                    _ => {}
+                }
+                let bytes = encode(0, 1, 1, HIL_ACTUATOR_CONTROLS, &payload);
                 let mut out = Vec::new();
                 match act {
                     Act::SendTwice => out.extend(&bytes),
@@ -183,19 +233,42 @@ impl Peer {
                         damaged[12] ^= 0x40;
                         out.extend(damaged);
                     }
-                    Act::Chatter => {
-                        (0..2000).for_each(|_| out.extend(encode(0, 1, 1, HEARTBEAT, &[0, 0, 0, 0, 2, 12, 0, 0, 3])))
-                    }
+                    Act::Chatter => (0..2000).for_each(|_| out.extend(heartbeat())),
+                    Act::Missing => out.extend(heartbeat()),
                     _ => {}
                 }
-                out.extend(&bytes);
-                self.answers += 1;
+                if act != Act::Missing {
+                    out.extend(&bytes);
+                }
                 if stream.write_all(&out).is_err() {
                     return Act::Stop;
                 }
                 before = Some(bytes);
             }
         }
+    }
+
+    fn answer(&mut self, sample: &HilSensor, estimate: &Estimate, act: Act) -> HilActuatorControls {
+        let time_s = sample.time_usec as f64 * 1e-6;
+        let rates = sample.gyro.map(f64::from);
+        let duty = self
+            .pilot
+            .duties(time_s, estimate.position, estimate.velocity, estimate.euler(), rates);
+        let mut answer = HilActuatorControls {
+            time_usec: sample.time_usec,
+            flags: 1,
+            mode: if time_s >= ARMS_S { 129 } else { 1 },
+            ..HilActuatorControls::default()
+        };
+        for (channel, rotor) in self.channels.iter().enumerate() {
+            answer.controls[channel] = duty[rotor - 1];
+        }
+        match act {
+            Act::NotANumber => answer.controls[2] = f32::NAN,
+            Act::Future => answer.time_usec += 1_000_000,
+            _ => {}
+        }
+        answer
     }
 }
 
@@ -209,9 +282,24 @@ fn fly(duration_s: f64, more: &str, script: impl Fn(u64) -> Act + Send, pause: O
 }
 
 fn fly_in(scenario: &Scenario, script: impl Fn(u64) -> Act + Send, pause: Option<(u64, Duration)>) -> Flown {
+    fly_with(scenario, patience(), script, pause)
+}
+
+/// A link that listens, and the peer that will connect to it.
+fn pair(scenario: &Scenario, patience: Patience) -> (Px4, Peer) {
     let map = outputs(AutopilotKind::Px4, scenario);
-    let mut link = Px4::listen("127.0.0.1:0".parse().unwrap(), map, patience()).unwrap();
+    let link = Px4::listen("127.0.0.1:0".parse().unwrap(), map, patience).unwrap();
     let peer = Peer::new(scenario, link.local_address().unwrap());
+    (link, peer)
+}
+
+fn fly_with(
+    scenario: &Scenario,
+    patience: Patience,
+    script: impl Fn(u64) -> Act + Send,
+    pause: Option<(u64, Duration)>,
+) -> Flown {
+    let (mut link, peer) = pair(scenario, patience);
     let mut watch = Watch {
         pause,
         ..Watch::default()
@@ -263,13 +351,9 @@ fn scenario_an_octorotor_takes_off_holds_and_the_damaged_propeller_is_isolated()
 
 #[test]
 fn scenario_what_happens_to_answers_changes_nothing() {
-    let hash = |flown: &Flown| {
-        assert_eq!(flown.outcome.flight.end, FlightEnd::Done);
-        flown.outcome.flight.run_hash.clone()
-    };
-    let plain = hash(&short(|_| Act::Normal));
+    let plain = plain();
     let late = Duration::from_millis(1500);
-    let scripts: [(&str, Script); 7] = [
+    let scripts: [(&str, Script); 8] = [
         ("again", Box::new(|_| Act::Normal)),
         (
             "sent twice",
@@ -301,12 +385,119 @@ fn scenario_what_happens_to_answers_changes_nothing() {
             "damaged",
             Box::new(|n| if n % 79 == 1 { Act::Damaged } else { Act::Normal }),
         ),
+        // Bytes that a newer catalogue may have added are ignored, as the standard says.
+        (
+            "longer",
+            Box::new(|n| if n % 73 == 2 { Act::Long } else { Act::Normal }),
+        ),
     ];
     for (name, script) in scripts {
         assert_eq!(hash(&short(script)), plain, "{name}");
     }
     let paused = fly(5.0, "", |_| Act::Normal, Some((400, Duration::from_secs(3))));
     assert_eq!(hash(&paused), plain, "we think for 3 s");
+}
+
+#[test]
+fn scenario_an_autopilot_that_pauses_for_three_seconds_costs_no_simulated_time() {
+    let scenario = scenario_of(HEXAROTOR, 5.0, "");
+    let paused = Act::Sleep(Duration::from_secs(3));
+    assert_eq!(
+        hash(&fly_with(&scenario, patient(), at(IN_FLIGHT, paused), None)),
+        plain()
+    );
+}
+
+#[test]
+fn scenario_a_second_connection_gets_nothing_and_changes_nothing() {
+    let scenario = scenario_of(HEXAROTOR, 5.0, "");
+    let (mut link, peer) = pair(&scenario, patience());
+    let to = link.local_address().unwrap();
+    let (second, read_nothing) = (Mutex::new(None), Mutex::new(false));
+    std::thread::scope(|scope| {
+        let (second, read_nothing) = (&second, &read_nothing);
+        let peer = scope.spawn(move || {
+            peer.run(|sample| {
+                if sample == 100 {
+                    let mut stream = TcpStream::connect(to).unwrap();
+                    let wrong = HilActuatorControls {
+                        time_usec: u64::MAX,
+                        controls: [f32::NAN; 16],
+                        mode: 129,
+                        ..HilActuatorControls::default()
+                    };
+                    stream.write_all(&heartbeat()).unwrap();
+                    stream
+                        .write_all(&encode(0, 1, 1, HIL_ACTUATOR_CONTROLS, &wrong.encode()))
+                        .unwrap();
+                    stream.set_nonblocking(true).unwrap();
+                    *second.lock().unwrap() = Some(stream);
+                }
+                if sample == IN_FLIGHT {
+                    let mut stream: TcpStream = second.lock().unwrap().take().unwrap();
+                    let read = stream.read(&mut [0; 16]).map_err(|error| error.kind());
+                    *read_nothing.lock().unwrap() = read == Err(ErrorKind::WouldBlock);
+                }
+                Act::Normal
+            });
+        });
+        let outcome = flown(&scenario, &mut link, &mut Watch::default());
+        drop(link);
+        peer.join().unwrap();
+        assert_eq!(outcome.flight.end, FlightEnd::Done);
+        assert_eq!(outcome.flight.run_hash, plain());
+    });
+    assert!(
+        *read_nothing.lock().unwrap(),
+        "the second connection was read from or closed"
+    );
+}
+
+#[test]
+fn scenario_a_second_connection_takes_over_before_the_flight() {
+    let scenario = scenario_of(HEXAROTOR, 3.0, "");
+    let (mut link, peer) = pair(&scenario, patience());
+    // Connected first, it never answers.
+    let first = TcpStream::connect(link.local_address().unwrap()).unwrap();
+    std::thread::scope(|scope| {
+        let peer = scope.spawn(move || peer.run(|_| Act::Normal));
+        scope.spawn(move || {
+            std::thread::sleep(Duration::from_millis(500));
+            drop(first);
+        });
+        let outcome = flown(&scenario, &mut link, &mut Watch::default());
+        drop(link);
+        peer.join().unwrap();
+        assert_eq!(outcome.flight.end, FlightEnd::Done);
+    });
+}
+
+#[test]
+fn scenario_the_plant_comes_back_while_the_autopilot_waits() {
+    let scenario = scenario_of(HEXAROTOR, 5.0, "");
+    let (mut first, mut peer) = pair(&scenario, patience());
+    let to = first.local_address().unwrap();
+    peer.returns = true;
+    std::thread::scope(|scope| {
+        let peer = scope.spawn(move || peer.run(|_| Act::Normal));
+        // The first plant dies 0.4 s after its start, in the middle of the exchange.
+        for sample in 0..100 {
+            let readings = Readings {
+                time_ns: sample * 4_000_000,
+                ..Readings::default()
+            };
+            first.exchange(&readings).unwrap();
+        }
+        drop(first);
+        std::thread::sleep(Duration::from_millis(300));
+        let map = outputs(AutopilotKind::Px4, &scenario);
+        let mut link = Px4::listen(to, map, patience()).unwrap();
+        let outcome = flown(&scenario, &mut link, &mut Watch::default());
+        drop(link);
+        peer.join().unwrap();
+        assert_eq!(outcome.flight.end, FlightEnd::Done);
+        assert_eq!(outcome.flight.run_hash, plain());
+    });
 }
 
 #[test]
@@ -330,6 +521,14 @@ fn scenario_failures_name_peer_and_sample() {
         "{silent}"
     );
     assert!(silent.ends_with("allowed are 2500 ms (--step-timeout)"), "{silent}");
+    let missing = said(Act::Missing);
+    assert!(
+        missing.contains("did not answer the sample of 8.8")
+            && missing
+                .contains("s (other messages since: 1, answers to earlier samples among them: 0): awaited for 25"),
+        "{missing}"
+    );
+    assert!(missing.ends_with("allowed are 2500 ms (--step-timeout)"), "{missing}");
     let nan = said(Act::NotANumber);
     assert!(nan.ends_with("with NaN in control 3, expected 0 to 1"), "{nan}");
     let future = said(Act::Future);
@@ -337,6 +536,107 @@ fn scenario_failures_name_peer_and_sample() {
         future.contains("that was never sent, the latest is that of 8.8"),
         "{future}"
     );
+}
+
+#[test]
+fn scenario_an_answer_cut_short_is_no_disarmed_one() {
+    // Time, flags and all motors of a hexarotor; those of one; none.
+    for bytes in [40, 20, 9] {
+        let flown = short(at(IN_FLIGHT, Act::Short(bytes)));
+        let said = sentence(&flown.outcome);
+        assert!(
+            said.starts_with("PX4 at 127.0.0.1:") && said.contains("answered the sample of 8.8"),
+            "{said}"
+        );
+        assert!(
+            said.ends_with(&format!(
+                "with a payload of {bytes} bytes, expected 81 (HIL_ACTUATOR_CONTROLS): its last one, the mode, is missing"
+            )),
+            "{said}"
+        );
+    }
+    // Cut within its time it is the answer to an earlier sample.
+    let flown = short(at(IN_FLIGHT, Act::Short(2)));
+    let said = sentence(&flown.outcome);
+    assert!(
+        said.contains("did not answer the sample of 8.8")
+            && said.contains("(other messages since: 1, answers to earlier samples among them: 1)"),
+        "{said}"
+    );
+}
+
+/// Answers each sample that arrives with the payload that `answer` gives for its time, µs.
+fn answers(to: SocketAddr, answer: impl Fn(u64) -> Vec<u8>) {
+    let mut stream = TcpStream::connect(to).unwrap();
+    stream.set_nodelay(true).unwrap();
+    let (mut decoder, mut buffer) = (Decoder::default(), [0; 4096]);
+    while let Ok(length) = stream.read(&mut buffer)
+        && length > 0
+    {
+        decoder.push(&buffer[..length]);
+        while let Some(frame) = decoder.next_frame() {
+            let Some(sample) = HilSensor::read(&frame) else {
+                continue;
+            };
+            let bytes = encode(0, 1, 1, HIL_ACTUATOR_CONTROLS, &answer(sample.time_usec));
+            if stream.write_all(&bytes).is_err() {
+                return;
+            }
+        }
+    }
+}
+
+/// MAVLink 2 lets a sender omit zeros at the end. Without a mode that ever came, short answers without motors are those of a disarmed autopilot.
+#[test]
+fn scenario_an_answer_without_a_mode_is_disarmed_until_one_had_a_mode() {
+    let scenario = scenario_of(HEXAROTOR, 3.0, "");
+    let map = outputs(AutopilotKind::Px4, &scenario);
+    for zeros_at_the_end in [false, true] {
+        let mut link = Px4::listen("127.0.0.1:0".parse().unwrap(), map.clone(), patience()).unwrap();
+        let to = link.local_address().unwrap();
+        let peer = std::thread::spawn(move || {
+            answers(to, |time_usec| {
+                let mut answer = HilActuatorControls {
+                    time_usec,
+                    flags: 1,
+                    ..HilActuatorControls::default()
+                };
+                match time_usec {
+                    // Disarmed, all zeros.
+                    ..1_000_000 => {}
+                    1_000_000..2_000_000 => (answer.controls, answer.mode) = ([0.5; 16], 129),
+                    // The mode is cut off, or everything behind the flags.
+                    _ if zeros_at_the_end => answer.mode = 0,
+                    _ => answer.controls = [0.5; 16],
+                }
+                answer.encode()
+            });
+        });
+        let mut ask = |sample: u64| {
+            link.exchange(&Readings {
+                time_ns: sample * 4_000_000,
+                ..Readings::default()
+            })
+        };
+        // Sample n has the time 4 (n + 1) ms.
+        for sample in 0..249 {
+            assert_eq!(ask(sample).unwrap()[..6], [0.0; 6], "sample {sample}");
+        }
+        for sample in 249..499 {
+            assert_eq!(ask(sample).unwrap()[..6], [0.5; 6], "sample {sample}");
+        }
+        let said = ask(499).unwrap_err().sentence;
+        let length = if zeros_at_the_end { 9 } else { 80 };
+        assert!(
+            said.ends_with(&format!(
+                "answered the sample of 2.000 s with a payload of {length} bytes, expected 81 (HIL_ACTUATOR_CONTROLS): its last one, the \
+                 mode, is missing"
+            )),
+            "{said}"
+        );
+        drop(link);
+        peer.join().unwrap();
+    }
 }
 
 #[test]
@@ -368,4 +668,51 @@ fn scenario_nobody_comes_or_nobody_answers() {
     let said = sentence(&outcome);
     assert!(said.contains("is connected and has answered none of "), "{said}");
     assert!(said.contains("18 bytes that are not MAVLink 2"), "{said}");
+}
+
+/// On the stand, over the link: our rotor, from 1, that each channel of the autopilot means, and those that it takes to turn the other way.
+fn on_the_stand(scenario: &Scenario, means: &[usize], reversed: &[usize]) -> SpinReport {
+    let table = outputs(AutopilotKind::Px4, scenario).rotor_of_channel;
+    let (mut link, mut peer) = pair(scenario, patience());
+    peer.channels = means.to_vec();
+    peer.pilot = Pilot::with_spins(scenario, ARMS_S, reversed);
+    let peer = std::thread::spawn(move || peer.run(|_| Act::Normal));
+    let report = spin_test(&mut link, scenario, 1, &table, &mut |_, _| {}).unwrap();
+    drop(link);
+    peer.join().unwrap();
+    report
+}
+
+/// Channel, our rotor, and the one whose place it is taken for, of each motor that is not right.
+fn wrong(report: &SpinReport) -> Vec<[usize; 3]> {
+    let wrong = report.motors.iter().filter(|motor| !motor.is_right());
+    wrong
+        .map(|motor| [motor.channel, motor.rotor, motor.answers_as])
+        .collect()
+}
+
+#[test]
+fn scenario_the_stand_does_not_blame_right_motors_and_names_swapped_and_reversed_ones() {
+    // Vehicle; two channels whose wires are swapped; a rotor that is taken to turn the other way.
+    for (vehicle, [a, b], reversed) in [(HEXAROTOR, [2, 6], 3), ("octo-x-skids", [1, 2], 6)] {
+        let scenario = scenario_of(vehicle, 5.0, "");
+        let right = channels(&scenario);
+        let report = on_the_stand(&scenario, right, &[]);
+        assert!(report.is_right(), "{vehicle}: {report:?}");
+
+        let mut means = right.to_vec();
+        means.swap(a - 1, b - 1);
+        let report = on_the_stand(&scenario, &means, &[]);
+        let (rotor_a, rotor_b) = (right[a - 1], right[b - 1]);
+        let expected = [[a, rotor_a, rotor_b], [b, rotor_b, rotor_a]];
+        assert_eq!(wrong(&report), expected, "{vehicle}: {report:?}");
+        assert!(
+            report.motors.iter().all(|motor| !motor.reversed),
+            "{vehicle}: {report:?}"
+        );
+
+        let report = on_the_stand(&scenario, right, &[reversed]);
+        let channel = right.iter().position(|rotor| *rotor == reversed).unwrap() + 1;
+        assert_eq!(wrong(&report), [[channel, reversed, reversed]], "{vehicle}: {report:?}");
+    }
 }

@@ -321,143 +321,60 @@ fn environment(file: &Path) -> Vec<(String, String)> {
         .collect()
 }
 
-/// One flight with a separate PX4 in `folder`.
-fn with_px4(program: &Path, folder: &Path, order: Order) -> (Running, (Listener, AutopilotOutcome)) {
-    let etc = program.with_file_name("../etc");
-    let args = ["-d", etc.to_str().unwrap()];
-    let mut running = None;
-    let flight = flown(order, |map, patience| {
-        let link = Px4::listen("127.0.0.1:4560".parse().unwrap(), map, patience).unwrap();
-        let environment = environment(&settings(order.layout.of([
-            "px4-hexa-x.env",
-            "px4-quad-x.env",
-            "px4-octo-x.env",
-        ])));
-        running = Some(start_with(program, &args, &environment, folder));
-        let at = pilot::default_address(Protocol::Px4).unwrap();
-        Piloted::new(link, Some(Pilot::new(Protocol::Px4, at, pilot::MEET).unwrap()))
-    });
-    (running.unwrap(), flight)
+/// Autopilots that wait for the plant in each step, and take commands from our pilot.
+#[derive(Clone, Copy)]
+enum Lockstep {
+    ArduCopter,
+    Px4,
 }
 
-fn flies_px4(layout: Layout) {
-    let Some(program) = program("ROTORTWIN_PX4") else {
-        return;
-    };
-    let folder = tempfile::tempdir().unwrap();
-    let order = Order {
-        layout,
-        ..third_rotor(AutopilotKind::Px4)
-    };
-    let (_running, flight) = with_px4(&program, folder.path(), order);
-    hovered_and_the_damage_was_isolated(PX4_WITHIN_M, flight);
-}
-
-#[test]
-fn scenario_px4() {
-    flies_px4(Layout::Hexa);
-}
-
-#[test]
-fn scenario_px4_flies_a_quadrotor() {
-    flies_px4(Layout::Quad);
-}
-
-#[test]
-fn scenario_px4_flies_an_octorotor() {
-    flies_px4(Layout::Octo);
-}
-
-/// Each rotor and three seeds; one of them may be wrong.
-fn each_rotor(layout: Layout) {
-    let rotors = layout.rotors();
-    let program = program("ROTORTWIN_PX4").expect("asked for by name, it needs the program");
-    let mut right = 0;
-    eprintln!("rotor seed  isolated after  alarm before  farthest, with the fault  landed  wall");
-    for (rotor, seed) in (1..=rotors).flat_map(|rotor| (1..=3).map(move |seed| (rotor, seed))) {
-        let folder = tempfile::tempdir().unwrap();
-        let order = Order {
-            rotor,
-            seed,
-            layout,
-            chatty: false,
-            ..third_rotor(AutopilotKind::Px4)
-        };
-        let (_running, (listener, outcome)) = with_px4(&program, folder.path(), order);
-        let delay_s = listener.isolated_s.map(|time_s| time_s - FAULT_S);
-        let seconds = |time_s: Option<f64>| time_s.map_or("none".to_owned(), |time_s| format!("{time_s:.2} s"));
-        eprintln!(
-            "{rotor:5} {seed:4}  {:>14}  {:>12}  {:.3} m, {:.3} m  {:>6}  {:.0} s",
-            seconds(delay_s),
-            seconds(listener.alarmed),
-            listener.farthest_before_fault_m,
-            listener.watch.farthest_m,
-            seconds(outcome.landing_s),
-            outcome.flight.wall.as_secs_f64()
-        );
-        let good = outcome.flight.end == FlightEnd::Done
-            && outcome.landing_s.is_some()
-            && listener.alarmed.is_none()
-            && listener.watch.verdict == rotor
-            && delay_s.is_some_and(|delay_s| delay_s <= 3.0)
-            && listener.farthest_before_fault_m < PX4_WITHIN_M;
-        right += u32::from(good);
+impl Lockstep {
+    fn of<T>(self, [arducopter, px4]: [T; 2]) -> T {
+        match self {
+            Self::ArduCopter => arducopter,
+            Self::Px4 => px4,
+        }
     }
-    let flights = 3 * rotors as u32;
-    assert!(right + 1 >= flights, "{right} of {flights} flights were right");
+
+    /// The variable that names its program.
+    fn variable(self) -> &'static str {
+        self.of(["ROTORTWIN_ARDUCOPTER", "ROTORTWIN_PX4"])
+    }
+
+    fn within_m(self) -> f64 {
+        self.of([ARDUPILOT_WITHIN_M, PX4_WITHIN_M])
+    }
+
+    fn third_rotor(self) -> Order {
+        third_rotor(self.of([AutopilotKind::ArduPilot, AutopilotKind::Px4]))
+    }
+
+    fn piloted<A: Autopilot>(self, link: A) -> Piloted<A> {
+        let protocol = self.of([Protocol::ArduPilot, Protocol::Px4]);
+        let at = pilot::default_address(protocol).unwrap();
+        Piloted::new(link, Some(Pilot::new(protocol, at, pilot::MEET).unwrap()))
+    }
+
+    /// One flight with a separate process in `folder`; it ends with the first value.
+    fn fly(self, program: &Path, folder: &Path, order: Order) -> (Running, (Listener, AutopilotOutcome)) {
+        let mut running = None;
+        let flight = match self {
+            Self::ArduCopter => flown(order, |map, patience| {
+                let link = ArduPilot::listen("127.0.0.1:9002".parse().unwrap(), map, patience).unwrap();
+                running = Some(start_arducopter(program, folder, order.layout));
+                self.piloted(link)
+            }),
+            Self::Px4 => flown(order, |map, patience| {
+                let link = Px4::listen("127.0.0.1:4560".parse().unwrap(), map, patience).unwrap();
+                running = Some(start_px4(program, folder, order.layout));
+                self.piloted(link)
+            }),
+        };
+        (running.unwrap(), flight)
+    }
 }
 
-#[test]
-#[ignore = "eighteen flights, some minutes"]
-fn scenario_px4_each_rotor() {
-    each_rotor(Layout::Hexa);
-}
-
-#[test]
-#[ignore = "twelve flights, some minutes"]
-fn scenario_px4_each_rotor_of_a_quadrotor() {
-    each_rotor(Layout::Quad);
-}
-
-#[test]
-#[ignore = "twenty-four flights, some minutes"]
-fn scenario_px4_each_rotor_of_an_octorotor() {
-    each_rotor(Layout::Octo);
-}
-
-/// Healthy for `ROTORTWIN_HEALTHY_S` (1800) s.
-#[test]
-#[ignore = "half an hour of simulated time"]
-fn scenario_px4_healthy() {
-    let program = program("ROTORTWIN_PX4").expect("asked for by name, it needs the program");
-    let duration_s = std::env::var("ROTORTWIN_HEALTHY_S").map_or(1800.0, |text| text.parse().unwrap());
-    let folder = tempfile::tempdir().unwrap();
-    let order = Order {
-        duration_s,
-        rotor: 0,
-        chatty: false,
-        ..third_rotor(AutopilotKind::Px4)
-    };
-    let (_running, (listener, outcome)) = with_px4(&program, folder.path(), order);
-    eprintln!(
-        "{duration_s} s: farthest {:.3} m, alarm {:?}, landed {:?}, {:?} wall",
-        listener.farthest_before_fault_m, listener.alarmed, outcome.landing_s, outcome.flight.wall
-    );
-    assert_eq!(outcome.flight.end, FlightEnd::Done);
-    assert!(outcome.landing_s.is_some(), "it has not landed");
-    assert_eq!(listener.alarmed, None);
-    assert!(
-        listener.farthest_before_fault_m < PX4_WITHIN_M,
-        "{} m",
-        listener.farthest_before_fault_m
-    );
-}
-
-fn flies_arducopter(layout: Layout) {
-    let Some(program) = program("ROTORTWIN_ARDUCOPTER") else {
-        return;
-    };
-    let folder = tempfile::tempdir().unwrap();
+fn start_arducopter(program: &Path, folder: &Path, layout: Layout) -> Running {
     let lines = settings(layout.of([
         "ardupilot-hexa-x.parm",
         "ardupilot-quad-x.parm",
@@ -476,32 +393,171 @@ fn flies_arducopter(layout: Layout) {
         "--defaults",
         lines.to_str().unwrap(),
     ];
-    let mut running = None;
+    start(program, &args, folder)
+}
+
+fn start_px4(program: &Path, folder: &Path, layout: Layout) -> Running {
+    let etc = program.with_file_name("../etc");
+    let environment = environment(&settings(layout.of([
+        "px4-hexa-x.env",
+        "px4-quad-x.env",
+        "px4-octo-x.env",
+    ])));
+    start_with(program, &["-d", etc.to_str().unwrap()], &environment, folder)
+}
+
+fn flies(autopilot: Lockstep, layout: Layout) {
+    let Some(program) = program(autopilot.variable()) else {
+        return;
+    };
+    let folder = tempfile::tempdir().unwrap();
     let order = Order {
         layout,
-        ..third_rotor(AutopilotKind::ArduPilot)
+        ..autopilot.third_rotor()
     };
-    let flight = flown(order, |map, patience| {
-        let link = ArduPilot::listen("127.0.0.1:9002".parse().unwrap(), map, patience).unwrap();
-        running = Some(start(&program, &args, folder.path()));
-        let at = pilot::default_address(Protocol::ArduPilot).unwrap();
-        Piloted::new(link, Some(Pilot::new(Protocol::ArduPilot, at, pilot::MEET).unwrap()))
-    });
-    hovered_and_the_damage_was_isolated(ARDUPILOT_WITHIN_M, flight);
-    drop(running);
+    let (_running, flight) = autopilot.fly(&program, folder.path(), order);
+    hovered_and_the_damage_was_isolated(autopilot.within_m(), flight);
+}
+
+#[test]
+fn scenario_px4() {
+    flies(Lockstep::Px4, Layout::Hexa);
+}
+
+#[test]
+fn scenario_px4_flies_a_quadrotor() {
+    flies(Lockstep::Px4, Layout::Quad);
+}
+
+#[test]
+fn scenario_px4_flies_an_octorotor() {
+    flies(Lockstep::Px4, Layout::Octo);
 }
 
 #[test]
 fn scenario_arducopter() {
-    flies_arducopter(Layout::Hexa);
+    flies(Lockstep::ArduCopter, Layout::Hexa);
 }
 
 #[test]
 fn scenario_arducopter_flies_a_quadrotor() {
-    flies_arducopter(Layout::Quad);
+    flies(Lockstep::ArduCopter, Layout::Quad);
 }
 
 #[test]
 fn scenario_arducopter_flies_an_octorotor() {
-    flies_arducopter(Layout::Octo);
+    flies(Lockstep::ArduCopter, Layout::Octo);
+}
+
+/// Each rotor and three seeds; one of them may be wrong.
+fn each_rotor(autopilot: Lockstep, layout: Layout) {
+    let rotors = layout.rotors();
+    let program = program(autopilot.variable()).expect("asked for by name, it needs the program");
+    let mut right = 0;
+    eprintln!("rotor seed  isolated after  alarm before  farthest, with the fault  landed  wall");
+    for (rotor, seed) in (1..=rotors).flat_map(|rotor| (1..=3).map(move |seed| (rotor, seed))) {
+        let folder = tempfile::tempdir().unwrap();
+        let order = Order {
+            rotor,
+            seed,
+            layout,
+            chatty: false,
+            ..autopilot.third_rotor()
+        };
+        let (_running, (listener, outcome)) = autopilot.fly(&program, folder.path(), order);
+        let delay_s = listener.isolated_s.map(|time_s| time_s - FAULT_S);
+        let seconds = |time_s: Option<f64>| time_s.map_or("none".to_owned(), |time_s| format!("{time_s:.2} s"));
+        eprintln!(
+            "{rotor:5} {seed:4}  {:>14}  {:>12}  {:.3} m, {:.3} m  {:>6}  {:.0} s",
+            seconds(delay_s),
+            seconds(listener.alarmed),
+            listener.farthest_before_fault_m,
+            listener.watch.farthest_m,
+            seconds(outcome.landing_s),
+            outcome.flight.wall.as_secs_f64()
+        );
+        let good = outcome.flight.end == FlightEnd::Done
+            && outcome.landing_s.is_some()
+            && listener.alarmed.is_none()
+            && listener.watch.verdict == rotor
+            && delay_s.is_some_and(|delay_s| delay_s <= 3.0)
+            && listener.farthest_before_fault_m < autopilot.within_m();
+        right += u32::from(good);
+    }
+    let flights = 3 * rotors as u32;
+    assert!(right + 1 >= flights, "{right} of {flights} flights were right");
+}
+
+#[test]
+#[ignore = "eighteen flights, some minutes"]
+fn scenario_px4_each_rotor() {
+    each_rotor(Lockstep::Px4, Layout::Hexa);
+}
+
+#[test]
+#[ignore = "twelve flights, some minutes"]
+fn scenario_px4_each_rotor_of_a_quadrotor() {
+    each_rotor(Lockstep::Px4, Layout::Quad);
+}
+
+#[test]
+#[ignore = "twenty-four flights, some minutes"]
+fn scenario_px4_each_rotor_of_an_octorotor() {
+    each_rotor(Lockstep::Px4, Layout::Octo);
+}
+
+#[test]
+#[ignore = "eighteen flights, some minutes"]
+fn scenario_arducopter_each_rotor() {
+    each_rotor(Lockstep::ArduCopter, Layout::Hexa);
+}
+
+#[test]
+#[ignore = "twelve flights, some minutes"]
+fn scenario_arducopter_each_rotor_of_a_quadrotor() {
+    each_rotor(Lockstep::ArduCopter, Layout::Quad);
+}
+
+#[test]
+#[ignore = "twenty-four flights, some minutes"]
+fn scenario_arducopter_each_rotor_of_an_octorotor() {
+    each_rotor(Lockstep::ArduCopter, Layout::Octo);
+}
+
+/// Healthy for `ROTORTWIN_HEALTHY_S` (1800) s.
+fn healthy(autopilot: Lockstep) {
+    let program = program(autopilot.variable()).expect("asked for by name, it needs the program");
+    let duration_s = std::env::var("ROTORTWIN_HEALTHY_S").map_or(1800.0, |text| text.parse().unwrap());
+    let folder = tempfile::tempdir().unwrap();
+    let order = Order {
+        duration_s,
+        rotor: 0,
+        chatty: false,
+        ..autopilot.third_rotor()
+    };
+    let (_running, (listener, outcome)) = autopilot.fly(&program, folder.path(), order);
+    eprintln!(
+        "{duration_s} s: farthest {:.3} m, alarm {:?}, landed {:?}, {:?} wall",
+        listener.farthest_before_fault_m, listener.alarmed, outcome.landing_s, outcome.flight.wall
+    );
+    assert_eq!(outcome.flight.end, FlightEnd::Done);
+    assert!(outcome.landing_s.is_some(), "it has not landed");
+    assert_eq!(listener.alarmed, None);
+    assert!(
+        listener.farthest_before_fault_m < autopilot.within_m(),
+        "{} m",
+        listener.farthest_before_fault_m
+    );
+}
+
+#[test]
+#[ignore = "half an hour of simulated time"]
+fn scenario_px4_healthy() {
+    healthy(Lockstep::Px4);
+}
+
+#[test]
+#[ignore = "half an hour of simulated time"]
+fn scenario_arducopter_healthy() {
+    healthy(Lockstep::ArduCopter);
 }

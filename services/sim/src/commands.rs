@@ -1,17 +1,16 @@
 //! Commands of an autopilot, stored in the run folder: they allow a bit-identical replay of the run without the autopilot.
 //!
-//! `autopilot-commands.bin`, little endian: the eight bytes `RTCMD 1\n`, u32 parts of 0.5 ms per exchange, u32 rotors, then for each
-//! exchange, prelude included, the duty of each rotor as f64.
+//! `autopilot-commands.bin`, with the bytes of [`autopilot_commands`].
 
 use rotortwin_flight_core::MAX_ROTORS;
 use rotortwin_wire::autopilot::{Autopilot, AutopilotError, Identity, Readings, Wanted};
+use rotortwin_wire::autopilot_commands::{self, CommandReader};
 use std::fs::File;
-use std::io::{BufReader, BufWriter, ErrorKind, Read as _, Write as _};
+use std::io::{BufReader, BufWriter, Write as _};
 use std::path::{Path, PathBuf};
 
 /// Name of the file in the run folder.
 pub const COMMANDS_FILE: &str = "autopilot-commands.bin";
-const MAGIC: [u8; 8] = *b"RTCMD 1\n";
 
 /// An autopilot whose commands are recorded.
 pub struct Recording<'a, A> {
@@ -30,9 +29,7 @@ impl<'a, A: Autopilot> Recording<'a, A> {
         let path = folder.join(COMMANDS_FILE);
         let unwritable = |error: std::io::Error| format!("{}: cannot be written: {error}", path.display());
         let mut file = BufWriter::new(File::create(&path).map_err(unwritable)?);
-        let counts = [autopilot.interval_parts(), rotors as u32].map(u32::to_le_bytes);
-        file.write_all(&MAGIC)
-            .and_then(|()| file.write_all(counts.as_flattened()))
+        file.write_all(&autopilot_commands::header(autopilot.interval_parts(), rotors))
             .map_err(unwritable)?;
         Ok(Self {
             autopilot,
@@ -61,11 +58,9 @@ impl<A: Autopilot> Autopilot for Recording<'_, A> {
 
     fn exchange(&mut self, readings: &Readings) -> Result<[f64; MAX_ROTORS], AutopilotError> {
         let duty = self.autopilot.exchange(readings)?;
-        for duty in &duty[..self.rotors] {
-            self.file.write_all(&duty.to_le_bytes()).map_err(|error| {
-                AutopilotError::wrong(format!("{}: cannot be written: {error}", self.path.display()))
-            })?;
-        }
+        self.file
+            .write_all(&autopilot_commands::exchange(&duty[..self.rotors]))
+            .map_err(|error| AutopilotError::wrong(format!("{}: cannot be written: {error}", self.path.display())))?;
         Ok(duty)
     }
 
@@ -100,11 +95,8 @@ impl<A: Autopilot> Autopilot for Recording<'_, A> {
 
 /// Replays the recorded commands in place of the autopilot.
 pub struct Recorded {
-    file: BufReader<File>,
+    commands: CommandReader<BufReader<File>>,
     path: PathBuf,
-    interval_parts: u32,
-    rotors: usize,
-    exchanges: u64,
 }
 
 impl Recorded {
@@ -120,47 +112,21 @@ impl Recorded {
                 path.display()
             )
         })?;
-        let mut file = BufReader::new(file);
-        let mut header = [0; 16];
-        let whole = file.read_exact(&mut header).is_ok();
-        let word = |at: usize| u32::from_le_bytes([header[at], header[at + 1], header[at + 2], header[at + 3]]);
-        let (interval_parts, count) = (word(8), word(12));
-        if !whole || header[..8] != MAGIC || interval_parts == 0 || count as usize != rotors {
-            return Err(format!(
-                "{}: expected commands of an autopilot for {rotors} rotors",
-                path.display()
-            ));
-        }
-        Ok(Self {
-            file,
-            path,
-            interval_parts,
-            rotors,
-            exchanges: 0,
-        })
+        let commands = CommandReader::open(BufReader::new(file), rotors)
+            .map_err(|clause| format!("{}: {clause}", path.display()))?;
+        Ok(Self { commands, path })
     }
 }
 
 impl Autopilot for Recorded {
     fn interval_parts(&self) -> u32 {
-        self.interval_parts
+        self.commands.interval_parts()
     }
 
     fn exchange(&mut self, _: &Readings) -> Result<[f64; MAX_ROTORS], AutopilotError> {
-        let mut duty = [0.0; MAX_ROTORS];
-        for duty in &mut duty[..self.rotors] {
-            let mut bytes = [0; 8];
-            self.file.read_exact(&mut bytes).map_err(|error| {
-                let path = self.path.display();
-                AutopilotError::wrong(match error.kind() {
-                    ErrorKind::UnexpectedEof => format!("{path}: ends after {} exchanges", self.exchanges),
-                    _ => format!("{path}: cannot be read after {} exchanges: {error}", self.exchanges),
-                })
-            })?;
-            *duty = f64::from_le_bytes(bytes);
-        }
-        self.exchanges += 1;
-        Ok(duty)
+        self.commands
+            .next_exchange()
+            .map_err(|clause| AutopilotError::wrong(format!("{}: {clause}", self.path.display())))
     }
 
     fn identity(&self) -> Identity {

@@ -1,32 +1,8 @@
 /** Live samples of a run over a WebSocket; a broken connection resumes after the last sample. */
+import type { Schemas } from "./client";
 import { answers, back, lost } from "./connection";
 
-export interface LiveStart {
-  type: "start";
-  status: string;
-  channels: { name: string; unit: string }[];
-  rate_hz: number;
-}
-export interface LiveSample {
-  type: "sample";
-  time_s: number;
-  step: number;
-  values: Record<string, number | null>;
-}
-export interface LiveEnd {
-  type: "end";
-  status: string;
-  samples: number;
-  lost: number;
-}
-export interface LiveHistory {
-  type: "history";
-  time_s: number[];
-  values: Record<string, (number | null)[]>;
-  /** Older rows have been thinned out. */
-  thinned: boolean;
-}
-export type LiveMessage = LiveHistory | LiveStart | LiveSample | LiveEnd | { type: "lost"; count: number } | { type: "error"; detail: string };
+export type LiveMessage = Schemas["LiveMessage"];
 
 /** A sample earlier than the previous one by this much belongs to another attempt, s. */
 export const FLOWN_AGAIN_S = 1;

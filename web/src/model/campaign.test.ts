@@ -11,7 +11,7 @@ describe("pictures of a campaign", () => {
     const few = verdictConfusion([[1, 1, 90], [1, 102, 10]]);
     expect(few.names).toEqual(["rotor 1", "rotors 1 and 2"]);
     expect(few.codes).toEqual({ truths: [[1]], names: [[1], [102]] });
-    const many = verdictConfusion([[-1, -1, 7], [1, 1, 90], [0, 0, 5], ...[102, 103, 104, 105, 106].map((code) => [1, code, 2] as const)]);
+    const many = verdictConfusion([[-1, -1, 7], [1, 1, 90], [0, 0, 5], ...[102, 103, 104, 105, 106].map((code): [number, number, number] => [1, code, 2])]);
     expect(many.truths).toEqual(["healthy", "rotor 1", "several rotors"]);
     expect(many.names).toEqual(["healthy", "rotor 1", "several rotors", "unknown fault"]);
     expect(many.codes?.names).toEqual([[0], [1], [102, 103, 104, 105, 106], [-1]]);

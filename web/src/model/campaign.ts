@@ -4,7 +4,7 @@ import type { Values } from "../plots/series";
 import type { Confusion } from "./confusion";
 
 /** Truth, verdict, windows. */
-export type VerdictCount = readonly [number, number, number];
+export type VerdictCount = [number, number, number];
 /** Verdict codes from here on name two rotors. */
 const PAIR = 100;
 /** More pairs than this do not fit in a table. */

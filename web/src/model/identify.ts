@@ -1,41 +1,13 @@
-/** A vehicle from a log: the request, and the result as far as the page shows it. */
+/** A vehicle from a log: the request, and its result in words. */
+import type { Schemas } from "../api/client";
 import { count, percent } from "../format";
 import type { Lane } from "../plots/lanes";
 import type { Rotor } from "../replay/motion";
 
-export type Source = "entered" | "log" | "log-and-class" | "parameter" | "bench" | "class" | "assumed";
-export interface Estimate {
-  key: string;
-  name: string;
-  unit: string;
-  value: number;
-  low: number;
-  high: number;
-  source: Source;
-  how: string;
-  better: string;
-}
-/** The answer of `/identifications/{id}`. */
-export interface Identification {
-  identified: {
-    logs: string[];
-    class: { name: string };
-    outputs: number[];
-    airframe: { name: string; source: Source; how: string };
-    airborne: { log: string; start_s: number; end_s: number }[];
-    values: Estimate[];
-    notes: string[];
-  };
-  held_out: {
-    log: string;
-    seconds: number;
-    gain_ratio: [number, number];
-    scores: { channel: string; band: { low_hz: number; high_hz: number }; class_default: number; calibrated: number }[];
-  }[];
-  /** The document of the vehicle (TOML), and that of its blades. */
-  vehicle: string;
-  blades: string;
-}
+export type Source = Schemas["ConstantSource"];
+export type Estimate = Schemas["IdentifiedValue"];
+/** The result of `/identifications/{id}`. */
+export type Identification = Schemas["Identification"];
 
 const SOURCE_WORDS: Record<Source, { words: string; kind: string }> = {
   entered: { words: "entered", kind: "" },
@@ -168,7 +140,7 @@ export function rotorsOf(vehicle: string): Rotor[] | undefined {
   const rows = [...vehicle.matchAll(/\{\s*number = (\d+), position_body_m = \[([^\]]+)\], spin = "(cw|ccw)"/g)];
   const rotors = rows.map((row) => {
     const [x = NaN, y = NaN, z = NaN] = (row[2] ?? "").split(",").map(Number);
-    return { number: Number(row[1]), position_body_m: [x, y, z] as const, spin: row[3] as Rotor["spin"] };
+    return { number: Number(row[1]), position_body_m: [x, y, z] satisfies Rotor["position_body_m"], spin: row[3] as Rotor["spin"] };
   });
   return rotors.length > 0 && rotors.every((rotor) => rotor.position_body_m.every(Number.isFinite)) ? rotors : undefined;
 }

@@ -1,19 +1,8 @@
 /** The next flight to make if a flight cannot distinguish two effects. */
+import type { Schemas } from "../api/client";
 import type { Diagnosis } from "./twin";
 
-/** Expected ln Bayes factor of a manoeuvre if one of the two effects is true. */
-interface Evidence {
-  against_other: number;
-  against_all: number;
-  strongest_rival: string;
-}
-export interface Manoeuvre {
-  manoeuvre: string;
-  description: string;
-  duration_s: number;
-  first: Evidence;
-  second: Evidence;
-}
+export type Manoeuvre = Schemas["ProposedManoeuvre"];
 
 export interface Candidate {
   /** The server's name for it: `rotor-thrust-scale#3`. */

@@ -31,8 +31,8 @@ describe("a log that is read again otherwise", () => {
     expect(mappingOf("canonical", { axes: { rates: AS_IS }, units: {} }, "", 4)).toBeUndefined();
   });
   it("knows a source by what the import found, then by the name", () => {
-    expect([sourceOf("run_mcap", "a.mcap"), sourceOf(undefined, "a.mcap"), sourceOf(undefined, "a.tlog"), sourceOf(undefined, "a.TSV"), sourceOf(undefined, "log00")])
-      .toEqual(["run-mcap", "ros2", "mavlink-tlog", "canonical", "crazyflie-usdlog"]);
+    expect([sourceOf("run_mcap", "a.mcap"), sourceOf(undefined, "a.mcap"), sourceOf(undefined, "a.tlog"), sourceOf(undefined, "a.db3"), sourceOf(undefined, "a.TSV"), sourceOf(undefined, "log00")])
+      .toEqual(["run-mcap", "ros2", "mavlink-tlog", "ros2", "canonical", "crazyflie-usdlog"]);
     const turned = { axes: { rates: UP_LEFT }, units: {} };
     expect(mappingOf("mavlink-tlog", turned, mavlink, 4)).toContain('source = "mavlink-tlog"\n\n[[column]]\nto = "roll_rate_rad_s"\nfrom = "HIGHRES_IMU:xgyro"');
     // Its axes are forward-left-up already.

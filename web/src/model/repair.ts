@@ -60,7 +60,7 @@ const SOURCE_OF_KIND: Readonly<Record<string, SourceName>> = {
   blackbox: "blackbox", mavlink_tlog: "mavlink-tlog", ros2_bag: "ros2", run_mcap: "run-mcap", csv: "canonical", parquet: "canonical",
 };
 const SOURCE_OF_ENDING: Readonly<Record<string, SourceName>> = {
-  ulg: "px4-ulog", bin: "ardupilot-dataflash", log: "ardupilot-dataflash", bbl: "blackbox", bfl: "blackbox", txt: "blackbox", tlog: "mavlink-tlog", mcap: "ros2",
+  ulg: "px4-ulog", bin: "ardupilot-dataflash", log: "ardupilot-dataflash", bbl: "blackbox", bfl: "blackbox", txt: "blackbox", tlog: "mavlink-tlog", mcap: "ros2", db3: "ros2",
   csv: "canonical", tsv: "canonical", parquet: "canonical",
 };
 

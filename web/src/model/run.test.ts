@@ -1,14 +1,14 @@
 import { describe, expect, it } from "vitest";
 import { Collector, thinned, type Interval, type Score, type Summary, faultIntervals, kindOfScore, lateWords, otherwise, peersOf } from "./run";
 
-const start = { type: "start", status: "running", channels: [{ name: "a", unit: "m" }], rate_hz: 20 } as const;
+const start = { type: "start", run: "r", status: "running", channels: [{ name: "a", unit: "m" }], rate_hz: 20 } as const;
 const sample = (time: number, a: number | null) => ({ type: "sample", time_s: time, step: Math.round(time * 400), values: { a } }) as const;
 
 describe("Collector", () => {
   it("joins history and samples without a hole or a double", () => {
     const collector = new Collector();
     collector.take({ ...start, channels: [...start.channels] });
-    expect(collector.take({ type: "history", time_s: [0, 0.1], values: { a: [1, 2] }, thinned: false })).toBe(true);
+    expect(collector.take({ type: "history", step: [0, 40], time_s: [0, 0.1], values: { a: [1, 2] }, thinned: false })).toBe(true);
     collector.take(sample(0.1, 2));
     collector.take(sample(0.2, null));
     expect(collector.time).toEqual([0, 0.1, 0.2]);
@@ -34,7 +34,7 @@ describe("who flew, and who was late", () => {
 });
 
 describe("scores of an interval", () => {
-  const score = (more: Partial<Score>): Score => ({ not_ready: 0, right: 95, share_right: 0.95, healthy: 0, unknown: 0, other_rotor: 0, isolated_after_s: 0.2, false_alarm_events: 0, verdict_at_end: 3, ...more });
+  const score = (more: Partial<Score>): Score => ({ not_ready: 0, right: 95, share_right: 0.95, healthy: 0, unknown: 0, other_rotor: 0, isolated_after_s: 0.2, false_alarm_events: 0, false_alarm_windows: 0, verdict_at_end: 3, ...more });
   const interval = (more: Partial<Interval>) => ({ start_s: 45, end_s: 60, fault_label: 3, expected_verdict: 3, ...more }) as Interval;
   it("is good with a fault if the rotor stays named, so-so if it is lost again, bad if it never is", () => {
     expect(kindOfScore(interval({}), score({}))).toBe("good");

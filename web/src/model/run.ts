@@ -1,70 +1,14 @@
-/** A run's data on the page: the shape of its summary, and its samples, live and afterwards. */
-import { ask } from "../api/client";
+/** A run's data on the page: its summary, and its samples, live and afterwards. */
+import { type Schemas, ask } from "../api/client";
 import { FLOWN_AGAIN_S, type LiveMessage } from "../api/live";
-import type { Values } from "../plots/series";
 import type { Track } from "../replay/motion";
 
-export interface Score {
-  not_ready: number;
-  right: number;
-  healthy: number;
-  unknown: number;
-  other_rotor: number;
-  right_at_end?: boolean;
-  share_right: number | null;
-  isolated_after_s: number | null;
-  false_alarm_events: number;
-  verdict_at_end: number;
-}
-export interface Interval {
-  start_s: number;
-  end_s: number;
-  fault_label: number;
-  expected_verdict: number;
-  windows: number;
-  description: string;
-  sensor_faults?: string[];
-  residuals_from_s?: number;
-  residual_means_nms?: [number, number, number][];
-  residual_deviations_nms?: [number, number, number][];
-  severity: { losses: { rotor: number; loss_n: number; interval_n: [number, number]; share: number; interval_share: [number, number] }[] };
-  scores: { t_test: Score; sequential: Score; network: Score };
-  position_rms_m: number | null;
-}
-/** `summary.json`, as far as the page shows it. */
-export interface Summary {
-  status: string;
-  run?: string;
-  failure?: { sentence: string; peer: string; step: number; silence_ms: number };
-  seed?: number | string;
-  link?: string;
-  controller?: { peer: string; version?: string; lockstep: boolean };
-  pace?: string;
-  started_at?: string;
-  model_hash?: string;
-  run_hash: string;
-  program_version: string;
-  scenario: { name: string; vehicle: string; text: string; path?: string };
-  wall_s: number;
-  real_time?: {
-    jitter_us_p50: number; jitter_us_p99: number; jitter_us_max: number; deadline_misses: number; overrun_ms_max?: number; priority?: number;
-    late?: { who: string; why: string; steps: number; worst_ms: number }[];
-  };
-  steps: number;
-  simulated_s: number;
-  steps_per_s: number;
-  rotor_count: number;
-  tracking?: { position_rms_m: number | null; position_max_m: number | null; position_rms_ned_m?: (number | null)[]; attitude_rms_rad?: (number | null)[] };
-  battery?: { state_of_charge_start: number | null; state_of_charge_end: number | null; voltage_min_v: number | null; charge_ah: number };
-  intervals: Interval[];
-  own_detectors?: OwnDetector[];
-}
+export type Score = Schemas["DetectorScore"];
+export type Interval = Schemas["FlightInterval"];
 /** A detector of the user's own that judged the run after its flight: one score for each interval. */
-export interface OwnDetector {
-  name: string;
-  column: string;
-  scores: Score[];
-}
+export type OwnDetector = Schemas["OwnDetector"];
+/** `summary.json`. A seed beyond 2^53 is a text, as [`parseExact`] reads it. */
+export type Summary = Omit<Schemas["RunSummary"], "seed"> & { seed: number | string };
 
 const HEALTHY = 0;
 const UNKNOWN = -1;
@@ -73,10 +17,10 @@ const GOOD_SHARE = 0.9;
 
 /** Rates a detector in an interval as good, fair or poor; empty if it gave no verdict. */
 export function kindOfScore(interval: Interval, score: Score): "good" | "warn" | "bad" | "" {
-  if (score.share_right === null) return "";
+  if (typeof score.share_right !== "number") return "";
   const healthy = interval.fault_label === HEALTHY;
   if (healthy) return score.false_alarm_events === 0 ? "good" : "warn";
-  if (score.isolated_after_s === null) return "bad";
+  if (typeof score.isolated_after_s !== "number") return "bad";
   const held = score.verdict_at_end === interval.expected_verdict || score.right_at_end === true;
   return held && score.share_right >= GOOD_SHARE ? "good" : "warn";
 }
@@ -120,7 +64,7 @@ export async function samplesOf(run: string, channels: string, points: number, r
     query.set("from_s", String(Math.max(0, range[0])));
     query.set("to_s", String(range[1]));
   }
-  const answer = await ask<{ data: Record<string, Values>; units: Record<string, string> }>("GET", `/api/v1/runs/${run}/telemetry?${query}`, undefined, { signal });
+  const answer = await ask<Schemas["Telemetry"]>("GET", `/api/v1/runs/${run}/telemetry?${query}`, undefined, { signal });
   return { time: (answer.data["time_s"] ?? []) as number[], data: answer.data, units: answer.units };
 }
 

@@ -1,234 +1,48 @@
-/** Types of the answers on comparisons, diagnoses, models and imports, as far as the page shows them, and their texts. */
+/** Answers on comparisons, diagnoses, models and imports, by their names on the page, and their texts. The server's document declares them. */
+import type { Schemas } from "../api/client";
+import type { Narrowed } from "../api/narrowed";
 import type { Values } from "../plots/series";
 
-export interface ImportResult {
-  headline: string;
-  account: string;
-  source: { kind: string };
-  report: {
-    rows: number;
-    sample_rate_hz: number;
-    gaps: { start_s: number; end_s: number }[];
-    streams: { name: string; samples: number; sample_rate_hz: number; resampling: string }[];
-    unused_columns: { column: string; reason: string }[];
-    unknown_columns: string[];
-    missing_cells: { column: string; cells: number }[];
-    missing: { columns: string[]; rules_out: string }[];
-    delays: { signal: string; against: string; delay_s: number; uncertainty_s: number; correlation: number; applied: boolean }[];
-    findings: { kind: string; detail: string }[];
-    conversions: string[];
-    notes: string[];
-  };
-}
+export type ImportResult = Schemas["ImportAccount"];
 
-export interface Bin {
-  at: number;
-  mean: number;
-  band_95: number;
-  chi2: number;
-  blocks: number;
-}
-export interface ChannelResult {
-  channel: string;
-  unit: string;
-  verdict: "agrees" | "fails" | "not-testable";
-  smoothed_rms: number | null;
-  smoothed_noise: number | null;
-  chi2: number | null;
-  low_frequency: number | null;
-  conditions: { condition: string; title: string; unit: string; explained: number; bins: Bin[] }[];
-  strip: (number | null)[];
-  ljung_box: { p_value: number | null } | null;
-  inputs: { input: string; correlation: number | null; lag_s: number; band_99: number | null }[];
-}
-export interface QuantityError {
-  quantity: string;
-  unit: string;
-  error: number | null;
-  noise: number | null;
-}
-export interface ModelOnLog {
-  model: string;
-  agrees: boolean;
-  chi2: number | null;
-  channels: ChannelResult[];
-  errors: QuantityError[];
-  open_loop: { horizon_s: number; starts: number; position_m: number | null; velocity_m_s: number | null; attitude_rad: number | null }[];
-  worst: { start_s: number; end_s: number; channel: string; error: number; unit: string; deviations: number; conditions: [string, number, string][] }[];
-  nuisances: { rotor_bias_n: number[]; charge_at_start: number; wind_m_s?: [number, number] };
-}
-export interface LogComparison {
-  log: { name: string; hash: string };
-  duration_s: number;
-  rate_hz: number;
-  notes: string[];
-  noise: Record<"position_m" | "velocity_m_s" | "attitude_rad" | "rates_rad_s" | "accel_m_s2" | "voltage_v", number | null>;
-  excluded: { start_s: number; end_s: number }[];
-  models: ModelOnLog[];
-}
-export interface Comparison {
-  tool: string;
-  verdict: string;
-  models: { label: string; hash: string; effects: string[] }[];
-  logs: LogComparison[];
-}
+export type Bin = Schemas["Bin"];
+export type ChannelResult = Schemas["ChannelResult"];
+export type QuantityError = Schemas["GroupError"];
+/** Conditions: title, value, unit. */
+export type WorstMoment = Narrowed<Schemas["WorstMoment"], { conditions: [string, number | null, string][] }>;
+export type ModelOnLog = Narrowed<Schemas["ModelOnLog"], { worst: WorstMoment[] }>;
+export type LogComparison = Narrowed<Schemas["LogComparison"], { models: ModelOnLog[] }>;
+export type Comparison = Narrowed<Schemas["Comparison"], { logs: LogComparison[] }>;
 
 /** Means and extremes per bucket. */
-export interface Buckets {
-  mean: Values;
-  low: Values;
-  high: Values;
-}
-/** One channel of a comparison over time. */
-export interface Series {
-  channel: string;
-  unit: string;
-  start_s: number;
-  end_s: number;
-  bucket_s: number;
-  time_s: number[];
-  measured: Buckets;
-  models: { label: string; predicted: Buckets; residual: Buckets }[];
-  noise: { sample: number; mean: number };
-}
+export type Buckets = Schemas["Buckets"];
+/** One channel of a comparison over time; of which log, and of how many rows, a report does not repeat. */
+export type Series = Omit<Schemas["ChannelSeries"], "log" | "name" | "source_rows">;
 
-export interface Parameter {
-  name: string;
-  symbol: string;
-  unit: string;
-  value: number;
-  interval_95: number;
-  plausible: boolean;
-}
-export interface Rival {
-  effect: string;
-  rotor?: number | null;
-  label: string;
-  evidence_gap: number;
-  reason: string;
-}
-export interface Finding {
-  instance: { effect: string; rotor?: number | null };
-  label: string;
-  class: string;
-  equation: string;
-  parameters: Parameter[];
-  ln_bayes_factor: number;
-  posterior: number;
-  channels: string[];
-  also_compatible: Rival[];
-  lost: Rival[];
-  onset_s: number | null;
-  reason: string;
-  picture?: { channel: string; unit: string; bins: { at: number; before: number; after: number; band_95: number; blocks: number }[] } | null;
-}
-export interface Proposal {
-  document: unknown;
-  terms: { acts: string[]; parameter: string; factor: number; deviation: number; unit: string; correlation: number; held_out_share: number }[];
-  correlates: { channel: string; regressor: string; correlation: number }[];
-}
-export interface Unseen {
-  label: string;
-  parameter: string;
-  unit: string;
-  plausible_size: number;
-  minimum_size: number | null;
-  excited_by: string;
-}
-export interface Unconsidered {
-  label: string;
-  columns: string[];
-  setting: string | null;
-  reason: string;
-}
+export type Parameter = Schemas["FittedParameter"];
+export type Rival = Schemas["RivalEffect"];
+export type Finding = Schemas["Finding"];
+export type Proposal = Schemas["Proposal"];
+export type Unseen = Schemas["NotTestable"];
+export type Unconsidered = Schemas["NotConsidered"];
 /** The effect that is the error of a constant, with the values that the flight wants. */
-export interface Correction {
-  effect: string;
-  rotor?: number;
-  parameters: Record<string, number>;
-  deviations: Record<string, number>;
-}
-export interface Diagnosis {
-  model: { name: string; hash: string };
-  verdict: { kind: "agrees" | "missing" | "partly-missing" | "cannot-tell" | "calibrate-first" | "outside-catalogue" | "log-fault" | "nothing-testable"; effects?: string[]; group?: string[] };
-  sentence: string;
-  effects: Finding[];
-  sensor_or_timing: Finding[];
-  ranking: { label: string; parameters: { plausible: boolean }[]; ln_bayes_factor: number; held_out_chi2_change: number }[];
-  not_testable: Unseen[];
-  not_considered: Unconsidered[];
-  calibrate: { key: string; name: string; unit: string; value: number; low: number; high: number; wanted: number; wanted_interval_95: number; ln_bayes_factor: number; blocking: boolean; how: string; better: string; correction?: Correction }[];
-  trim?: {
-    sentence: string;
-    thrust_change: number[];
-    spread: [number, number];
-    smallest_loss: number | null;
-    with_more: { flights: number; smallest_loss?: number | null }[];
-    vibration?: { sentence: string } | null;
-    no_vibration?: string | null;
-  } | null;
-  detectable: Unseen[];
-  goodness: { explained_share: number | null; unexplained: string[] };
-  held_out: { quantity: string; unit: string; before: number; after: number; change_deviation: number; noise: number }[];
-  proposal: Proposal | null;
-  /** Steady wind of each flight, where they have no explanation in one. */
-  winds?: { log: string; distinguished: boolean; parameters: { symbol: string; unit: string; value: number; interval_95: number }[] }[];
-  logs: string[];
-  notes: string[];
-  threshold: number;
-}
+export type Correction = Schemas["ConstantCorrection"];
+export type Diagnosis = Schemas["Diagnosis"];
 
 /** The course of an improvement, version by version. */
-export interface Improvement {
-  tool: string;
-  end: string;
-  reason: string;
-  rows: {
-    version: string;
-    hash: string;
-    added: string | null;
-    parameters: { name: string; symbol: string; unit: string; value: number; interval_95: number }[];
-    ln_bayes_factor: number | null;
-    /** The truth, where it is known. */
-    oracle: boolean;
-    logs: { log: string; held_out: boolean; agrees: boolean; errors: QuantityError[]; open_loop: { horizon_s: number; position_m: number | null }[] }[];
-    remarks: string[];
-  }[];
-  diagnosis: Diagnosis | null;
-  next_flight: string | null;
-}
+export type ImprovementRow = Narrowed<Schemas["ImprovementRow"], { parameters: Parameter[] }>;
+export type Improvement = Narrowed<Schemas["Improvement"], { rows: ImprovementRow[] }>;
 
-export interface Version {
-  version: number;
-  label: string;
-  hash: string;
-  parent: number | null;
-  note: string;
-  changed: string[];
-  effects: {
-    effect: string;
-    label: string;
-    source: string;
-    parameters: { name: string; value: number; deviation: number | null }[];
-    ln_bayes_factor: number | null;
-  }[];
-  made_ms: number;
-}
-export interface History {
-  name: string;
-  begun: boolean;
-  vehicle: string;
-  branches: { name: string; version: number; hash: string }[];
-  versions: Version[];
-}
+export type Version = Schemas["VersionView"];
+export type History = Schemas["ModelHistory"];
 
 /** Effects that could not be considered, grouped by reason. */
 export function togetherByReason(all: readonly Unconsidered[]): { labels: string[]; reason: string; columns: string[]; setting: string | null }[] {
   const rows: { labels: string[]; reason: string; columns: string[]; setting: string | null }[] = [];
   for (const one of all) {
-    const row = rows.find((other) => other.reason === one.reason && other.setting === one.setting && other.columns.join() === one.columns.join());
+    const row = rows.find((other) => other.reason === one.reason && other.setting === (one.setting ?? null) && other.columns.join() === one.columns.join());
     if (row) row.labels.push(one.label);
-    else rows.push({ labels: [one.label], reason: one.reason, columns: one.columns, setting: one.setting });
+    else rows.push({ labels: [one.label], reason: one.reason, columns: one.columns, setting: one.setting ?? null });
   }
   return rows;
 }
@@ -265,7 +79,7 @@ export function lineTo(history: History, head: number): Version[] {
     const version = history.versions.find((one) => one.version === at);
     if (!version) break;
     line.unshift(version);
-    at = version.parent;
+    at = version.parent ?? null;
   }
   return line;
 }
@@ -289,6 +103,37 @@ export function together(corrections: readonly Correction[]): Correction[] {
   return [...found.values()];
 }
 
+/** Flight conditions of a log over time, in buckets. */
+export type Conditions = Pick<Schemas["ConditionSeries"], "bucket_s" | "time_s"> & { items: readonly { name: string; mean: Values }[] };
+
+/** A bin of a condition, and between which of its values it lies: halfway to its neighbours, and without end at both ends. */
+export interface Part {
+  bin: Bin;
+  low: number;
+  high: number;
+}
+export function partAt(bins: readonly Bin[], place: number): Part | undefined {
+  const bin = bins[place];
+  if (!bin) return undefined;
+  const halfway = (other: Bin | undefined, end: number) => (other ? (bin.at + other.at) / 2 : end);
+  return { bin, low: halfway(bins[place - 1], -Infinity), high: halfway(bins[place + 1], Infinity) };
+}
+
+/** When a condition lies within a part, s: neighbouring buckets joined. */
+export function timesWithin(conditions: Conditions, name: string, part: Part): [number, number][] {
+  const mean = conditions.items.find((one) => one.name === name)?.mean ?? [];
+  const times: [number, number][] = [];
+  conditions.time_s.forEach((middle, k) => {
+    const value = mean[k];
+    if (typeof value !== "number" || value < part.low || value > part.high) return;
+    const [from, to] = [middle - conditions.bucket_s / 2, middle + conditions.bucket_s / 2];
+    const last = times.at(-1);
+    if (last && from - last[1] < 0.01 * conditions.bucket_s) last[1] = to;
+    else times.push([from, to]);
+  });
+  return times;
+}
+
 /** A key that is the same for the same inputs: repeating a request returns the existing job. */
 export function keyOf(value: unknown): string {
   // FNV-1a, twice with different offsets: 64 bits distinguish the few jobs of one user.
@@ -301,7 +146,8 @@ export function keyOf(value: unknown): string {
 }
 
 /** A ln Bayes factor in words. */
-export function evidenceWords(ln: number): string {
+export function evidenceWords(ln: number | null | undefined): string {
+  if (typeof ln !== "number") return "not computed";
   if (ln > 10) return "decisive";
   if (ln > 5) return "strong";
   return ln > 2 ? "moderate" : "weak";

@@ -1,6 +1,6 @@
 /** Campaigns: many flights with statistics of the detectors. */
 import { For, Show, createSignal } from "solid-js";
-import { type Schemas, ask } from "../api/client";
+import { type Schemas, ask, get } from "../api/client";
 import { createLoad } from "../api/load";
 import { ApiError, sentenceOf } from "../api/problem";
 import { Panel, Problem } from "../parts/bits";
@@ -31,13 +31,8 @@ function look(): Look {
 }
 const choose = (look: Look) => setQuery({ detector: look.detector, truth: look.truth?.toString(), verdict: look.verdicts?.join(",") });
 
-interface Known {
-  name: string;
-  description: string;
-}
-
 function NewCampaign(props: { onSubmitted: () => void }) {
-  const known = createLoad(() => true, async (_, signal) => (await ask<{ items: Known[] }>("GET", "/api/v1/library/campaigns", undefined, { signal })).items);
+  const known = createLoad(() => true, async (_, signal) => (await get("/api/v1/library/campaigns", { signal })).items);
   const [name, setName] = createTyped("campaign.name");
   const [text, setText, forgetText] = createTyped("campaign.text");
   const wasTyped = text() !== "";

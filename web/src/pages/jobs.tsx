@@ -1,7 +1,7 @@
 /** Lists of campaigns and blind benches with a form to start one; one of them with its progress and result. */
 import { For, type JSX, Show, createSignal, onCleanup } from "solid-js";
-import { ask } from "../api/client";
-import { type JobView, createJob } from "../api/job";
+import { type Schemas, ask } from "../api/client";
+import { createJob } from "../api/job";
 import { createLoad } from "../api/load";
 import { newsRefusal, onNews } from "../api/news";
 import { duration, moment } from "../format";
@@ -11,7 +11,7 @@ import { JobProgress } from "../parts/job";
 const SETTLE_MS = 500;
 
 export function JobList(props: { collection: string; path: string; title: string; form: (reload: () => void) => JSX.Element }) {
-  const page = createLoad(() => true, (_, signal) => ask<{ items: JobView[]; next?: string | null }>("GET", `/api/v1/${props.collection}?limit=100`, undefined, { signal }));
+  const page = createLoad(() => true, (_, signal) => ask<Schemas["JobPage"]>("GET", `/api/v1/${props.collection}?limit=100`, undefined, { signal }));
   let timer: ReturnType<typeof setTimeout> | undefined;
   const news = onNews((one) => {
     if (one.collection !== props.collection || !["queued", "started", "ended", "requeued"].includes(one.event)) return;

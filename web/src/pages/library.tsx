@@ -1,6 +1,6 @@
 /** The library: effects with equations, vehicles with pictures, scenarios, blades and models as documents that can be edited. */
 import { For, Show, createEffect, createMemo, createSignal, on, onCleanup } from "solid-js";
-import { type Schemas, ask, putDocument, text as fetchText } from "../api/client";
+import { type Schemas, ask, get, putDocument, text as fetchText } from "../api/client";
 import { createLoad } from "../api/load";
 import { ApiError, sentenceOf } from "../api/problem";
 import { percent, short } from "../format";
@@ -9,7 +9,7 @@ import { VehiclePicture } from "../parts/vehicle-picture";
 import { Known } from "../shown/known";
 import { route, setQuery } from "../router";
 import { EffectSandbox } from "./effect-sandbox";
-import type { FullGeometry } from "./twin/vehicle";
+import type { FullGeometry } from "../replay/motion";
 import { createTyped } from "../typed";
 
 const KINDS = [
@@ -17,19 +17,6 @@ const KINDS = [
 ] as const;
 type Kind = (typeof KINDS)[number][0];
 const TYPING_MS = 400;
-
-interface Declaration {
-  id: string;
-  name: string;
-  class: string;
-  equation: string;
-  source: string;
-  channels: string[];
-  confused_with: string[];
-  excited_by: string;
-  per_rotor: boolean;
-  parameters: { name: string; symbol: string; unit: string; meaning: string; typical: number; plausible_low: number; plausible_high: number }[];
-}
 
 export default function Library() {
   const kind = () => (KINDS.find(([one]) => one === route().query.get("kind"))?.[0] ?? "effects") as Kind;
@@ -48,8 +35,8 @@ export default function Library() {
 }
 
 function Catalogue() {
-  const catalogue = createLoad(() => true, async (_, signal) => (await ask<{ items: Declaration[] }>("GET", "/api/v1/catalogue", undefined, { signal })).items);
-  const vehicles = createLoad(() => true, async (_, signal) => (await ask<Schemas["Names"]>("GET", "/api/v1/vehicles", undefined, { signal })).items);
+  const catalogue = createLoad(() => true, async (_, signal) => (await get("/api/v1/catalogue", { signal })).items);
+  const vehicles = createLoad(() => true, async (_, signal) => (await get("/api/v1/vehicles", { signal })).items);
   const wanted = () => (route().query.get("q") ?? "").toLowerCase();
   const shown = createMemo(() => (catalogue.data() ?? []).filter((one) => `${one.id} ${one.name} ${one.class} ${one.channels.join(" ")}`.toLowerCase().includes(wanted())));
   return (
@@ -129,7 +116,7 @@ function Picture(props: { name: string; edition: number }) {
       <Loaded load={geometry} what="the geometry">
         {(found) => (
           <div class="side">
-            <Figures items={[["mass", `${short(found().mass_kg)} kg`], ["arm", `${short(found().arm_m)} m`], ["rotors", String(found().rotors.length)], ["hover thrust", `${short(found().hover.thrust_n)} N`], ["hover duty", percent(found().hover.duty[0] ?? null, 0)]]} />
+            <Figures items={[["mass", `${short(found().mass_kg)} kg`], ["arm", `${short(found().arm_m)} m`], ["rotors", String(found().rotors.length)], ["hover thrust", `${short(found().hover?.thrust_n)} N`], ["hover duty", percent(found().hover?.duty[0], 0)]]} />
             <VehiclePicture geometry={found()} />
           </div>
         )}

@@ -9,7 +9,7 @@ import { createLive } from "../model/live-run";
 import { type Samples, type Summary, faultIntervals, samplesOf } from "../model/run";
 import { Panel, Problem, Progress, StatusTag } from "../parts/bits";
 import { createView } from "../plots/view";
-import { type Geometry, MOTION_CHANNELS } from "../replay/motion";
+import { type FullGeometry, MOTION_CHANNELS } from "../replay/motion";
 import { Replay } from "../replay/replay";
 import { navigate, route } from "../router";
 import { Compared, Overlay } from "./run-overlay";
@@ -39,7 +39,7 @@ export default function RunPage(props: { id: string }) {
   const live = createLive(id, createMemo(() => run() !== undefined && !ended()));
   const summary = () => (run()?.summary ?? undefined) as Summary | undefined;
 
-  const geometry = createLoad(() => id, (run, signal) => ask<Geometry>("GET", `/api/v1/runs/${run}/geometry`, undefined, { signal }));
+  const geometry = createLoad(() => id, (run, signal) => ask<FullGeometry>("GET", `/api/v1/runs/${run}/geometry`, undefined, { signal }));
   const plots = createLoad(
     () => (recorded() ? { range: view.range() } : undefined),
     ({ range }, signal) => samplesOf(id, "*", PLOT_POINTS, range, signal),
@@ -94,7 +94,7 @@ export default function RunPage(props: { id: string }) {
   const stopVerifying = () => act(async () => {
     verification.abort();
     const open = await Promise.all((["queued", "running"] as const).map((status) => get("/api/v1/verifications", { query: { status, limit: 100 } })));
-    const ours = open.flatMap((one) => one.items).filter((job) => (job.facts as { run?: string } | null | undefined)?.run === id);
+    const ours = open.flatMap((one) => one.items).filter((job) => (job.facts as Partial<Schemas["VerificationFacts"]> | null | undefined)?.run === id);
     await Promise.all(ours.map((job) => ask("POST", `/api/v1/verifications/${job.id}/cancel`)));
   });
   const share = () => {

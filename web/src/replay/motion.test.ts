@@ -5,7 +5,7 @@ const geometry: Geometry = {
   name: "quad",
   arm_m: 0.2,
   rotors: [1, 2, 3, 4].map((number) => ({ number, position_body_m: [0, 0, 0], spin: "cw" })),
-  hover: { thrust_n: 8, rotor_thrust_n: [2, 2, 2, 2] },
+  hover: { rotor_thrust_n: [2, 2, 2, 2] },
 };
 
 describe("pose of the 3-D picture", () => {

@@ -1,4 +1,6 @@
 /** State of the 3-D view at a time: pose, thrusts and estimated losses, from telemetry by name. */
+import type { Schemas } from "../api/client";
+import type { Narrowed } from "../api/narrowed";
 import { type Values, angleAt, heldAt, linearAt } from "../plots/series";
 
 /** Channels of a run by name, with their times. */
@@ -7,19 +9,16 @@ export interface Track {
   data: Readonly<Record<string, Values>>;
 }
 
-export interface Rotor {
-  number: number;
-  position_body_m: readonly [number, number, number];
-  spin: "cw" | "ccw";
-}
+/** The answer of `/geometry`. Without `hover` no duty carries the vehicle. */
+export type FullGeometry = Narrowed<Schemas["VehicleGeometry"], { rotors: FullRotor[] }>;
+type FullRotor = Narrowed<Schemas["RotorView"], { position_body_m: [number, number, number] }>;
 
-/** Properties of a vehicle that the views need; the answer of `/geometry` has more. */
-export interface Geometry {
-  name: string;
-  arm_m: number;
+/** What the views need of it. */
+export type Rotor = Pick<FullRotor, "number" | "position_body_m" | "spin">;
+export type Geometry = Pick<FullGeometry, "name" | "arm_m"> & {
   rotors: readonly Rotor[];
-  hover: { rotor_thrust_n: readonly number[]; thrust_n: number };
-}
+  hover?: Pick<Schemas["Hover"], "rotor_thrust_n"> | null | undefined;
+};
 
 export interface Pose {
   /** North, east, down, m. */
@@ -61,7 +60,7 @@ export function poseAt(track: Track, geometry: Geometry, at: number): Pose | und
     thrust: geometry.rotors.map((rotor, k) => {
       const thrust = data[`true_thrust_${rotor.number}_n`];
       if (thrust) return linearAt(time, thrust, at) ?? 0;
-      return (linearAt(time, data[`duty_${rotor.number}`] ?? [], at) ?? 0) * 2 * (geometry.hover.rotor_thrust_n[k] ?? 1);
+      return (linearAt(time, data[`duty_${rotor.number}`] ?? [], at) ?? 0) * 2 * (geometry.hover?.rotor_thrust_n[k] ?? 1);
     }),
     loss: geometry.rotors.map((rotor) => {
       const place = named.indexOf(rotor.number);

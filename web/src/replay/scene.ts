@@ -246,7 +246,7 @@ export class Scene {
       const loss = pose.loss[k] ?? 0;
       craft.discs.setColorAt(k, loss > 0 ? warn.clone().lerp(bad, Math.min(1, loss / FULL_LOSS)) : pose.suspect[k] ? warn : good);
       if (!craft.arrows) return;
-      const hover = this.geometry.hover.rotor_thrust_n[k] ?? 1;
+      const hover = this.geometry.hover?.rotor_thrust_n[k] ?? 1;
       const length = Math.max(1e-3, (ARROW * arm * Math.max(0, pose.thrust[k] ?? 0)) / Math.max(1e-9, hover));
       const head = Math.min(0.22 * arm, 0.4 * length);
       const ends = craft.arrows.shafts.geometry.getAttribute("position");

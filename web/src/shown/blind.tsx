@@ -1,41 +1,17 @@
 /** A blind bench: what was hidden, what was named, and how often that was right. */
 import { For, type JSX, Show, createMemo } from "solid-js";
+import type { Schemas } from "../api/client";
+import type { Narrowed } from "../api/narrowed";
 import { count, percent, short } from "../format";
 import { confusionOf } from "../model/confusion";
 import { Panel } from "../parts/bits";
 import { ConfusionTable } from "../parts/confusion";
 
-interface Share {
-  count: number;
-  of: number;
-  share: number;
-  low: number;
-  high: number;
-}
-interface Group {
-  name: string;
-  cases: number;
-  top1: Share;
-  exact: Share;
-  right_or_not_testable: Share;
-  false_alarms: Share;
-  confidently_wrong: Share;
-  coverage: Share;
-  all_found: Share;
-  in_group: Share;
-  not_testable: Share;
-  missed: Share;
-  wrong_flagged: Share;
-  flagged: Share;
-  onset_within_1_s: Share;
-  parameter_error: [number, number] | null;
-  chi2_after: [number, number] | null;
-  seconds: [number, number];
-}
-export interface BlindResult {
-  confusion: [string, string, number][];
-  groups: Group[];
-}
+type Share = Schemas["BlindShare"];
+/** Median and 90 % or worst. */
+type Pair = [number, number];
+type Group = Narrowed<Schemas["BlindGroup"], { parameter_error?: Pair | null; chi2_after?: Pair | null; seconds: Pair }>;
+export type BlindResult = Narrowed<Schemas["BlindSheet"], { groups: Group[] }>;
 
 const shareText = (share: Share) => (share.of === 0 ? "–" : `${share.count} of ${share.of}: ${percent(share.share)} [${percent(share.low, 0)}, ${percent(share.high, 0)}]`);
 

@@ -1,5 +1,7 @@
 /** A campaign: many flights with statistics of the detectors. */
 import { For, type JSX, Show, createMemo } from "solid-js";
+import type { Schemas } from "../api/client";
+import type { Narrowed } from "../api/narrowed";
 import { duration, percent, short } from "../format";
 import { type Points, type VerdictCount, cumulativeOn, seriesOn, verdictConfusion as confusionOfVerdicts } from "../model/campaign";
 import { Figures, Panel } from "../parts/bits";
@@ -8,31 +10,17 @@ import { Chart } from "../plots/chart";
 import { seriesColour } from "../theme";
 import { type ResultTable, ResultTables } from "./tables";
 
-interface Score {
-  false_alarm_events: number;
-  fault_flights: number;
-  healthy_h: number;
-  isolated: { flights: number; median_s: number | null; p95_s: number | null; worst_s: number | null };
-  right: number | null;
-  right_95: [number, number] | null;
-  windows: number;
-  /** Truth, verdict, windows; only over all flights. */
-  confusion_truth_verdict_windows?: VerdictCount[];
-}
-type Scores = Record<"sequential" | "t_test" | "network", Score>;
-export interface CampaignResult {
-  flights: number;
-  failed: number;
-  flown_h: number;
-  steps: number;
-  detectors: Scores;
-  axes: { axis: string; groups: { value: unknown; flights: number; failed: number; detectors: Scores }[] }[];
-}
-export type DetectorName = keyof Scores;
+/** Of the flights of one value of an axis. */
+type Score = Schemas["BriefSummary"];
+/** Of all flights. */
+type FullScore = Narrowed<Schemas["DetectorSummary"], { confusion_truth_verdict_windows: VerdictCount[] }>;
+type Scores<S> = Record<"sequential" | "t_test" | "network", S>;
+type Axis = Narrowed<Schemas["AxisSummary"], { groups: Narrowed<Schemas["AxisValueSummary"], { detectors: Scores<Score> }>[] }>;
+export type CampaignResult = Narrowed<Schemas["CampaignSummary"], { detectors: Scores<FullScore>; axes: Axis[] }>;
+export type DetectorName = keyof CampaignResult["detectors"];
 export const DETECTORS = [["sequential", "sequential"], ["t_test", "T-test"], ["network", "network"]] as const;
 
-
-const verdictConfusion = (score: Score) => confusionOfVerdicts(score.confusion_truth_verdict_windows ?? []);
+const verdictConfusion = (score: FullScore) => confusionOfVerdicts(score.confusion_truth_verdict_windows);
 
 /** Selection: a detector, and a cell of its confusion matrix by the codes of its truth and verdicts. */
 export interface Look {
@@ -69,7 +57,7 @@ export function CampaignView(props: { result: CampaignResult; look: Look; choose
       <For each={it().axes}>
         {(axis) => (
           <Panel title={`By ${axis.axis}`}>
-            <ScoreTable head={axis.axis} rows={axis.groups.map((group) => ({ name: typeof group.value === "string" ? group.value : JSON.stringify(group.value), scores: group.detectors, flights: group.flights }))} />
+            <ScoreTable head={axis.axis} rows={axis.groups.map((group) => ({ name: group.value, scores: group.detectors, flights: group.flights }))} />
           </Panel>
         )}
       </For>
@@ -78,7 +66,7 @@ export function CampaignView(props: { result: CampaignResult; look: Look; choose
   );
 }
 
-function Choice(props: { value: keyof Scores; choose: (value: keyof Scores) => void }) {
+function Choice(props: { value: DetectorName; choose: (value: DetectorName) => void }) {
   return (
     <span class="row" role="group" aria-label="detector">
       <For each={DETECTORS}>{([key, name]) => <button type="button" aria-pressed={props.value === key} onClick={() => props.choose(key)}>{name}</button>}</For>
@@ -86,7 +74,7 @@ function Choice(props: { value: keyof Scores; choose: (value: keyof Scores) => v
   );
 }
 
-function ScoreTable(props: { head: string; rows: readonly { name: string; scores: Scores; flights?: number }[] }) {
+function ScoreTable(props: { head: string; rows: readonly { name: string; scores: Scores<Score>; flights?: number }[] }) {
   return (
     <div class="scroll" tabindex="0" role="region" aria-label={`Scores by ${props.head || "detector"}`}>
       <table class="small">

@@ -43,9 +43,9 @@ export function seriesOf(report: ComparisonReport, log: number, channel: string,
   const all = pictures?.channels.find((one) => one.channel === channel);
   if (!pictures || !all) return undefined;
   const counts = within(pictures, only);
-  const cut = (values: Values): Values => values.map((value, k) => (counts[k] ? value : null));
+  const cut = (values: Values) => values.map((value, k) => (counts[k] ? value : null));
   const found = { ...all, measured: cut(all.measured), residuals: all.residuals.map((one) => ({ mean: cut(one.mean), low: cut(one.low), high: cut(one.high) })) };
-  const none: Values = [];
+  const none: number[] = [];
   return {
     channel, unit: found.unit, start_s: pictures.start_s, end_s: pictures.end_s, bucket_s: pictures.bucket_s, time_s: pictures.time_s, noise: found.noise,
     measured: { mean: found.measured, low: none, high: none },

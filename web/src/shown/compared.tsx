@@ -49,7 +49,16 @@ export function ComparedPanel(props: { title: string; report: ComparisonReport; 
     const counts = shown ? within(shown, only()) : [];
     return counts.filter(Boolean).length / Math.max(1, counts.length);
   };
-  const looks: Looks = { logAt: log, chooseLog, channel, chooseChannel, series, picture: (at) => props.report.flights?.[at], ...(props.lanes ? { lanes: props.lanes } : {}) };
+  const conditions: Looks["conditions"] = (wanted) => ({
+    data: () => {
+      const of = props.report.pictures[wanted() ?? -1];
+      return of && { ...of, items: of.conditions };
+    },
+    error: () => undefined,
+    loading: () => false,
+    reload: () => undefined,
+  });
+  const looks: Looks = { logAt: log, chooseLog, channel, chooseChannel, series, conditions, picture: (at) => props.report.flights?.[at], ...(props.lanes ? { lanes: props.lanes } : {}) };
   return (
     <Panel title={props.title}>
       <div class="stack">
@@ -76,7 +85,7 @@ function fallsOf(log: LogComparison): Fall[] {
   return (log.models[0]?.errors ?? []).map((one) => ({
     title: one.quantity,
     unit: one.unit,
-    noise: one.noise,
+    noise: one.noise ?? null,
     rows: log.models.map((model) => ({ name: model.model.replace(/^.*[@/]/, ""), error: model.errors.find((other) => other.quantity === one.quantity)?.error ?? null })),
   }));
 }

@@ -1,9 +1,10 @@
 /** A comparison: the sentence, heat strips, one channel measured against model, worst moments, all numbers, what was assumed. */
-import { type Accessor, For, type JSX, Show, createMemo, createSignal } from "solid-js";
+import { type Accessor, For, type JSX, Show, createEffect, createMemo, createSignal } from "solid-js";
 import type { Load } from "../api/load";
-import { short } from "../format";
-import { type ChannelResult, type Comparison, type LogComparison, type ModelOnLog, type Series, channelStrip, channelTitle, worstChannel } from "../model/twin";
+import { percent, short } from "../format";
+import { type ChannelResult, type Comparison, type Conditions, type LogComparison, type ModelOnLog, type Series, channelStrip, channelTitle, partAt, timesWithin, worstChannel } from "../model/twin";
 import type { FlightPicture } from "../model/flight";
+import { Problem } from "../parts/bits";
 import { Chart } from "../plots/chart";
 import { Heat } from "../plots/heat";
 import type { Lane } from "../plots/lanes";
@@ -28,6 +29,8 @@ export interface Looks {
   channel: () => string | undefined;
   chooseChannel: (name: string) => void;
   series: (wanted: Accessor<Wanted>) => Load<Series>;
+  /** The flight conditions of a log over time; `undefined`: not wanted. */
+  conditions: (log: Accessor<number | undefined>) => Load<Conditions>;
   /** The flight of a log, if known: its parts, events, motors and vibration are shown on the time axis of the channels. */
   picture?: (log: number) => FlightPicture | undefined;
   /** Additional lanes on a log's time axis, by its name. */
@@ -37,7 +40,9 @@ export interface Looks {
 }
 
 export function ComparisonView(props: { result: Comparison; looks: Looks }) {
-  const view = createView();
+  // When the condition that was clicked on is met.
+  const [met, setMet] = createSignal<readonly (readonly [number, number])[]>([]);
+  const view = createView(undefined, met);
   const log = () => props.result.logs[props.looks.logAt()] ?? props.result.logs[0];
   const [shown, setShown] = createSignal<string>();
   const model = () => log()?.models.find((one) => one.model === shown()) ?? log()?.models.at(-1);
@@ -62,9 +67,9 @@ export function ComparisonView(props: { result: Comparison; looks: Looks }) {
               <For each={log()?.models ?? []}>{(one) => <option value={one.model} selected={one.model === model()?.model}>{one.model}</option>}</For>
             </select>
           </label>
-          <span class="small muted screen">A click on a cell opens the channel at that time.</span>
+          <span class="small muted screen">A click on a cell opens the channel at that time, or where the condition is met.</span>
         </div>
-        <Where log={log() as LogComparison} model={model() as ModelOnLog} looks={props.looks} view={view} />
+        <Where log={log() as LogComparison} model={model() as ModelOnLog} looks={props.looks} view={view} setMet={setMet} />
       </Show>
     </>
   );
@@ -87,7 +92,7 @@ function sentence(log: LogComparison): string {
   return `${model.model} fails in ${parts.join("; ")}${failing.length > 4 ? `; and ${failing.length - 4} more` : ""}.`;
 }
 
-function Where(props: { log: LogComparison; model: ModelOnLog; looks: Looks; view: View }) {
+function Where(props: { log: LogComparison; model: ModelOnLog; looks: Looks; view: View; setMet: (times: readonly (readonly [number, number])[]) => void }) {
   const rows = () => props.model.channels.filter((one) => one.verdict !== "not-testable");
   const channel = () => {
     const wanted = props.looks.channel();
@@ -113,10 +118,38 @@ function Where(props: { log: LogComparison; model: ModelOnLog; looks: Looks; vie
   const title = () => conditions().find(([name]) => name === condition())?.[1];
   const bins = (place: number) => rows()[place]?.conditions.find((one) => one.condition === condition())?.bins ?? [];
   const curve = () => found()?.conditions.find((one) => one.condition === condition());
+  const [clicked, setClicked] = createSignal<{ log: string; channel: string; condition: string; place: number }>();
+  /** The cell of the strip over the condition that is looked at. */
+  const chosen = () => {
+    const one = clicked();
+    return one && one.log === props.log.log.name && one.channel === channel() && one.condition === condition() ? one.place : undefined;
+  };
+  const part = createMemo(() => partAt(curve()?.bins ?? [], chosen() ?? -1));
+  const over = props.looks.conditions(() => (part() ? props.looks.logAt() : undefined));
+  const times = createMemo(() => {
+    const [one, name, all] = [part(), condition(), over.data()];
+    return one && name !== undefined && all && !over.loading() ? timesWithin(all, name, one) : [];
+  });
+  createEffect(() => props.setMet(times()));
+  const met = () => times().reduce((sum, [from, to]) => sum + to - from, 0) / Math.max(1e-9, props.log.duration_s);
+  const marks = () => {
+    const [one, bins] = [part(), curve()?.bins ?? []];
+    return one ? [{ from: Math.max(one.low, bins[0]?.at ?? one.bin.at), to: Math.min(one.high, bins.at(-1)?.at ?? one.bin.at), at: one.bin.at, label: short(one.bin.at), colour: "s4" }] : [];
+  };
+  const pickPart = (row: number, place: number) => {
+    const [one, name] = [rows()[row], condition()];
+    if (!one || name === undefined) return;
+    setClicked({ log: props.log.log.name, channel: one.channel, condition: name, place });
+    props.looks.chooseChannel(one.channel);
+    // All of the flight: the condition may be met anywhere.
+    props.view.setRange(undefined);
+    setCell(undefined);
+  };
   const pickTime = (row: number, place: number) => {
     const one = rows()[row];
     if (!one) return;
     setCell(place);
+    setClicked(undefined);
     props.looks.chooseChannel(one.channel);
     props.view.setRange([Math.max(0, (place - 1) * BLOCK_S), Math.min(props.log.duration_s, (place + 2) * BLOCK_S)]);
     // The vehicle in 3-D stands at the cursor.
@@ -158,8 +191,21 @@ function Where(props: { log: LogComparison; model: ModelOnLog; looks: Looks; vie
               const longest = rows().map((_, row) => bins(row)).reduce((a, b) => (b.length > a.length ? b : a), []);
               return place % 2 === 0 ? short(longest[place]?.at, 2) : "";
             }}
-            onPick={(row) => { const one = rows()[row]; if (one) props.looks.chooseChannel(one.channel); }}
+            chosen={chosen() === undefined ? undefined : { row: rows().findIndex((one) => one.channel === channel()), cell: chosen() ?? 0 }}
+            onPick={pickPart}
           />
+          <div role="status">
+            <Show when={part()}>
+              {(one) => (
+                <p class="small">
+                  {channelTitle(channel())} at {title()?.title} {between(one().low, one().high)}{title()?.unit && title()?.unit !== "1" ? ` ${title()?.unit}` : ""}: mean residual {short(one().bin.mean)} {found()?.unit}, noise
+                  alone ± {short(one().bin.band_95)}; chi²/N {short(one().bin.chi2)} over {one().bin.blocks} blocks.
+                  <Show when={over.data()}> Shaded below: {times().length === 0 ? "no time" : `${percent(met(), 0)} of the flight`}.</Show>
+                </p>
+              )}
+            </Show>
+            <Problem sentence={over.error() && `When that is cannot be shown: ${over.error()}`} retry={over.reload} />
+          </div>
         </div>
       </div>
       <label class="row small">
@@ -182,6 +228,7 @@ function Where(props: { log: LogComparison; model: ModelOnLog; looks: Looks; vie
             x={curve()?.bins.map((bin) => bin.at) ?? []}
             bands={[{ label: "95 % of noise alone", low: curve()?.bins.map((bin) => -bin.band_95) ?? [], high: curve()?.bins.map((bin) => bin.band_95) ?? [], colour: "s3" }]}
             lines={[{ label: "residual", values: curve()?.bins.map((bin) => bin.mean) ?? [], colour: "s2", width: 2 }]}
+            marks={marks()}
             height={220}
           />
         </Show>
@@ -207,7 +254,7 @@ function Where(props: { log: LogComparison; model: ModelOnLog; looks: Looks; vie
                     <td><button type="button" class="plain" onClick={() => { props.looks.chooseChannel(one.channel); props.view.setRange([Math.max(0, one.start_s - 2), one.end_s + 2]); props.view.setCursor(one.start_s); }}>{one.start_s.toFixed(1)} – {one.end_s.toFixed(1)}</button></td>
                     <td>{channelTitle(one.channel)}</td>
                     <td class="r">{short(one.error)} {one.unit}</td>
-                    <td class="r">{one.deviations.toFixed(0)}</td>
+                    <td class="r">{one.deviations?.toFixed(0) ?? "–"}</td>
                     <td>{one.conditions.slice(0, 4).map(([name, value, unit]) => `${name} ${short(value)} ${unit}`).join(" · ")}</td>
                   </tr>
                 )}
@@ -248,12 +295,16 @@ function Where(props: { log: LogComparison; model: ModelOnLog; looks: Looks; vie
   );
 }
 
+/** `above 3`, `below 3`, `2 to 3`. */
+const between = (low: number, high: number) =>
+  Number.isFinite(low) ? (Number.isFinite(high) ? `${short(low)} to ${short(high)}` : `above ${short(low)}`) : Number.isFinite(high) ? `below ${short(high)}` : "of any size";
+
 /** A probability; values below 0.001 are not distinguished. */
 const chance = (value: number | null | undefined) => (typeof value === "number" && value < 0.001 ? "< 0.001" : short(value));
 
 function followed(one: ChannelResult): string {
   const first = one.inputs[0];
-  if (!first || first.correlation === null || first.band_99 === null || Math.abs(first.correlation) <= first.band_99) return "";
+  if (!first || typeof first.correlation !== "number" || typeof first.band_99 !== "number" || Math.abs(first.correlation) <= first.band_99) return "";
   return `${first.input} by ${short(first.lag_s)} s: ${short(first.correlation, 2)} (band ${short(first.band_99, 2)})`;
 }
 
@@ -265,7 +316,7 @@ function Assumed(props: { log: LogComparison; model: ModelOnLog }) {
         Noise, estimated from the log itself: position {short(noise().position_m)} m, velocity {short(noise().velocity_m_s)} m/s, attitude {short(noise().attitude_rad)} rad,
         rates {short(noise().rates_rad_s)} rad/s, accelerometer {short(noise().accel_m_s2)} m/s² (white disturbance included), voltage {short(noise().voltage_v)} V.
       </li>
-      <li>Fitted to this log: lift error of the rotors {props.model.nuisances.rotor_bias_n.map((one) => (1e3 * one).toFixed(1)).join(" ")} mN, charge at the start {(100 * props.model.nuisances.charge_at_start).toFixed(1)} %<Show when={props.model.nuisances.wind_m_s}>{(wind) => <>, wind to north {wind()[0].toFixed(2)} and east {wind()[1].toFixed(2)} m/s</>}</Show>.</li>
+      <li>Fitted to this log: lift error of the rotors {props.model.nuisances.rotor_bias_n.map((one) => (1e3 * one).toFixed(1)).join(" ")} mN, charge at the start {(100 * props.model.nuisances.charge_at_start).toFixed(1)} %<Show when={props.model.nuisances.wind_m_s}>{(wind) => <>, wind to north {wind()[0]?.toFixed(2)} and east {wind()[1]?.toFixed(2)} m/s</>}</Show>.</li>
       <li>Timing: a row is the state at its time, its duty holds to the next row; half a sample off would show as a latency.</li>
       <li>Left out (ends, ground): {props.log.excluded.length > 0 ? props.log.excluded.map((one) => `${one.start_s.toFixed(1)} – ${one.end_s.toFixed(1)} s`).join(", ") : "nothing"}.</li>
       <For each={props.log.notes}>{(one) => <li>{one}</li>}</For>

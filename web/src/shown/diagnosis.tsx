@@ -12,13 +12,14 @@ const HEADLINES: Record<Diagnosis["verdict"]["kind"], { words: string; kind: str
   "partly-missing": { words: "Physics is missing, and named; it explains a part of the error, the rest is not in the catalogue.", kind: "warn" },
   "calibrate-first": { words: "Constants of this vehicle are guesses that the flight contradicts: calibrate it first.", kind: "warn" },
   "outside-catalogue": { words: "Physics is missing, and not in the catalogue of effects.", kind: "warn" },
+  "flights-differ": { words: "These flights differ: no one model explains them together.", kind: "warn" },
   "log-fault": { words: "The log is at fault; the physics agrees.", kind: "bad" },
   "nothing-testable": { words: "Nothing of this log can be compared with the model.", kind: "bad" },
 };
 
 /** The sentence without the part that the headline already says. */
 function restOf(found: Diagnosis, onPage: boolean): string {
-  let rest = found.sentence.replace(/^The model agrees with (this|the) flights?: /, "").replace(/ Each flight has a wind of its own: .*$/, "");
+  let rest = found.sentence.replace(/^The model agrees with (this|the) flights?: /, "").replace(/ Each flight has a wind of its own: .*$/, "").replace(/^These flights differ: nothing explains them together, and each alone is explained\. /, "");
   // The page has a button for what a report names a command for, and fields for its options.
   if (onPage) rest = adviceText(rest.replace(/^Calibrate first \(`rotortwin [^)]*\): /, ""));
   // The headline has said it.
@@ -56,6 +57,7 @@ export function DiagnosisView(props: { found: Diagnosis; add?: AddToModel; calib
         </For>
         <For each={props.found.sensor_or_timing}>{(one) => <Card finding={one} found={props.found} />}</For>
       </div>
+      <For each={props.found.apart ?? []}>{(one) => <Apart flights={one} found={props.found} />}</For>
       <Show when={(props.found.winds ?? []).length > 0}><Winds found={props.found} add={add() && props.found.verdict.kind === "missing" && props.found.effects.length === 0 ? () => add()?.({}) : undefined} /></Show>
       <Show when={props.found.effects.length > 1 && add()}>
         {(all) => <div class="row"><button type="button" onClick={() => all()({})}>Add all {props.found.effects.length} effects in one version</button></div>}
@@ -69,6 +71,21 @@ export function DiagnosisView(props: { found: Diagnosis; add?: AddToModel; calib
       <NotConsidered found={props.found} />
       <Rest found={props.found} />
     </>
+  );
+}
+
+/** What some of the flights have and the others have not. */
+function Apart(props: { flights: NonNullable<Diagnosis["apart"]>[number]; found: Diagnosis }) {
+  // Of these flights alone: their errors on held-out blocks.
+  const found = (): Diagnosis => ({ ...props.found, held_out: props.flights.held_out });
+  return (
+    <section class="stack" aria-label={`Alone: ${props.flights.logs.join(", ")}`}>
+      <h3>{props.flights.logs.join(", ")}</h3>
+      <Show when={props.flights.effects.length + props.flights.sensor_or_timing.length > 0} fallback={<p>{props.flights.sentence}</p>}>
+        <For each={[...props.flights.effects, ...props.flights.sensor_or_timing]}>{(one) => <Card finding={one} found={found()} />}</For>
+        <p class="small">To add it to a model, diagnose these flights without the others.</p>
+      </Show>
+    </section>
   );
 }
 
@@ -137,7 +154,7 @@ function TrimView(props: { trim: NonNullable<Diagnosis["trim"]> }) {
       <strong>Against the healthy flights:</strong> {props.trim.sentence} Thrust command of the rotors over the healthy mean:{" "}
       <span class="num">{props.trim.thrust_change.map((one) => percent(one)).join(", ")}</span>; healthy flights vary by {percent(props.trim.spread[0])} in common and{" "}
       {percent(props.trim.spread[1])} rotor by rotor;{" "}
-      {props.trim.smallest_loss === null ? "no loss of one rotor up to 60 % would be named." : `a loss of ${percent(props.trim.smallest_loss, 0)} of one rotor would be named.`}
+      {typeof props.trim.smallest_loss !== "number" ? "no loss of one rotor up to 60 % would be named." : `a loss of ${percent(props.trim.smallest_loss, 0)} of one rotor would be named.`}
       <For each={props.trim.with_more.filter((more) => more.smallest_loss != null)}>
         {(more) => ` With ${more.flights} healthy flights: ${percent(more.smallest_loss ?? 0, 0)}.`}
       </For>
@@ -155,7 +172,8 @@ function TrimView(props: { trim: NonNullable<Diagnosis["trim"]> }) {
 
 /** Guessed values of the vehicle that the flights contradict. */
 function Calibrate(props: { found: Diagnosis; calibrating: Calibrating | undefined }) {
-  const corrections = () => props.found.calibrate.flatMap((one) => (one.correction ? [one.correction] : []));
+  const constants = () => props.found.calibrate ?? [];
+  const corrections = () => constants().map((one) => one.correction);
   return (
     <div class="stack">
     <Show when={props.calibrating}>
@@ -175,7 +193,7 @@ function Calibrate(props: { found: Diagnosis; calibrating: Calibrating | undefin
       <table class="small">
         <thead><tr><th scope="col">To calibrate</th><th class="r" scope="col">as guessed</th><th class="r" scope="col">the flights want</th><th class="r" scope="col">ln Bayes factor</th><th scope="col">guessed from</th><th scope="col">better</th></tr></thead>
         <tbody>
-          <For each={props.found.calibrate}>
+          <For each={constants()}>
             {(one) => (
               <tr>
                 <td>{one.name} <code class="small">{one.key}</code></td>
@@ -203,7 +221,7 @@ function Card(props: { finding: Finding; found: Diagnosis; isDoubtful?: boolean;
         <h3>{it().label}{it().instance.rotor ? `, rotor ${it().instance.rotor}` : ""}</h3>
         <span class="tag">{it().class}</span>
         <Show when={props.isDoubtful}><span class="tag warn">looks like it</span></Show>
-        <Show when={it().onset_s !== null}><span class="tag warn">sets in at {short(it().onset_s)} s</span></Show>
+        <Show when={typeof it().onset_s === "number"}><span class="tag warn">sets in at {short(it().onset_s)} s</span></Show>
         <span class="grow" />
         <Show when={props.add}><button type="button" class={props.isDoubtful ? "" : "main"} onClick={() => props.add?.()}>Add to the model<span class="sr">: {it().label}</span></button></Show>
       </div>
@@ -223,7 +241,7 @@ function Card(props: { finding: Finding; found: Diagnosis; isDoubtful?: boolean;
             <dd>ln Bayes factor {short(it().ln_bayes_factor)}: {evidenceWords(it().ln_bayes_factor)} (above {props.found.threshold}: named); probability {percent(it().posterior)} among the catalogue</dd>
             <dt>Shows in</dt>
             <dd>{it().channels.map(channelTitle).join(", ")}</dd>
-            <For each={props.found.held_out.filter((one) => Math.abs(one.after - one.before) > 0.02 * one.before)}>
+            <For each={props.found.held_out.filter(hasChanged)}>
               {(one) => (
                 <>
                   <dt>Held-out {one.quantity}</dt>
@@ -257,7 +275,8 @@ function Card(props: { finding: Finding; found: Diagnosis; isDoubtful?: boolean;
   );
 }
 
-const milli = (value: number) => short(1e3 * value);
+const milli = (value: number | null | undefined) => short(typeof value === "number" ? 1e3 * value : value);
+const hasChanged = ({ before, after }: Diagnosis["held_out"][number]) => typeof before === "number" && typeof after === "number" && Math.abs(after - before) > 0.02 * before;
 
 function Rivals(props: { finding: Finding }) {
   return (
@@ -289,7 +308,7 @@ function ProposalCard(props: { proposal: Proposal; add: (() => void) | undefined
         {(one) => (
           <div>
             <pre class="equation" tabindex="0" aria-label="term">{one.acts.join(", ")} · {one.parameter}</pre>
-            <p class="num">{one.parameter} = {plusMinus(one.factor, 1.96 * one.deviation, one.unit)}; correlation {short(one.correlation)}; {percent(one.held_out_share, 0)} of the error is explained on unseen blocks up to here</p>
+            <p class="num">{one.parameter} = {plusMinus(one.factor, 1.96 * (one.deviation ?? 0), one.unit)}; correlation {short(one.correlation)}; {percent(one.held_out_share, 0)} of the error is explained on unseen blocks up to here</p>
           </div>
         )}
       </For>

@@ -20,7 +20,7 @@ export function ImprovementView(props: { result: Improvement }) {
     const found: Fall[] = quantities.map((one) => ({
       title: one.quantity,
       unit: one.unit,
-      noise: one.noise,
+      noise: one.noise ?? null,
       rows: it().rows.map((row) => ({ name: name(row), error: row.logs[place]?.errors.find((other) => other.quantity === one.quantity)?.error ?? null })),
     }));
     const far = it().rows.map((row) => ({ name: name(row), error: row.logs[place]?.open_loop.find((one) => Math.abs(one.horizon_s - HORIZON_S) < 1e-9)?.position_m ?? null }));
@@ -42,7 +42,7 @@ export function ImprovementView(props: { result: Improvement }) {
                     <td>{row.version}<Show when={row.oracle}> <span class="tag">the truth</span></Show></td>
                     <td>{row.added ?? "the vehicle as given"}</td>
                     <td class="num">{row.parameters.map((one) => `${one.symbol} = ${plusMinus(one.value, one.interval_95, one.unit)}`).join("; ")}</td>
-                    <td class="r">{row.ln_bayes_factor === null ? "" : short(row.ln_bayes_factor)}</td>
+                    <td class="r">{typeof row.ln_bayes_factor === "number" ? short(row.ln_bayes_factor) : ""}</td>
                     <td class="mono">{row.hash.slice(0, 8)}</td>
                   </tr>
                 )}

@@ -119,7 +119,7 @@ function ResidualTable(props: { summary: Summary }) {
   const rotors = () => Array.from({ length: props.summary.rotor_count }, (_, k) => k);
   const cell = (mean: number | null | undefined, deviation: number | null | undefined) => (typeof mean === "number" && typeof deviation === "number" ? `${(1e3 * mean).toFixed(1)} (${(1e3 * deviation).toFixed(1)})` : "–");
   return (
-    <Show when={props.summary.intervals.some((one) => (one.residual_means_nms?.length ?? 0) > 0)}>
+    <Show when={(props.summary.intervals ?? []).some((one) => one.residual_means_nms.length > 0)}>
       <Panel title="Residuals in numbers" note="mean (standard deviation) in mN·m·s; by design, residual i does not see a fault of rotor i">
         <div class="scroll" tabindex="0" role="region" aria-label="Residuals in numbers">
           <table class="small">

@@ -11,7 +11,7 @@ export function RunSummary(props: { summary: Summary }) {
   const it = () => props.summary;
   /** Scores of the user's own detectors in an interval. */
   const own = (interval: number): [string, Score][] => (it().own_detectors ?? []).flatMap((one) => { const score = one.scores[interval]; return score ? [[one.name, score]] : []; });
-  const absent = () => it().intervals.every((one) => one.scores.network.share_right === null);
+  const absent = () => (it().intervals ?? []).every((one) => typeof one.scores.network.share_right !== "number");
   return (
     <Panel title="Summary" note={it().program_version}>
       <div class="stack">
@@ -65,14 +65,14 @@ export function RunSummary(props: { summary: Summary }) {
                         <td class="num">{place() === 0 ? `${short(interval.start_s)} – ${short(interval.end_s)}` : ""}</td>
                         <td>{place() === 0 ? [interval.description, ...(interval.sensor_faults ?? [])].join("; ") : ""}</td>
                         <td>{name}</td>
-                        <td class="r"><span class={`tag ${kindOfScore(interval, score)}`}>{score.share_right === null ? (name === "network" && absent() ? "no network loaded" : "no verdict") : percent(score.share_right)}</span></td>
+                        <td class="r"><span class={`tag ${kindOfScore(interval, score)}`}>{typeof score.share_right !== "number" ? (name === "network" && absent() ? "no network loaded" : "no verdict") : percent(score.share_right)}</span></td>
                         <td class="r">{short(score.isolated_after_s)}</td>
                         <td class="r">{score.false_alarm_events}</td>
                         <td>{otherwise(interval, score)}</td>
                         <td>{verdictText(score.verdict_at_end)}</td>
                         <td class="num">
                           {name === "sequential"
-                            ? interval.severity.losses.map((loss) => `rotor ${loss.rotor}: ${percent(loss.share)} [${percent(loss.interval_share[0])}, ${percent(loss.interval_share[1])}]`).join("; ")
+                            ? (interval.severity?.losses ?? []).map((loss) => `rotor ${loss.rotor}: ${percent(loss.share)} [${percent(loss.interval_share[0])}, ${percent(loss.interval_share[1])}]`).join("; ")
                             : ""}
                         </td>
                       </tr>

@@ -24,6 +24,7 @@ from typing import Any
 
 import numpy as np
 
+from . import _picture
 from ._here import native
 
 _native = native()
@@ -43,10 +44,58 @@ class Result(dict[str, Any]):
     def __repr__(self) -> str:
         return self.sentence or super().__repr__()
 
+    def _picture(self) -> str:
+        """The result as SVG; empty where it has nothing to draw."""
+        if "ranking" in self:
+            return _of_a_diagnosis(self)
+        if "logs" in self and "models" in self:
+            return _of_a_comparison(self)
+        return _of_an_improvement(self) if "rows" in self else ""
+
     def _repr_html_(self) -> str:
         from html import escape
 
-        return f"<p>{escape(self.sentence)}</p>" if self.sentence else f"<pre>{escape(json.dumps(self, indent=1)[:4000])}</pre>"
+        said = self.sentence or str(self.get("verdict") or "")
+        if "±" in said:
+            said += " (± is half of a 95 % interval)"
+        picture = self._picture()
+        if said or picture:
+            return f"<p>{escape(said)}</p>{picture}"
+        return f"<pre>{escape(json.dumps(self, indent=1)[:4000])}</pre>"
+
+
+def _of_a_diagnosis(found: Mapping[str, Any]) -> str:
+    """The parameters of what was found, each with its interval; how well the model fits where nothing was."""
+    rows = [
+        (f"{effect['label']}, {each['symbol']}", each["value"], each["interval_95"], f"{each['value']:.4g} ± {each['interval_95']:.2g} {each['unit']}")
+        for effect in [*found["effects"], *found["sensor_or_timing"]]
+        for each in effect["parameters"]
+    ]
+    if rows:
+        return _picture.intervals("What was found, with its 95 % intervals", rows)
+    fit = [(each["channel"], float(each["chi2_after"])) for each in found["goodness"]["channels"] if each["chi2_after"] is not None]
+    return _picture.bars("Error of each channel, squared, over that of its noise", fit, 1.0, "") if fit else ""
+
+
+def _of_a_comparison(compared: Mapping[str, Any]) -> str:
+    """The error of each channel over its noise, both smoothed as where channels fail, for each model on the first log."""
+    rows = [
+        (f"{each['model']}, {channel['channel']}" if len(compared["models"]) > 1 else channel["channel"], channel["smoothed_rms"] / channel["smoothed_noise"])
+        for each in compared["logs"][0]["models"]
+        for channel in each["channels"]
+        if channel["smoothed_rms"] is not None and channel["smoothed_noise"]
+    ]
+    return _picture.bars("Error of each channel over its noise", rows, 1.0, "× noise") if rows else ""
+
+
+def _of_an_improvement(improved: Mapping[str, Any]) -> str:
+    """The error of each version on the first log, in the quantity that was furthest above its noise."""
+    of_version = [(row["version"], {each["quantity"]: each for each in row["logs"][0]["errors"]}) for row in improved["rows"] if row["logs"]]
+    if not of_version or not of_version[0][1]:
+        return ""
+    first = max(of_version[0][1].values(), key=lambda each: float(each["error"]) / (float(each["noise"]) or 1e-300))
+    rows = [(version, errors[first["quantity"]]["error"]) for version, errors in of_version if first["quantity"] in errors]
+    return _picture.bars(f"Error of {first['quantity']} by version; the line is the noise", rows, first["noise"], first["unit"])
 
 
 def _log(log: Log, number: int) -> Any:
@@ -134,6 +183,9 @@ class Improved:
         """Writes the last version."""
         Path(path).write_text(self.model_toml, encoding="utf-8")
 
+    def _repr_html_(self) -> str:
+        return self.result._repr_html_()
+
 
 def improve(
     logs: Log | list[Log],
@@ -164,6 +216,26 @@ class JudgedLog(Result):
                 return f"cannot judge: the log lacks {', '.join(lack['columns'])}"
         reasons = {each["why"]: None for each in self["not_judged"]}
         return f"cannot judge: {'; '.join(reasons) or 'no step has a value in every channel that the detectors need'}"
+
+    def _picture(self) -> str:
+        """Share of the thrust that the named rotor lost, with its interval, over the time that was judged."""
+        said = self.get("windows") or self["timeline"]
+        # A change holds until the next one, the last one to the end.
+        last = self["final_window"]
+        said = [*said, last] if last else said
+        if not said:
+            return ""
+        time_s: list[float] = []
+        values: dict[str, list[float]] = {"share": [], "share_low": [], "share_high": []}
+        for number, each in enumerate(said):
+            until = said[number + 1]["time_s"] if number + 1 < len(said) else each["time_s"]
+            time_s += [each["time_s"], until]
+            lost = next(iter(each["sequential"]["thrust_loss"]), None)
+            judged = each["sequential"]["verdict"] in ("healthy", "faulty") or lost is not None
+            for key, column in values.items():
+                column += [100.0 * lost[key] if lost else 0.0 if judged else np.nan] * 2
+        series = [("", values["share"]), ("", values["share_low"]), ("", values["share_high"])]
+        return _picture.lines("Lost thrust of the named rotor and its 95 % interval over time", time_s, [_picture.Lines("lost thrust, %", series)])
 
     def frame(self) -> Any:
         """Verdicts of the sequential detector as a data frame of pandas: each window if `fdi_log` was asked for them, else each change."""

@@ -118,6 +118,9 @@ class Run:
     warnings: Sequence[str] = ()
     #: What it was, what the detectors said (`summary.json`); not in lists.
     summary: Json | None = None
+    #: As every job: its kind, and its result, which is the summary.
+    kind: str = "run"
+    result: Json | None = None
 
     @property
     def ended(self) -> bool:

@@ -21,6 +21,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from . import _picture
 from ._here import native
 
 if TYPE_CHECKING:
@@ -178,6 +179,15 @@ def _array(data: bytearray, kind: str) -> NDArray[Any]:
     return np.frombuffer(data, dtype=kind)
 
 
+def _damaged(time_s: NDArray[Any], label: NDArray[Any] | None) -> list[tuple[float, float]]:
+    """Stretches of time with a damaged rotor."""
+    if label is None:
+        return []
+    damaged = np.concatenate([[False], label != 0, [False]])
+    begins, ends = (np.flatnonzero(change) for change in (damaged[1:] & ~damaged[:-1], ~damaged[1:] & damaged[:-1]))
+    return [(float(time_s[begin]), float(time_s[end - 1])) for begin, end in zip(begins, ends, strict=True)]
+
+
 class Simulation:
     """One flight with controller and detectors.
 
@@ -317,6 +327,27 @@ class Simulation:
 
     def __repr__(self) -> str:
         return f"<Simulation {self.scenario}, seed {self.seed}, {self.time_s:g} s: {self.verdict}>"
+
+    def _repr_html_(self) -> str:
+        """Height, duties and the detector's loss over time, as far as their columns are recorded; damage is shaded."""
+        from html import escape
+
+        said = f"<p>{escape(f'{self.scenario}, seed {self.seed}, {self.time_s:g} s: {self.verdict}')}</p>"
+        kept = self.telemetry()
+        time_s = kept.get("time_s")
+        if time_s is None or len(time_s) < 2:
+            return said
+        panels = []
+        if "position_down_m" in kept:
+            panels.append(_picture.Lines("height, m", [("", -kept["position_down_m"])]))
+        duties = [(str(rotor), kept[f"duty_{rotor}"]) for rotor in range(1, self.rotor_count + 1) if f"duty_{rotor}" in kept]
+        if duties:
+            panels.append(_picture.Lines("duty of rotor", duties))
+        if "thrust_loss_n" in kept:
+            panels.append(_picture.Lines("estimated loss, N", [("", kept["thrust_loss_n"])]))
+        if not panels:
+            return said
+        return said + _picture.lines(f"{self.scenario}, over time", time_s, panels, _damaged(time_s, kept.get("fault_label")))
 
 
 class SimulationBatch:

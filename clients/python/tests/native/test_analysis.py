@@ -1,12 +1,20 @@
 """The twin in this process: the same answers from files, frames and dicts."""
 
+import json
+import os
+import subprocess
+import threading
+import time
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
+from xml.etree import ElementTree
 
 import pytest
 
 import rotortwin
 
+PROGRAM = os.environ.get("ROTORTWIN_PROGRAM", "rotortwin")
 DRAG = {"effect": "rotor-drag", "parameters": {"drag_n_s_m": 0.25}}
 MEASURED = (
     "time_s", "position_", "velocity_", "roll_rad", "pitch_rad", "yaw_rad", "roll_rate", "pitch_rate", "yaw_rate", "duty_",
@@ -118,3 +126,109 @@ def test_regress_what_is_no_table_is_told(log: dict[str, Any], tmp_path: Path) -
     frame.to_csv(tmp_path / "flight.csv", index=False)
     path = tmp_path / "flight.csv"
     assert len(rotortwin.compare((path, path), ("f550",))["logs"]) == 2
+
+
+def commands_json(folder: Path, *arguments: str) -> Any:
+    """What a command prints with `--json`."""
+    said = subprocess.run([PROGRAM, *arguments, "--json"], cwd=folder, check=False, capture_output=True, text=True)
+    assert said.returncode == 0, f"{arguments}: {said.stderr}"
+    return json.loads(said.stdout)
+
+
+def test_regress_answers_are_those_of_the_commands_bit_for_bit(
+    log: dict[str, Any], damaged: dict[str, Any], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    pandas = pytest.importorskip("pandas")
+    # Both take the models of the folder they are started in.
+    monkeypatch.chdir(tmp_path)
+    for name, columns in (("drag.csv", log), ("damaged.csv", damaged)):
+        # Doubles are written in full, so that the file holds the same bits as the table.
+        pandas.DataFrame(columns).astype("float64").to_csv(name, index=False)
+    subprocess.run([PROGRAM, "model", "add", "f550", "rotor-drag", "drag_n_s_m=0.1±0.05"], check=True, capture_output=True)
+    calls: tuple[tuple[str, Callable[[Any, str], Any], str, dict[str, Any], str], ...] = (
+        ("diagnose", rotortwin.diagnose, "drag", log, "f550@v0"),
+        ("diagnose", rotortwin.diagnose, "drag", log, "f550"),
+        ("compare", rotortwin.compare, "drag", log, "f550"),
+        ("compare", rotortwin.compare, "damaged", damaged, "f550@v0"),
+        ("fdi-log", rotortwin.fdi_log, "damaged", damaged, "f550"),
+        ("fdi-log", rotortwin.fdi_log, "drag", log, "f550@v0"),
+    )
+    for command, call, name, columns, model in calls:
+        told = commands_json(tmp_path, command, f"{name}.csv", "--model", model)
+        # Numbers are written with as many digits as their bits need: equal numbers are equal bits.
+        assert dict(call(f"{name}.csv", model)) == told, f"{command} {name} {model}"
+        # A table has no content of a file to be hashed.
+        of_a_table = json.loads(json.dumps(dict(call((name, columns), model))))
+        for found in (of_a_table, told):
+            for each in [found, *found.get("logs", [])]:
+                if isinstance(each, dict) and isinstance(each.get("log"), dict):
+                    each["log"].pop("hash", None)
+                    each["log"].pop("content_hash", None)
+        assert of_a_table == told, f"{command} {name} {model}, a table"
+
+
+def test_scenario_other_threads_go_on_meanwhile(log: dict[str, Any]) -> None:
+    flight = rotortwin.Simulation("hover", set={"duration_s": 900.0}, record=[])
+    works: dict[str, Callable[[], object]] = {
+        "step": lambda: flight.step(steps=300_000),
+        "diagnose": lambda: rotortwin.diagnose([log] * 4, "f550"),
+    }
+    for name, work in works.items():
+        ticks: list[float] = []
+        ended = threading.Event()
+
+        def tick(ticks: list[float] = ticks, ended: threading.Event = ended) -> None:
+            while not ended.wait(0.001):
+                ticks.append(time.monotonic())
+
+        other = threading.Thread(target=tick)
+        other.start()
+        begin = time.monotonic()
+        work()
+        taken = time.monotonic() - begin
+        ended.set()
+        other.join(timeout=10.0)
+        # Long enough to tell: with the lock held, the other thread would have stood still in the middle of it.
+        assert taken > 0.05, f"{name} took {taken:.3f} s"
+        inside = [at for at in ticks if begin + taken / 4 < at < begin + 3 * taken / 4]
+        assert len(inside) >= 3, f"{name}: {len(inside)} ticks of another thread in the middle half of {taken:.3f} s"
+
+
+def drawn(result: Any) -> ElementTree.Element:
+    """The picture of a result in a notebook, which must be well-formed."""
+    html = result._repr_html_()
+    words, picture = html.split("</p>", 1)
+    assert words.startswith("<p>") and "<script" not in html
+    return ElementTree.fromstring(picture)
+
+
+def test_scenario_results_are_pictures_in_a_notebook(log: dict[str, Any], damaged: dict[str, Any]) -> None:
+    svg = "{http://www.w3.org/2000/svg}"
+    found = rotortwin.diagnose(log, "f550")
+    assert "half of a 95 % interval" in found._repr_html_()
+    picture = drawn(found)
+    # The only parameter: a point between the ends of its interval, right of zero.
+    [point] = picture.findall(f"{svg}circle")
+    zero, interval = picture.findall(f"{svg}line")
+    left, right = float(interval.attrib["x1"]), float(interval.attrib["x2"])
+    assert float(zero.attrib["x1"]) < left < float(point.attrib["cx"]) < right
+    assert any("0.25" in (text.text or "") for text in picture.findall(f"{svg}text"))
+
+    compared = rotortwin.compare(log, "f550")
+    channels = [each["channel"] for each in compared["logs"][0]["models"][0]["channels"] if each["smoothed_rms"] is not None]
+    picture = drawn(compared)
+    widths = [float(bar.attrib["width"]) for bar in picture.findall(f"{svg}rect")]
+    assert len(widths) == len(channels) > 5 and max(widths) > 1.5 * sorted(widths)[len(widths) // 2], "the drag stands out"
+
+    improved = rotortwin.improve(log, "f550")
+    before, after = (float(bar.attrib["width"]) for bar in drawn(improved).findall(f"{svg}rect"))
+    assert after < 0.7 * before
+
+    for windows in (False, True):
+        seen = rotortwin.fdi_log(damaged, "f550", windows=windows)
+        picture = drawn(seen)
+        assert len(picture.findall(f"{svg}path")) == 3
+        assert all("nan" not in line.attrib["d"] for line in picture.findall(f"{svg}path"))
+    # What has nothing to draw says why.
+    without = {name: values for name, values in damaged.items() if not name.startswith("roll_rate")}
+    assert "cannot judge" in rotortwin.fdi_log(without, "f550")._repr_html_()

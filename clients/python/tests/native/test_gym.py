@@ -1,5 +1,7 @@
 """The environments of Gymnasium."""
 
+import inspect
+
 import numpy as np
 import pytest
 
@@ -46,6 +48,56 @@ def test_scenario_episodes_of_a_vector_end_and_begin_one_by_one() -> None:
         assert np.isfinite(reward).all()
         ends += terminated | truncated
     assert (ends[:2] == 2).all() and ends[2] >= 2
+
+
+@pytest.mark.parametrize("name", IDS)
+def test_val_a_vector_passes_the_checks_that_apply_to_it(name: str) -> None:
+    """`check_env` of Gymnasium (1.4) takes single environments only; of its parts, those about seeds and options take a vector, too."""
+    from gymnasium.utils import env_checker
+
+    many = gymnasium.make_vec(name, num_envs=3)
+    parts = {part: check for part, check in vars(env_checker).items() if part.startswith(("check_reset_seed", "check_reset_options"))}
+    parts = {part: check for part, check in parts.items() if inspect.isfunction(check)}
+    assert len(parts) >= 2, f"expected those of Gymnasium, got {list(parts)}"
+    for check in parts.values():
+        check(many)
+
+    # The same seed and actions, the same episodes; shapes and types are those of the spaces; nothing returned is used again.
+    many.action_space.seed(3)
+    actions = [many.action_space.sample() for _ in range(40)]
+
+    def flown() -> list[tuple[np.ndarray, ...]]:
+        first, info = many.reset(seed=9)
+        assert info == {} and many.observation_space.contains(first)
+        rows: list[tuple[np.ndarray, ...]] = [(first,)]
+        for action in actions:
+            observation, reward, terminated, truncated, info = many.step(action)
+            assert many.observation_space.contains(observation) and info == {}
+            assert reward.shape == terminated.shape == truncated.shape == (3,)
+            assert reward.dtype == np.float64 and terminated.dtype == truncated.dtype == np.bool_
+            assert not any(np.shares_memory(observation, row[0]) for row in rows)
+            rows.append((observation, reward, terminated, truncated))
+        return rows
+
+    for one, other in zip(flown(), flown(), strict=True):
+        assert all(np.array_equal(mine, its) for mine, its in zip(one, other, strict=True))
+
+
+@pytest.mark.parametrize("name", IDS)
+def test_val_a_vector_of_one_is_the_single_environment(name: str) -> None:
+    one, many = gymnasium.make(name).unwrapped, gymnasium.make_vec(name, num_envs=1)
+    first, _ = one.reset(seed=21)
+    firsts, _ = many.reset(seed=21)
+    assert np.array_equal(firsts, first[None])
+    one.action_space.seed(21)
+    for _ in range(200):
+        action = 0.1 * one.action_space.sample()
+        observation, reward, terminated, truncated, _ = one.step(action)
+        observations, rewards, ends, cuts, _ = many.step(action[None])
+        assert np.array_equal(observations, observation[None]) and rewards[0] == reward
+        assert (ends[0], cuts[0]) == (terminated, truncated)
+        if terminated or truncated:
+            break
 
 
 def test_regress_an_unknown_task_is_named() -> None:

@@ -5,6 +5,7 @@ import os
 import subprocess
 from collections.abc import Callable
 from pathlib import Path
+from xml.etree import ElementTree
 
 import numpy as np
 import pytest
@@ -126,3 +127,27 @@ def test_scenario_a_flight_is_a_frame_and_a_plot() -> None:
     flight = rotortwin.Simulation("short-hover", set={"duration_s": 1.0}).run()
     assert len(flight.frame()) == 400
     assert len(flight.plot().axes) == 3
+
+
+def test_scenario_a_flight_is_a_picture_in_a_notebook() -> None:
+    svg = "{http://www.w3.org/2000/svg}"
+    fault = {"time_s": 12.0, "rotor": 2, "thrust_loss_percent": 10.0}
+    flight = rotortwin.Simulation("hover", seed=5, set={"duration_s": 20.0, "fault": [fault]})
+    assert "<svg" not in flight._repr_html_(), "nothing is flown yet"
+    words, picture = flight.run()._repr_html_().split("</p>", 1)
+    assert "rotor 2 lost" in words
+    drawing = ElementTree.fromstring(picture)
+    # Height, a line for each rotor, loss; the damage is shaded in each of the three, from 12 of 20 s on.
+    assert len(drawing.findall(f"{svg}path")) == 2 + flight.rotor_count
+    shaded = drawing.findall(f"{svg}rect")
+    across = drawing.findall(f"{svg}line")[1]
+    begin, end = float(across.attrib["x1"]), float(across.attrib["x2"])
+    assert len(shaded) == 3
+    for each in shaded:
+        assert float(each.attrib["x"]) == pytest.approx(begin + 0.6 * (end - begin), abs=1.0)
+    assert len(picture) < 100_000, "whatever the number of steps"
+    # What is not recorded is not drawn.
+    few = rotortwin.Simulation("short-hover", record=["time_s", "position_down_m"]).run()
+    drawing = ElementTree.fromstring(few._repr_html_().split("</p>", 1)[1])
+    assert len(drawing.findall(f"{svg}path")) == 1
+    assert "<svg" not in rotortwin.Simulation("short-hover", record=[]).run()._repr_html_()

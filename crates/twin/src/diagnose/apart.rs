@@ -15,17 +15,15 @@ const CERTAINLY_SHOWS: f64 = 2.0;
 /// Deviations by which two sizes of one effect certainly differ.
 const CERTAINLY: f64 = 5.0;
 
+/// The search over the flights at these places; `None` once the time is up.
+type Search<'a> = &'a dyn Fn(&[usize]) -> Result<Option<Diagnosis>, PredictError>;
+
 /// Diagnoses `count` flights one by one, and those with the same answer together; by groups in the order of the flights. `None` if
 /// one of them has no explanation, or all have the same.
 ///
-/// * `search`: the search over the flights at these places; `None` once the time is up
-///
 /// # Errors
 /// Those of the search.
-pub(super) fn each_alone(
-    count: usize,
-    search: &dyn Fn(&[usize]) -> Result<Option<Diagnosis>, PredictError>,
-) -> Result<Option<Vec<Diagnosis>>, PredictError> {
+pub(super) fn each_alone(count: usize, search: Search<'_>) -> Result<Option<Vec<Diagnosis>>, PredictError> {
     let mut alike: Vec<(Vec<usize>, Vec<Diagnosis>)> = Vec::new();
     for flight in 0..count {
         let Some(found) = search(&[flight])?.filter(is_whole) else {

@@ -1,6 +1,7 @@
 //! Reasons in plain words: numbers with units, why an effect was named, why a rival lost.
 
 use rotortwin_plant::effects::EffectClass;
+use std::ops::Range;
 
 use super::named::Quantity;
 use super::result::{
@@ -11,10 +12,16 @@ use super::state::Doubt;
 use crate::estimation::parameters::{FittedParameter, SMALLEST, number};
 use crate::log::names::duty_rotor;
 use crate::model::constants::Source;
+use crate::predict::NAMES;
+use crate::predict::channels::{F, KA, KV, M, V};
 
 /// The commonest reason for torques alone that nothing explains.
 const BETWEEN_ROWS: &str = " A controller that runs faster than its log leaves such an error: what its outputs did between two rows is not in it; log them \
                             as fast as it runs, or their means over each row.";
+
+/// What errors of kinematic channels alone mean.
+const SENSORS_ALONE: &str = " These channels compare the log's sensors and its estimator with one another: forces and torques agree with the model, and nothing of \
+                             the vehicle is called missing.";
 
 /// Effects that a sentence names before it counts the rest.
 const MOST_NAMED: usize = 3;
@@ -320,6 +327,25 @@ fn apart(one: &FlightsApart) -> String {
     }
 }
 
+/// `fx and fz stay`, as what stays unexplained.
+fn stay(unexplained: &[String]) -> String {
+    let stay = if unexplained.len() == 1 { "stays" } else { "stay" };
+    format!("{} {stay}", unexplained.join(", "))
+}
+
+/// True if only channels are unexplained that compare sensors with one another, where forces and torques are compared with the model.
+fn is_of_sensors(diagnosis: &Diagnosis) -> bool {
+    // `fx`, of several logs `fx of NAME`.
+    let place = |channel: &str| NAMES.iter().position(|one| Some(*one) == channel.split(' ').next());
+    let tested = |range: Range<usize>| {
+        let mut channels = diagnosis.goodness.channels.iter();
+        channels.any(|one| place(&one.channel).is_some_and(|channel| range.contains(&channel)))
+    };
+    let of_sensors = |channel| (KV..M).contains(&channel) || (KA..V).contains(&channel);
+    let mut unexplained = diagnosis.goodness.unexplained.iter();
+    tested(F..KV) && tested(M..KA) && unexplained.all(|one| place(one).is_some_and(of_sensors))
+}
+
 /// The verdict as a sentence.
 fn sentence(diagnosis: &Diagnosis) -> String {
     let share = diagnosis.goodness.explained_share.map_or(String::new(), |share| {
@@ -384,8 +410,17 @@ fn sentence(diagnosis: &Diagnosis) -> String {
                 .iter()
                 .any(|one| one.blocking && !one.source.is_guess() && ratio_of(&one.key).is_some());
             let ratios = if in_ratios { RATIOS } else { "" };
+            let unexplained = &diagnosis.goodness.unexplained;
+            let rest = if unexplained.is_empty() {
+                String::new()
+            } else {
+                format!(
+                    " Even with these values {} unexplained: they are provisional.",
+                    stay(unexplained)
+                )
+            };
             format!(
-                "Calibrate first ({}): {}.{ratios}{part}{}",
+                "Calibrate first ({}): {}.{ratios}{part}{}{rest}",
                 HOW_TO_CALIBRATE,
                 constants.join("; and "),
                 rising(diagnosis)
@@ -393,8 +428,6 @@ fn sentence(diagnosis: &Diagnosis) -> String {
         }
         Verdict::OutsideCatalogue => {
             let unexplained = &diagnosis.goodness.unexplained;
-            let stay = if unexplained.len() == 1 { "stays" } else { "stay" };
-            let unexplained = unexplained.join(", ");
             let part = if found.is_empty() {
                 String::new()
             } else {
@@ -411,8 +444,14 @@ fn sentence(diagnosis: &Diagnosis) -> String {
             let torques = diagnosis.goodness.unexplained.iter().all(is_torque)
                 && found.iter().all(|finding| finding.channels.iter().all(is_torque));
             let outputs = if torques { BETWEEN_ROWS } else { "" };
+            let sensors = if found.is_empty() && is_of_sensors(diagnosis) {
+                SENSORS_ALONE
+            } else {
+                ""
+            };
             format!(
-                "The error is real and not, or not wholly, in the catalogue: {unexplained} {stay} unexplained.{part}{}{outputs}{}",
+                "The error is real and not, or not wholly, in the catalogue: {} unexplained.{sensors}{part}{}{outputs}{}",
+                stay(unexplained),
                 rising(diagnosis),
                 or_unconsidered(diagnosis)
             )

@@ -88,6 +88,9 @@ const WORTH_NAMING: f64 = 0.1;
 /// Share of the noise above which an error is more than noise: more than twice its power.
 const BEYOND_NOISE: f64 = 1.5;
 
+/// Share of the noise above which no vehicle is known so little that its error would be explained.
+const FAR_BEYOND_NOISE: f64 = 4.0;
+
 impl HeldOutError {
     /// Change that is ignored.
     pub fn negligible(&self) -> f64 {
@@ -97,6 +100,11 @@ impl HeldOutError {
     /// True if much more than noise is left with the effects found, whatever small errors the other constants have.
     pub fn is_beyond_noise(&self) -> bool {
         self.after.min(self.with_small_errors) > BEYOND_NOISE * self.noise
+    }
+
+    /// The same by far: also for a vehicle whose constants are known within intervals only.
+    pub(crate) fn is_far_beyond_noise(&self) -> bool {
+        self.after.min(self.with_small_errors) > FAR_BEYOND_NOISE * self.noise
     }
 
     /// True if the effects found make the error larger: by more than a trace of the noise, and either by a hundredth of

@@ -4,7 +4,7 @@ use std::path::Path;
 
 use rotortwin_page::Report;
 
-use super::{Improvement, OnLog, Value};
+use super::{Improvement, OnLog, ParameterValue};
 
 /// Quantities of the waterfall, in addition to open loop.
 pub const QUANTITIES: [&str; 3] = ["force", "torque", "voltage"];
@@ -27,7 +27,7 @@ pub fn write(folder: &Path, improvement: &Improvement) -> Result<(), String> {
 }
 
 /// As [`quantity`], of a parameter in a model.
-pub fn value_text(p: &Value) -> String {
+pub fn value_text(p: &ParameterValue) -> String {
     quantity(&p.symbol, p.value, p.interval_95, &p.unit)
 }
 

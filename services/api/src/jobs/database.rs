@@ -53,6 +53,11 @@ const POSTGRES_SETTINGS: &str = "SET lock_timeout = '5s'; SET statement_timeout 
 const SQLITE_SETTINGS: &str = "PRAGMA journal_mode = WAL; PRAGMA synchronous = FULL; PRAGMA busy_timeout = 10000; PRAGMA foreign_keys = ON; \
      PRAGMA cache_size = -256;";
 
+/// Start of the first part of a row of `job`: of a part that is started again, its last start. NULL if it has no parts, or none has been
+/// started.
+const BEGUN: &str = "CASE WHEN job.kind IN ('campaign', 'blind-bench') THEN \
+     (SELECT MIN(p.started_ms) FROM job p WHERE p.part_of = job.id) END";
+
 /// Database type.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Dialect {
@@ -185,7 +190,7 @@ impl Database {
 
     /// Translates a statement with `@NOW` (ms since 1970 by the database's clock, so that hosts need not agree), `@SKIP` (skip rows just
     /// locked by others), `@OPEN` (the smallest id of a transaction writing now or later) and `@VEHICLE` (the vehicle of a job in lists)
-    /// to this database's dialect.
+    /// to this database's dialect; `@BEGUN` is when the first part of a job in parts was started.
     pub(crate) fn sql(&self, text: &str) -> AssertSqlSafe<String> {
         let (now, skip, open, vehicle) = match self.dialect {
             // Writing transactions are serialised: all have the id 0.
@@ -206,7 +211,8 @@ impl Database {
             text.replace("@NOW", now)
                 .replace("@SKIP", skip)
                 .replace("@OPEN", open)
-                .replace("@VEHICLE", vehicle),
+                .replace("@VEHICLE", vehicle)
+                .replace("@BEGUN", BEGUN),
         )
     }
 

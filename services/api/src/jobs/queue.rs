@@ -6,7 +6,7 @@
 //! Statements write before they read: in SQLite, two transactions that read before writing cannot both proceed, and in Postgres the written
 //! row stays locked until the end, so that events are numbered without gaps.
 
-use super::table::{Transaction, job_of, metrics_of, verdict_of};
+use super::table::{Transaction, WHOLE, job_of, metrics_of, shown, verdict_of};
 use super::{Job, NewJob, Outcome, Status};
 use crate::clock::now_ms;
 use crate::jobs::database::Database;
@@ -109,13 +109,14 @@ impl Database {
         let mut transaction = self.pool.begin().await?;
         let id = new_id();
         if !self.insert(&mut transaction, &id, new, None).await? {
-            let row = sqlx::query("SELECT * FROM job WHERE tenant = $1 AND kind = $2 AND idempotency_key = $3")
+            let text = format!("SELECT {WHOLE} FROM job WHERE tenant = $1 AND kind = $2 AND idempotency_key = $3");
+            let row = sqlx::query(self.sql(&text))
                 .bind(&new.tenant)
                 .bind(new.kind.as_str())
                 .bind(&new.idempotency_key)
                 .fetch_one(&mut *transaction)
                 .await?;
-            let before = job_of(&row)?;
+            let before = shown(&row)?;
             return Ok(if before.new.request_hash == new.request_hash {
                 Submitted::Before(Box::new(before))
             } else {

@@ -1,6 +1,6 @@
 //! Read access to jobs and events.
 
-use super::table::{SHORT, job_of};
+use super::table::{SHORT, WHOLE, job_of, shown};
 use super::{Event, EventPlace, Job, JobKind, PlacedEvent, Status};
 use crate::jobs::database::Database;
 use sqlx::Row as _;
@@ -36,11 +36,11 @@ impl Database {
     /// # Errors
     /// The database.
     pub(crate) async fn get(&self, id: &str) -> Result<Option<Job>, sqlx::Error> {
-        let row = sqlx::query("SELECT * FROM job WHERE id = $1")
+        let row = sqlx::query(self.sql(&format!("SELECT {WHOLE} FROM job WHERE id = $1")))
             .bind(id)
             .fetch_optional(&self.pool)
             .await?;
-        row.as_ref().map(job_of).transpose()
+        row.as_ref().map(shown).transpose()
     }
 
     /// The job that a tenant has submitted under a key; `None` if there is none.
@@ -48,13 +48,14 @@ impl Database {
     /// # Errors
     /// The database.
     pub(crate) async fn by_key(&self, tenant: &str, kind: JobKind, key: &str) -> Result<Option<Job>, sqlx::Error> {
-        let row = sqlx::query("SELECT * FROM job WHERE tenant = $1 AND kind = $2 AND idempotency_key = $3")
+        let text = format!("SELECT {WHOLE} FROM job WHERE tenant = $1 AND kind = $2 AND idempotency_key = $3");
+        let row = sqlx::query(self.sql(&text))
             .bind(tenant)
             .bind(kind.as_str())
             .bind(key)
             .fetch_optional(&self.pool)
             .await?;
-        row.as_ref().map(job_of).transpose()
+        row.as_ref().map(shown).transpose()
     }
 
     /// Whether a job references an uploaded file by this key.
@@ -74,7 +75,7 @@ impl Database {
     /// # Errors
     /// The database.
     pub(crate) async fn list(&self, filter: &Filter<'_>, limit: i64) -> Result<Vec<Job>, sqlx::Error> {
-        self.select(SHORT, filter, limit).await?.iter().map(job_of).collect()
+        self.select(SHORT, filter, limit).await?.iter().map(shown).collect()
     }
 
     /// Jobs, latest first, with the numbers of their results.
@@ -83,7 +84,7 @@ impl Database {
     /// The database.
     pub(crate) async fn list_metrics(&self, filter: &Filter<'_>, limit: i64) -> Result<Vec<Job>, sqlx::Error> {
         let columns = SHORT.replace("NULL AS metrics", "metrics");
-        self.select(&columns, filter, limit).await?.iter().map(job_of).collect()
+        self.select(&columns, filter, limit).await?.iter().map(shown).collect()
     }
 
     async fn select(
@@ -99,10 +100,21 @@ impl Database {
         conditions.extend(filter.from_ms.map(|at| format!("submitted_ms >= {at}")));
         conditions.extend(filter.to_ms.map(|at| format!("submitted_ms < {at}")));
         conditions.extend(filter.verdict.map(|code| format!("verdict = {code}")));
+        // As [`shown`]. Jobs of other kinds have no parts, and an index for their state.
+        let in_parts = matches!(filter.kind, None | Some(JobKind::Campaign | JobKind::BlindBench));
+        let (condition, status) = match filter.status {
+            Some(Status::Queued) if in_parts => (Some("status = 'queued' AND @BEGUN IS NULL"), None),
+            Some(Status::Running) if in_parts => (
+                Some("(status = 'running' OR (status = 'queued' AND @BEGUN IS NOT NULL))"),
+                None,
+            ),
+            status => (None, status),
+        };
+        conditions.extend(condition.map(str::to_owned));
         for (condition, value) in [
             ("kind =", filter.kind.map(JobKind::as_str)),
             ("tenant =", filter.tenant),
-            ("status =", filter.status.map(Status::as_str)),
+            ("status =", status.map(Status::as_str)),
             ("name =", filter.name),
             ("parent =", filter.parent),
             ("@VEHICLE =", filter.vehicle),

@@ -9,7 +9,10 @@ use sqlx::any::AnyRow;
 pub(super) const SHORT: &str = "id, kind, name, tenant, status, priority, '' AS spec, facts, parent, part_of, waits_for, idempotency_key, \
      request_hash, submitted_ms, started_ms, finished_ms, attempts, failures, wall_limit_ms, worker, cancel_requested, NULL AS ticket, folder, \
      bytes, run_hash, error, NULL AS result, NULL AS metrics, autopilot, upload_bytes, \
-     verdict";
+     verdict, @BEGUN AS begun_ms";
+
+/// Columns of a whole row, for readers.
+pub(super) const WHOLE: &str = "job.*, @BEGUN AS begun_ms";
 
 pub(super) use super::timed::Transaction;
 
@@ -55,6 +58,18 @@ pub(super) fn job_of(row: &AnyRow) -> Result<Job, sqlx::Error> {
             .try_get::<Option<i64>, _>("verdict")?
             .and_then(|code| i32::try_from(code).ok()),
     })
+}
+
+/// As [`job_of`], for readers: a job in parts runs from the start of its first part, although nobody has claimed the job itself.
+pub(super) fn shown(row: &AnyRow) -> Result<Job, sqlx::Error> {
+    let mut job = job_of(row)?;
+    if let Some(begun_ms) = row.try_get::<Option<i64>, _>("begun_ms")? {
+        job.started_ms = Some(begun_ms);
+        if job.status == Status::Queued {
+            job.status = Status::Running;
+        }
+    }
+    Ok(job)
 }
 
 impl Database {

@@ -3,6 +3,7 @@
 
 pub(crate) mod own;
 mod paths;
+pub(crate) mod unused;
 pub(crate) mod versions;
 
 use self::paths::{PATHS, every_path_inside, stays_inside};
@@ -20,6 +21,10 @@ use utoipa::ToSchema;
 
 /// How the name of a file of intervals ends, before its extension.
 const INTERVALS: &str = ".intervals";
+/// Folder of the copies for jobs, in the file store ([`Library::snapshot`]).
+const COPIES: &str = "library";
+/// Prefix of temporary copies, in the data folder ([`Library::with_files`]).
+const TEMPORARY: &str = "temporary-library-";
 /// Maximum size of a library file.
 const LARGEST_FILE: u64 = 16 << 20;
 
@@ -312,7 +317,7 @@ impl Library {
         beside: &Path,
         files: &[(String, String)],
     ) -> io::Result<(Self, tempfile::TempDir)> {
-        let folder = tempfile::Builder::new().prefix("library-").tempdir_in(beside)?;
+        let folder = tempfile::Builder::new().prefix(TEMPORARY).tempdir_in(beside)?;
         copy_all(&self.root, folder.path())?;
         for (path, text) in files {
             let target = folder.path().join(path);
@@ -412,7 +417,7 @@ fn read_all(root: &Path) -> io::Result<(String, Vec<Content>)> {
         hash.update(&bytes);
         files.push((file.path, bytes));
     }
-    Ok((format!("library/{:032x}", hash.digest128()), files))
+    Ok((format!("{COPIES}/{:032x}", hash.digest128()), files))
 }
 
 /// Copies every plain file below a folder.

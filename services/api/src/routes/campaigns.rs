@@ -1,4 +1,7 @@
 //! Campaigns: submit. A large one is flown in parts by all workers, which are then merged.
+//!
+//! A few lines can mean hundreds of millions of values, so a process of its own reads the document and tries its flights before it is accepted
+//! (`rotortwin campaign FILE --check --json`).
 
 use super::facts::{CampaignFacts, CampaignPartFacts, JobFacts};
 use super::jobs::{self, JobView, Shared, Terms};
@@ -8,14 +11,17 @@ use crate::access::Caller;
 use crate::jobs::JobKind;
 use crate::json_object::JsonObject;
 use crate::library::Library;
+use crate::library::own::LARGEST_DOCUMENT;
 use crate::problem::Problem;
+use crate::worker::answer::{MEMORY_OPTION, Patience, answered_within};
 use axum::http::HeaderMap;
 use axum::response::Response;
-use rotortwin_campaign::study::Campaign;
 use rotortwin_campaign::study::folder::SHARD_FLIGHTS;
 use rotortwin_jobs::{Input, StoredJob};
 use serde::{Deserialize, Serialize};
+use std::ffi::OsString;
 use std::ops::Range;
+use std::time::Duration;
 use utoipa::ToSchema;
 
 super::collection!(
@@ -33,6 +39,10 @@ super::collection!(
 
 /// The file of a campaign that came as a text.
 const SUBMITTED: &str = "submitted-campaign.toml";
+/// Longest time that it takes to read a campaign and to try its flights.
+const CHECK_TIMEOUT: Duration = Duration::from_secs(60);
+/// Memory for this, bytes: an accepted campaign is read again by the server for the run of one of its flights.
+const CHECK_MEMORY: u64 = 256_000_000;
 
 /// Many flights: grids and random draws over any setting of a scenario, with statistics of the detectors.
 #[derive(Debug, Deserialize, Serialize, ToSchema)]
@@ -41,8 +51,9 @@ pub(crate) struct CampaignSubmission {
     /// Name of one of the server's campaigns; or give `text`.
     #[serde(default)]
     campaign: Option<String>,
-    /// A campaign document (TOML), as in the library's `campaigns`.
+    /// A campaign document (TOML), as in the library's `campaigns`; at most 256 KiB.
     #[serde(default)]
+    #[schema(max_length = 262_144)]
     text: Option<String>,
     /// Id of a classifier that was trained here: the network of the FDI engine in every flight, instead of that of
     /// the scenario.
@@ -87,7 +98,10 @@ pub(crate) async fn submit(
         return Ok(answer);
     }
     let library = app.library(&caller).await?;
-    let text = find(&library, &body)?;
+    let (shelf, named, given) = (library.clone(), body.campaign.clone(), body.text.clone());
+    let text = tokio::task::spawn_blocking(move || find(&shelf, named.as_deref(), given))
+        .await
+        .map_err(|error| Problem::internal(&error))??;
     let terms = Terms {
         priority: body.priority,
         max_wall_s: body.max_wall_s,
@@ -137,19 +151,14 @@ pub(super) async fn accept(
             (library, with_network(&text, &name)?, Some(folder))
         }
     };
-    let (checked, text) = (library.clone(), document.clone());
-    // It tries its flights, which takes a moment.
-    let campaign = tokio::task::spawn_blocking(move || read(&checked, &text))
-        .await
-        .map_err(|error| Problem::internal(&error))??;
+    let Checked { name, flights, seed } = check(app, &library, &document).await?;
     let input = laid_out(app, &library).await?;
-    let (name, flights) = (&campaign.document().name, campaign.flights());
     let draft = |shards: Option<&Range<u64>>| {
         let (kind, name, facts) = match shards {
             None => {
                 let facts = CampaignFacts {
                     flights,
-                    seed: campaign.document().seed,
+                    seed,
                     classifier: classifier.map(str::to_owned),
                     parts: None,
                 };
@@ -196,10 +205,16 @@ fn with_network(text: &str, name: &str) -> Result<String, Problem> {
 }
 
 /// The text of a campaign that names nothing outside of the library.
-fn find(library: &Library, body: &CampaignSubmission) -> Result<String, Problem> {
-    let text = match (&body.campaign, &body.text) {
+fn find(library: &Library, campaign: Option<&str>, text: Option<String>) -> Result<String, Problem> {
+    let text = match (campaign, text) {
         (Some(name), None) => library.text("campaigns", name)?,
-        (None, Some(text)) => text.clone(),
+        (None, Some(text)) if text.len() > LARGEST_DOCUMENT => {
+            return Err(Problem::too_large(format!(
+                "`text` has {} bytes; expected a campaign of at most {LARGEST_DOCUMENT}",
+                text.len()
+            )));
+        }
+        (None, Some(text)) => text,
         _ => {
             return Err(Problem::unprocessable(
                 "expected either `campaign`, the name of one of the server's campaigns, or `text`, a campaign document",
@@ -212,9 +227,48 @@ fn find(library: &Library, body: &CampaignSubmission) -> Result<String, Problem>
     Ok(text)
 }
 
-/// Reads and tries a campaign as if it were in the library.
-fn read(library: &Library, text: &str) -> Result<Campaign, Problem> {
-    Campaign::parse(text, &library.root().join("campaigns").join(SUBMITTED)).map_err(|error| library.refusal(&error))
+/// What a campaign says that can be flown: of the JSON of `rotortwin campaign --check`.
+#[derive(Debug, Deserialize)]
+struct Checked {
+    name: String,
+    flights: u64,
+    seed: u64,
+}
+
+/// Reads and tries a campaign as if it were in the library, in a process of its own.
+///
+/// # Errors
+/// 422: it cannot be flown, or takes too long or too much memory to be tried. 503, 507.
+async fn check(app: &App, library: &Library, text: &str) -> Result<Checked, Problem> {
+    let path = format!("campaigns/{SUBMITTED}");
+    let files = vec![(path.clone(), text.to_owned())];
+    let (source, data) = (library.clone(), app.config.work.data.clone());
+    // The folder is there until the process has ended.
+    let (copy, _folder) = tokio::task::spawn_blocking(move || source.with_files(&data, &files))
+        .await
+        .map_err(|error| Problem::internal(&error))?
+        .map_err(|error| Problem::of_files(&error))?;
+    let words: [OsString; 4] = [
+        "campaign".into(),
+        copy.root().join(&path).into(),
+        "--check".into(),
+        "--json".into(),
+    ];
+    let memory = CHECK_MEMORY.min(app.config.work.job_memory);
+    let patience = Patience {
+        memory,
+        wall: CHECK_TIMEOUT,
+    };
+    let for_callers = |sentence: &str| {
+        let sentence = copy.without_root(&sentence);
+        match memory {
+            // No setting of the operator.
+            CHECK_MEMORY => sentence.replace(MEMORY_OPTION, "; expected fewer keys or values"),
+            _ => sentence,
+        }
+    };
+    let text = answered_within(app, words, patience, for_callers).await?;
+    serde_json::from_str(&text).map_err(|error| Problem::internal(&error))
 }
 
 fn stored(library: &Input, text: &str, shards: Option<&Range<u64>>) -> StoredJob {

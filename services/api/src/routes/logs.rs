@@ -38,8 +38,8 @@ const MAPPING: &str = "mapping.toml";
 /// Bytes.
 const LONGEST_MAPPING: usize = 64 << 10;
 /// Suffixes by which the import recognises the type of a file.
-const ENDINGS: [&str; 12] = [
-    "csv", "tsv", "parquet", "ulg", "bin", "log", "tlog", "bbl", "bfl", "txt", "mcap", "usd",
+const ENDINGS: [&str; 13] = [
+    "csv", "tsv", "parquet", "ulg", "bin", "log", "tlog", "bbl", "bfl", "txt", "mcap", "db3", "usd",
 ];
 
 /// How a log is to be read.
@@ -47,7 +47,7 @@ const ENDINGS: [&str; 12] = [
 #[into_params(parameter_in = Query)]
 #[serde(deny_unknown_fields)]
 pub(crate) struct Import {
-    /// The file's name: its ending says what it is (`csv`, `parquet`, PX4 `ulg`, ArduPilot `bin` or `log`; none: Crazyflie micro-SD log).
+    /// The file's name: its ending says what it is (`csv`, `tsv`, `parquet`, PX4 `ulg`, ArduPilot `bin` or `log`, MAVLink `tlog`, blackbox `bbl`, `bfl` or `txt`, ROS 2 `mcap` or `db3`; `usd` or none: Crazyflie micro-SD log).
     name: String,
     /// Resample every column to this constant rate, Hz.
     rate_hz: Option<f64>,

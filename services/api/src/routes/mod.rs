@@ -266,6 +266,7 @@ pub(crate) fn router(app: Arc<App>) -> Router {
             Arc::clone(&app),
             crate::browsers::guard,
         ))
+        .layer(axum::middleware::from_fn(crate::connections::fit))
         .layer(axum::middleware::from_fn(crate::browsers::mark));
     let router = if app.context.traces.are_on() {
         let traced = axum::middleware::from_fn_with_state(Arc::clone(&app), crate::traces::request);

@@ -21,7 +21,7 @@ use axum::http::{HeaderMap, StatusCode, header};
 use axum::response::{IntoResponse as _, Response};
 use rotortwin_twin::improve::from_diagnosis;
 use rotortwin_twin::model::store::{History, MAIN, version_number};
-use rotortwin_twin::model::{ModelEffect, ModelStore, ModelVersion, Provenance};
+use rotortwin_twin::model::{Difference, ModelEffect, ModelStore, ModelVersion, Provenance};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use utoipa::{IntoParams, ToSchema};
@@ -196,7 +196,7 @@ pub(crate) async fn history(
     (status = 409, description = "the diagnosis is not done", body = Problem, content_type = "application/problem+json"),
     (status = 412, description = "the branch has moved to another version", body = Problem, content_type = "application/problem+json"),
     (status = 413, description = "request body too large", body = Problem, content_type = "application/problem+json"),
-    (status = 422, description = "nothing to add: nothing was found, it was found on another model, or the values yield an invalid vehicle", body = Problem, content_type = "application/problem+json"),
+    (status = 422, description = "nothing to add: nothing was found, the model has it already, it was found on another model, or the values yield an invalid vehicle", body = Problem, content_type = "application/problem+json"),
     (status = 507, description = "disk full, or quota of documents exceeded", body = Problem, content_type = "application/problem+json")
 ))]
 pub(crate) async fn add(
@@ -223,6 +223,12 @@ pub(crate) async fn add(
     let library = app.library(&caller).await?;
     let next = with_documents_of(&library, effects.onto(&head, body.note))?;
     check(&next)?;
+    if Difference::between(&head, &next).is_empty() {
+        return Err(Problem::unprocessable(format!(
+            "{} has all of this already: nothing to add",
+            label(&name, stands_at)
+        )));
+    }
     let changed = if base.begun {
         let database = &app.database;
         database

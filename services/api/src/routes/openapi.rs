@@ -181,8 +181,10 @@ fn add_refusals_of_access(item: &mut PathItem) {
                 "403",
                 "the token does not allow this, or the request comes from a web page of another origin",
             ),
+            ("414", "path and query have more than 32 KiB"),
             ("421", "the Host header names another server"),
             ("429", "rate limit or quota exceeded"),
+            ("431", "more than 100 headers, or more than 64 KiB of them"),
         ];
         for (status, description) in of_all.into_iter().chain(of_writes) {
             operation

@@ -36,6 +36,8 @@ pub(super) struct Facts {
 pub(crate) struct Run {
     /// Later runs have larger ids.
     id: String,
+    /// `run`; jobs of all kinds have this, and a `result`.
+    kind: JobKind,
     /// Name of the scenario.
     name: String,
     /// Name of the vehicle.
@@ -86,6 +88,9 @@ pub(crate) struct Run {
     /// Summary of the flight and of the detectors' verdicts: `summary.json`. Not in lists.
     #[schema(value_type = Option<rotortwin_store::Summary>)]
     summary: Option<serde_json::Value>,
+    /// The same as `summary`, under the name that the results of all jobs have.
+    #[schema(value_type = Option<rotortwin_store::Summary>)]
+    result: Option<serde_json::Value>,
 }
 
 impl From<Job> for Run {
@@ -95,6 +100,7 @@ impl From<Job> for Run {
         Self {
             verdict: job.verdict,
             id: job.id,
+            kind: job.new.kind,
             name: job.new.name,
             vehicle: facts.vehicle,
             tenant: job.new.tenant,
@@ -117,6 +123,7 @@ impl From<Job> for Run {
             run_hash: job.run_hash,
             error: job.error,
             warnings: facts.warnings,
+            result: summary.clone(),
             summary,
         }
     }

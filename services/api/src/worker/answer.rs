@@ -20,6 +20,9 @@ pub(crate) struct Patience {
     pub(crate) wall: Duration,
 }
 
+/// How a sentence about memory names its limit, where that is a setting of the operator.
+pub(crate) use super::child::MEMORY_OPTION;
+
 /// Longest wait for the questions that came before.
 const QUEUE: Duration = Duration::from_secs(60);
 
@@ -39,15 +42,28 @@ pub(crate) async fn answered<W: AsRef<OsStr>>(
     wall: Duration,
     for_callers: impl Fn(&str) -> String,
 ) -> Result<String, Problem> {
-    let turn = tokio::time::timeout(QUEUE, app.fdi.reports.acquire()).await;
-    let Ok(Ok(_turn)) = turn else {
-        return Err(Problem::unavailable(
-            "too many logs and effects are being processed; retry later",
-        ));
-    };
     let patience = Patience {
         memory: app.config.work.job_memory,
         wall,
+    };
+    answered_within(app, words, patience, for_callers).await
+}
+
+/// As [`answered`], within these limits.
+///
+/// # Errors
+/// As there.
+pub(crate) async fn answered_within<W: AsRef<OsStr>>(
+    app: &App,
+    words: impl IntoIterator<Item = W>,
+    patience: Patience,
+    for_callers: impl Fn(&str) -> String,
+) -> Result<String, Problem> {
+    let turn = tokio::time::timeout(QUEUE, app.fdi.reports.acquire()).await;
+    let Ok(Ok(_turn)) = turn else {
+        return Err(Problem::unavailable(
+            "too many logs, effects and campaigns are being processed; retry later",
+        ));
     };
     let said = Said::by(&app.config.work.program, words, patience, None).await;
     said.and_then(|said| said.answer(patience)).map_err(|mut problem| {
@@ -95,7 +111,7 @@ impl Said {
         let ended = tokio::time::timeout(patience.wall, started.wait_with_output()).await;
         let Ok(output) = ended else {
             return Err(Problem::unprocessable(format!(
-                "the time limit of {} s was exceeded; expected a shorter part",
+                "the time limit of {} s was exceeded; expected a shorter part, or fewer values",
                 patience.wall.as_secs()
             )));
         };

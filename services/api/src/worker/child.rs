@@ -33,6 +33,8 @@ const MOST_WORDS: usize = 64 << 20;
 
 /// Maximum size of a file written by a job, bytes.
 pub(super) const LARGEST_FILE: u64 = 64 << 30;
+/// The setting of the memory of a job, at the end of the sentence about it.
+pub(crate) const MEMORY_OPTION: &str = " (`--job-memory`)";
 /// Last message of the standard library when out of memory.
 const NO_MEMORY: &str = "memory allocation of";
 /// Prefixes of environment variables that contain passwords, keys and tokens of this process or its exporters.
@@ -125,7 +127,7 @@ pub(super) fn limit_of(status: ExitStatus, said: &str, memory: u64) -> Option<St
     }
     (signal == Signal::ABORT.as_raw() && said.contains(NO_MEMORY)).then(|| {
         format!(
-            "the job needs more than the {} MB of memory allowed (`--job-memory`)",
+            "the job needs more than the {} MB of memory allowed{MEMORY_OPTION}",
             memory / 1_000_000
         )
     })

@@ -2,10 +2,11 @@
 //!
 //! | Text | Autopilot |
 //! |---|---|
-//! | `ardupilot`, `ardupilot:PORT`, `ardupilot:IP:PORT` | ArduPilot's JSON backend; UDP 127.0.0.1:9002 |
+//! | `ardupilot`, `ardupilot:PORT`, `ardupilot:IP:PORT`, and `@rc=US/US/…` behind each | ArduPilot's JSON backend; UDP 127.0.0.1:9002; with the pulses of a transmitter's channels from 1 on |
 //! | `px4`, `px4:PORT`, `px4:IP:PORT` | PX4's simulator link; TCP 127.0.0.1:4560 |
 //! | `betaflight`, `betaflight:PORT`, `betaflight:IP:PORT`, and `@SPEED` behind each | Betaflight; states to UDP 127.0.0.1:9003, at `SPEED` times the wall clock (1) |
 
+use super::servo_packet::RcChannels;
 use super::{ardupilot, px4};
 use std::net::{Ipv4Addr, SocketAddr};
 
@@ -53,7 +54,7 @@ impl Protocol {
 }
 
 /// Syntax of autopilot addresses.
-pub const ADDRESSES: &str = "ardupilot[:ADDR], px4[:ADDR] or betaflight[:ADDR][@SPEED]";
+pub const ADDRESSES: &str = "ardupilot[:ADDR][@rc=US/US/…], px4[:ADDR] or betaflight[:ADDR][@SPEED]";
 /// Default destination of Betaflight's states.
 const BETAFLIGHT_ADDRESS: &str = "127.0.0.1:9003";
 /// Slowest and fastest simulated time over wall clock.
@@ -68,6 +69,8 @@ pub struct AutopilotAddress {
     pub address: SocketAddr,
     /// Simulated time over wall clock, where the autopilot is not in lockstep.
     pub speed: f64,
+    /// The transmitter of an ArduPilot; none: empty.
+    pub rc: RcChannels,
 }
 
 impl std::str::FromStr for AutopilotAddress {
@@ -77,23 +80,31 @@ impl std::str::FromStr for AutopilotAddress {
         let Some(protocol) = Protocol::of_address(text) else {
             return Err(format!("'{text}': expected {ADDRESSES}"));
         };
-        let rest = text.split_once(':').map(|(_, rest)| rest);
-        let default = protocol.default_address();
-        let (_, speed) = text.split_once('@').unwrap_or((text, "1"));
-        if text.contains('@') && protocol.lockstep() {
-            return Err(format!(
-                "'{text}': {} is in lockstep and has no @SPEED",
-                protocol.name()
-            ));
-        }
-        let Some(speed) = speed.parse().ok().filter(|speed| SPEEDS.contains(speed)) else {
-            return Err(format!(
-                "'{text}': expected {} to {} after @, simulated time over wall clock",
-                SPEEDS.start(),
-                SPEEDS.end()
-            ));
+        let (place, option) = match text.split_once('@') {
+            Some((place, option)) => (place, Some(option)),
+            None => (text, None),
         };
-        let rest = rest.and_then(|rest| rest.split('@').next());
+        let rest = place.split_once(':').map(|(_, rest)| rest);
+        let default = protocol.default_address();
+        let (mut speed, mut rc) = (1.0, RcChannels::default());
+        match (option, protocol) {
+            (None, _) => {}
+            (Some(option), Protocol::Betaflight) => speed = speed_of(text, option)?,
+            (Some(option), _) => {
+                let channels = option.strip_prefix("rc=").filter(|_| protocol == Protocol::ArduPilot);
+                let Some(channels) = channels else {
+                    let instead = match protocol {
+                        Protocol::ArduPilot => "; expected @rc=US/US/…",
+                        _ => "",
+                    };
+                    return Err(format!(
+                        "'{text}': {} is in lockstep and has no @SPEED{instead}",
+                        protocol.name()
+                    ));
+                };
+                rc = channels.parse().map_err(|sentence| format!("'{text}': {sentence}"))?;
+            }
+        }
         let wanted = rest.unwrap_or(default);
         let address = wanted.parse().or_else(|_| {
             wanted
@@ -105,6 +116,7 @@ impl std::str::FromStr for AutopilotAddress {
                 protocol,
                 address,
                 speed,
+                rc,
             }),
             Err(_) => Err(format!(
                 "'{text}': expected a port or IP:PORT after {0}:, such as {0}:{default}",
@@ -114,11 +126,26 @@ impl std::str::FromStr for AutopilotAddress {
     }
 }
 
+/// What stands behind the @ of `text`, as a speed.
+fn speed_of(text: &str, option: &str) -> Result<f64, String> {
+    let speed = option.parse().ok().filter(|speed| SPEEDS.contains(speed));
+    speed.ok_or_else(|| {
+        format!(
+            "'{text}': expected {} to {} after @, simulated time over wall clock",
+            SPEEDS.start(),
+            SPEEDS.end()
+        )
+    })
+}
+
 impl std::fmt::Display for AutopilotAddress {
     fn fmt(&self, out: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         write!(out, "{}:{}", self.protocol.name(), self.address)?;
         if self.speed != 1.0 {
             write!(out, "@{}", self.speed)?;
+        }
+        if !self.rc.pulses_us().is_empty() {
+            write!(out, "@rc={}", self.rc)?;
         }
         Ok(())
     }
@@ -154,5 +181,25 @@ mod tests {
             text("px4@2"),
             Err("'px4@2': px4 is in lockstep and has no @SPEED".to_owned())
         );
+        assert_eq!(
+            text("ardupilot@2"),
+            Err("'ardupilot@2': ardupilot is in lockstep and has no @SPEED; expected @rc=US/US/…".to_owned())
+        );
+        for given in [
+            "ardupilot:127.0.0.1:9002@rc=1500/1500/1000/1500",
+            "ardupilot:127.0.0.1:9012@rc=1500",
+        ] {
+            assert_eq!(text(given), Ok(given.to_owned()));
+        }
+        assert_eq!(
+            text("ardupilot@rc=1500/1500"),
+            Ok("ardupilot:127.0.0.1:9002@rc=1500/1500".to_owned())
+        );
+        let said = text("ardupilot@rc=1500/9000").unwrap_err();
+        assert!(
+            said.starts_with("'ardupilot@rc=1500/9000': '1500/9000': expected the pulses of 1 to 12 channels"),
+            "{said}"
+        );
+        assert!(text("px4@rc=1500").is_err() && text("betaflight@rc=1500").is_err());
     }
 }

@@ -10,7 +10,7 @@
 //! A packet 0 means that it has restarted: allowed before the flight, in flight it ends the run. The clock is ours; its requested frame
 //! rate is ignored.
 
-use super::servo_packet::{LONGEST, ServoPacket, write_answer};
+use super::servo_packet::{LONGEST, RcChannels, ServoPacket, write_answer};
 use super::{OutputMap, Patience, Wait};
 use rotortwin_flight_core::MAX_ROTORS;
 use rotortwin_wire::autopilot::{Autopilot, AutopilotError, Identity, Readings};
@@ -37,6 +37,7 @@ pub struct ArduPilot {
     socket: UdpSocket,
     map: OutputMap,
     patience: Patience,
+    rc: RcChannels,
     peer: Option<SocketAddr>,
     /// The latest packet, and when it came.
     latest: Option<(ServoPacket, Instant)>,
@@ -73,6 +74,7 @@ impl ArduPilot {
             socket,
             map,
             patience,
+            rc: RcChannels::default(),
             peer: None,
             latest: None,
             owed: false,
@@ -84,6 +86,12 @@ impl ArduPilot {
             foreign: (0, String::new()),
             ignored: 0,
         })
+    }
+
+    /// With a transmitter, for builds that take `rc` (upstream since its pull request 30732 of July 2025).
+    #[must_use]
+    pub fn with_rc(self, rc: RcChannels) -> Self {
+        Self { rc, ..self }
     }
 
     /// Datagrams since it listens that are no servo packets, or come from another sender than its peer.
@@ -115,7 +123,7 @@ impl ArduPilot {
 
     /// Answers the latest packet, unless the peer has moved on without the answer.
     fn answer(&mut self, readings: &Readings) -> Result<(), AutopilotError> {
-        write_answer(&mut self.answer, readings);
+        write_answer(&mut self.answer, readings, &self.rc);
         self.socket.set_nonblocking(true).map_err(|error| self.broken(&error))?;
         let moved_on = self.drain();
         self.socket

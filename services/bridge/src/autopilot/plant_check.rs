@@ -33,15 +33,21 @@ pub struct Observation {
     pub sentence: String,
 }
 
-/// One answer, as parsed by ArduPilot.
+/// One answer, as parsed by ArduPilot; every number is finite.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-struct Answer {
-    timestamp_s: f64,
-    gyro: [f64; 3],
-    accel: [f64; 3],
-    position: [f64; 3],
-    velocity: [f64; 3],
-    attitude: [f64; 3],
+pub struct Answer {
+    /// Time of the plant, s.
+    pub timestamp_s: f64,
+    /// rad/s, FRD.
+    pub gyro: [f64; 3],
+    /// Specific force, m/s², FRD.
+    pub accel: [f64; 3],
+    /// m, NED.
+    pub position: [f64; 3],
+    /// m/s, NED.
+    pub velocity: [f64; 3],
+    /// Roll, pitch, yaw, rad.
+    pub attitude: [f64; 3],
 }
 
 /// Acts as ArduPilot towards the plant that listens at `plant`. `azimuth_deg` of each output's motor, clockwise from the nose.
@@ -157,8 +163,11 @@ fn observe(seen: &mut Vec<Observation>, key: &'static str, right: bool, sentence
     seen.push(Observation { key, right, sentence });
 }
 
-/// Parses a line by searching for its keys; or what is wrong with it.
-fn read(bytes: &[u8]) -> Result<Answer, String> {
+/// Parses a plant's line by searching for its keys.
+///
+/// # Errors
+/// One clause: what is wrong with it, and what was expected.
+pub fn read(bytes: &[u8]) -> Result<Answer, String> {
     let text = std::str::from_utf8(bytes).map_err(|error| format!("bytes that are not text: {error}"))?;
     if !text.ends_with('\n') {
         return Err("a line without a newline at its end: ArduPilot waits for it forever".to_owned());

@@ -6,7 +6,11 @@
 //! PX4's clock is the time of our samples. Each sample has exactly one answer, with the same time; the first arrives some 70 ms after the
 //! first sample. Until then nothing is awaited, and samples are sent at wall-clock pace. Answers to earlier samples are dropped.
 //!
-//! A connection that ends before the flight may be replaced by another; in flight it ends the run.
+//! A connection that ends before the flight may be replaced by another; in flight it ends the run. A second one beside it waits, unread,
+//! until then.
+//!
+//! MAVLink 2 omits zeros at the end of a payload, so a message that was cut short reads like one that says "disarmed". PX4 always sets a bit
+//! of the mode, the last byte: an answer without it is refused, unless nothing contradicts it.
 
 use super::{OutputMap, Patience, Wait};
 use crate::mavlink::frame::{Decoder, encode};
@@ -40,6 +44,10 @@ struct Connection {
     decoder: Decoder,
     /// Time of the last sample that was answered, µs.
     answered_us: Option<u64>,
+    /// One of its answers had a mode.
+    tells_mode: bool,
+    /// Since its last answer: other messages, and answers to other samples among them.
+    others: [u64; 2],
 }
 
 /// The link to one PX4.
@@ -61,7 +69,8 @@ pub struct Px4 {
 
 /// Result of polling the connection.
 enum Look {
-    Answer(HilActuatorControls),
+    /// With the length of its payload.
+    Answer(HilActuatorControls, usize),
     Nothing,
     Closed,
 }
@@ -144,6 +153,8 @@ impl Px4 {
             peer,
             decoder: Decoder::default(),
             answered_us: None,
+            tells_mode: false,
+            others: [0; 2],
         });
         self.last_peer = Some(peer);
         self.controls = HilActuatorControls::default();
@@ -204,13 +215,16 @@ impl Px4 {
         // A sender that never pauses must not block us here: the caller checks the time again.
         for _ in 0..MOST_READS {
             while let Some(frame) = connection.decoder.next_frame() {
+                connection.others[0] += 1;
                 let Some(controls) = HilActuatorControls::read(&frame) else {
                     continue;
                 };
                 if controls.time_usec == time_usec {
                     connection.answered_us = Some(time_usec);
-                    return Ok(Look::Answer(controls));
+                    connection.others = [0; 2];
+                    return Ok(Look::Answer(controls, frame.length));
                 }
+                connection.others[1] += 1;
                 if controls.time_usec > time_usec {
                     let sentence = format!(
                         "{} answered a sample of {:.3} s that was never sent, the latest is that of {:.3} s",
@@ -248,15 +262,18 @@ impl Px4 {
             }
             let Some(slice) = wait.slice() else {
                 return if begun {
-                    Err(self.silent(&wait))
+                    Err(self.silent(&wait, time_usec))
                 } else {
                     self.not_begun()
                 };
             };
             match self.look(time_usec, slice)? {
-                Look::Answer(controls) => {
+                Look::Answer(controls, length) => {
                     self.unanswered_since = None;
-                    self.check(&controls)?;
+                    self.check(&controls, length)?;
+                    if let Some(connection) = &mut self.connection {
+                        connection.tells_mode |= controls.mode != 0;
+                    }
                     self.controls = controls;
                     return Ok(());
                 }
@@ -282,11 +299,18 @@ impl Px4 {
         Err(AutopilotError::lost(sentence, since.elapsed()))
     }
 
-    fn silent(&self, wait: &Wait) -> AutopilotError {
+    fn silent(&self, wait: &Wait, time_usec: u64) -> AutopilotError {
+        let what = match self.connection.as_ref().map(|connection| connection.others) {
+            None | Some([0, _]) => format!("sent nothing {}: silent", self.after()),
+            Some([messages, answers]) => format!(
+                "did not answer the sample of {:.3} s (other messages since: {messages}, answers to earlier samples among them: {answers}): \
+                 awaited",
+                time_usec as f64 * 1e-6
+            ),
+        };
         let sentence = format!(
-            "{} sent nothing {}: silent for {} ms, allowed are {} ms (--step-timeout){}",
+            "{} {what} for {} ms, allowed are {} ms (--step-timeout){}",
             self.name(),
-            self.after(),
             wait.silence().as_millis(),
             wait.limit.as_millis(),
             self.noise()
@@ -304,7 +328,18 @@ impl Px4 {
         }
     }
 
-    fn check(&self, controls: &HilActuatorControls) -> Result<(), AutopilotError> {
+    fn check(&self, controls: &HilActuatorControls, length: usize) -> Result<(), AutopilotError> {
+        let told = self.connection.as_ref().is_some_and(|connection| connection.tells_mode);
+        if length < HilActuatorControls::LENGTH && (told || controls.controls.iter().any(|control| *control != 0.0)) {
+            let sentence = format!(
+                "{} answered the sample of {:.3} s with a payload of {length} bytes, expected {} (HIL_ACTUATOR_CONTROLS): its last one, the \
+                 mode, is missing",
+                self.name(),
+                controls.time_usec as f64 * 1e-6,
+                HilActuatorControls::LENGTH
+            );
+            return Err(AutopilotError::wrong(sentence));
+        }
         let used = &controls.controls[..self.map.rotor_of_channel.len().min(16)];
         let Some(channel) = used.iter().position(|control| !control.is_finite()) else {
             return Ok(());

@@ -88,8 +88,59 @@ impl ServoPacket {
     }
 }
 
+/// Channels of a transmitter, with pulses that are held all the time: sticks that somebody has left in place.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct RcChannels {
+    pulses_us: [u16; MOST_RC],
+    count: usize,
+}
+
+/// Most channels that the JSON backend takes.
+const MOST_RC: usize = 12;
+/// Pulses of a receiver, µs.
+const RC_US: std::ops::RangeInclusive<u16> = 800..=2200;
+
+impl RcChannels {
+    /// From channel 1 on, µs; empty if there is no transmitter.
+    pub fn pulses_us(&self) -> &[u16] {
+        &self.pulses_us[..self.count]
+    }
+}
+
+/// Pulses with `/` between them, such as 1500/1500/1000/1500.
+impl std::str::FromStr for RcChannels {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        let expected = || {
+            format!(
+                "'{text}': expected the pulses of 1 to {MOST_RC} channels, {} to {} µs each, such as 1500/1500/1000/1500",
+                RC_US.start(),
+                RC_US.end()
+            )
+        };
+        let mut channels = Self::default();
+        for part in text.split('/') {
+            let pulse = part.parse().ok().filter(|pulse| RC_US.contains(pulse));
+            let (Some(pulse), Some(place)) = (pulse, channels.pulses_us.get_mut(channels.count)) else {
+                return Err(expected());
+            };
+            *place = pulse;
+            channels.count += 1;
+        }
+        Ok(channels)
+    }
+}
+
+impl std::fmt::Display for RcChannels {
+    fn fmt(&self, out: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        let words: Vec<String> = self.pulses_us().iter().map(u16::to_string).collect();
+        write!(out, "{}", words.join("/"))
+    }
+}
+
 /// Writes the line that answers a servo packet.
-pub fn write_answer(line: &mut String, readings: &Readings) {
+pub fn write_answer(line: &mut String, readings: &Readings, rc: &RcChannels) {
     line.clear();
     let vector = |[x, y, z]: [f64; 3]| format!("[{x},{y},{z}]");
     line.push_str(&format!(
@@ -104,7 +155,14 @@ pub fn write_answer(line: &mut String, readings: &Readings) {
     if let Some(range) = readings.range_m {
         line.push_str(&format!(",\"rng_1\":{range}"));
     }
-    // Builds that do not know it ignore it.
+    // Builds that do not know these two ignore them.
+    if !rc.pulses_us().is_empty() {
+        let pulses = rc.pulses_us().iter().enumerate();
+        let channels: Vec<String> = pulses
+            .map(|(channel, pulse)| format!("\"rc_{}\":{pulse}", channel + 1))
+            .collect();
+        line.push_str(&format!(",\"rc\":{{{}}}", channels.join(",")));
+    }
     if readings.battery_voltage_v > 0.0 {
         line.push_str(&format!(
             ",\"battery\":{{\"voltage\":{:.4},\"current\":{:.4}}}",
@@ -180,13 +238,47 @@ mod tests {
             ..Readings::default()
         };
         let mut line = String::new();
-        write_answer(&mut line, &readings);
+        write_answer(&mut line, &readings, &RcChannels::default());
         assert_eq!(
             line,
             "\n{\"timestamp\":0.001500000,\"imu\":{\"gyro\":[0,0,0],\"accel_body\":[0.000000001,0,-9.80665]},\
              \"position\":[1.25,-3,-0.179],\"attitude\":[0,0,0],\"velocity\":[0,0,0],\"rng_1\":0.2,\"battery\":{\"voltage\":15.5000,\"current\":12.2500}}\n"
         );
         assert!(!line.contains(": ") && serde_json::from_str::<serde_json::Value>(line.trim()).is_ok());
+        write_answer(
+            &mut line,
+            &readings,
+            &"1500/1501/1000/2000".parse().expect("four channels"),
+        );
+        let rc = ",\"rng_1\":0.2,\"rc\":{\"rc_1\":1500,\"rc_2\":1501,\"rc_3\":1000,\"rc_4\":2000},\"battery\":{";
+        assert!(line.contains(rc), "{line}");
+        // ArduPilot finds the section and its keys by their first occurrence.
+        assert_eq!((line.matches("rc\":").count(), line.matches("rc_1\":").count()), (1, 1));
+        assert!(serde_json::from_str::<serde_json::Value>(line.trim()).is_ok());
+    }
+
+    #[test]
+    fn val_channels_of_a_transmitter() {
+        let read = |text: &str| text.parse::<RcChannels>();
+        let twelve = "1500/1500/1000/1500/1800/800/2200/1000/1100/1200/1300/1400";
+        assert_eq!(read(twelve).map(|rc| rc.to_string()), Ok(twelve.to_owned()));
+        assert_eq!(read("1500").expect("one channel").pulses_us(), [1500]);
+        for wrong in [
+            "",
+            "1500/",
+            "799",
+            "2201",
+            "1500,1500",
+            "1500/x",
+            &format!("{twelve}/1500"),
+        ] {
+            assert_eq!(
+                read(wrong),
+                Err(format!(
+                    "'{wrong}': expected the pulses of 1 to 12 channels, 800 to 2200 µs each, such as 1500/1500/1000/1500"
+                ))
+            );
+        }
     }
 
     proptest! {

@@ -26,6 +26,8 @@ pub struct Frame {
     pub component: u8,
     /// Kind of message.
     pub message: u32,
+    /// Bytes of the payload that were sent; a sender omits zeros at the end.
+    pub length: usize,
     /// Zero-padded.
     pub payload: [u8; MAX_PAYLOAD],
 }
@@ -151,6 +153,7 @@ fn candidate(bytes: &[u8]) -> Candidate {
         system: bytes[5],
         component: bytes[6],
         message,
+        length,
         payload,
     };
     Candidate::Whole(Box::new(frame), total)
@@ -214,6 +217,8 @@ mod tests {
             let frame = decoder.next_frame().expect("a frame");
             prop_assert_eq!(&frame.payload[..payload.len()], &payload[..]);
             prop_assert_eq!((frame.sequence, frame.system), (sequence, system));
+            let zeros = payload[1..].iter().rev().take_while(|byte| **byte == 0).count();
+            prop_assert_eq!(frame.length, payload.len() - zeros);
         }
 
         #[test]

@@ -161,6 +161,8 @@ pub struct HilActuatorControls {
 impl HilActuatorControls {
     /// Bit of `mode`.
     pub const ARMED: u8 = 128;
+    /// Bytes of a payload whose mode is not 0; the mode is the last of them.
+    pub const LENGTH: usize = 81;
 
     /// The payload.
     pub fn encode(&self) -> Vec<u8> {
@@ -252,6 +254,8 @@ mod tests {
             encode(9, 1, 1, HIL_ACTUATOR_CONTROLS, &answer.encode()),
             bytes(ACTUATORS)
         );
+        assert_eq!(answer.encode().len(), HilActuatorControls::LENGTH);
+        assert_eq!(frame(ACTUATORS).length, HilActuatorControls::LENGTH);
         assert_eq!(HilActuatorControls::read(&frame(ACTUATORS)), Some(answer));
     }
 }

@@ -5,6 +5,7 @@ use rotortwin_bridge::autopilot::Patience;
 use rotortwin_flight_core::MAX_ROTORS;
 use rotortwin_flight_core::control::Controller;
 use rotortwin_flight_core::frames::{EulerAngles, Vec3};
+use rotortwin_flight_core::geometry::{Geometry, Spin};
 use rotortwin_flight_core::signals::{NavState, Reference};
 use rotortwin_scenario::Scenario;
 use std::time::Duration;
@@ -38,8 +39,20 @@ pub(crate) struct Pilot {
 
 impl Pilot {
     pub(crate) fn new(scenario: &Scenario, arms_s: f64) -> Self {
+        Self::with_spins(scenario, arms_s, &[])
+    }
+
+    /// It takes the rotors of `reversed`, from 1, to turn the other way.
+    pub(crate) fn with_spins(scenario: &Scenario, arms_s: f64, reversed: &[usize]) -> Self {
+        let mut config = scenario.controller_config();
+        let mut rotors = config.geometry.rotors().to_vec();
+        for &rotor in reversed {
+            let spin = &mut rotors[rotor - 1].spin;
+            *spin = if *spin == Spin::Ccw { Spin::Cw } else { Spin::Ccw };
+        }
+        config.geometry = Geometry::new(&rotors).expect("a geometry that flies");
         Self {
-            controller: Controller::new(scenario.controller_config()).expect("a good controller"),
+            controller: Controller::new(config).expect("a good controller"),
             duty: [0.0; MAX_ROTORS],
             next_s: arms_s,
             arms_s,

@@ -1,6 +1,6 @@
 /** Step 6: versions of the model, and how the error decreases from one to the next; undo, differences, export, next steps. */
 import { For, Show, createSignal } from "solid-js";
-import { ask } from "../../api/client";
+import { get } from "../../api/client";
 import { createLoad } from "../../api/load";
 import { sentenceOf } from "../../api/problem";
 import { moment, plusMinus, short } from "../../format";
@@ -10,10 +10,6 @@ import { Falls } from "../../plots/falls";
 import { Step } from "./step";
 import type { Twin } from "./state";
 
-interface Difference {
-  parameters: { effect: string; parameter: string; before: { value: number; deviation: number | null } | null; after: { value: number; deviation: number | null } | null }[];
-  keys: { key: string; before: string | null; after: string | null }[];
-}
 const MAIN_QUANTITIES = ["force", "torque", "voltage"];
 
 export function Add(props: { twin: Twin }) {
@@ -26,7 +22,7 @@ export function Add(props: { twin: Twin }) {
   const shown = () => encodeURIComponent(branches().length === 1 && isHead() ? (props.twin.model() ?? "") : `${props.twin.model() ?? ""}@v${line().at(-1)?.version ?? 0}`);
   const difference = createLoad(
     () => (diff() && line().length > 1 ? { model: props.twin.model() ?? "", from: line()[0]?.version ?? 0, to: line().at(-1)?.version ?? 0 } : undefined),
-    ({ model, from, to }, signal) => ask<Difference>("GET", `/api/v1/models/${encodeURIComponent(model)}/diff?from=v${from}&to=v${to}`, undefined, { signal }),
+    ({ model, from, to }, signal) => get("/api/v1/models/{name}/diff", { path: { name: model }, query: { from: `v${from}`, to: `v${to}` }, signal }),
   );
   const logs = () => props.twin.comparison.result()?.logs ?? [];
   const falls = (log: LogComparison) =>
@@ -35,7 +31,7 @@ export function Add(props: { twin: Twin }) {
       .map((one) => ({
         title: one.quantity,
         unit: one.unit,
-        noise: one.noise,
+        noise: one.noise ?? null,
         rows: log.models.map((model) => ({ name: model.model.replace(/^.*@/, ""), error: model.errors.find((other) => other.quantity === one.quantity)?.error ?? null })),
       }));
   const label = (place: number) => {

@@ -16,7 +16,7 @@ const EXAMPLES = [
   { preset: "damaged-blade", title: "A damaged blade", text: "A blade breaks in mid-flight, and one rotor loses some lift. Which one, when, and how much?" },
   { preset: "healthy", title: "A healthy flight", text: "Nothing is hidden. Does the twin say so?" },
 ] as const;
-const ENDINGS = ".ulg,.bin,.log,.tlog,.bbl,.bfl,.txt,.mcap,.csv,.tsv,.parquet,.usd";
+const ENDINGS = ".ulg,.bin,.log,.tlog,.bbl,.bfl,.txt,.mcap,.db3,.csv,.tsv,.parquet,.usd";
 
 export function Drop(props: { twin: Twin }) {
   const [over, setOver] = createSignal(false);
@@ -106,7 +106,7 @@ export function Drop(props: { twin: Twin }) {
           onDrop={(event) => { event.preventDefault(); setOver(false); void send([...(event.dataTransfer?.files ?? [])]); }}
         >
           <p><strong>Drop a log here</strong>, or several of one vehicle: the first is learnt from, the others are held out as proof.</p>
-          <p class="small muted">PX4 .ulg, ArduPilot .bin and .log, MAVLink .tlog, Betaflight and INAV .bbl, .bfl and .txt, ROS 2 .mcap, .parquet, Crazyflie logs without an ending; a .csv of any program: where its columns have other names, you are asked what they are.</p>
+          <p class="small muted">PX4 .ulg, ArduPilot .bin and .log, MAVLink .tlog, Betaflight and INAV .bbl, .bfl and .txt, ROS 2 .mcap and .db3, .parquet, Crazyflie logs without an ending; a .csv of any program: where its columns have other names, you are asked what they are.</p>
           <label class="button">
             Choose files
             <input class="sr" type="file" multiple accept={`${ENDINGS},application/octet-stream`} onChange={(event) => { void send([...(event.currentTarget.files ?? [])]); event.currentTarget.value = ""; }} />

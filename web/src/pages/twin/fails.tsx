@@ -1,6 +1,6 @@
 /** Step 4: where the model fails. */
 import { type Accessor, Show } from "solid-js";
-import { ask } from "../../api/client";
+import { ask, get } from "../../api/client";
 import { createLoad } from "../../api/load";
 import type { FlightPicture } from "../../model/flight";
 import type { Series } from "../../model/twin";
@@ -36,6 +36,14 @@ export function Fails(props: { twin: Twin }) {
         return ask<Series>("GET", `/api/v1/comparisons/${id}/series?${query}`, undefined, { signal });
       },
     );
+  const conditions: Looks["conditions"] = (wanted) =>
+    createLoad(
+      () => {
+        const [id, log] = [result() && props.twin.comparison.job()?.id, wanted()];
+        return id && log !== undefined ? { id, log } : undefined;
+      },
+      ({ id, log }, signal) => get("/api/v1/comparisons/{id}/conditions", { path: { id }, query: { log, points: BUCKETS }, signal }),
+    );
   const flight = createLoad(
     () => (result() ? { log: props.twin.compared()[props.twin.logAt()], run: props.twin.runs()[0] } : undefined),
     ({ log, run }, signal) => ask<FlightPicture>("GET", log === undefined ? `/api/v1/runs/${run}/flight` : `/api/v1/logs/${log}/flight`, undefined, { signal }),
@@ -47,6 +55,7 @@ export function Fails(props: { twin: Twin }) {
     channel: () => props.twin.channel(),
     chooseChannel: (name) => props.twin.chooseChannel(name),
     series,
+    conditions,
     flight: (view) => <Flight twin={props.twin} view={view} />,
   };
   return (

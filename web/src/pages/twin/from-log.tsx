@@ -1,7 +1,7 @@
 /** In step 3: a custom vehicle from the flight, mass and arm; each value with its interval and source; stored under a name. */
 import { For, Show, createEffect, createMemo, createSignal, on } from "solid-js";
 import { createAttempt } from "../../api/attempt";
-import { ask, freshKey } from "../../api/client";
+import { type Schemas, ask, freshKey } from "../../api/client";
 import { type JobView, createJob } from "../../api/job";
 import { count, short } from "../../format";
 import { type BenchTable, benchNotes, benchTable, shapeOf, tablesOf, tooMuch, withoutPlace } from "../../model/bench";
@@ -173,7 +173,7 @@ function Found(props: { found: Identification; job: JobView | undefined; id: str
   // The answer appears where the user waits for it, and is announced to screen readers.
   createEffect(() => props.found && head?.focus({ preventScroll: true }));
   const keep = () => attempt(async () => {
-    const answer = await ask<{ vehicle: string }>("POST", `/api/v1/identifications/${props.id}/keep`);
+    const answer = await ask<Schemas["KeptVehicle"]>("POST", `/api/v1/identifications/${props.id}/keep`);
     props.onKept();
     props.twin.chooseMade(answer.vehicle, props.id);
   });

@@ -1,6 +1,6 @@
 /** Step 5: what is missing. */
 import { Show, createSignal } from "solid-js";
-import { ask } from "../../api/client";
+import { type Schemas, get } from "../../api/client";
 import { createLoad } from "../../api/load";
 import { short } from "../../format";
 import { candidatesOf } from "../../model/next-flight";
@@ -40,18 +40,13 @@ export function Missing(props: { twin: Twin }) {
   );
 }
 
-interface TruthAnswer {
-  effects: { id: string; rotor: number | null; onset_s: number | null; parameters: Record<string, number> }[];
-  flight: string;
-}
-
 /** The hidden truth of an example. */
 function Truth(props: { twin: Twin }) {
   const [shown, setShown] = createSignal(false);
-  const facts = () => (props.twin.log.job()?.facts ?? {}) as { example?: boolean };
+  const facts = () => (props.twin.log.job()?.facts ?? {}) as Partial<Schemas["ExampleFacts"]>;
   const truth = createLoad(
     () => (shown() ? props.twin.logs()[0] : undefined),
-    (id, signal) => ask<TruthAnswer>("GET", `/api/v1/logs/${id}/truth`, undefined, { signal }),
+    (id, signal) => get("/api/v1/logs/{id}/truth", { path: { id }, signal }),
   );
   return (
     <Show when={facts().example}>

@@ -1,7 +1,7 @@
 /** In step 5, if a flight cannot distinguish two effects: a manoeuvre that does, flown in the simulator, and as a file for the real vehicle. */
 import { For, Show, createSignal } from "solid-js";
 import { createAttempt } from "../../api/attempt";
-import { ask, freshKey, putDocument, text as fetchText } from "../../api/client";
+import { type Schemas, ask, freshKey, putDocument, text as fetchText } from "../../api/client";
 import { type JobView, createJob } from "../../api/job";
 import { short } from "../../format";
 import { type Manoeuvre, candidatesOf, withVehicle } from "../../model/next-flight";
@@ -56,7 +56,7 @@ export function NextFlight(props: { twin: Twin; found: Diagnosis }) {
 
 function Proposed(props: { twin: Twin; list: readonly Manoeuvre[]; job: JobView | undefined; id: string; labels: readonly { id: string; label: string }[] }) {
   const best = () => props.list[0];
-  const between = () => ((props.job?.facts ?? {}) as { between?: [string, string] }).between ?? ["the first", "the second"];
+  const between = () => ((props.job?.facts ?? {}) as Partial<Schemas["NextFlightFacts"]>).between ?? ["the first", "the second"];
   const label = (place: 0 | 1) => props.labels.find((one) => one.id === between()[place])?.label ?? between()[place];
   const worth = () => Math.min(best()?.first.against_other ?? 0, best()?.second.against_other ?? 0);
   const file = () => `/api/v1/next-flights/${props.id}/artifacts/${FILE}`;
@@ -73,7 +73,7 @@ function Proposed(props: { twin: Twin; list: readonly Manoeuvre[]; job: JobView 
   const scenario = async () => `# Tells ${between()[0]} from ${between()[1]}; proposed for the model ${version()}.\n${withVehicle(await fetchText(file()), props.twin.vehicle())}`;
   const take = () => act(async () => saveText(`${best()?.manoeuvre ?? "next-flight"}.toml`, await scenario()));
   const fly = () => act(async () => {
-    const run = await ask<{ id: string }>("POST", "/api/v1/runs", { text: await scenario(), model: { model: version() } });
+    const run = await ask<Schemas["Run"]>("POST", "/api/v1/runs", { text: await scenario(), model: { model: version() } });
     props.twin.fly(run.id);
   });
   const copy = () => act(async () => {

@@ -1,5 +1,6 @@
 /** Step 2: the data read from the log, what is missing and what that rules out, what looks wrong and how to repair it. */
 import { For, Show, createMemo, createSignal } from "solid-js";
+import type { Schemas } from "../../api/client";
 import { duration, short } from "../../format";
 import { adviceFor, isChosen, sourceOf, suggestionOfRefusal } from "../../model/repair";
 import { mayBeTable } from "../../model/table";
@@ -20,7 +21,7 @@ export function Read(props: { twin: Twin }) {
   // A consistent log may still not fit the vehicle: the comparison says so.
   const motors = () => (/swapped motors: .*drives rotor/.test(props.twin.comparison.error() ?? "") ? props.twin.comparison.error() : undefined);
   const refusal = () => (props.twin.log.job()?.status === "failed" ? props.twin.log.error() : undefined);
-  const facts = () => (props.twin.log.job()?.facts ?? {}) as { file?: string; xxh3?: string };
+  const facts = () => (props.twin.log.job()?.facts ?? {}) as Partial<Schemas["UploadFacts"]>;
   // A table that was read by columns which its owner chose is read again in the same way, whatever is wrong with it.
   const isMapped = () => result()?.source.kind === "mapped_csv";
   const asTable = () => refusal() !== undefined && mayBeTable(facts().file ?? "") && (props.twin.ofAnotherProgram() || isTyped(`table.${facts().xxh3 ?? ""}`));

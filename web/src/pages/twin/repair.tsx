@@ -1,7 +1,7 @@
 /** In step 2: the same file imported with corrected meanings of its columns. */
 import { For, Show, createEffect, createMemo, createSignal, on } from "solid-js";
 import { createAttempt } from "../../api/attempt";
-import { ask } from "../../api/client";
+import { type Schemas, ask } from "../../api/client";
 import type { JobView } from "../../api/job";
 import { createLoad } from "../../api/load";
 import {
@@ -29,10 +29,10 @@ const BUILT_IN: Record<SourceName, () => Promise<{ default: string }>> = {
 };
 
 export function Repair(props: { twin: Twin; findings: readonly Finding[]; refusal?: string | undefined }) {
-  const facts = () => (props.twin.log.job()?.facts ?? {}) as { file?: string };
+  const facts = () => (props.twin.log.job()?.facts ?? {}) as Partial<Schemas["UploadFacts"]>;
   const source = () => sourceOf(props.twin.log.result()?.source.kind, facts().file ?? props.twin.log.job()?.name ?? "");
   const builtIn = createLoad(source, async (name) => (await BUILT_IN[name]()).default);
-  const rotors = () => props.twin.rotorsOfLog() ?? 0;
+  const rotors = () => props.twin.rotorsOfFlight() ?? 0;
   const [choice, setChoice] = createSignal<Choice>({ axes: {}, units: {} });
   const [order, setOrder] = createSignal("");
   const [time, setTime] = createSignal("");

@@ -3,11 +3,11 @@
  * selection. Missing results are requested; a repeated request returns the existing job.
  */
 import { createEffect, createMemo, createSignal, mapArray, on } from "solid-js";
-import { ask, freshKey } from "../../api/client";
+import { type Schemas, ask, freshKey, get } from "../../api/client";
 import { type JobView, createJob } from "../../api/job";
 import { createLoad } from "../../api/load";
 import { ApiError, sentenceOf } from "../../api/problem";
-import { type Comparison, type Correction, type Diagnosis, type History, type ImportResult, findingBlocks, keyOf, lineTo, together } from "../../model/twin";
+import { type Comparison, type Correction, type Diagnosis, type ImportResult, findingBlocks, keyOf, lineTo, together } from "../../model/twin";
 import { isOfAnotherProgram, refusalWithoutCommand } from "../../model/table";
 import { route, setQuery } from "../../router";
 
@@ -56,26 +56,29 @@ export function createTwin() {
   );
   /** Held-out logs that were refused, and their files: what is said of the first log's columns may hold for them. */
   const heldRefused = () =>
-    heldJobs().flatMap((one) => (one.job()?.status === "failed" ? [{ id: one.id, file: ((one.job()?.facts ?? {}) as { file?: string }).file ?? "" }] : []));
+    heldJobs().flatMap((one) => (one.job()?.status === "failed" ? [{ id: one.id, file: ((one.job()?.facts ?? {}) as Partial<Schemas["UploadFacts"]>).file ?? "" }] : []));
   const comparison = createJob<Comparison>("comparisons", cmp);
   const diagnosis = createJob<Diagnosis>("diagnoses", diag);
-  const history = createLoad(model, (name, signal) => ask<History>("GET", `/api/v1/models/${encodeURIComponent(name)}/history`, undefined, { signal }));
+  const history = createLoad(model, (name, signal) => get("/api/v1/models/{name}/history", { path: { name }, signal }));
   const flightsReady = createMemo(() => (logs().length > 0 ? log.result() !== undefined : runs().length > 0));
   const vehicleName = () => vehicle() ?? FIRST_VEHICLE;
   // A log that could not be read has no channels to request.
   const channels = createLoad(
-    () => (log.result() ? logs()[0] : undefined),
-    (id, signal) => ask<{ items: { name: string }[] }>("GET", `/api/v1/logs/${id}/channels`, undefined, { signal }),
+    () => {
+      const [of, run] = [log.result() ? logs()[0] : undefined, logs().length === 0 ? runs()[0] : undefined];
+      return of !== undefined || run !== undefined ? { log: of, run } : undefined;
+    },
+    ({ log, run = "" }, signal) => (log !== undefined ? get("/api/v1/logs/{id}/channels", { path: { id: log }, signal }) : get("/api/v1/runs/{id}/channels", { path: { id: run }, signal })),
   );
-  const rotorsOfLog = createMemo(() => channels.data()?.items.filter((one) => /^duty_\d+$/.test(one.name)).length);
-  /** Rotors of a log that no vehicle was chosen for, if the default one has another number. */
+  const rotorsOfFlight = createMemo(() => channels.data()?.items.filter((one) => /^duty_\d+$/.test(one.name)).length);
+  /** Rotors of a flight that no vehicle was chosen for, if the default one has another number. */
   const unfit = createMemo(() => {
-    const count = rotorsOfLog();
-    return vehicle() === undefined && model() === undefined && logs().length > 0 && count !== undefined && count > 0 && count !== FIRST_ROTORS ? count : undefined;
+    const count = rotorsOfFlight();
+    return vehicle() === undefined && model() === undefined && count !== undefined && count > 0 && count !== FIRST_ROTORS ? count : undefined;
   });
   /** The vehicle was not chosen: the default one is taken for a log of its owner's, of which no parameter says what flew. */
-  const assumed = createMemo(() => made() === undefined && (log.job()?.facts as { upload?: string } | undefined)?.upload !== undefined && chosenVehicle() !== vehicle() && vehicle() === FIRST_VEHICLE);
-  const vehicleKnown = createMemo(() => vehicle() !== undefined || logs().length === 0 || channels.error() !== undefined || (rotorsOfLog() !== undefined && unfit() === undefined));
+  const assumed = createMemo(() => made() === undefined && (log.job()?.facts as Partial<Schemas["UploadFacts"]> | undefined)?.upload !== undefined && chosenVehicle() !== vehicle() && vehicle() === FIRST_VEHICLE);
+  const vehicleKnown = createMemo(() => vehicle() !== undefined || channels.error() !== undefined || (rotorsOfFlight() !== undefined && unfit() === undefined));
   const head = () => history.data()?.branches.find((one) => one.name === branch());
   const shownVersion = () => (version() === undefined ? head()?.version : Number(version()));
   const line = createMemo(() => {
@@ -92,7 +95,7 @@ export function createTwin() {
       // A vehicle identified twice under one name is two vehicles.
       const name = [base, flight.slice(0, 32).slice(-8), made()?.slice(-4)].filter(Boolean).join("-");
       void attempt(async () => {
-        const there = await ask<{ items: string[] }>("GET", "/api/v1/models");
+        const there = await get("/api/v1/models");
         try {
           if (!there.items.includes(name)) await ask("POST", "/api/v1/models", { name, model: { vehicle: base } });
         } catch (error) {
@@ -139,7 +142,7 @@ export function createTwin() {
   const add = (what: { pick?: number; proposal?: true }) =>
     attempt(async () => {
       const seen = line().at(-1)?.hash ?? head()?.hash;
-      const answer = await ask<{ version: { version: number } }>(
+      const answer = await ask<Schemas["AddedVersion"]>(
         "POST", `/api/v1/models/${model()}/versions`, { diagnosis: diag(), branch: branch(), ...what },
         { headers: seen ? { "if-match": `"${seen}"`, "idempotency-key": freshKey() } : {} },
       );
@@ -152,7 +155,7 @@ export function createTwin() {
       let seen = line().at(-1)?.hash ?? head()?.hash;
       let last: number | undefined;
       for (const one of together(corrections)) {
-        const answer = await ask<{ version: { version: number; hash: string } }>(
+        const answer = await ask<Schemas["AddedVersion"]>(
           "POST", `/api/v1/models/${model()}/versions`, { effect: one, branch: branch(), note: `calibrated by the diagnosis ${diag()}` },
           { headers: seen ? { "if-match": `"${seen}"`, "idempotency-key": freshKey() } : {} },
         );
@@ -165,7 +168,7 @@ export function createTwin() {
   const undo = () =>
     attempt(async () => {
       const seen = head()?.hash;
-      const answer = await ask<{ version: { version: number } }>(
+      const answer = await ask<Schemas["UndoneVersion"]>(
         "POST", `/api/v1/models/${model()}/undo`, { branch: branch() },
         { headers: seen ? { "if-match": `"${seen}"`, "idempotency-key": freshKey() } : {} },
       );
@@ -186,7 +189,7 @@ export function createTwin() {
 
   return {
     logs, runs, held, identification, made, nextFlight, flown, vehicle: vehicleName, model, version, log, comparison, diagnosis, history, line, branch, head, problem, add, calibrate, undo, again, beginBranch,
-    flightsReady, heldProblems, heldRefused, ofAnotherProgram, unfit, channels, rotorsOfLog,
+    flightsReady, heldProblems, heldRefused, ofAnotherProgram, unfit, channels, rotorsOfFlight,
     /** Logs of the comparison, in its order. */
     compared: () => [...logs(), ...heldRead()],
     /** Whether there are a flight and a model to compare. */

@@ -1,7 +1,7 @@
 /** In step 2: a table of another program. Each column's meaning and unit, the clock and the axes, chosen on top of a draft of the server. */
 import { For, Show, createEffect, createMemo, createSignal, on } from "solid-js";
 import { createAttempt } from "../../api/attempt";
-import { ask, get } from "../../api/client";
+import { type Schemas, ask, get } from "../../api/client";
 import type { JobView } from "../../api/job";
 import { createLoad } from "../../api/load";
 import { count, short } from "../../format";
@@ -15,7 +15,7 @@ import type { Twin } from "./state";
 const SHOWN = 60;
 
 export function TableForm(props: { twin: Twin; findings: readonly { kind: string; detail: string }[]; refusal?: string | undefined }) {
-  const facts = () => (props.twin.log.job()?.facts ?? {}) as { file?: string; xxh3?: string };
+  const facts = () => (props.twin.log.job()?.facts ?? {}) as Partial<Schemas["UploadFacts"]>;
   const draft = createLoad(() => props.twin.logs()[0], (id, signal) => get("/api/v1/logs/{id}/mapping", { path: { id }, signal }));
   // By the content of the file: what was chosen is there again when the same file is read again, or dropped again.
   const [stored, store] = createTyped(`table.${facts().xxh3 ?? ""}`);

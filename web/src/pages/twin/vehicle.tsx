@@ -5,17 +5,11 @@ import { createLoad } from "../../api/load";
 import { percent, short } from "../../format";
 import { Figures, Problem } from "../../parts/bits";
 import { VehiclePicture } from "../../parts/vehicle-picture";
-import type { Geometry } from "../../replay/motion";
+import type { FullGeometry } from "../../replay/motion";
 import { Known } from "../../shown/known";
 import { FromLog } from "./from-log";
 import { Step } from "./step";
 import type { Twin } from "./state";
-
-/** The answer of `/geometry`. */
-export type FullGeometry = Geometry & {
-  mass_kg: number;
-  hover: { duty: number[]; voltage_v: number };
-};
 
 export function Vehicle(props: { twin: Twin }) {
   const names = createLoad(() => true, async (_, signal) => {
@@ -37,6 +31,7 @@ export function Vehicle(props: { twin: Twin }) {
       form?.querySelector("input")?.focus({ preventScroll: true });
     });
   }));
+  const flight = () => (props.twin.logs().length > 0 ? "log" : "run");
   const pick = (value: string) => {
     if (value.startsWith("model:")) props.twin.chooseModel(value.slice(6));
     else props.twin.chooseVehicle(value);
@@ -52,13 +47,13 @@ export function Vehicle(props: { twin: Twin }) {
       <Show when={props.twin.unfit()}>
         {(count) => (
           <div class="say warn sentence" role="status">
-            The log is of a vehicle with {count()} rotors. Choose one of the library, or make it from this log: its mass and its size are enough.
+            The {flight()} is of a vehicle with {count()} rotors. Choose one of the library, or make it from this {flight()}: its mass and its size are enough.
           </div>
         )}
       </Show>
       <Show when={props.twin.assumed()}>
         <Show
-          when={props.twin.rotorsOfLog() !== 0}
+          when={props.twin.rotorsOfFlight() !== 0}
           fallback={<div class="say">The log holds no motor outputs: it does not say which vehicle flew, and none can be made from it. <strong>{props.twin.vehicle()}</strong> is taken until you choose.</div>}
         >
           <div class="say row">
@@ -95,8 +90,8 @@ export function Vehicle(props: { twin: Twin }) {
                   ["mass", `${short(found().mass_kg)} kg`],
                   ["arm", `${short(found().arm_m)} m`],
                   ["rotors", String(found().rotors.length)],
-                  ["hover thrust", `${short(found().hover.thrust_n)} N`],
-                  ["hover duty", percent(found().hover.duty[0] ?? null, 0)],
+                  ["hover thrust", `${short(found().hover?.thrust_n)} N`],
+                  ["hover duty", percent(found().hover?.duty[0], 0)],
                 ]}
               />
             )}
@@ -112,7 +107,7 @@ export function Vehicle(props: { twin: Twin }) {
             </details>
           </Show>
           <div class="row">
-            <button type="button" aria-expanded={open()} aria-controls="from-log" onClick={() => setOpen(!open())}>A new one from this {props.twin.logs().length > 0 ? "log" : "run"}</button>
+            <button type="button" aria-expanded={open()} aria-controls="from-log" onClick={() => setOpen(!open())}>A new one from this {flight()}</button>
             <span class="small muted">No fitting vehicle? Mass and size are enough.</span>
           </div>
         </div>

@@ -84,17 +84,18 @@ pub(crate) fn starts(problem: &Problem) -> Vec<Trial> {
         .collect();
     found.sort_by(|a, b| b.log_bayes_factor.total_cmp(&a.log_bayes_factor));
     let best = found.first().map_or(0.0, |t| t.log_bayes_factor);
-    found.retain(|t| t.log_bayes_factor > best - WORTH);
+    let is_worth = |t: &Trial| t.log_bayes_factor > best - WORTH;
     let mut effects: Vec<usize> = Vec::new();
-    for one in &found {
+    for one in found.iter().filter(|t| is_worth(t)) {
         if !effects.contains(&one.open[0].candidate) {
             effects.push(one.open[0].candidate);
         }
     }
     let of_sensor = |t: &Trial| of_sensor(problem, t.open[0].candidate);
-    // Gain and offset of the sensor differ by little; the fit decides between them.
+    // Gain and offset of the sensor differ by less than small errors of the other constants, which a scan does not know: the fit decides
+    // between them.
     let leading = &effects[..effects.len().min(MOST_EFFECTS)];
-    let leads = |t: &Trial| leading.contains(&t.open[0].candidate);
+    let leads = |t: &Trial| is_worth(t) && leading.contains(&t.open[0].candidate);
     let sensor = found.iter().any(|t| leads(t) && of_sensor(t));
     found.retain(|t| leads(t) || (sensor && of_sensor(t)));
     found
