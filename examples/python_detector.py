@@ -6,7 +6,7 @@
 
 Endpoint and run id are those that `rotortwin fly` prints. A rotor that lost thrust is driven harder by the controller: each window of samples, the mean duty of
 each rotor, less that of all rotors, is compared with its mean and its scatter during the calibration. That is the whole method; it is no better than it looks
-(a vehicle that accelerates, or a payload that shifts, looks alike). The verdict stands where that of the sequential detector stands otherwise; those of the
+(a vehicle that accelerates, or a payload that shifts, looks the same). The verdict stands where that of the sequential detector stands otherwise; those of the
 other evaluators stay "not ready". docs/own-controller.md explains the protocol, docs/own-detector.md other ways for a detector of one's own.
 """
 
@@ -23,7 +23,7 @@ from google.protobuf import descriptor_pb2, descriptor_pool, message_factory
 PROTOCOL_VERSION = 1
 FDI = 3  # Role.ROLE_FDI
 NOT_READY, HEALTHY, FAULTY = 1, 2, 3  # Verdict.Kind
-JOIN_PERIOD_S = 0.1  # a join is said again until it is answered
+JOIN_PERIOD_S = 0.1  # a join is repeated until it is answered
 JOIN_LIMIT_S = 10.0
 SILENCE_LIMIT_S = 8.0  # longer than the plant waits for one step, so that the plant speaks first
 

@@ -289,7 +289,8 @@ impl Add {
         let next = found.onto(&head.version, self.note.clone());
         // Before anything is created, so that a rejection leaves nothing behind.
         ModelStore::check(&next)?;
-        if Difference::between(&head.version, &next).is_empty() {
+        let same_documents = head.version.effect_document == next.effect_document;
+        if same_documents && Difference::between(&head.version, &next).is_empty() {
             return Err(StoreError::Refused(format!(
                 "{} has all of this already: nothing is added",
                 self.model

@@ -249,3 +249,21 @@ fn prove(
     };
     Ok((named, verdict))
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn val_every_validated_pair_is_of_the_catalogue() {
+        let catalogue = Catalogue::built_in();
+        assert!(VALIDATED.len() >= 20);
+        for (a, b) in VALIDATED {
+            let pair = [a, b].map(|text| Rival::parse(text, &catalogue).unwrap());
+            for rival in &pair {
+                rival.typical(&catalogue).unwrap().check(&catalogue, 6).unwrap();
+            }
+            assert_ne!(pair[0], pair[1]);
+        }
+    }
+}

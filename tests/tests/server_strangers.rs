@@ -325,9 +325,9 @@ const HEAD: Duration = Duration::from_secs(15);
 const BODY_PAUSE: Duration = Duration::from_secs(30);
 const UNREAD: Duration = Duration::from_secs(60);
 /// How much later a connection may be closed.
-const LATE: Duration = Duration::from_secs(5);
+const LATE: Duration = Duration::from_secs(10);
 /// Longest wait of another client for its answer, on a busy machine.
-const SERVED: Duration = Duration::from_secs(5);
+const SERVED: Duration = Duration::from_secs(15);
 
 /// A client that does not go on.
 struct Stalled {

@@ -111,12 +111,8 @@ pub fn improve(job: &Job, companion: &mut impl Companion, tell: Tell<'_>) -> Res
     if let Some(diagnosis) = &improvement.diagnosis {
         improvement.next_flight = next_flight::after(diagnosis, &improvement.model);
     }
-    let last = format!(
-        "{}@v{}, hash {}",
-        improvement.model.name,
-        store.head(&improvement.model.name, &branch)?,
-        improvement.model.hash()
-    );
+    let head = improvement.last();
+    let last = format!("{}, hash {}", head.version, head.hash);
     let mut text = text(&improvement);
     text += &if last == base {
         format!("Model        {base}\n")

@@ -369,9 +369,8 @@ impl Server {
         let shelf = Library::open(&config.library)?;
         let worker = Worker::open_with(config.work.clone(), SERVER_CONNECTIONS).await?;
         incoming::tidy(&worker.context.artifacts, &worker.context.database, &config.work.data).await?;
-        if config.work.artifacts.is_none() {
-            library::unused::tidy(&worker.context.database, &config.work.data).await?;
-        }
+        let has_copies = config.work.artifacts.is_none();
+        library::unused::tidy(&worker.context.database, &config.work.data, has_copies).await?;
         let has_tokens = worker.context.database.has_tokens().await;
         if open && !has_tokens.map_err(|error| format!("the tokens cannot be read: {error}"))? {
             return Err(format!(

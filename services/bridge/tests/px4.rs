@@ -142,7 +142,7 @@ impl Peer {
     }
 
     fn connect(&self) -> Option<TcpStream> {
-        for _ in 0..200 {
+        for _ in 0..1000 {
             if let Ok(stream) = TcpStream::connect(self.to) {
                 stream.set_nodelay(true).unwrap();
                 stream.set_read_timeout(Some(Duration::from_secs(4))).unwrap();
@@ -491,7 +491,16 @@ fn scenario_the_plant_comes_back_while_the_autopilot_waits() {
         drop(first);
         std::thread::sleep(Duration::from_millis(300));
         let map = outputs(AutopilotKind::Px4, &scenario);
-        let mut link = Px4::listen(to, map, patience()).unwrap();
+        // Another test may have the port for a moment.
+        let mut tries = 0;
+        let mut link = loop {
+            match Px4::listen(to, map.clone(), patience()) {
+                Ok(link) => break link,
+                Err(refused) => assert!(tries < 40, "{refused}"),
+            }
+            tries += 1;
+            std::thread::sleep(Duration::from_millis(100));
+        };
         let outcome = flown(&scenario, &mut link, &mut Watch::default());
         drop(link);
         peer.join().unwrap();
@@ -524,8 +533,7 @@ fn scenario_failures_name_peer_and_sample() {
     let missing = said(Act::Missing);
     assert!(
         missing.contains("did not answer the sample of 8.8")
-            && missing
-                .contains("s (other messages since: 1, answers to earlier samples among them: 0): awaited for 25"),
+            && missing.contains("s (other messages since: 1, answers to earlier samples among them: 0): awaited for "),
         "{missing}"
     );
     assert!(missing.ends_with("allowed are 2500 ms (--step-timeout)"), "{missing}");

@@ -12,14 +12,14 @@ const HEADLINES: Record<Diagnosis["verdict"]["kind"], { words: string; kind: str
   "partly-missing": { words: "Physics is missing, and named; it explains a part of the error, the rest is not in the catalogue.", kind: "warn" },
   "calibrate-first": { words: "Constants of this vehicle are guesses that the flight contradicts: calibrate it first.", kind: "warn" },
   "outside-catalogue": { words: "Physics is missing, and not in the catalogue of effects.", kind: "warn" },
-  "flights-differ": { words: "These flights differ: no one model explains them together.", kind: "warn" },
+  "flights-differ": { words: "These flights differ: no single model explains all of them.", kind: "warn" },
   "log-fault": { words: "The log is at fault; the physics agrees.", kind: "bad" },
   "nothing-testable": { words: "Nothing of this log can be compared with the model.", kind: "bad" },
 };
 
 /** The sentence without the part that the headline already says. */
 function restOf(found: Diagnosis, onPage: boolean): string {
-  let rest = found.sentence.replace(/^The model agrees with (this|the) flights?: /, "").replace(/ Each flight has a wind of its own: .*$/, "").replace(/^These flights differ: nothing explains them together, and each alone is explained\. /, "");
+  let rest = found.sentence.replace(/^The model agrees with (this|the) flights?: /, "").replace(/ Each flight has a wind of its own: .*$/, "").replace(/^These flights differ: nothing explains them together, but each alone is explained\. /, "");
   // The page has a button for what a report names a command for, and fields for its options.
   if (onPage) rest = adviceText(rest.replace(/^Calibrate first \(`rotortwin [^)]*\): /, ""));
   // The headline has said it.

@@ -74,7 +74,11 @@ class JobOperations(Generic[J]):
 
     def submit(self, body: Mapping[str, Any], key: str | None, path: str | None = None) -> Operation[J]:
         headers = {"idempotency-key": key or new_key()}
-        answer = yield from self.settings.call("POST", path or self.root, json=dict(body), headers=headers)
+        place = path or self.root
+        # Read by a process of the server before it is accepted.
+        is_campaign = place.endswith(("/campaigns", "/campaign"))
+        timeout_s = max(130.0, self.settings.timeout_s) if is_campaign else None
+        answer = yield from self.settings.call("POST", place, json=dict(body), headers=headers, timeout_s=timeout_s)
         return self.parse(answer.json())
 
     def get(self, id: str) -> Operation[J]:

@@ -8,10 +8,13 @@ use crate::log::FlightLog;
 use crate::model::ModelVersion;
 use crate::predict::PredictError;
 use rotortwin_plant::effects::Requirement;
+use std::cell::Cell;
 
 /// Shares of the progress at which the search in one wind and that in the winds of the flights end, where others may follow.
 const TOGETHER: f64 = 0.4;
 const IN_WINDS: f64 = 0.6;
+/// Share at which the searches over the single flights end, where groups of them may follow.
+const ALONE: f64 = 0.9;
 
 /// The search over several flights.
 ///
@@ -62,15 +65,30 @@ pub(super) fn diagnose_flights(
             }
         }
     }
+    let is_over = Cell::new(false);
     let alone = |flights: &[usize]| {
         let of: Vec<&FlightLog> = flights.iter().map(|flight| &logs[*flight]).collect();
         let names: Vec<&str> = of.iter().map(|log| log.name.as_str()).collect();
-        let step = (1.0 - IN_WINDS) / logs.len() as f64;
-        let from = IN_WINDS + step * flights[0] as f64;
-        further(&of, model, &format!("{} alone", names.join(" and ")), from, from + step)
+        let (from, to) = if flights.len() > 1 {
+            (ALONE, 1.0)
+        } else {
+            let step = (ALONE - IN_WINDS) / logs.len() as f64;
+            let from = IN_WINDS + step * flights[0] as f64;
+            (from, from + step)
+        };
+        let found = further(&of, model, &format!("{} alone", names.join(" and ")), from, to)?;
+        is_over.set(is_over.get() || found.is_none());
+        Ok(found)
     };
-    if let Some(groups) = apart::each_alone(logs.len(), &alone)? {
-        apart::tell(&mut together, groups);
+    match apart::each_alone(logs.len(), &alone) {
+        Ok(Some(groups)) => apart::tell(&mut together, groups),
+        Ok(None) if is_over.get() => together
+            .notes
+            .push("the time was up before each flight was diagnosed alone".to_owned()),
+        Ok(None) => {}
+        Err(refused) => together
+            .notes
+            .push(format!("flights not diagnosed one by one: {refused}")),
     }
     Ok(together)
 }

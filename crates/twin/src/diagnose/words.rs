@@ -20,8 +20,8 @@ const BETWEEN_ROWS: &str = " A controller that runs faster than its log leaves s
                             as fast as it runs, or their means over each row.";
 
 /// What errors of kinematic channels alone mean.
-const SENSORS_ALONE: &str = " These channels compare the log's sensors and its estimator with one another: forces and torques agree with the model, and nothing of \
-                             the vehicle is called missing.";
+const SENSORS_ALONE: &str = " These channels compare the log's sensors and its estimator with one another: forces and torques agree with the model, so no \
+                             effect of the vehicle is reported as missing.";
 
 /// Effects that a sentence names before it counts the rest.
 const MOST_NAMED: usize = 3;
@@ -327,7 +327,7 @@ fn apart(one: &FlightsApart) -> String {
     }
 }
 
-/// `fx and fz stay`, as what stays unexplained.
+/// `fx, fz stay`, as what stays unexplained.
 fn stay(unexplained: &[String]) -> String {
     let stay = if unexplained.len() == 1 { "stays" } else { "stay" };
     format!("{} {stay}", unexplained.join(", "))
@@ -464,7 +464,7 @@ fn sentence(diagnosis: &Diagnosis) -> String {
                 "The vehicle or its sensors changed between them, or an effect outside of the catalogue is in all of them"
             };
             format!(
-                "These flights differ: nothing explains them together, and each alone is explained. {}. {why}.",
+                "These flights differ: nothing explains them together, but each alone is explained. {}. {why}.",
                 flights.join("; ")
             )
         }

@@ -30,6 +30,9 @@ pub(crate) struct Filter<'a> {
     pub(crate) before: Option<&'a str>,
 }
 
+/// The status of a row of `job` as it is told: a job in parts is running from the start of its first part.
+const TOLD_STATUS: &str = "CASE WHEN status = 'queued' AND @BEGUN IS NOT NULL THEN 'running' ELSE status END AS status";
+
 impl Database {
     /// A job; `None` if the id is unknown.
     ///
@@ -169,10 +172,10 @@ impl Database {
     /// # Errors
     /// The database.
     pub(crate) async fn count(&self) -> Result<Vec<(String, String, i64)>, sqlx::Error> {
-        let rows =
-            sqlx::query("SELECT kind, status, COUNT(*) AS jobs FROM job GROUP BY kind, status ORDER BY kind, status")
-                .fetch_all(&self.pool)
-                .await?;
+        let rows = sqlx::query(self.sql(&format!(
+            "SELECT kind, {TOLD_STATUS}, COUNT(*) AS jobs FROM job GROUP BY 1, 2 ORDER BY 1, 2"
+        )));
+        let rows = rows.fetch_all(&self.pool).await?;
         rows.iter()
             .map(|row| Ok((row.try_get("kind")?, row.try_get("status")?, row.try_get("jobs")?)))
             .collect()
@@ -194,10 +197,9 @@ impl Database {
     /// # Errors
     /// The database.
     pub(crate) async fn count_open_by_tenant(&self) -> Result<Vec<(String, String, i64)>, sqlx::Error> {
-        let rows = sqlx::query(
-            "SELECT tenant, status, COUNT(*) AS jobs FROM job WHERE status IN ('queued', 'running') \
-             GROUP BY tenant, status ORDER BY tenant, status",
-        );
+        let rows = sqlx::query(self.sql(&format!(
+            "SELECT tenant, {TOLD_STATUS}, COUNT(*) AS jobs FROM job WHERE status IN ('queued', 'running') GROUP BY 1, 2 ORDER BY 1, 2"
+        )));
         let rows = rows.fetch_all(&self.pool).await?;
         rows.iter()
             .map(|row| Ok((row.try_get("tenant")?, row.try_get("status")?, row.try_get("jobs")?)))

@@ -15,6 +15,11 @@ use std::path::Path;
 const DIGITS: usize = 32;
 
 impl Database {
+    async fn has_jobs(&self) -> Result<bool, sqlx::Error> {
+        let found = sqlx::query("SELECT 1 FROM job LIMIT 1");
+        Ok(found.fetch_optional(&self.pool).await?.is_some())
+    }
+
     /// The names of the copies that jobs read, by their specifications of any version.
     async fn library_copies(&self) -> Result<BTreeSet<String>, sqlx::Error> {
         let mut rows = sqlx::query("SELECT spec FROM job WHERE spec LIKE '%library/%'").fetch(&self.pool);
@@ -37,11 +42,14 @@ fn is_hash(name: &str) -> bool {
     name.len() == DIGITS && name.bytes().all(|digit| digit.is_ascii_hexdigit())
 }
 
-/// Removes them; before the first request, so that no submission is about to name one.
+/// Removes them; before the first request, so that no submission is about to name one. Copies stay in a database without jobs: it may be
+/// the wrong one.
+///
+/// * `has_copies`: the copies that jobs name lie in this data folder
 ///
 /// # Errors
 /// The folder cannot be read, or the database does not respond. A copy that cannot be removed is reported and left for the next time.
-pub(crate) async fn tidy(database: &Database, data: &Path) -> Result<(), String> {
+pub(crate) async fn tidy(database: &Database, data: &Path, has_copies: bool) -> Result<(), String> {
     let told = |error: &dyn std::fmt::Display| {
         format!(
             "{}: unused copies of the library cannot be listed: {error}",
@@ -53,7 +61,8 @@ pub(crate) async fn tidy(database: &Database, data: &Path) -> Result<(), String>
     // Nothing else: an operator may have put the server's own library here.
     let mut copies = names(&data.join(COPIES)).map_err(|error| told(&error))?;
     copies.retain(|name| is_hash(name));
-    if !copies.is_empty() {
+    let has_jobs = async || database.has_jobs().await.map_err(|error| told(&error));
+    if has_copies && !copies.is_empty() && has_jobs().await? {
         let named = database.library_copies().await.map_err(|error| told(&error))?;
         let left = copies.into_iter().filter(|name| !named.contains(name));
         unused.extend(left.map(|name| format!("{COPIES}/{name}")));

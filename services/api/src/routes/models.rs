@@ -223,7 +223,7 @@ pub(crate) async fn add(
     let library = app.library(&caller).await?;
     let next = with_documents_of(&library, effects.onto(&head, body.note))?;
     check(&next)?;
-    if Difference::between(&head, &next).is_empty() {
+    if head.effect_document == next.effect_document && Difference::between(&head, &next).is_empty() {
         return Err(Problem::unprocessable(format!(
             "{} has all of this already: nothing to add",
             label(&name, stands_at)

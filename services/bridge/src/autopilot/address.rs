@@ -97,10 +97,12 @@ impl std::str::FromStr for AutopilotAddress {
                         Protocol::ArduPilot => "; expected @rc=US/US/…",
                         _ => "",
                     };
-                    return Err(format!(
-                        "'{text}': {} is in lockstep and has no @SPEED{instead}",
-                        protocol.name()
-                    ));
+                    let name = protocol.name();
+                    return Err(if option.parse::<f64>().is_ok() {
+                        format!("'{text}': {name} is in lockstep and has no @SPEED{instead}")
+                    } else {
+                        format!("'{text}': {name} has no option '@{option}'{instead}")
+                    });
                 };
                 rc = channels.parse().map_err(|sentence| format!("'{text}': {sentence}"))?;
             }

@@ -226,7 +226,9 @@ fn quaternion(text: &str) -> Option<[f64; 3]> {
     let roll = (2.0 * (w * x + y * z)).atan2(1.0 - 2.0 * (x * x + y * y));
     let pitch = (2.0 * (w * y - z * x)).clamp(-1.0, 1.0).asin();
     let yaw = (2.0 * (w * z + x * y)).atan2(1.0 - 2.0 * (y * y + z * z));
-    Some([roll, pitch, yaw])
+    // Of numbers near the largest there is.
+    let attitude = [roll, pitch, yaw];
+    attitude.iter().all(|angle| angle.is_finite()).then_some(attitude)
 }
 
 fn length(v: [f64; 3]) -> f64 {

@@ -11,6 +11,10 @@ use rotortwin_cli::output;
 use serde_json::{Value, json};
 use std::path::Path;
 use std::process::ExitCode;
+use std::time::Duration;
+
+/// How long the server's answer to a new campaign may take: a process reads and tries it first.
+const READ_BY_A_PROCESS: Duration = Duration::from_secs(130);
 
 /// Runs the command.
 pub(crate) fn run(server: &ServerArgs, args: &Args) -> ExitCode {
@@ -44,7 +48,10 @@ pub(crate) fn run(server: &ServerArgs, args: &Args) -> ExitCode {
         Err(sentence) => return output::bad_input(sentence),
     };
     with_server(server, async |remote| {
-        let ask = Ask::post("/api/v1/campaigns").json(json!({ "text": text })).once();
+        let ask = Ask::post("/api/v1/campaigns")
+            .json(json!({ "text": text }))
+            .limit(READ_BY_A_PROCESS)
+            .once();
         let job = remote.json(&ask).await?;
         let id = fetch::text(&job, "id").to_owned();
         eprintln!("campaign {id} of {}", remote.url());

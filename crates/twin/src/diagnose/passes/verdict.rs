@@ -13,9 +13,6 @@ use crate::estimation::problem::Problem;
 use crate::estimation::unseen::{FORCE, QUANTITIES, VOLTAGE};
 use crate::predict::PredictError;
 
-/// Least share of the excess error that other values of constants explain which somebody wrote down.
-const LEAST_SHARE_OF_CONSTANTS: f64 = 0.5;
-
 pub(crate) struct FinalVerdict;
 
 impl Pass for FinalVerdict {
@@ -48,15 +45,9 @@ impl Pass for FinalVerdict {
         // A guess may be anything; that a constant is wrong which somebody wrote down takes blocks that no fit has seen, by more than they scatter.
         let guessed = diagnosis.calibrate.iter().any(|one| one.source.is_guess());
         let proved = diagnosis.held_out.iter().any(HeldOutError::falls);
-        // Nor are they wrong if their other values leave most of the error: they only follow one that is not in the catalogue.
-        let follows = !unexplained.is_empty()
-            && diagnosis
-                .goodness
-                .explained_share
-                .is_some_and(|share| share < LEAST_SHARE_OF_CONSTANTS);
         // And no guess is contradicted by a fit with which the prediction of unseen blocks becomes worse.
         let risen = diagnosis.held_out.iter().any(HeldOutCheck::contradicts_no_guess);
-        if !(guessed || proved && !follows) || risen {
+        if !(guessed || proved) || risen {
             diagnosis.calibrate.clear();
         }
         let blocking = diagnosis.calibrate.iter().filter(|one| one.blocking);
