@@ -394,7 +394,7 @@ fn val_flights_that_differ_are_told_apart() {
     let model = ModelVersion::load(f550()).unwrap();
     let told = |hidden: &[&[&str]]| {
         let logs: Vec<FlightLog> = (hidden.iter().zip(first_seed() + 130..))
-            .map(|(hidden, seed)| flown(Script::built_in("excitation", seed).unwrap(), 40.0, seed, hidden))
+            .map(|(hidden, seed)| flown(Script::built_in("excitation", seed).unwrap(), 30.0, seed, hidden))
             .collect();
         let found = diagnose(&logs, &model, &Options::default()).unwrap();
         println!("{}", found.sentence);
