@@ -444,7 +444,7 @@ fn val_flights_that_differ_are_told_apart() {
         "{}",
         found.sentence
     );
-    // What all of them have, and the catalogue has not, is no change.
+    // What all of them have, and the catalogue has not, is no change; also if each flight alone is too short to show it.
     let found = told(&[&["thrust-fade"], &["thrust-fade"]]);
     assert!(found.apart.is_empty(), "{}", found.sentence);
 }

@@ -47,19 +47,19 @@ pub(super) fn each_alone(count: usize, search: Search<'_>) -> Result<Option<Vec<
         };
         match together.filter(|together| answer(together) == answer(&alone[0])) {
             Some(together) => groups.push(together),
-            // One name, and sizes that differ.
+            // Each agrees, and together they do not: what all have is too small to show in one.
+            None if found(&alone[0]).next().is_none() => return Ok(None),
+            // One name, and sizes that may differ.
             None => groups.extend(alone),
         }
     }
-    Ok((groups.len() > 1).then_some(groups))
+    let differ = groups.windows(2).any(|two| answer(&two[0]) != answer(&two[1]));
+    Ok((groups.len() > 1 && (differ || are_contradicted(&groups))).then_some(groups))
 }
 
 /// Puts the answers of groups of flights in the place of one that explains nothing.
 pub(super) fn tell(together: &mut Diagnosis, groups: Vec<Diagnosis>) {
-    let findings = || groups.iter().flat_map(found);
-    let changed = groups
-        .iter()
-        .any(|one| findings().any(|finding| contradicts(finding, one)));
+    let changed = are_contradicted(&groups);
     together.verdict = Verdict::FlightsDiffer { changed };
     // Those of a fit that is not believed.
     together.effects.clear();
@@ -76,6 +76,13 @@ pub(super) fn tell(together: &mut Diagnosis, groups: Vec<Diagnosis>) {
     });
     together.apart = apart.collect();
     words::render(together);
+}
+
+/// True if what one group has, another contradicts.
+fn are_contradicted(groups: &[Diagnosis]) -> bool {
+    let findings = || groups.iter().flat_map(found);
+    let mut groups = groups.iter();
+    groups.any(|one| findings().any(|finding| contradicts(finding, one)))
 }
 
 fn is_whole(found: &Diagnosis) -> bool {
