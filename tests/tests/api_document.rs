@@ -175,10 +175,6 @@ const SAY_NOTHING: [(&str, &str); 7] = [
         "a number, a truth value or a text, by the column",
     ),
     (
-        "/ImprovementRow/properties/parameters/items",
-        "a fitted parameter, or one of the truth, which has no interval",
-    ),
-    (
         "/Proposal/properties/document",
         "an effect document, which `POST /effects/validate` and docs/effects.md explain",
     ),

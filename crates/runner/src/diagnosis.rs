@@ -64,7 +64,13 @@ pub fn diagnose(job: &Job, advise: bool, tell: Tell<'_>) -> Result<Diagnosed, Fa
         ..Options::default()
     };
     let diagnosis = search(&logs, &found.version, &options).map_err(Failure::input)?;
-    let mut text = text(&diagnosis, &found.label());
+    // A file has the same name wherever it lies.
+    let model = if found.place.is_some() {
+        found.label()
+    } else {
+        diagnosis.model.name.clone()
+    };
+    let mut text = text(&diagnosis, &model);
     if (folder.is_some() || advise)
         && let Some(advice) = next_flight::after(&diagnosis, &found.version)
     {
