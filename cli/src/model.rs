@@ -289,8 +289,7 @@ impl Add {
         let next = found.onto(&head.version, self.note.clone());
         // Before anything is created, so that a rejection leaves nothing behind.
         ModelStore::check(&next)?;
-        let same_documents = head.version.effect_document == next.effect_document;
-        if same_documents && Difference::between(&head.version, &next).is_empty() {
+        if head.version.has_all_of(&next) {
             return Err(StoreError::Refused(format!(
                 "{} has all of this already: nothing is added",
                 self.model

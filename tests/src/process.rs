@@ -203,3 +203,15 @@ pub fn wait_until(limit: Duration, mut is_true: impl FnMut() -> bool) -> Option<
         std::thread::sleep(Duration::from_millis(1));
     }
 }
+
+/// Processes that are ready to run for each core, in the mean of the last minute.
+pub fn load_per_core() -> f64 {
+    let text = std::fs::read_to_string("/proc/loadavg").expect("Linux tells its load");
+    let load: f64 = text
+        .split(' ')
+        .next()
+        .and_then(|word| word.parse().ok())
+        .expect("a load");
+    let cores = std::thread::available_parallelism().map_or(1, usize::from);
+    load / f64::from(u32::try_from(cores).expect("few cores"))
+}

@@ -1,6 +1,6 @@
 //! Packages made by `cargo xtask dist`, installed where nothing of this checkout exists.
 
-use rotortwin_tests::process::wait_until;
+use rotortwin_tests::process::{load_per_core, wait_until};
 use rotortwin_tests::program::PATIENCE;
 use rotortwin_tests::python::{client_folder, environment, environment_of};
 use rotortwin_tests::scratch::Scratch;
@@ -69,18 +69,6 @@ fn package(folder: &Path, ending: &str) -> PathBuf {
     names
         .find(|name| name.to_string_lossy().ends_with(ending))
         .unwrap_or_else(|| panic!("{}: a file that ends in {ending}", folder.display()))
-}
-
-/// Processes that are ready to run for each core, in the mean of the last minute.
-fn load_per_core() -> f64 {
-    let text = std::fs::read_to_string("/proc/loadavg").expect("Linux tells its load");
-    let load: f64 = text
-        .split(' ')
-        .next()
-        .and_then(|word| word.parse().ok())
-        .expect("a load");
-    let cores = std::thread::available_parallelism().map_or(1, usize::from);
-    load / f64::from(u32::try_from(cores).expect("few cores"))
 }
 
 /// Prints the time from the beginning of an installation to the first verdict, which must not exceed the goal; on a crowded machine it is only printed.

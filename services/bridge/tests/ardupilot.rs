@@ -9,7 +9,7 @@ mod links;
 
 use autopilots::{HEXAROTOR, Watch, scenario_of};
 use failures::sentence;
-use inside::{Pilot, channels, patience};
+use inside::{Pilot, channels, patience, wrong};
 use links::{flown, outputs};
 use rotortwin_bridge::autopilot::Patience;
 use rotortwin_bridge::autopilot::ardupilot::ArduPilot;
@@ -647,14 +647,6 @@ fn on_the_stand(scenario: &Scenario, means: &[usize], reversed: &[usize]) -> Spi
     drop(link);
     peer.join().unwrap();
     report
-}
-
-/// Channel, our rotor, and the one whose place it is taken for, of each motor that is not right.
-fn wrong(report: &SpinReport) -> Vec<[usize; 3]> {
-    let wrong = report.motors.iter().filter(|motor| !motor.is_right());
-    wrong
-        .map(|motor| [motor.channel, motor.rotor, motor.answers_as])
-        .collect()
 }
 
 #[test]

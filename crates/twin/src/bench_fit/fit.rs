@@ -4,9 +4,9 @@
 //! normal quantile.
 //! Residuals whose lag-one correlation leaves its own 95 % band are resampled in blocks instead (200 draws, fixed seed).
 
-use crate::Z95;
 use crate::estimation::least_squares::{Control, LeastSquares, Minimum, Unknown, minimise};
 use crate::estimation::normal::Normal;
+use crate::estimation::parameters::QUANTILE_95;
 
 /// Draws of the block bootstrap.
 const DRAWS: usize = 200;
@@ -266,10 +266,10 @@ pub fn fit(structure: &Structure<'_>, y: &[f64], held_out_by: HeldOut) -> Option
     let mut intervals: Vec<[f64; 2]> = p
         .iter()
         .zip(&deviation)
-        .map(|(p, d)| [p - Z95 * d, p + Z95 * d])
+        .map(|(p, d)| [p - QUANTILE_95 * d, p + QUANTILE_95 * d])
         .collect();
     let mut origin = "Gauss–Newton covariance";
-    if told && count >= 60 && correlation.abs() > Z95 / (count as f64).sqrt() {
+    if told && count >= 60 && correlation.abs() > QUANTILE_95 / (count as f64).sqrt() {
         intervals = bootstrap(structure, &fitted, &residuals, &p, &scale)?;
         origin = "block bootstrap, 200 draws";
     }
@@ -403,7 +403,7 @@ mod tests {
         let error = (sse / (n - 2.0) / sxx).sqrt();
         let b = model.parameter("b").unwrap();
         assert!((b.value - slope).abs() < 1e-9);
-        assert!(((b.high - b.low) / 2.0 - Z95 * error).abs() < 1e-7);
+        assert!(((b.high - b.low) / 2.0 - QUANTILE_95 * error).abs() < 1e-7);
     }
 
     #[test]

@@ -6,10 +6,10 @@
 
 use super::result::{Diagnosis, FlightWind, Verdict};
 use super::words;
-use crate::Z95;
 use crate::estimation::columns::LogState;
 use crate::estimation::normal::Posterior;
 use crate::estimation::parameters::FittedParameter;
+use crate::estimation::parameters::QUANTILE_95;
 use crate::estimation::problem::Problem;
 use crate::model::{ModelVersion, steady_wind};
 use crate::predict::PredictError;
@@ -62,7 +62,7 @@ pub(super) fn winds(problem: &Problem, posterior: &Posterior) -> Vec<FlightWind>
                             unit: component.unit.to_owned(),
                             value,
                             deviation,
-                            interval_95: Z95 * deviation,
+                            interval_95: QUANTILE_95 * deviation,
                             plausible: low < value && value < high,
                         }
                     })

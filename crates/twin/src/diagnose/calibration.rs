@@ -13,11 +13,11 @@
 use rotortwin_plant::effects::{ChannelGroup, CorrectionScale, EffectClass};
 
 use super::result::{Calibration, Correction, Finding};
-use crate::Z95;
 use crate::estimation::candidates::{Candidate, Library};
 use crate::estimation::columns::{Active, instances};
 use crate::estimation::normal::Posterior;
 use crate::estimation::normal::not_finite;
+use crate::estimation::parameters::QUANTILE_95;
 use crate::estimation::posterior::pulled;
 use crate::estimation::problem::Problem;
 use crate::model::ConstantInterval;
@@ -281,7 +281,11 @@ fn correction(candidate: &Candidate, parameter: usize, error: f64, interval_95: 
     let mut values = candidate.neutral();
     values[parameter] = error;
     let deviation = |place| {
-        if place == parameter { interval_95 / Z95 } else { 0.0 }
+        if place == parameter {
+            interval_95 / QUANTILE_95
+        } else {
+            0.0
+        }
     };
     Correction {
         effect: candidate.declaration.id.to_owned(),
@@ -393,7 +397,7 @@ pub(crate) fn learned(problem: &Problem) -> Result<Vec<Calibration>, PredictErro
                     wanted(
                         candidate,
                         (guess.parameter, &guess.constant),
-                        (error, Z95 * deviation * one.size),
+                        (error, QUANTILE_95 * deviation * one.size),
                         ln_bayes_factor,
                         false,
                     )

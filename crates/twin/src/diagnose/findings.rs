@@ -8,11 +8,11 @@ use super::THRESHOLD;
 use super::named::{Named, RivalFit, UNTOLD_GAP};
 use super::result::{ConstantWanted, Diagnosis, Finding, HeldOutError, Outcome, Rival, Verdict};
 use super::strategies::{along, covariance};
-use crate::Z95;
 use crate::estimation::candidates::Candidate;
 use crate::estimation::columns::Active;
 use crate::estimation::linearisation::Linear;
 use crate::estimation::normal::Posterior;
+use crate::estimation::parameters::QUANTILE_95;
 use crate::estimation::parameters::{parameters, parameters_of};
 use crate::estimation::problem::{Problem, position_of};
 use crate::predict::channels::{F, KV, group};
@@ -59,7 +59,7 @@ pub(crate) fn values_of(problem: &Problem, active: &Active, posterior: &Posterio
     }
     let sizes = entry.parameters.iter().zip(&values);
     let sizes = sizes.filter(|(parameter, _)| parameter.kind == ParameterKind::Size);
-    let unknown = entry.declaration.search.blur * sizes.map(|(_, size)| size * size).sum::<f64>().sqrt() / Z95;
+    let unknown = entry.declaration.search.blur * sizes.map(|(_, size)| size * size).sum::<f64>().sqrt() / QUANTILE_95;
     for deviation in &mut deviations {
         *deviation = deviation.hypot(unknown);
     }
@@ -131,7 +131,7 @@ fn constant_of(entry: &Candidate, values: &[f64], deviations: &[f64], onset_s: O
         unit: constant.unit.clone(),
         value: constant.value,
         wanted: constant.value * (1.0 + values[*place]),
-        interval_95: Z95 * constant.value.abs() * deviations[*place],
+        interval_95: QUANTILE_95 * constant.value.abs() * deviations[*place],
     })
 }
 

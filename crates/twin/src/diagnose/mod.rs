@@ -45,7 +45,7 @@ pub use result::{
 pub use words::in_sentence;
 pub(crate) use words::small_errors;
 
-use rotortwin_plant::effects::{Catalogue, EffectDocument};
+use rotortwin_plant::effects::EffectDocument;
 
 use crate::log::FlightLog;
 use crate::model::{ModelVersion, constants};
@@ -146,26 +146,17 @@ pub fn diagnose(logs: &[FlightLog], model: &ModelVersion, options: &Options<'_>)
 fn search_by(logs: &[&FlightLog], model: &ModelVersion, options: &Options<'_>) -> Result<Diagnosis, PredictError> {
     let start = (options.clock)();
     (options.progress)("reading", 0.0);
-    let instances = model.instances();
-    let catalogue = model.with_documents(&options.effects).catalogue()?;
-    let predictors = predictors(logs, model, &catalogue)?;
-    let constants = constants::with_exact(&model.vehicle, &model.constant);
-    search::search(predictors, &catalogue, &instances, &constants, options, start)
-}
-
-/// A predictor of each flight.
-fn predictors(
-    logs: &[&FlightLog],
-    model: &ModelVersion,
-    catalogue: &Catalogue,
-) -> Result<Vec<Predictor>, PredictError> {
     let (documents, instances) = (model.documents(), model.instances());
-    logs.iter()
+    let catalogue = model.with_documents(&options.effects).catalogue()?;
+    let predictors = logs
+        .iter()
         .map(|log| {
-            let predictor = Predictor::new(&documents, &instances, catalogue, log)?;
+            let predictor = Predictor::new(&documents, &instances, &catalogue, log)?;
             Ok(predictor
                 .with_chart(model.guesses_its_chart())
                 .with_own_wind(model.wind_of_each_flight))
         })
-        .collect()
+        .collect::<Result<Vec<_>, PredictError>>()?;
+    let constants = constants::with_exact(&model.vehicle, &model.constant);
+    search::search(predictors, &catalogue, &instances, &constants, options, start)
 }

@@ -1,13 +1,11 @@
 //! Several flights: one vehicle and one wind for all of them; where nothing explains them so, a wind of each; where that does not
 //! either, what each has alone.
 
-use super::considered::holds;
 use super::result::{Diagnosis, Verdict};
-use super::{Options, air, apart, predictors, search_by};
+use super::{Options, air, apart, search_by};
 use crate::log::FlightLog;
-use crate::model::ModelVersion;
+use crate::model::{ModelVersion, steady_wind};
 use crate::predict::PredictError;
-use rotortwin_plant::effects::Requirement;
 use std::cell::Cell;
 
 /// Shares of the progress at which the search in one wind and that in the winds of the flights end, where others may follow.
@@ -48,7 +46,7 @@ pub(super) fn diagnose_flights(
     ) {
         return Ok(together);
     }
-    if !model.wind_of_each_flight && feel_the_air(&all, model)? {
+    if !model.wind_of_each_flight && !lacks_the_air(&together, model)? {
         let text = "each flight in a wind of its own";
         match further(&all, &model.with_own_winds(), text, TOGETHER, IN_WINDS) {
             Ok(None) => return Ok(together),
@@ -93,10 +91,12 @@ pub(super) fn diagnose_flights(
     Ok(together)
 }
 
-/// True if one of the flights tells how fast the vehicle goes through the air.
-fn feel_the_air(logs: &[&FlightLog], model: &ModelVersion) -> Result<bool, PredictError> {
-    let predictors = predictors(logs, model, &model.catalogue()?)?;
-    Ok(predictors.iter().any(|one| holds(one, Requirement::AirVelocity)))
+/// True if no flight has the columns that a wind shows in.
+fn lacks_the_air(together: &Diagnosis, model: &ModelVersion) -> Result<bool, PredictError> {
+    let catalogue = model.catalogue()?;
+    let wind = steady_wind(&catalogue).map(|wind| wind.id);
+    let mut untested = together.not_considered.iter();
+    Ok(untested.any(|one| Some(one.effect.as_str()) == wind && !one.columns.is_empty()))
 }
 
 /// The options of one of several searches.

@@ -1,11 +1,13 @@
 //! A parameter with its interval.
 
-use crate::Z95;
 use rotortwin_plant::effects::ParameterDeclaration;
 use serde::Serialize;
 use utoipa::ToSchema;
 
 use super::candidates::Library;
+
+/// Normal quantile of a two-sided 95 % interval. What documents hold and a command line says is divided by [`crate::Z95`].
+pub(crate) const QUANTILE_95: f64 = 1.959_963_984_540_054;
 
 /// A parameter with its interval.
 #[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]
@@ -71,7 +73,7 @@ pub(crate) fn parameters_of(
             unit: p.unit.to_owned(),
             value,
             deviation,
-            interval_95: Z95 * deviation,
+            interval_95: QUANTILE_95 * deviation,
             plausible: value + 2.0 * deviation >= p.plausible_low && value - 2.0 * deviation <= p.plausible_high,
         })
         .collect()

@@ -17,7 +17,7 @@
 use rotortwin_plant::effects::{CorrectionScale, ParameterDeclaration};
 
 use super::candidates::{Guess, Library};
-use crate::Z95;
+use crate::estimation::parameters::QUANTILE_95;
 use crate::model::ConstantInterval;
 use crate::model::constants::Source;
 
@@ -91,9 +91,9 @@ impl Library {
                 let whole = p.corrects.is_some_and(|c| c.scale == CorrectionScale::Whole);
                 let deviation = if whole {
                     // The document has 0 where the constant is not 0.
-                    low.abs().max(high.abs()) / Z95
+                    low.abs().max(high.abs()) / QUANTILE_95
                 } else {
-                    0.5 * (high - low) / Z95
+                    0.5 * (high - low) / QUANTILE_95
                 };
                 if constant.source == Source::Class && !whole {
                     p.size = p.size.max(deviation);
@@ -194,6 +194,6 @@ mod tests {
     fn val_a_constant_without_a_place_in_the_document_is_wide_about_0() {
         let library = library(&[constant("motor.delay_s", 0.008, 0.002, Source::Log)]);
         let (spike, _, guess) = of(&library, "motor.delay_s");
-        assert!((spike - 0.010 / Z95).abs() < 1e-9 && !guess);
+        assert!((spike - 0.010 / QUANTILE_95).abs() < 1e-9 && !guess);
     }
 }

@@ -27,10 +27,10 @@ use rotortwin_plant::effects::EffectDocument;
 use serde::Serialize;
 use utoipa::ToSchema;
 
-use crate::Z95;
 use crate::compare::{self, GroupError, NamedModel, OpenLoopError};
 use crate::diagnose::{self, Diagnosis, Finding, Verdict, diagnose};
 use crate::estimation::parameters::FittedParameter;
+use crate::estimation::parameters::QUANTILE_95;
 use crate::log::FlightLog;
 use crate::model::{LogReference, ModelEffect, ModelVersion, Provenance, Source, TOOL};
 use crate::predict::PredictError;
@@ -423,7 +423,7 @@ fn proposed(diagnosis: &Diagnosis) -> Option<Part> {
             unit: term.unit.clone(),
             value: term.factor,
             deviation: term.deviation,
-            interval_95: Z95 * term.deviation,
+            interval_95: QUANTILE_95 * term.deviation,
             plausible: true,
         })
         .collect();

@@ -69,6 +69,13 @@ impl Difference {
     }
 }
 
+impl ModelVersion {
+    /// True if `next` adds nothing: no value, no key, no document of an effect.
+    pub fn has_all_of(&self, next: &Self) -> bool {
+        self.effect_document == next.effect_document && Difference::between(self, next).is_empty()
+    }
+}
+
 fn value(effect: Option<&ModelEffect>, name: &str) -> Option<Value> {
     let effect = effect?;
     Some(Value {

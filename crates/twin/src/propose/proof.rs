@@ -10,7 +10,7 @@
 use rotortwin_plant::effects::{Catalogue, EffectDocument, EffectInstance};
 
 use super::regression::{Gram, Offsets, Regression};
-use crate::Z95;
+use crate::estimation::parameters::QUANTILE_95;
 use crate::estimation::unseen::{HeldOutError, QUANTITIES, Squares, change, kind_of};
 use crate::predict::{CHANNELS, NAMES, PredictError};
 
@@ -81,7 +81,10 @@ impl Proof<'_> {
         let mut kept = proved.kept.clone();
         loop {
             let fitted = self.gram.fitted(&kept, self.offsets(&kept));
-            let Some(place) = fitted.iter().position(|one| one.factor.abs() < Z95 * one.deviation) else {
+            let Some(place) = fitted
+                .iter()
+                .position(|one| one.factor.abs() < QUANTILE_95 * one.deviation)
+            else {
                 break;
             };
             kept.remove(place);

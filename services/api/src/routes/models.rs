@@ -21,7 +21,7 @@ use axum::http::{HeaderMap, StatusCode, header};
 use axum::response::{IntoResponse as _, Response};
 use rotortwin_twin::improve::from_diagnosis;
 use rotortwin_twin::model::store::{History, MAIN, version_number};
-use rotortwin_twin::model::{Difference, ModelEffect, ModelStore, ModelVersion, Provenance};
+use rotortwin_twin::model::{ModelEffect, ModelStore, ModelVersion, Provenance};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use utoipa::{IntoParams, ToSchema};
@@ -223,7 +223,7 @@ pub(crate) async fn add(
     let library = app.library(&caller).await?;
     let next = with_documents_of(&library, effects.onto(&head, body.note))?;
     check(&next)?;
-    if head.effect_document == next.effect_document && Difference::between(&head, &next).is_empty() {
+    if head.has_all_of(&next) {
         return Err(Problem::unprocessable(format!(
             "{} has all of this already: nothing to add",
             label(&name, stands_at)

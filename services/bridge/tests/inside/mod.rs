@@ -2,6 +2,7 @@
 
 use super::autopilots::HEIGHT_M;
 use rotortwin_bridge::autopilot::Patience;
+use rotortwin_flight::conform::SpinReport;
 use rotortwin_flight_core::MAX_ROTORS;
 use rotortwin_flight_core::control::Controller;
 use rotortwin_flight_core::frames::{EulerAngles, Vec3};
@@ -26,6 +27,14 @@ pub(crate) fn patience() -> Patience {
         step: Duration::from_millis(2500),
         ..Patience::default()
     }
+}
+
+/// Channel, our rotor, and the one whose place it is taken for, of each motor that is not right.
+pub(crate) fn wrong(report: &SpinReport) -> Vec<[usize; 3]> {
+    let wrong = report.motors.iter().filter(|motor| !motor.is_right());
+    wrong
+        .map(|motor| [motor.channel, motor.rotor, motor.answers_as])
+        .collect()
 }
 
 /// The pilot and controller inside of a scripted autopilot: waits, arms, climbs at 1 m/s to the hover point, and holds.

@@ -3,11 +3,11 @@
 use super::Pass;
 use super::held_out::HeldOutCheck;
 use super::refinement::LEFT_FACTOR;
-use crate::Z95;
 use crate::diagnose::result::{Diagnosis, Finding, HeldOutError, Verdict};
 use crate::diagnose::state::{Doubt, State};
 use crate::diagnose::words::in_sentence;
 use crate::diagnose::{calibration, findings, words};
+use crate::estimation::parameters::QUANTILE_95;
 use crate::estimation::parameters::number;
 use crate::estimation::problem::Problem;
 use crate::estimation::unseen::{FORCE, QUANTITIES, VOLTAGE};
@@ -102,7 +102,7 @@ fn widen(diagnosis: &mut Diagnosis, problem: &Problem) {
         };
         let lag_s = first.predictor.nominal.thrust_lag_up_s;
         let open = declared.search.between_rows.half_width(own.value, step_s, lag_s);
-        own.deviation = own.deviation.hypot(open / Z95);
+        own.deviation = own.deviation.hypot(open / QUANTILE_95);
         own.interval_95 = own.interval_95.hypot(open);
         if let Some(constant) = &mut finding.constant {
             constant.interval_95 = constant.interval_95.hypot(open * constant.value.abs());
