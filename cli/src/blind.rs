@@ -171,7 +171,11 @@ fn generate(args: &command::GenerateArgs) -> ExitCode {
         Ok(path) => args.vehicle = Some(path),
         Err(error) => return output::bad_input(error),
     }
-    command::run(&command::Command::Generate(args))
+    match command::generate(&args) {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(error @ BlindError::Input { .. }) => output::bad_input(error),
+        Err(error) => output::told(&Failure::writing(&args.out, error)),
+    }
 }
 
 /// Faults are evaluated by the detectors, one flight after another, with a separate score sheet.

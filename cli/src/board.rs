@@ -496,61 +496,15 @@ fn measure(
                 "{address}: this board counts nothing; expected qemu, or a board behind a serial port"
             )));
         }
-        let [control, fdi, both] = &report.cost;
-        let mean = |sum: u64| format!("{:.0}", sum as f64 / f64::from(report.steps.max(1)));
         if name == "NN" {
+            let [_, _, both] = &report.cost;
             network_max = both.max;
         }
-        let time = if report.unit == CostUnit::Cycles && report.clock_hz > 0 {
-            format!("{:.4}", f64::from(both.max) / f64::from(report.clock_hz) * 1e3)
-        } else {
-            "-".to_owned()
-        };
-        let paper = match name {
-            "NN" => "0.1098 (0.0534)",
-            "T-test" => "0.0813 (0.0741)",
-            _ => "-",
-        };
-        table.add_row([
-            name.to_owned(),
-            both.max.to_string(),
-            both.max_step.to_string(),
-            mean(both.sum),
-            control.max.to_string(),
-            mean(control.sum),
-            fdi.max.to_string(),
-            mean(fdi.sum),
-            time,
-            paper.to_owned(),
-        ]);
+        table.add_row(cost_row(name, &report));
         last = Some((session, report));
     }
     if let Some((session, report)) = last {
-        println!(
-            "{}",
-            output::fitted(&format!(
-                "Table 11: {} a step on {}; {}, {} steps, seed {}",
-                unit_name(report.unit),
-                session.board,
-                scenario.name(),
-                report.steps,
-                scenario.seed()
-            ))
-        );
-        println!("{table}");
-        println!(
-            "{}",
-            output::fitted(
-                "The paper: STM32H743 at 480 MHz; 0.1098 ms are 52,700 cycles. Instructions are not cycles: no cache, no wait states."
-            )
-        );
-        println!(
-            "{}",
-            output::fitted(&format!(
-                "stack: {} bytes in flight, {} while parameters were taken in, of {}",
-                report.stack_used, report.stack_before, report.stack_size
-            ))
-        );
+        print_costs(&scenario, &session, &report, &table);
     }
     match limit {
         Some(limit) if network_max > limit => Err(failed(format!(
@@ -558,4 +512,60 @@ fn measure(
         ))),
         _ => Ok(ExitCode::SUCCESS),
     }
+}
+
+/// Costs of a step with one of the [`SOLUTIONS`], next to those of the paper.
+fn cost_row(name: &str, report: &Report) -> [String; 10] {
+    let [control, fdi, both] = &report.cost;
+    let mean = |sum: u64| format!("{:.0}", sum as f64 / f64::from(report.steps.max(1)));
+    let time = if report.unit == CostUnit::Cycles && report.clock_hz > 0 {
+        format!("{:.4}", f64::from(both.max) / f64::from(report.clock_hz) * 1e3)
+    } else {
+        "-".to_owned()
+    };
+    let paper = match name {
+        "NN" => "0.1098 (0.0534)",
+        "T-test" => "0.0813 (0.0741)",
+        _ => "-",
+    };
+    [
+        name.to_owned(),
+        both.max.to_string(),
+        both.max_step.to_string(),
+        mean(both.sum),
+        control.max.to_string(),
+        mean(control.sum),
+        fdi.max.to_string(),
+        mean(fdi.sum),
+        time,
+        paper.to_owned(),
+    ]
+}
+
+fn print_costs(scenario: &Scenario, session: &SessionReport, report: &Report, table: &Grid) {
+    println!(
+        "{}",
+        output::fitted(&format!(
+            "Table 11: {} a step on {}; {}, {} steps, seed {}",
+            unit_name(report.unit),
+            session.board,
+            scenario.name(),
+            report.steps,
+            scenario.seed()
+        ))
+    );
+    println!("{table}");
+    println!(
+        "{}",
+        output::fitted(
+            "The paper: STM32H743 at 480 MHz; 0.1098 ms are 52,700 cycles. Instructions are not cycles: no cache, no wait states."
+        )
+    );
+    println!(
+        "{}",
+        output::fitted(&format!(
+            "stack: {} bytes in flight, {} while parameters were taken in, of {}",
+            report.stack_used, report.stack_before, report.stack_size
+        ))
+    );
 }

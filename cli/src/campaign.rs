@@ -11,6 +11,7 @@ use rotortwin_campaign::study::engine::SideBySide;
 use rotortwin_campaign::study::folder::{CampaignFolder, manifest, shards_of};
 use rotortwin_campaign::study::hunt::{self, HuntOptions};
 use rotortwin_campaign::study::merge::take_in;
+use rotortwin_campaign::study::plan::PlannedFlight;
 use rotortwin_campaign::study::runner::{Keep, RunEnd, missing as missing_shards};
 use rotortwin_campaign::study::summary::CampaignSummary;
 use rotortwin_campaign::study::totals::Totals;
@@ -19,6 +20,7 @@ use rotortwin_flight::pace::Pace;
 use rotortwin_jobs::{JobEvent, Progress};
 use rotortwin_runner::campaign::{self as runner, Flown, folder_of};
 use rotortwin_runner::failure::Failure;
+use rotortwin_scenario::Scenario;
 use rotortwin_scenario::names::Kind;
 use rotortwin_sim::session::{self, SessionConfig};
 use rotortwin_store::run_folder::RunFolder;
@@ -93,8 +95,9 @@ pub struct FlightArgs {
     /// --hunt: maximum number of cases that are reduced
     #[arg(long = "hunt-cases", visible_alias = "cases", value_name = "COUNT", default_value_t = 4, requires = "hunt", value_parser = clap::value_parser!(u16).range(1..=1000))]
     cases: u16,
-    /// Only read the file, check its flights and describe them; with --json the numbers of flights and shards
-    #[arg(long, conflicts_with_all = ["flight", "limit", "hunt"])]
+    /// Only read the file, check its flights and describe them; with --json the numbers of flights and shards. With --flight, describe that
+    /// flight; with --json its seed and all documents of its scenario
+    #[arg(long, conflicts_with_all = ["limit", "hunt"])]
     check: bool,
     /// Fly only these shards of 32 flights, FIRST..END, without merging them; 'rotortwin campaign merge' does that
     #[arg(long, value_name = "FIRST..END", value_parser = output::range, conflicts_with_all = ["flight", "limit", "hunt", "check"])]
@@ -210,15 +213,10 @@ fn fly(args: &FlightArgs, store: Option<&dyn Store>) -> ExitCode {
         output::say_aside(format!("{}: {warning}", args.campaign.display()));
     }
     if args.check {
-        if args.json {
-            match described_as_json(&campaign) {
-                Ok(described) => println!("{described:#}"),
-                Err(sentence) => return output::failed(sentence),
-            }
-        } else {
-            print!("{}", output::fitted(&described(&campaign)));
-        }
-        return ExitCode::SUCCESS;
+        return match args.flight {
+            Some(index) => describe_one(&campaign, index, args.json),
+            None => describe(&campaign, args.json),
+        };
     }
     if let Some(address) = args.out.as_deref().and_then(address) {
         if args.shards.is_none() {
@@ -239,6 +237,54 @@ fn fly(args: &FlightArgs, store: Option<&dyn Store>) -> ExitCode {
         Some(index) => fly_one(args, &campaign, index),
         None => fly_all(args, &campaign),
     }
+}
+
+fn describe(campaign: &Campaign, json: bool) -> ExitCode {
+    if json {
+        match described_as_json(campaign) {
+            Ok(described) => println!("{described:#}"),
+            Err(sentence) => return output::failed(sentence),
+        }
+    } else {
+        print!("{}", output::fitted(&described(campaign)));
+    }
+    ExitCode::SUCCESS
+}
+
+/// Describes a flight without flying it. JSON is for programs that fly it elsewhere: seeds are digits, because they need all 64 bits.
+fn describe_one(campaign: &Campaign, index: u64, json: bool) -> ExitCode {
+    let (flight, scenario) = match planned(campaign, index) {
+        Ok(planned) => planned,
+        Err(sentence) => return output::bad_input(sentence),
+    };
+    if json {
+        let described = serde_json::json!({
+            "flight": index,
+            "seed": flight.seed.to_string(),
+            "documents": scenario.documents().to_toml(),
+        });
+        println!("{described:#}");
+        return ExitCode::SUCCESS;
+    }
+    let mut text = format!("{}: flight {index}, seed {}\n", campaign.document().name, flight.seed);
+    for parameter in &flight.parameters {
+        text += &format!("  {}: {}\n", parameter.axis, parameter.cell);
+    }
+    print!("{}", output::fitted(&text));
+    ExitCode::SUCCESS
+}
+
+/// A flight and its scenario.
+fn planned(campaign: &Campaign, index: u64) -> Result<(PlannedFlight, Scenario), String> {
+    if index >= campaign.flights() {
+        return Err(format!(
+            "--flight: expected a number from 0 to {}, got {index}",
+            campaign.flights() - 1
+        ));
+    }
+    let flight = campaign.flight(index).map_err(|error| error.to_string())?;
+    let scenario = campaign.scenario(&flight).map_err(|error| error.to_string())?;
+    Ok((flight, scenario))
 }
 
 /// For programs that distribute the shards.
@@ -525,15 +571,9 @@ fn command_line(campaign: &Path, out: Option<&Path>) -> String {
 }
 
 fn fly_one(args: &FlightArgs, campaign: &Campaign, index: u64) -> ExitCode {
-    if index >= campaign.flights() {
-        return output::bad_input(format!(
-            "--flight: expected a number from 0 to {}, got {index}",
-            campaign.flights() - 1
-        ));
-    }
-    let scenario = match campaign.flight(index).and_then(|flight| campaign.scenario(&flight)) {
-        Ok(scenario) => scenario,
-        Err(error) => return output::bad_input(error),
+    let scenario = match planned(campaign, index) {
+        Ok((_, scenario)) => scenario,
+        Err(sentence) => return output::bad_input(sentence),
     };
     let folder = args
         .out
@@ -579,12 +619,13 @@ fn hunt(args: &FlightArgs, campaign: &Campaign) -> ExitCode {
         Err(sentence) => return output::bad_input(sentence),
     };
     match hunt_into(args, campaign, folder.path()) {
-        Ok(()) => ExitCode::SUCCESS,
+        Ok(RunEnd::Complete) => ExitCode::SUCCESS,
+        Ok(RunEnd::Stopped) => ExitCode::from(rotortwin_process::EXIT_FAILED),
         Err(sentence) => output::failed(sentence),
     }
 }
 
-fn hunt_into(args: &FlightArgs, campaign: &Campaign, folder: &Path) -> Result<(), String> {
+fn hunt_into(args: &FlightArgs, campaign: &Campaign, folder: &Path) -> Result<RunEnd, String> {
     let stop = runner::stop_flag()?;
     let options = HuntOptions {
         seed: args.hunt_seed,
@@ -595,11 +636,18 @@ fn hunt_into(args: &FlightArgs, campaign: &Campaign, folder: &Path) -> Result<()
     let bar = progress_bar(args.json, args.budget, 0);
     let found = hunt::hunt(campaign, &SideBySide::default(), &options, &stop, &|| {
         bar.inc(1);
-        if bar.position() >= args.budget {
+        if stop.load(Ordering::Relaxed) {
+            bar.set_message("stopping once the flights in progress are complete; Ctrl-C again discards them");
+        } else if bar.position() >= args.budget {
             bar.set_message("shrinking");
         }
     });
     bar.finish_and_clear();
+    let end = if found.is_stopped {
+        RunEnd::Stopped
+    } else {
+        RunEnd::Complete
+    };
     let mut files = Vec::new();
     for (i, case) in found.cases.iter().enumerate() {
         files.push(hunt::write_case(campaign, case, i + 1, folder)?);
@@ -622,9 +670,9 @@ fn hunt_into(args: &FlightArgs, campaign: &Campaign, folder: &Path) -> Result<()
             .collect();
         println!(
             "{:#}",
-            serde_json::json!({ "flights": found.flights, "failures": failures, "cases": cases })
+            serde_json::json!({ "flights": found.flights, "stopped": found.is_stopped, "failures": failures, "cases": cases })
         );
-        return Ok(());
+        return Ok(end);
     }
     let counts: Vec<String> = found
         .failures
@@ -659,5 +707,12 @@ fn hunt_into(args: &FlightArgs, campaign: &Campaign, folder: &Path) -> Result<()
             case.flights
         ));
     }
-    Ok(())
+    if found.is_stopped {
+        let wanted = args.budget;
+        output::say(format!(
+            "\nStopped: {} of {wanted} flights were searched. A hunt does not resume: the same command begins again.",
+            found.flights
+        ));
+    }
+    Ok(end)
 }

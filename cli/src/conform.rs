@@ -8,11 +8,12 @@ use rotortwin_bridge::autopilot::address::{AutopilotAddress, Protocol};
 use rotortwin_bridge::autopilot::plant_check;
 use rotortwin_bridge::session::{BoardLink, SessionOptions};
 use rotortwin_flight::conform::{Demands, Report, conform};
+use rotortwin_jobs::SeatRole;
 use rotortwin_links::endpoint::EndpointLink;
 use rotortwin_links::host_name;
 use rotortwin_process::{AnyEndpoint, LinkAddress, PeerArgs};
 use rotortwin_proto::Role;
-use rotortwin_runner::flight::{External, free_port, invitation, new_run_id};
+use rotortwin_runner::flight::{free_port, invitation, new_run_id};
 use rotortwin_scenario::Scenario;
 use rotortwin_scenario::autopilot_frame::{AutopilotFrame, AutopilotKind};
 use rotortwin_wire::link::LinkTiming;
@@ -211,7 +212,7 @@ fn over_link(args: &Args, scenario: &Scenario, address: &LinkAddress) -> Result<
     eprintln!(
         "  {}",
         invitation(
-            External::Controller,
+            SeatRole::Controller,
             &link,
             run_id,
             args.trial.join_timeout,

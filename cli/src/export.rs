@@ -2,7 +2,9 @@
 
 use crate::output;
 use clap::{Parser, ValueEnum};
+use rotortwin_runner::failure::Failure;
 use rotortwin_store::export::{ExportFormat, export_to};
+use rotortwin_store::query::QueryError;
 use std::path::PathBuf;
 use std::process::ExitCode;
 
@@ -69,6 +71,9 @@ pub(crate) fn run(args: &Args) -> ExitCode {
         Ok(()) => {
             println!("{}", out.display());
             ExitCode::SUCCESS
+        }
+        Err(error @ QueryError::Output { .. }) => {
+            output::told(&Failure::writing(&out, format!("{}: {error}", out.display())))
         }
         Err(error) => output::bad_input(error),
     }

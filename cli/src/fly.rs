@@ -8,13 +8,14 @@ use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use rotortwin_bridge::address::BoardAddress;
 use rotortwin_bridge::autopilot::address::{ADDRESSES, AutopilotAddress, Protocol};
 use rotortwin_flight::pace::Pace;
+use rotortwin_jobs::{Invitation, SeatRole, Tickets};
 use rotortwin_process::priority::{self, DEFAULT_PRIORITY, parse_priority};
 use rotortwin_process::{LinkAddress, Placement};
 use rotortwin_runner::autopilot::{PilotChoice, Waits, open_autopilot};
 use rotortwin_runner::destination::ResultFolder;
 use rotortwin_runner::failure::Failure;
 use rotortwin_runner::flight::{
-    self, Board, EXTERNAL_JOIN_TIMEOUT_MS, FlightEvent, Invited, Order, Peers, Processes, free_port,
+    self, Board, EXTERNAL_JOIN_TIMEOUT_MS, FlightEvent, Order, Peers, Processes, free_port,
 };
 use rotortwin_scenario::{ConfigError, Documents, Scenario};
 use rotortwin_store::run_folder::RunFolder;
@@ -231,7 +232,7 @@ pub enum External {
     Fdi,
 }
 
-impl From<External> for flight::External {
+impl From<External> for SeatRole {
     fn from(who: External) -> Self {
         match who {
             External::Controller => Self::Controller,
@@ -428,7 +429,7 @@ fn settle(args: &Args, foreign: Option<Peers>) -> Result<Peers, Failure> {
     Ok(Peers::Processes(Processes {
         link: link_name(args.link),
         address,
-        external: args.external.iter().copied().map(flight::External::from).collect(),
+        external: args.external.iter().copied().map(SeatRole::from).collect(),
         fdi_window: args.fdi_window,
         placement: placement(args),
     }))
@@ -685,19 +686,19 @@ impl Screen {
         match event {
             FlightEvent::Run(event) => self.show(event),
             FlightEvent::Waiting(text) => self.line(text),
-            FlightEvent::Join(invited) => self.invite(invited),
+            FlightEvent::Join(tickets) => self.invite(tickets),
         }
     }
 
     /// Prints the commands with which external parts join.
-    fn invite(&self, invited: &[Invited]) {
+    fn invite(&self, tickets: &Tickets) {
         if self.events {
-            output::line(&serde_json::json!({ "event": "join", "peers": invited }).to_string());
+            output::line(&invitation_line(tickets));
             return;
         }
-        let names: Vec<&str> = invited.iter().map(|peer| peer.role).collect();
+        let names: Vec<&str> = tickets.peers.iter().map(|peer| peer.role.as_str()).collect();
         eprintln!("Waiting for {} to join:", names.join(" and "));
-        for peer in invited {
+        for peer in &tickets.peers {
             eprintln!("  {}", peer.command);
         }
     }
@@ -706,6 +707,13 @@ impl Screen {
     pub fn close(&self) {
         self.bar.finish_and_clear();
     }
+}
+
+/// The event with which a server, or a script, learns who can join.
+fn invitation_line(tickets: &Tickets) -> String {
+    serde_json::to_value(Invitation::Join(tickets.clone()))
+        .expect("strings and numbers are JSON")
+        .to_string()
 }
 
 /// Time, battery, verdict.

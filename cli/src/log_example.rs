@@ -1,8 +1,10 @@
 //! `rotortwin log example`: a log with a hidden effect, from the independent simulator, imported like any other.
 
+use crate::named::typed;
 use crate::output;
 use rotortwin_blind::example::Example;
 use rotortwin_runner::log_example;
+use rotortwin_scenario::names::Kind;
 use std::path::PathBuf;
 use std::process::ExitCode;
 
@@ -47,7 +49,12 @@ impl Args {
 pub(crate) fn run(args: &Args) -> ExitCode {
     match log_example::make(&args.job()) {
         Ok(log) => {
-            output::say(log.headline());
+            let path = args.out.join(format!("{}.parquet", log_example::NAME));
+            let path = path.display();
+            let model = typed(Kind::Vehicle, &args.vehicle);
+            output::say(format!("{} → {path}", log.headline()));
+            output::say(format!("Hidden       {}", args.out.join(log_example::TRUTH).display()));
+            output::say(format!("Next         rotortwin diagnose {path} --model {model}"));
             ExitCode::SUCCESS
         }
         Err(failure) => output::told(&failure),

@@ -148,7 +148,7 @@ fn list(store: &ModelStore) -> Result<(), StoreError> {
         println!(
             "{}",
             fitted(&format!(
-                "no models in {}; create one with 'rotortwin model import config/vehicles/f550.toml'",
+                "no models in {}; create one with 'rotortwin model import VEHICLE', a file or a name that 'rotortwin list vehicles' shows",
                 store.root().display()
             ))
         );

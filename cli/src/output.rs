@@ -4,6 +4,7 @@ use crate::nearest::with_nearest;
 pub use crate::terminal::line;
 use rotortwin_campaign::result_table::ResultTable;
 use rotortwin_campaign::study::document::Criteria;
+use rotortwin_runner::destination::is_of_a_full_disk;
 use rotortwin_runner::failure::Failure;
 use rotortwin_runner::grid::{Grid, fold};
 use rotortwin_runner::text;
@@ -22,15 +23,6 @@ pub fn bad_input(sentence: impl std::fmt::Display) -> ExitCode {
     let sentence = with_nearest(&sentence);
     eprintln!("{}", fitted(&format!("rotortwin: {sentence}")));
     ExitCode::from(rotortwin_process::EXIT_BAD_INPUT)
-}
-
-/// Whether an error, which came as a sentence, is that of a full disk or an exceeded quota. Linux words both as below.
-fn is_of_a_full_disk(sentence: &str) -> bool {
-    let codes = [rustix::io::Errno::NOSPC, rustix::io::Errno::DQUOT];
-    codes
-        .iter()
-        .any(|code| sentence.contains(&format!("(os error {})", code.raw_os_error())))
-        || sentence.contains("the disk is full")
 }
 
 /// Prints an error message and returns exit code 1: the run failed.
@@ -364,7 +356,7 @@ fn fitted_line(line: &str, width: usize) -> String {
     if content.chars().count() <= width {
         return line.to_owned();
     }
-    let indent = indent(content);
+    let indent = indent(content, width);
     let rest: String = content.chars().skip(indent).collect();
     let start: String = content.chars().take(indent).collect();
     let folded = fold(&rest, width - indent);
@@ -374,14 +366,18 @@ fn fitted_line(line: &str, width: usize) -> String {
     )
 }
 
-/// Start of the words of a line: after its label, which ends in two spaces, or after leading spaces.
-fn indent(line: &str) -> usize {
-    const WIDEST_LABEL: usize = 20;
-    let letters: Vec<char> = line.chars().take(WIDEST_LABEL).collect();
+/// Start of the words of a line: after its labels, each of which ends in two spaces or more, as long as room is left for the words; or after
+/// leading spaces.
+fn indent(line: &str, width: usize) -> usize {
+    const WIDEST_LABELS: usize = 40;
+    const ROOM: usize = 30;
+    let letters: Vec<char> = line.chars().take(WIDEST_LABELS).collect();
     let first = letters.iter().position(|letter| *letter != ' ').unwrap_or(0);
-    let gap = letters[first..].windows(2).position(|pair| pair == [' ', ' ']);
-    gap.and_then(|gap| (first + gap..letters.len()).find(|place| letters[*place] != ' '))
-        .unwrap_or(first)
+    let starts: Vec<usize> = (first + 2..letters.len())
+        .filter(|place| letters[place - 2] == ' ' && letters[place - 1] == ' ' && letters[*place] != ' ')
+        .collect();
+    let with_room = starts.iter().rfind(|start| *start + ROOM <= width);
+    with_room.or(starts.first()).copied().unwrap_or(first)
 }
 
 /// `runs/NAME`, or the first of `runs/NAME-2`, `-3`, … that does not exist.
@@ -410,6 +406,9 @@ mod tests {
         let line = "Note         a sentence that is longer than the terminal\n";
         let folded = "Note         a sentence that is\n             longer than the\n             terminal\n";
         assert_eq!(fitted_line(line, 32), folded);
+        let labels = "ok     hover        thrust over weight where sensors and reference agree\n";
+        let folded = "ok     hover        thrust over weight where sensors\n                    and reference agree\n";
+        assert_eq!(fitted_line(labels, 52), folded);
         assert_eq!(fitted_line("  one two three", 9), "  one two\n  three");
         assert_eq!(fitted_line("one two three\n", 8), "one two\nthree\n");
         assert_eq!(fitted_line(line, 80), line);

@@ -3,7 +3,7 @@
 use crate::output;
 use crate::reproduce::Common;
 use clap::{Args as ClapArgs, Parser, Subcommand, ValueEnum};
-use rotortwin_jobs::training::{Hyperparameters, Rule};
+use rotortwin_jobs::training::{Hyperparameters, Method, Rule};
 use rotortwin_runner::failure::Failure;
 use rotortwin_runner::training;
 use rotortwin_scenario::Classifier;
@@ -94,8 +94,8 @@ enum RuleArg {
 pub struct TrainRequest<'a> {
     /// Classifier file to write here.
     pub out: &'a Path,
-    /// `paper` or `improved`.
-    pub method: &'static str,
+    /// Inputs and training of the network.
+    pub method: Method,
     /// The server must have the same scenario.
     pub scenario: &'a Path,
     /// Data sets.
@@ -166,10 +166,7 @@ impl TrainArgs {
         }
         Ok(TrainRequest {
             out: self.out(),
-            method: match self.method {
-                MethodArg::Paper => "paper",
-                MethodArg::Improved => "improved",
-            },
+            method: self.method.asked(),
             scenario: &self.common.scenario,
             seeds: self.common.seeds,
             first_seed: self.common.first_seed,
@@ -189,10 +186,10 @@ enum MethodArg {
 }
 
 impl MethodArg {
-    fn asked(self) -> rotortwin_jobs::training::Method {
+    fn asked(self) -> Method {
         match self {
-            Self::Paper => rotortwin_jobs::training::Method::Paper,
-            Self::Improved => rotortwin_jobs::training::Method::Improved,
+            Self::Paper => Method::Paper,
+            Self::Improved => Method::Improved,
         }
     }
 }

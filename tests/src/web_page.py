@@ -598,7 +598,7 @@ def untold(browser: Browser) -> None:
     page, watch = open_page(browser)
     drop(page, "untold.parquet")
     step = page.locator("#step-5")
-    step.get_by_role("button", name="Find the manoeuvre that tells").click()
+    step.get_by_role("button", name="Find the manoeuvre that distinguishes them").click()
     step.get_by_role("region", name="Manoeuvres, best first").wait_for()
     best = api(f"/next-flights/{query(page, 'next')}")["result"][0]
     said = step.locator("p[role=status]").inner_text()
@@ -682,7 +682,7 @@ def stranger(browser: Browser) -> None:
     before = voltages()
     assert len(before) == 2 and before[0][0] > 5 and before[1][0] > 5, before
     picture(page, "stranger")
-    page.get_by_role("button", name=re.compile("^Take the .*that the flight wants")).click()
+    page.get_by_role("button", name=re.compile("^Take the .*estimated from the flight")).click()
     until(page, "document.querySelector('#step-6').innerText.includes('@v1')")
     until(page, "document.querySelector('#step-5 .say.sentence') && document.querySelector('#step-6 .bars')")
     after = voltages()
@@ -994,7 +994,7 @@ def cancel(browser: Browser) -> dict[str, float]:
     drop(page, "untold.parquet")
     ends(5, "Looking for what is missing", "diagnosis")
     page.locator("#step-5").get_by_role("button", name="Try again").click()
-    page.locator("#step-5").get_by_role("button", name="Find the manoeuvre that tells").click()
+    page.locator("#step-5").get_by_role("button", name="Find the manoeuvre that distinguishes them").click()
     ends(5, "Flying eleven manoeuvres", "next-flight")
     drop(page, "drag.parquet")
     page.get_by_role("button", name="A new one from this log").click()
@@ -1009,7 +1009,8 @@ def cancel(browser: Browser) -> dict[str, float]:
         job = api(f"/{collection}", body)["id"]
         page.goto(f"{SERVER}/{path}/{job}")
         # Its parts are worked on.
-        page.get_by_text("ended since this page was opened").wait_for()
+        page.get_by_text(re.compile(r"^\d+ of \d+ parts done\.")).wait_for()
+        page.locator("h1 + .tag", has_text="running").wait_for()
         with page.expect_response(lambda answer: answer.url.endswith("/cancel")) as answer:
             page.get_by_role("button", name="Cancel").click()
         page.locator("h1 + .tag", has_text="canceled").wait_for()
@@ -1328,7 +1329,7 @@ def editor(browser: Browser) -> None:
     assert "state_of_charge = 0.7" in run["summary"]["scenario"]["text"]
     # A campaign of one's own.
     page.goto(f"{SERVER}/campaigns")
-    page.get_by_text("or a document of one's own").click()
+    page.get_by_text("or your own document").click()
     document = page.get_by_label("campaign document")
     few = CELLS.replace("flights = 64", "flights = 8")
     document.fill(few.replace("pick = ", "pik = ", 1))
@@ -2529,7 +2530,7 @@ def over_time(browser: Browser) -> None:
     assert re.search(r"parts: .*in the air", said) and re.search(rf"verdict: .*rotor {hidden['rotor']} ", said), said
     named = [float(title.split(", ")[-1].split(" – ")[0]) for title in lanes.locator(f"i[title^='verdict: rotor {hidden['rotor']}']").evaluate_all("all => all.map(one => one.title)")]
     assert named and hidden["onset_s"] <= named[0] < hidden["onset_s"] + 5, (hidden, named)
-    pictures = ("Trajectory from above", "What each motor was told", "Height", "Attitude", "Vibration: accelerometer", "Vibration: gyroscope")
+    pictures = ("Trajectory from above", "Command of each motor", "Height", "Attitude", "Vibration: accelerometer", "Vibration: gyroscope")
     for title in pictures:
         page.locator("figure", has=page.locator("strong", has_text=title)).first.wait_for()
     # Textual equivalents: a summary and a table.
@@ -2544,7 +2545,7 @@ def over_time(browser: Browser) -> None:
     for title in pictures:
         page.locator("#step-4 figure", has=page.locator("strong", has_text=title)).first.wait_for()
     # One time axis: a selection in one plot applies to all.
-    page.locator("#step-4 figure", has=page.locator("strong", has_text="What each motor was told")).locator(".canvas").first.focus()
+    page.locator("#step-4 figure", has=page.locator("strong", has_text="Command of each motor")).locator(".canvas").first.focus()
     for _ in range(5):
         page.keyboard.press("ArrowRight")
     page.locator("#step-4 .lane b").first.wait_for(state="attached")
@@ -2718,7 +2719,7 @@ def states(browser: Browser) -> None:
         card.locator("figure", has=page.locator("strong", has_text="over time")).wait_for()
 
     def campaign_document(page: Page) -> None:
-        page.get_by_text("or a document of one's own").click()
+        page.get_by_text("or your own document").click()
         page.get_by_label("campaign document").fill(CELLS.replace("pick = ", "pik = ", 1))
         page.get_by_role("button", name="Fly", exact=True).click()
         page.locator("main .say.bad", has_text="pik").wait_for()
@@ -2761,7 +2762,7 @@ def states(browser: Browser) -> None:
     # The manoeuvre is looked for once; its address is that of the answer.
     page, watch = open_page(browser)
     page.goto(f"{SERVER}{at('untold.parquet')}")
-    page.get_by_role("button", name="Find the manoeuvre that tells").click()
+    page.get_by_role("button", name="Find the manoeuvre that distinguishes them").click()
     page.get_by_role("region", name="Manoeuvres, best first").wait_for()
     places.append(("manoeuvre", page.url.removeprefix(SERVER), "[aria-label='Manoeuvres, best first']", lambda page: unfold(page, "#step-5")))
     # So is a version added once: to a log of its own, as the finding of the other one is looked at below.

@@ -723,6 +723,7 @@ fn scenario_a_full_disk_is_no_bad_input() {
         "log import flight.csv --out full/logs",
         "log import flight.csv --out full",
         "export full/run --format ulog --out full/run.ulg",
+        "blind generate --effect rotor-drag --flight waypoint --seed 7 --out full/flight.parquet",
         "campaign tiny.toml --out full/campaign",
         "compare flight.csv --model f550 --out full/comparison",
         "fdi-log flight.csv --model f550 --report full/page.html",
@@ -732,6 +733,17 @@ fn scenario_a_full_disk_is_no_bad_input() {
         assert_eq!(ended.code, Some(1), "{words}: {printed}");
         let is_told = printed.contains("the disk is full") || printed.contains("No space left on device");
         assert!(is_told, "{words}: {printed}");
+        if ["export", "blind", "campaign"].contains(&words.split(' ').next().unwrap_or("")) {
+            assert!(
+                printed.replace('\n', " ").contains("the disk is full: "),
+                "{words}: {printed}"
+            );
+            assert!(printed.starts_with("rotortwin: "), "{words}: {printed}");
+        }
+        assert!(
+            !scratch.path("full/flight.parquet").exists(),
+            "{words}: half of a log is left"
+        );
     }
     // Once there is room again, the same commands work: nothing of the log is left, and the campaign goes on.
     assert!(disk.resize("24m"));

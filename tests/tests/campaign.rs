@@ -121,6 +121,25 @@ fn scenario_interrupted_says_how_to_go_on_and_leaves_what_is_there() {
     assert_same_results(&scratch, "whole", "stopped");
 }
 
+/// It said that the whole budget had been searched, that most flights had not reached their end, and exit code 0.
+#[test]
+fn regress_a_hunt_that_is_stopped_counts_only_what_was_flown() {
+    let scratch = Scratch::new();
+    let file = campaign(&scratch, 320, 20.0);
+    let more = ["--hunt", "--hunt-budget", "100000", "--json"];
+    let mut run = call(&scratch, &file, "hunted", &more).start();
+    let begun = wait_until(PATIENCE, || scratch.path("hunted").is_dir());
+    assert!(begun.is_some(), "it does not begin");
+    // Signals are caught right after the folder has been made.
+    std::thread::sleep(Duration::from_secs(1));
+    run.supervisor().signal(Signal::INT);
+    let ended = run.end(PATIENCE).expect_code(1);
+    let found: serde_json::Value = serde_json::from_str(&ended.stdout).expect("JSON");
+    assert_eq!(found["stopped"], true, "{found}");
+    let flights = found["flights"].as_u64().expect("a number");
+    assert!(flights < 100_000, "{flights} were not flown within a second");
+}
+
 fn summary(scratch: &Scratch, out: &str) -> serde_json::Value {
     let text = std::fs::read_to_string(scratch.path(out).join("summary.json")).expect("it was written");
     serde_json::from_str(&text).expect("JSON")

@@ -8,7 +8,7 @@ use rotortwin_tests::scratch::{Scratch, hover};
 use rotortwin_tests::server::Server;
 use serde_json::json;
 use std::collections::BTreeMap;
-use std::io::Write as _;
+use std::io::{Read as _, Write as _};
 use std::net::{TcpListener, TcpStream};
 use std::path::PathBuf;
 
@@ -155,6 +155,15 @@ fn scenario_strangers_and_the_gone_do_not_end_the_flight() {
     drop(gone);
     let mut rude = TcpStream::connect(&address).expect("it listens");
     rude.write_all(b"\x00\xff not HTTP\r\n\r\n").expect("it takes it");
+    let mut browser = TcpStream::connect(&address).expect("it listens");
+    let request = format!("GET / HTTP/1.1\r\nHost: {address}\r\n\r\n");
+    browser.write_all(request.as_bytes()).expect("it takes it");
+    let mut page = String::new();
+    browser.read_to_string(&mut page).expect("it answers and closes");
+    assert!(
+        page.starts_with("HTTP/1.1 426 ") && page.contains("Open connection, Foxglove WebSocket"),
+        "{page}"
+    );
     let _silent: Vec<TcpStream> = (0..40)
         .map(|_| TcpStream::connect(&address).expect("it listens"))
         .collect();
@@ -176,7 +185,10 @@ fn val_an_address_that_cannot_be_had_is_told_before_anything_is_written() {
         .run()
         .expect_code(2);
     let said = refused.stderr.join("\n");
-    assert!(said.contains(&address) && said.contains("in use"), "{said}");
+    assert!(
+        said.contains(&address) && said.contains("in use") && said.contains("127.0.0.1:0 takes any"),
+        "{said}"
+    );
     assert!(!refused.out().exists());
     let refused = Call::new(&scratch, ["fly", "--foxglove", "hover"]).run().expect_code(2);
     let said = refused.stderr.join("\n");

@@ -16,6 +16,7 @@ use rotortwin_wire::peers::PidPeer;
 use rotortwin_zenoh::endpoint::ZenohEndpoint;
 use serde_json::{Value, json};
 use std::collections::BTreeMap;
+use std::io::{BufRead as _, BufReader};
 use std::path::Path;
 use std::time::{Duration, Instant};
 
@@ -54,6 +55,11 @@ fn scenario_a_campaign_in_parts_is_the_campaign_of_the_command_line() {
     let campaign = server.ended_in("campaigns", &id);
     assert_eq!(campaign["status"], "done", "{campaign}");
     assert_eq!(campaign["facts"]["parts"], 3, "{campaign}");
+    // It starts with its first part, whichever that is, and a second time to merge them.
+    assert_eq!(
+        kinds(&server, &id),
+        ["queued", "started", "part", "part", "part", "started", "ended"]
+    );
 
     // The same file next to copies of the documents it names.
     let config = scratch.path("config");
@@ -269,6 +275,31 @@ fn assert_waits(server: &Server, id: &str) {
     );
 }
 
+/// The stream of all jobs, which has no parts, says that a campaign runs: a page that shows it as queued reads it again.
+fn assert_told_to_run(server: &Server, id: &str) {
+    let stream = server.send("GET", "/api/v1/events?progress=false&after=0.0", &[], "");
+    let mut kind = String::new();
+    let started = BufReader::new(stream).lines().find_map(|line| {
+        let line = line.expect("the stream goes on until it has started");
+        if let Some(text) = line.strip_prefix("event: ") {
+            text.clone_into(&mut kind);
+        }
+        let data: Value = serde_json::from_str(line.strip_prefix("data: ")?).expect("JSON");
+        (kind == "started" && data["job"] == id).then_some(data)
+    });
+    let started = started.expect("an event");
+    assert!(started["data"]["part"].is_string(), "{started}");
+    assert!(started["data"]["worker"].is_string(), "{started}");
+}
+
+/// Kinds of a campaign's own events, which has ended.
+fn kinds(server: &Server, id: &str) -> Vec<String> {
+    let answer = server.ask("GET", &format!("/api/v1/campaigns/{id}/events"), &[], "");
+    let text = String::from_utf8_lossy(&answer.body).into_owned();
+    let kinds = text.lines().filter_map(|line| line.strip_prefix("event: "));
+    kinds.filter(|kind| *kind != "progress").map(str::to_owned).collect()
+}
+
 /// Waits until a campaign runs; then none of its parts is done.
 fn assert_runs(server: &Server, id: &str) {
     let path = format!("/api/v1/campaigns/{id}");
@@ -285,6 +316,7 @@ fn assert_runs(server: &Server, id: &str) {
         "{job}"
     );
     assert!(job["started_ms"].as_i64() >= job["submitted_ms"].as_i64(), "{job}");
+    assert_told_to_run(server, id);
     assert_eq!(
         (listed(server, "queued"), listed(server, "running")),
         (vec![], vec![id.to_owned()])
@@ -297,6 +329,7 @@ fn assert_runs(server: &Server, id: &str) {
         "{canceled}"
     );
     assert_eq!((listed(server, "queued"), listed(server, "running")), (vec![], vec![]));
+    assert_eq!(kinds(server, id), ["queued", "started", "ended"]);
 }
 
 #[test]

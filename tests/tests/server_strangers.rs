@@ -596,6 +596,66 @@ fn scenario_a_campaign_takes_neither_memory_nor_time_of_the_server() {
     );
 }
 
+/// A campaign with many values to try: reading it takes seconds.
+fn slow_to_read() -> String {
+    let values: Vec<String> = (0..1000).map(|number| format!("0.{}", 5000 + number)).collect();
+    let axes = (0..6).map(|number| {
+        format!(
+            "[[axis]]\nname = \"a{number}\"\npick = \"any\"\nkey = \"initial.state_of_charge\"\nvalues = [{}]\n",
+            values.join(",")
+        )
+    });
+    let head = "name = \"x\"\ndescription = \"d\"\nscenario = \"../scenarios/short-hover.toml\"\nflights = 50\n";
+    format!("{head}{}", axes.collect::<String>())
+}
+
+/// What was accepted once is read again for the run of one of its flights: by a process with the same limits.
+#[test]
+fn scenario_a_flight_of_a_campaign_is_planned_in_a_process_of_its_own() {
+    let scratch = Scratch::new();
+    let server = Server::start_at("127.0.0.1:0", &scratch.path("data"), &["--workers", "0"]);
+    let id = server.submit_to("campaigns", &serde_json::json!({ "text": slow_to_read() }));
+    let path = format!("/api/v1/campaigns/{id}/flights");
+    let caller = server.send("POST", &format!("{path}/7/run"), &[], "");
+    let mut planning = None;
+    wait_until(Duration::from_secs(20), || {
+        let mut children = Process::children(server.process().pid).into_iter();
+        planning = children.find(|(_, words)| words.windows(2).any(|two| two == ["--flight", "7"]));
+        planning.is_some()
+    })
+    .expect("a process of its own");
+    let (planning, _) = planning.expect("found");
+    let mut limits = String::new();
+    wait_until(Duration::from_secs(5), || {
+        limits = std::fs::read_to_string(format!("/proc/{}/limits", planning.pid)).unwrap_or_default();
+        let limit = limits.lines().find(|line| line.starts_with("Max data size"));
+        limit.is_some_and(|line| line.contains("256000000"))
+    })
+    .unwrap_or_else(|| panic!("it may take more memory than 256 MB: {limits}"));
+    let asked = Instant::now();
+    assert_eq!(server.ask("GET", "/healthz", &[], "").status, 200);
+    assert!(asked.elapsed() < SERVED, "{:?}", asked.elapsed());
+    drop(caller);
+    wait_until(Duration::from_secs(20), || !planning.is_alive()).expect("it ends with its caller");
+
+    let run = server.ask("POST", &format!("{path}/7/run"), &[], "");
+    assert_eq!(run.status, 202, "{}", run.json());
+    assert_eq!(run.json()["parent"], id, "{}", run.json());
+    let beyond = server.ask("POST", &format!("{path}/50/run"), &[], "");
+    let detail = beyond.json()["detail"].as_str().unwrap_or_default().to_owned();
+    assert_eq!(
+        (beyond.status, detail.contains("expected 0 to 49")),
+        (404, true),
+        "{detail}"
+    );
+    let left = std::fs::read_dir(scratch.path("data")).expect("readable").flatten();
+    let left: Vec<_> = left.map(|entry| entry.file_name()).collect();
+    let temporary = left
+        .iter()
+        .find(|name| name.to_string_lossy().starts_with("temporary-library"));
+    assert_eq!(temporary, None);
+}
+
 #[test]
 fn scenario_slow_clients_do_not_hold_up_the_end() {
     let scratch = Scratch::new();

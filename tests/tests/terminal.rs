@@ -834,6 +834,8 @@ fn regress_files_are_tried_before_the_work() {
     let scratch = Scratch::new();
     std::fs::write(scratch.path("short.toml"), short_flight()).unwrap();
     std::fs::write(scratch.path("bench.csv"), bench()).unwrap();
+    std::fs::create_dir(scratch.path("logs")).unwrap();
+    std::fs::write(scratch.path("logs/log.parquet"), "mine").unwrap();
     let flown = command(&scratch, &["fly", "short.toml", "--link", "in-process", "--out", "run"])
         .output()
         .unwrap();
@@ -867,6 +869,11 @@ fn regress_files_are_tried_before_the_work() {
         (format!("reproduce --table 6 --out {nowhere}"), nowhere),
         (format!("reproduce --table 6 --out run/new --save-classifier {nowhere}"), nowhere),
         ("reproduce --table 6 --out run".to_owned(), "run: the folder is not empty"),
+        // Before any log is read: there is none.
+        ("compare none.csv --model f550 --out run".to_owned(), "run: the folder is not empty"),
+        ("diagnose none.csv --model f550 --out run".to_owned(), "run: the folder is not empty"),
+        ("improve none.csv --model f550 --yes --models run/models --out run".to_owned(), "run: the folder is not empty"),
+        ("log example --duration-s 600 --out logs".to_owned(), "logs/log.parquet: already exists"),
         (format!("export run --format csv --out {nowhere}"), nowhere),
         ("export run --format csv --out short.toml".to_owned(), "short.toml: already exists"),
     ] {

@@ -214,7 +214,7 @@ fn reports(scratch: &Scratch) {
             &[(PLOT, 8)],
             &[
                 "The flight: measured against model",
-                "What each motor was told",
+                "Command of each motor",
                 "Against the healthy flights",
                 "Thrust command of the rotors over the healthy mean",
                 "(rotor 4)",
@@ -282,7 +282,7 @@ fn reports(scratch: &Scratch) {
             &[(PLOT, 8)],
             &[
                 "The flight: measured against model",
-                "What each motor was told",
+                "Command of each motor",
                 "constants are known",
                 "What is known, and from where",
                 "what would make it better",

@@ -20,6 +20,6 @@ describe("numbers for people", () => {
   });
   it("scales bytes and durations", () => {
     expect([0, 999, 12345, 5.2e9].map(bytes)).toEqual(["0 B", "999 B", "12.3 kB", "5.20 GB"]);
-    expect([0, 0.0087, 0.25, 42, 185, 7200].map(duration)).toEqual(["0.0 s", "8.7 ms", "0.3 s", "42 s", "3 min 5 s", "2 h 0 min"]);
+    expect([0, 0.0087, 0.25, 42, 185, 239.7, 7200].map(duration)).toEqual(["0.0 s", "8.7 ms", "0.3 s", "42 s", "3 min 5 s", "4 min 0 s", "2 h 0 min"]);
   });
 });

@@ -20,79 +20,106 @@ pub(super) fn write(path: &Path, logs: &[JudgedLog]) -> Result<(), String> {
 }
 
 fn table(logs: &[JudgedLog]) -> TableFile {
-    let rows: Vec<(&JudgedLog, &WindowView)> = logs
-        .iter()
-        .flat_map(|log| log.report.windows.iter().map(move |window| (log, window)))
-        .collect();
+    let windows = Windows::of(logs);
     let rotors = logs
         .iter()
         .map(|log| log.report.detectors.rotor_count)
         .max()
         .unwrap_or(0);
-    let text = |of: &dyn Fn(&JudgedLog, &WindowView) -> String| {
-        Values::Text(rows.iter().map(|(log, window)| of(log, window)).collect())
-    };
-    let number = |of: &dyn Fn(&JudgedLog, &WindowView) -> f64| {
-        Values::Double(rows.iter().map(|(log, window)| of(log, window)).collect())
-    };
-    let code = |of: &dyn Fn(&WindowView) -> i32| {
-        Values::Integer(rows.iter().map(|(_, window)| i64::from(of(window))).collect())
-    };
-    let end_s =
-        |log: &JudgedLog, window: &WindowView| log.report.log.start_s + window.time_s + 1.0 / log.report.judged_rate_hz;
-    let length_s = |log: &JudgedLog| f64::from(log.report.detectors.window_samples) / log.report.judged_rate_hz;
-
     let mut table = TableFile::default();
     table
-        .column("log", text(&|log, _| log.file.clone()))
-        .column("start_s", number(&|log, window| end_s(log, window) - length_s(log)))
-        .column("end_s", number(&end_s));
+        .column("log", windows.text(|log, _| log.file.clone()))
+        .column(
+            "start_s",
+            windows.number(|log, window| end_s(log, window) - length_s(log)),
+        )
+        .column("end_s", windows.number(end_s));
     if logs.iter().all(|log| log.truth.is_some()) {
-        let truth = |log: &JudgedLog, window: &WindowView| {
-            let truth = log.truth.as_ref().expect("all logs have it");
-            truth.at(end_s(log, window) - 0.5 * length_s(log))
-        };
-        table.column(
-            "truth",
-            Values::Integer(
-                rows.iter()
-                    .map(|(log, window)| i64::from(truth(log, window).label()))
-                    .collect(),
-            ),
-        );
-        for rotor in 0..rotors {
-            table.column(
-                &format!("true_loss_{}", rotor + 1),
-                number(&|log, window| truth(log, window).loss[rotor]),
-            );
-        }
+        add_truth(&mut table, &windows, rotors);
     }
+    add_verdicts(&mut table, &windows);
+    add_losses(&mut table, &windows, rotors);
+    add_probabilities(&mut table, &windows, "network_probability", |window| {
+        &window.network.class_probability
+    });
+    add_probabilities(&mut table, &windows, "network_over_time_probability", |window| {
+        &window.network_over_time.class_probability
+    });
     table
-        .column("t_test", code(&|window| window.t_test.code))
-        .column("network", code(&|window| window.network.verdict.code))
+}
+
+/// The rows of the table.
+struct Windows<'a>(Vec<(&'a JudgedLog, &'a WindowView)>);
+
+impl<'a> Windows<'a> {
+    fn of(logs: &'a [JudgedLog]) -> Self {
+        let of_log = |log: &'a JudgedLog| log.report.windows.iter().map(move |window| (log, window));
+        Self(logs.iter().flat_map(of_log).collect())
+    }
+
+    fn text(&self, of: impl Fn(&JudgedLog, &WindowView) -> String) -> Values {
+        Values::Text(self.0.iter().map(|(log, window)| of(log, window)).collect())
+    }
+
+    fn number(&self, of: impl Fn(&JudgedLog, &WindowView) -> f64) -> Values {
+        Values::Double(self.0.iter().map(|(log, window)| of(log, window)).collect())
+    }
+
+    fn code(&self, of: impl Fn(&JudgedLog, &WindowView) -> i32) -> Values {
+        Values::Integer(self.0.iter().map(|(log, window)| i64::from(of(log, window))).collect())
+    }
+}
+
+fn end_s(log: &JudgedLog, window: &WindowView) -> f64 {
+    log.report.log.start_s + window.time_s + 1.0 / log.report.judged_rate_hz
+}
+
+fn length_s(log: &JudgedLog) -> f64 {
+    f64::from(log.report.detectors.window_samples) / log.report.judged_rate_hz
+}
+
+/// The truth in the middle of each window; all logs have it.
+fn add_truth(table: &mut TableFile, windows: &Windows<'_>, rotors: usize) {
+    let truth = |log: &JudgedLog, window: &WindowView| {
+        let truth = log.truth.as_ref().expect("all logs have it");
+        truth.at(end_s(log, window) - 0.5 * length_s(log))
+    };
+    table.column("truth", windows.code(|log, window| truth(log, window).label()));
+    for rotor in 0..rotors {
+        table.column(
+            &format!("true_loss_{}", rotor + 1),
+            windows.number(|log, window| truth(log, window).loss[rotor]),
+        );
+    }
+}
+
+fn add_verdicts(table: &mut TableFile, windows: &Windows<'_>) {
+    let why_not = |window: &WindowView| {
+        let obstacle = window.cannot_judge.as_ref();
+        obstacle.map_or_else(String::new, |obstacle| obstacle.why.clone())
+    };
+    table
+        .column("t_test", windows.code(|_, window| window.t_test.code))
+        .column("network", windows.code(|_, window| window.network.verdict.code))
         .column(
             "network_over_time",
-            code(&|window| window.network_over_time.verdict.code),
+            windows.code(|_, window| window.network_over_time.verdict.code),
         )
-        .column("sequential", code(&|window| window.sequential.verdict.code))
+        .column("sequential", windows.code(|_, window| window.sequential.verdict.code))
         .column(
             "probability",
-            number(&|_, window| f64::from(window.sequential.probability)),
+            windows.number(|_, window| f64::from(window.sequential.probability)),
         )
-        .column("hypotheses", text(&|_, window| hypotheses(window)))
-        .column("explanations", text(&|_, window| explanations(window)))
-        .column(
-            "cannot_judge",
-            text(&|_, window| {
-                window
-                    .cannot_judge
-                    .as_ref()
-                    .map_or_else(String::new, |obstacle| obstacle.why.clone())
-            }),
-        );
+        .column("hypotheses", windows.text(|_, window| hypotheses(window)))
+        .column("explanations", windows.text(|_, window| explanations(window)))
+        .column("cannot_judge", windows.text(|_, window| why_not(window)));
+}
+
+/// Loss of thrust of each rotor, and the smallest one that would show.
+fn add_losses(table: &mut TableFile, windows: &Windows<'_>, rotors: usize) {
     for rotor in 1..=rotors {
         let of = |field: fn(&LossView) -> f32| {
-            number(&|_, window| {
+            windows.number(|_, window| {
                 let losses = &window.sequential.thrust_loss;
                 let loss = losses.iter().find(|loss| loss.rotor as usize == rotor);
                 loss.map_or(f64::NAN, |loss| f64::from(field(loss)))
@@ -108,46 +135,29 @@ fn table(logs: &[JudgedLog]) -> TableFile {
             );
     }
     for rotor in 0..rotors {
-        let smallest = |window: &WindowView| {
-            window
-                .smallest_loss
-                .get(rotor)
-                .map_or(f64::NAN, |share| f64::from(*share))
-        };
         table.column(
             &format!("smallest_loss_{}", rotor + 1),
-            number(&|_, window| smallest(window)),
+            windows.number(|_, window| or_nan(window.smallest_loss.get(rotor))),
         );
     }
-    let classes = rows
+}
+
+/// Probability of each class according to a network. As many columns as the classes of the [`network`](WindowView::network), which both have.
+fn add_probabilities(table: &mut TableFile, windows: &Windows<'_>, name: &str, of: impl Fn(&WindowView) -> &[f32]) {
+    let classes = windows
+        .0
         .iter()
-        .map(|(_, window)| window.network.class_probability.len())
-        .max()
-        .unwrap_or(0);
-    for class in 0..classes {
-        let probability = |window: &WindowView| {
-            window
-                .network
-                .class_probability
-                .get(class)
-                .map_or(f64::NAN, |p| f64::from(*p))
-        };
+        .map(|(_, window)| window.network.class_probability.len());
+    for class in 0..classes.max().unwrap_or(0) {
         table.column(
-            &format!("network_probability_{class}"),
-            number(&|_, window| probability(window)),
+            &format!("{name}_{class}"),
+            windows.number(|_, window| or_nan(of(window).get(class))),
         );
     }
-    for class in 0..classes {
-        let probability = |window: &WindowView| {
-            let classes = &window.network_over_time.class_probability;
-            classes.get(class).map_or(f64::NAN, |p| f64::from(*p))
-        };
-        table.column(
-            &format!("network_over_time_probability_{class}"),
-            number(&|_, window| probability(window)),
-        );
-    }
-    table
+}
+
+fn or_nan(value: Option<&f32>) -> f64 {
+    value.map_or(f64::NAN, |value| f64::from(*value))
 }
 
 /// `3` or `1+2|4`: the rotor sets that an ambiguous verdict leaves open.

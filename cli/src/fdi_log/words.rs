@@ -45,6 +45,28 @@ pub(super) fn overview<'a>(logs: impl Iterator<Item = (&'a Path, &'a LogReport)>
 
 /// One log. `against`: commanded thrust of its rotors compared with healthy flights.
 pub(super) fn text_of(report: &LogReport, against: Option<&str>) -> String {
+    let mut text = headline(report, against);
+    text += &format!("{}\n\n", timeline(report));
+    text += &not_judged(report);
+    text += &counts(report);
+    text += &contradicted(report).map_or_else(String::new, |sentence| format!("\n{sentence}\n"));
+    for load in &report.loads {
+        text += &format!("\nLoad         {}", load_text(load));
+    }
+    for lack in &report.lacks {
+        text += &format!("\nNot said     {}", lack.rules_out);
+    }
+    for suspicion in &report.suspicions {
+        text += &format!("\nSuspicious   {}", suspicion.finding);
+    }
+    for note in report.notes.iter().filter(|note| Some(note.as_str()) != against) {
+        text += &format!("\nNote         {note}");
+    }
+    text.trim_end().to_owned()
+}
+
+/// The verdict, and what it stands on.
+fn headline(report: &LogReport, against: Option<&str>) -> String {
     let detectors = &report.detectors;
     let mut text = format!(
         "Verdict      {}\n{}Log          {} rows, {:.2} s at {:.1} Hz\nVehicle      {} ({} rotors), classifier {}\nCalibration  {} s in the air; what is damaged by \
@@ -79,6 +101,11 @@ pub(super) fn text_of(report: &LogReport, against: Option<&str>) -> String {
         text.truncate(text.trim_end().len());
         text += &format!("\n{smallest}\n\n");
     }
+    text
+}
+
+/// Changes of the verdict, and the last one of each stretch.
+fn timeline(report: &LogReport) -> Grid {
     let mut timeline = Grid::new(["time", "sequential detector", "probability"]).numbers([2]);
     let cells = |time: String, view: &SequentialView, obstacle: Option<&ObstacleView>| {
         [
@@ -122,25 +149,34 @@ pub(super) fn text_of(report: &LogReport, against: Option<&str>) -> String {
             }
         }
     }
-    text += &format!("{timeline}\n\n");
-    if !report.not_judged.is_empty() {
-        let mut rest = Grid::new(["not judged", "s", "why"]).numbers([1]);
-        for time in &report.not_judged {
-            rest.add_row([
-                format!("{:.2}–{:.2} s", time.from_s, time.to_s),
-                format!("{:.2}", time.to_s - time.from_s),
-                time.obstacle.why.clone(),
-            ]);
-        }
-        if report.not_judged_left_out > 0 {
-            rest.add_row([
-                String::new(),
-                String::new(),
-                format!("and {} more times", report.not_judged_left_out),
-            ]);
-        }
-        text += &format!("{rest}\n\n");
+    timeline
+}
+
+/// Times that could not be judged; empty: none.
+fn not_judged(report: &LogReport) -> String {
+    if report.not_judged.is_empty() {
+        return String::new();
     }
+    let mut rest = Grid::new(["not judged", "s", "why"]).numbers([1]);
+    for time in &report.not_judged {
+        rest.add_row([
+            format!("{:.2}–{:.2} s", time.from_s, time.to_s),
+            format!("{:.2}", time.to_s - time.from_s),
+            time.obstacle.why.clone(),
+        ]);
+    }
+    if report.not_judged_left_out > 0 {
+        rest.add_row([
+            String::new(),
+            String::new(),
+            format!("and {} more times", report.not_judged_left_out),
+        ]);
+    }
+    format!("{rest}\n\n")
+}
+
+/// Windows and alarms of each detector that decided at all; empty: none did.
+fn counts(report: &LogReport) -> String {
     let mut counts = Grid::new(["detector", "windows", "healthy", "alarmed", "alarms", "first alarm"]).numbers_from(1);
     for count in report.counts.iter().filter(|count| count.decided > 0) {
         counts.add_row([
@@ -155,22 +191,10 @@ pub(super) fn text_of(report: &LogReport, against: Option<&str>) -> String {
         ]);
     }
     if report.counts.iter().any(|count| count.decided > 0) {
-        text += &format!("{counts}\n");
+        format!("{counts}\n")
+    } else {
+        String::new()
     }
-    text += &contradicted(report).map_or_else(String::new, |sentence| format!("\n{sentence}\n"));
-    for load in &report.loads {
-        text += &format!("\nLoad         {}", load_text(load));
-    }
-    for lack in &report.lacks {
-        text += &format!("\nNot said     {}", lack.rules_out);
-    }
-    for suspicion in &report.suspicions {
-        text += &format!("\nSuspicious   {}", suspicion.finding);
-    }
-    for note in report.notes.iter().filter(|note| Some(note.as_str()) != against) {
-        text += &format!("\nNote         {note}");
-    }
-    text.trim_end().to_owned()
 }
 
 /// The sequential detector's answer in one sentence: its last verdict in each stretch, and its first alarm.

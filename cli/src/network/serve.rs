@@ -2,6 +2,7 @@
 
 use super::autopilot::ListedAutopilot;
 use clap::{Parser, ValueEnum};
+use rotortwin_jobs::SeatRole;
 use rotortwin_process::LinkAddress;
 use std::net::SocketAddr;
 use std::num::NonZeroU32;
@@ -210,12 +211,12 @@ pub enum Role {
 }
 
 impl Role {
-    /// Name of the seat in a run's offer, if any.
-    pub fn seat(self) -> Option<&'static str> {
+    /// The seat in a run's offer, if any.
+    pub const fn seat(self) -> Option<SeatRole> {
         match self {
             Self::Jobs => None,
-            Self::Controller => Some("controller"),
-            Self::Fdi => Some("fdi"),
+            Self::Controller => Some(SeatRole::Controller),
+            Self::Fdi => Some(SeatRole::Fdi),
         }
     }
 }

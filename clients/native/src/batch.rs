@@ -1,7 +1,8 @@
 //! Many flights at once: stepped by a caller ([`SimulationBatch`]), or from start to end in parallel vector lanes ([`fly`]).
 
 use crate::columns::{Recording, bytes, singles};
-use crate::refusal::input;
+use crate::interrupt::interruptible;
+use crate::refusal::{input, pickled};
 use crate::scenario::Scenario;
 use pyo3::prelude::*;
 use pyo3::types::{PyByteArray, PyDict};
@@ -12,11 +13,15 @@ use rotortwin_flight::sample::Sample;
 use rotortwin_flight::stepped::SteppedFlight;
 use rotortwin_plant::vector_units::Dispatch;
 use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
 
+/// Steps of every flight between two looks at Python's signals.
+const STEPS_UNHEARD: u32 = 500;
 /// Flights per thread at a time: enough to keep its lanes full for long.
 const FLIGHTS_OF_A_PART: usize = 32;
 
 /// A flight and its state.
+#[derive(Clone)]
 struct Seat {
     scenario: Arc<rotortwin_scenario::Scenario>,
     seed: u64,
@@ -49,6 +54,7 @@ impl Seat {
 }
 
 /// Flights of vehicles with the same number of rotors, stepped together on all cores.
+#[derive(Clone)]
 #[pyclass(module = "rotortwin._native")]
 pub(crate) struct SimulationBatch {
     seats: Vec<Seat>,
@@ -147,13 +153,31 @@ impl SimulationBatch {
                 duty.len()
             )));
         }
-        py.detach(|| {
-            self.seats.par_iter_mut().enumerate().for_each(|(place, seat)| {
-                let own = duty.as_ref().map(|duty| &duty[place * rotors..(place + 1) * rotors]);
-                seat.step(own, steps);
+        let mut left = steps;
+        while left > 0 {
+            let now = left.min(STEPS_UNHEARD);
+            py.detach(|| {
+                self.seats.par_iter_mut().enumerate().for_each(|(place, seat)| {
+                    let own = duty.as_ref().map(|duty| &duty[place * rotors..(place + 1) * rotors]);
+                    seat.step(own, now);
+                });
             });
-        });
+            left -= now;
+            py.check_signals()?;
+        }
         Ok(())
+    }
+
+    /// The same flights at the same steps; the copies go on apart.
+    fn __deepcopy__(&self, _memo: &Bound<'_, PyAny>) -> Self {
+        self.clone()
+    }
+
+    fn __reduce__(&self) -> PyResult<()> {
+        Err(pickled(
+            "a batch of flights",
+            "scenarios and seeds to be sent, and the flights to be flown there: same seed, same bits",
+        ))
     }
 
     #[getter]
@@ -194,12 +218,14 @@ impl SimulationBatch {
 type FlownTogether<'py> = (Bound<'py, PyDict>, Vec<String>, Vec<Option<String>>);
 
 /// Keeps some columns of every n-th row.
-struct Keeper {
+struct Keeper<'a> {
     every: u64,
     recording: Recording,
+    /// Set once nobody waits for the flights.
+    stop: &'a AtomicBool,
 }
 
-impl FlightObserver for Keeper {
+impl FlightObserver for Keeper<'_> {
     fn sample(&mut self, sample: &Sample) -> Result<(), String> {
         if sample.truth.step.is_multiple_of(self.every) {
             self.recording.push(sample);
@@ -208,13 +234,13 @@ impl FlightObserver for Keeper {
     }
 
     fn stop_requested(&mut self) -> Option<StopReason> {
-        None
+        self.stop.load(Ordering::Relaxed).then_some(StopReason::Canceled)
     }
 }
 
 /// A flown flight.
 struct Flown {
-    keeper: Keeper,
+    recording: Recording,
     run_hash: String,
     failure: Option<String>,
 }
@@ -237,19 +263,19 @@ pub(crate) fn fly<'py>(
     let scenario = Arc::clone(&scenario.inner);
     let rotor_count = scenario.vehicle().rotor_count();
     let names = Recording::new(&scenario, rotor_count, &columns)?.names();
-    let flown = py.detach(|| {
+    let flown = interruptible(py, |stop| {
         seeds
             .par_chunks(FLIGHTS_OF_A_PART)
-            .map(|part| side_by_side(&scenario, rotor_count, part, &columns, every))
+            .map(|part| side_by_side(&scenario, part, &columns, every, stop))
             .collect::<Result<Vec<_>, _>>()
-    });
+    })?;
     let flown: Vec<Flown> = flown.map_err(input)?.into_iter().flatten().collect();
     let rows = usize::try_from(scenario.duration_steps().div_ceil(every)).map_err(input)?;
     let arrays = PyDict::new(py);
     for (place, name) in names.iter().enumerate() {
         let mut values = vec![f64::NAN; flown.len() * rows];
         for (flight, row) in flown.iter().zip(values.chunks_mut(rows.max(1))) {
-            let kept = &flight.keeper.recording.values[place];
+            let kept = &flight.recording.values[place];
             row[..kept.len()].copy_from_slice(kept);
         }
         arrays.set_item(name, bytes(py, values.into_iter().map(f64::to_ne_bytes)))?;
@@ -263,21 +289,23 @@ pub(crate) fn fly<'py>(
 
 fn side_by_side(
     scenario: &rotortwin_scenario::Scenario,
-    rotor_count: usize,
     seeds: &[u64],
     columns: &[String],
     every: u64,
+    stop: &AtomicBool,
 ) -> Result<Vec<Flown>, String> {
+    let rotor_count = scenario.vehicle().rotor_count();
     let flights: Vec<BatchFlight<'_>> = seeds.iter().map(|&seed| BatchFlight { scenario, seed }).collect();
     let keeper = |_| Keeper {
         every,
         recording: Recording::new(scenario, rotor_count, columns).expect("these columns were there before"),
+        stop,
     };
     let (outcomes, _) = fly_batch(&flights, Dispatch::default(), keeper)?;
     Ok(outcomes
         .into_iter()
         .map(|flown| Flown {
-            keeper: flown.observer,
+            recording: flown.observer.recording,
             run_hash: flown.outcome.run_hash,
             failure: match flown.outcome.end {
                 FlightEnd::Failed(failure) => Some(failure.sentence),

@@ -11,6 +11,7 @@ use rotortwin_sim::recorder::fill_row;
 use rotortwin_store::telemetry::{Column, Kind, TelemetryRow, telemetry_columns};
 
 /// Some columns of one flight, row by row.
+#[derive(Clone)]
 pub(crate) struct Recording {
     conditions: ConditionSchedule,
     rotor_count: usize,
@@ -49,6 +50,15 @@ impl Recording {
         for (column, &place) in self.values.iter_mut().zip(&self.places) {
             column.push(self.all[place]);
         }
+    }
+
+    /// Name → bytes of doubles.
+    pub(crate) fn doubles<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
+        let dict = PyDict::new(py);
+        for (column, values) in self.columns.iter().zip(&self.values) {
+            dict.set_item(&column.name, bytes(py, values.iter().map(|value| value.to_ne_bytes())))?;
+        }
+        Ok(dict)
     }
 
     /// Name → type code of NumPy and bytes, each in the precision of its column.

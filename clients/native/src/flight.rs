@@ -1,7 +1,7 @@
 //! One flight, one step at a time.
 
 use crate::columns::{Recording, bytes, singles};
-use crate::refusal::flight;
+use crate::refusal::{flight, pickled};
 use crate::scenario::Scenario;
 use pyo3::prelude::*;
 use pyo3::types::{PyByteArray, PyDict};
@@ -9,7 +9,11 @@ use rotortwin_flight::stepped::SteppedFlight;
 use rotortwin_wire::frames::FdiReport;
 use std::sync::Arc;
 
+/// Steps between two looks at Python's signals: some 50 ms.
+const STEPS_UNHEARD: u64 = 4_000;
+
 /// One flight of a scenario, with controller and detectors, in this process.
+#[derive(Clone)]
 #[pyclass(module = "rotortwin._native")]
 pub(crate) struct Simulation {
     scenario: Arc<rotortwin_scenario::Scenario>,
@@ -48,19 +52,43 @@ impl Simulation {
         if steps == 1 {
             return self.one(duty.as_deref());
         }
-        py.detach(|| (0..steps).try_for_each(|_| self.one(duty.as_deref())))
+        let mut left = steps;
+        while left > 0 {
+            let now = left.min(STEPS_UNHEARD);
+            py.detach(|| (0..now).try_for_each(|_| self.one(duty.as_deref())))?;
+            left -= now;
+            py.check_signals()?;
+        }
+        Ok(())
     }
 
     /// Continues with our controller, to the end or to a step.
     #[pyo3(signature = (until_step = None))]
     fn run(&mut self, py: Python<'_>, until_step: Option<u64>) -> PyResult<()> {
         let until = until_step.unwrap_or(u64::MAX);
-        py.detach(|| {
-            while !self.flight.done() && self.flight.steps() < until {
-                self.one(None)?;
-            }
-            Ok(())
-        })
+        while !self.flight.done() && self.flight.steps() < until {
+            let now = until.min(self.flight.steps() + STEPS_UNHEARD);
+            py.detach(|| {
+                while !self.flight.done() && self.flight.steps() < now {
+                    self.one(None)?;
+                }
+                Ok::<(), PyErr>(())
+            })?;
+            py.check_signals()?;
+        }
+        Ok(())
+    }
+
+    /// The same flight at the same step, with what it has recorded; the two go on apart.
+    fn __deepcopy__(&self, _memo: &Bound<'_, PyAny>) -> Self {
+        self.clone()
+    }
+
+    fn __reduce__(&self) -> PyResult<()> {
+        Err(pickled(
+            "a flight",
+            "scenario and seed to be sent, and the flight to be flown there: same seed, same bits",
+        ))
     }
 
     #[getter]

@@ -1,7 +1,7 @@
 //! Errors as Python sees them: one sentence each.
 
 use pyo3::PyErr;
-use pyo3::exceptions::{PyRuntimeError, PyValueError};
+use pyo3::exceptions::{PyRuntimeError, PyTypeError, PyValueError};
 
 pyo3::create_exception!(
     rotortwin,
@@ -24,4 +24,9 @@ pub(crate) fn input(sentence: impl std::fmt::Display) -> PyErr {
 /// A flight has ended unexpectedly.
 pub(crate) fn flight(sentence: impl std::fmt::Display) -> PyErr {
     FlightError::new_err(sentence.to_string())
+}
+
+/// State of this process was to be written down.
+pub(crate) fn pickled(what: &str, instead: &str) -> PyErr {
+    PyTypeError::new_err(format!("{what} cannot be pickled; expected {instead}"))
 }

@@ -1,19 +1,20 @@
 //! The twin, and the detectors, on files and on columns of this process. Results are the JSON of the commands of the same name.
 
 use crate::columns::doubles;
+use crate::interrupt::{Clock, TIME_LIMIT_S, interruptible};
 use crate::refusal::input;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 use rotortwin_scenario::effect_documents;
 use rotortwin_twin::compare::NamedModel;
-use rotortwin_twin::diagnose::Options;
+use rotortwin_twin::diagnose::{Diagnosis, Finding, Options};
 use rotortwin_twin::identify::{files, in_the_order_of};
-use rotortwin_twin::improve::{Request, Unasked};
+use rotortwin_twin::improve::{Guide, Request, Row, Unasked};
 use rotortwin_twin::log::FlightLog;
 use rotortwin_twin::model::{ModelStore, ModelVersion};
 use rotortwin_verdicts::detectors::DetectorChoice;
 use std::path::{Path, PathBuf};
-use std::time::Instant;
+use std::sync::atomic::{AtomicBool, Ordering};
 
 /// Column that holds the time of a table.
 const TIME: &str = "time_s";
@@ -82,7 +83,7 @@ pub(crate) fn compare(py: Python<'_>, logs: Vec<Log<'_>>, models: Vec<String>, s
         .first()
         .ok_or_else(|| input("expected at least one model, got none"))?;
     let logs = read_for(py, &logs, &first.version)?;
-    let result = py.detach(|| rotortwin_twin::compare::compare(&logs, &models));
+    let result = interruptible(py, |_| rotortwin_twin::compare::compare(&logs, &models))?;
     json(&result.map_err(input)?.0)
 }
 
@@ -104,16 +105,17 @@ pub(crate) fn diagnose(
         .map(effect_documents::load)
         .collect::<Result<Vec<_>, _>>();
     let effects = effects.map_err(input)?;
-    let result = py.detach(|| {
-        let start = Instant::now();
+    let result = interruptible(py, |stop| {
+        let clock = Clock::new(stop);
         let options = Options {
             effects,
             baseline,
-            clock: &|| start.elapsed().as_secs_f64(),
+            clock: &|| clock.read(),
+            time_limit_s: TIME_LIMIT_S,
             ..Options::default()
         };
         rotortwin_twin::diagnose::diagnose(&logs, &model, &options)
-    });
+    })?;
     json(&result.map_err(input)?)
 }
 
@@ -129,10 +131,11 @@ pub(crate) fn improve(
     let model = model(&store, model_name)?;
     let logs = read_for(py, &logs, &model.version)?;
     let held_out = read_for(py, &held_out, &model.version)?;
-    let result = py.detach(|| {
-        let start = Instant::now();
+    let result = interruptible(py, |stop| {
+        let clock = Clock::new(stop);
         let options = Options {
-            clock: &|| start.elapsed().as_secs_f64(),
+            clock: &|| clock.read(),
+            time_limit_s: TIME_LIMIT_S,
             ..Options::default()
         };
         let request = Request {
@@ -141,10 +144,39 @@ pub(crate) fn improve(
             held_out: &held_out,
             oracle: None,
         };
-        rotortwin_twin::improve::improve(&request, &options, &mut Unasked::default())
-    });
+        let mut guide = Interruptible {
+            stop,
+            guide: Unasked::default(),
+        };
+        rotortwin_twin::improve::improve(&request, &options, &mut guide)
+    })?;
     let result = result.map_err(input)?;
     Ok((json(&result)?, result.model.to_toml()))
+}
+
+/// Takes every step without asking, until it is to stop.
+struct Interruptible<'a> {
+    stop: &'a AtomicBool,
+    guide: Unasked,
+}
+
+impl Guide for Interruptible<'_> {
+    fn compared(&mut self, row: &Row) -> Result<bool, String> {
+        if self.stop.load(Ordering::Relaxed) {
+            return Err("interrupted".to_owned());
+        }
+        self.guide.compared(row)
+    }
+
+    fn proposed(
+        &mut self,
+        before: &ModelVersion,
+        next: &ModelVersion,
+        finding: &Finding,
+        diagnosis: &Diagnosis,
+    ) -> Result<Option<String>, String> {
+        self.guide.proposed(before, next, finding, diagnosis)
+    }
 }
 
 /// The detectors' verdicts on logs: a list of reports.
@@ -166,15 +198,17 @@ pub(crate) fn fdi_log(
     };
     let (detectors, note) = choice.detectors().map_err(input)?;
     let logs = logs.iter().map(|log| read(py, log)).collect::<PyResult<Vec<_>>>()?;
-    let reports = py.detach(|| {
-        let judged = logs.iter().map(|log| {
+    let reports = interruptible(py, |stop| {
+        // Nobody reads what is left out.
+        let wanted = logs.iter().take_while(|_| !stop.load(Ordering::Relaxed));
+        let judged = wanted.map(|log| {
             let report = rotortwin_verdicts::log::judge(log, &detectors, every_window);
             let mut report = report.map_err(|refusal| format!("{}: {refusal}", log.name))?;
             report.notes.extend(note.clone());
             Ok(report)
         });
         judged.collect::<Result<Vec<_>, String>>()
-    });
+    })?;
     json(&reports.map_err(input)?)
 }
 
@@ -203,15 +237,14 @@ pub(crate) fn identify(
         capacity_ah,
         cells,
     };
-    let found = py
-        .detach(|| {
-            let bench = match bench.as_slice() {
-                [] => None,
-                tables => Some(rotortwin_twin::identify::Bench::read(tables)?),
-            };
-            rotortwin_twin::identify::identify_with(&logs, &request, bench.as_ref())
-        })
-        .map_err(input)?;
+    let found = interruptible(py, |_| {
+        let bench = match bench.as_slice() {
+            [] => None,
+            tables => Some(rotortwin_twin::identify::Bench::read(tables)?),
+        };
+        rotortwin_twin::identify::identify_with(&logs, &request, bench.as_ref())
+    })?;
+    let found = found.map_err(input)?;
     let texts = files(&found, name);
     Ok((json(&found)?, [texts.vehicle, texts.blades, texts.intervals]))
 }

@@ -4,6 +4,7 @@ use crate::error::{BlindError, Result};
 use crate::flight::Row;
 use parquet::basic::{Compression, Repetition, Type as Physical, ZstdLevel};
 use parquet::data_type::{DoubleType, FloatType};
+use parquet::errors::ParquetError;
 use parquet::file::properties::WriterProperties;
 use parquet::file::writer::SerializedFileWriter;
 use parquet::schema::types::Type;
@@ -40,8 +41,23 @@ fn columns(rotors: usize) -> Vec<Column> {
     columns
 }
 
-/// Writes a log.
+/// Writes a log; nothing stays of one that cannot be written to its end.
 pub fn write(path: &Path, rows: &[Row]) -> Result<()> {
+    let written = write_rows(path, rows);
+    if written.is_err() {
+        // The first error is the one to report.
+        drop(std::fs::remove_file(path));
+    }
+    written.map_err(|error| match error {
+        BlindError::Parquet(ParquetError::External(cause)) => match cause.downcast() {
+            Ok(cause) => BlindError::file("writing the log", path, *cause),
+            Err(cause) => BlindError::Parquet(ParquetError::External(cause)),
+        },
+        other => other,
+    })
+}
+
+fn write_rows(path: &Path, rows: &[Row]) -> Result<()> {
     let rotors = rows.first().map_or(0, |row| row.duties.len());
     let columns = columns(rotors);
     let field = |name: &str, physical| {

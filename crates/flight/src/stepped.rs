@@ -20,7 +20,8 @@ use rotortwin_wire::peers::{FdiEnginePeer, PidPeer};
 /// Run id of a flight visible only to this process.
 const RUN_ID: u64 = 1;
 
-/// A flight stepped by the caller.
+/// A flight stepped by the caller. A clone is the same flight at the same step, noise to come included.
+#[derive(Clone)]
 pub struct SteppedFlight {
     simulation: Simulation,
     link: InProcessLink<Steered, FdiEnginePeer>,
@@ -147,7 +148,7 @@ impl SteppedFlight {
 }
 
 /// The caller's command if there is one, otherwise our controller's.
-#[derive(Default)]
+#[derive(Clone, Default)]
 struct Steered {
     own: PidPeer,
     /// Our controller's command for the step in its stamp.

@@ -9,12 +9,13 @@ use rotortwin_store::SpoolHeader;
 use rotortwin_store::streams::Topic;
 use rotortwin_wire::events::LiveSample;
 use std::collections::VecDeque;
-use std::io::ErrorKind;
+use std::io::{ErrorKind, Write as _};
 use std::net::{SocketAddr, TcpListener, TcpStream};
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::mpsc::{Receiver, RecvTimeoutError, SyncSender, TrySendError, sync_channel};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
+use tungstenite::handshake::HandshakeError;
 use tungstenite::handshake::server::{ErrorResponse, Request, Response};
 use tungstenite::http::{HeaderValue, StatusCode};
 use tungstenite::protocol::WebSocketConfig;
@@ -74,7 +75,13 @@ impl Server {
     /// # Errors
     /// The address is not available.
     pub fn listen(at: SocketAddr, name: &str, session: &str, header: &SpoolHeader) -> Result<Self, String> {
-        let refuse = |error: std::io::Error| format!("{at}: cannot listen for viewers: {error}");
+        let refuse = |error: std::io::Error| match error.kind() {
+            ErrorKind::AddrInUse => format!(
+                "{at}: cannot listen for viewers: the port is in use; expected a free one, {} takes any",
+                SocketAddr::new(at.ip(), 0)
+            ),
+            _ => format!("{at}: cannot listen for viewers: {error}"),
+        };
         let listener = TcpListener::bind(at).map_err(refuse)?;
         let address = listener.local_addr().map_err(refuse)?;
         listener.set_nonblocking(true).map_err(refuse)?;
@@ -203,8 +210,15 @@ fn serve(
     let mut config = WebSocketConfig::default();
     config.max_message_size = Some(LONGEST_MESSAGE);
     config.max_frame_size = Some(LONGEST_MESSAGE);
-    let mut socket = tungstenite::accept_hdr_with_config(stream, choose_protocol, Some(config))
-        .map_err(|error| format!("the hand-shake failed: {error}"))?;
+    let answer = stream.try_clone().map_err(words)?;
+    let mut socket = tungstenite::accept_hdr_with_config(stream, choose_protocol, Some(config)).map_err(|error| {
+        if let HandshakeError::Failure(tungstenite::Error::Protocol(_)) = error {
+            // A browser, for instance. It may be gone already.
+            drop((&answer).write_all(no_viewer().as_bytes()));
+        }
+        format!("the hand-shake failed: {error}")
+    })?;
+    drop(answer);
     socket.get_ref().set_read_timeout(Some(GLANCE)).map_err(words)?;
     say(
         &mut socket,
@@ -274,6 +288,15 @@ fn choose_protocol(request: &Request, mut response: Response) -> Result<Response
             Err(refusal)
         }
     }
+}
+
+/// The answer to a request that is none of a WebSocket.
+fn no_viewer() -> String {
+    let text = "This address is for Foxglove and Lichtblick: Open connection, Foxglove WebSocket, and this address with ws:// instead of http://\n";
+    format!(
+        "HTTP/1.1 426 Upgrade Required\r\nUpgrade: websocket\r\nConnection: close\r\nContent-Type: text/plain\r\nContent-Length: {}\r\n\r\n{text}",
+        text.len()
+    )
 }
 
 fn say(socket: &mut WebSocket<TcpStream>, message: Message) -> Result<(), String> {

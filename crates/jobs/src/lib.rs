@@ -1,11 +1,12 @@
 //! Jobs of the queue, as data: stored by a server, executed by a worker. This crate executes nothing itself.
 //!
 //! ```text
-//!  HTTP body ─▶ Job ─▶ StoredJob (a row) ─▶ worker: lays out the inputs, writes a JobFile ─▶ `rotortwin job FILE` ─▶ runner
-//!  command line ─▶ Job ──────────────────────────────────────────────────────────────────────────────────────────▶ runner
+//!  submission (HTTP body) ─▶ Job ─▶ StoredJob (a row) ─▶ worker: lays out the inputs, writes a JobFile ─▶ `rotortwin job FILE` ─▶ runner
+//!  command line ─▶ Job ───────────────────────────────────────────────────────────────────────────────────────────────────────▶ runner
 //! ```
 //! While running, a job emits [`JobEvent`]s. It refers to files by path. The [`Input`]s of the [`StoredJob`] define their location and
-//! content on the executing machine; a worker lays them out first.
+//! content on the executing machine; a worker lays them out first. What a server's queue says about a job, and what its clients send, is here
+//! too: [`submission`], [`QueueEvent`], [`JobKind`], [`Status`].
 
 pub mod blind;
 pub mod campaign;
@@ -14,10 +15,15 @@ pub mod event;
 pub mod file;
 pub mod flight;
 pub mod input;
+pub mod kind;
 pub mod log;
 pub mod part;
+pub mod queue_event;
 mod span;
+pub mod status;
 pub mod stored;
+pub mod submission;
+pub mod ticket;
 pub mod training;
 pub mod twin;
 pub mod verification;
@@ -30,9 +36,13 @@ pub use event::{CaseDone, JobEvent, Progress};
 pub use file::{AutopilotHere, FlightHere, Here, JobFile, Meeting};
 pub use flight::Flight;
 pub use input::{Content, Input};
+pub use kind::JobKind;
 pub use log::{ExampleCase, LogExample, LogImport};
 pub use part::{NextPart, PartAccepted, PartEnd, PartEvents, PartFile, PartHow, PartInput, PartOrder};
+pub use queue_event::{QueueEvent, QueueEventKind};
+pub use status::Status;
 pub use stored::StoredJob;
+pub use ticket::{Invitation, SeatRole, Ticket, Tickets};
 pub use training::Training;
 pub use twin::{Comparison, Diagnosis, Identification, Improvement, NextFlight};
 pub use verification::{Verification, Verified};

@@ -65,6 +65,16 @@ pub enum Packet {
     Finish(Finish),
 }
 
+/// A role as part of the name of a topic, a service or a key.
+pub fn slug(role: Role) -> &'static str {
+    match role {
+        Role::Plant => "plant",
+        Role::Controller => "controller",
+        Role::Fdi => "fdi",
+        Role::Unspecified => "nobody",
+    }
+}
+
 /// Result of sending a packet.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Delivery {

@@ -23,7 +23,7 @@
 //! All processes of a run need the same user, `/dev/shm` and iceoryx2 release. There is no authentication below that: any process
 //! with the user id can take part.
 
-use crate::endpoint::{Delivery, Endpoint, MAX_FDI_WINDOW, Packet};
+use crate::endpoint::{Delivery, Endpoint, MAX_FDI_WINDOW, Packet, slug};
 use crate::shared_frame::{Named, SharedFrame};
 use iceoryx2::node::NodeView as _;
 use iceoryx2::port::listener::Listener;
@@ -298,7 +298,7 @@ pub struct Iox2Endpoint {
     run_id: u64,
     options: Iox2Options,
     /// By [`slot`]: processes that this one may wake.
-    notifiers: [Option<Notifier<Service>>; 3],
+    notifiers: Notifiers,
     listener: Listener<Service>,
     sensors_out: Option<Publisher<Service, SharedFrame<SensorFrame>, ()>>,
     sensors_in: Option<Subscriber<Service, SharedFrame<SensorFrame>, ()>>,
@@ -318,6 +318,11 @@ pub struct Iox2Endpoint {
     _lock: File,
 }
 
+/// By [`slot`].
+type Notifiers = [Option<Notifier<Service>>; 3];
+/// Out, in.
+type ControlPorts = (Publisher<Service, [u8], ()>, Subscriber<Service, [u8], ()>);
+
 /// Array index of a role.
 fn slot(role: Role) -> Option<usize> {
     match role {
@@ -325,15 +330,6 @@ fn slot(role: Role) -> Option<usize> {
         Role::Controller => Some(1),
         Role::Fdi => Some(2),
         Role::Unspecified => None,
-    }
-}
-
-fn slug(role: Role) -> &'static str {
-    match role {
-        Role::Plant => "plant",
-        Role::Controller => "controller",
-        Role::Fdi => "fdi",
-        Role::Unspecified => "nobody",
     }
 }
 
@@ -352,17 +348,7 @@ impl Iox2Endpoint {
         check_free_space(free_space()?)?;
         let config = options.config()?;
         let lock = options.enter()?;
-        let name = NodeName::new(&node_name(run_id, role)).map_err(|error| failed("naming the node", error))?;
-        let node = retried(
-            || format!("creating the node in {}", options.root.display()),
-            || {
-                NodeBuilder::new()
-                    .config(&config)
-                    .name(&name)
-                    .signal_handling_mode(SignalHandlingMode::Disabled)
-                    .create::<Service>()
-            },
-        )?;
+        let node = node_of(role, run_id, &config, &options.root)?;
 
         let sensors: Topic<SharedFrame<SensorFrame>> = topic(&node, run_id, "v1/sensors", 2)?;
         let command: Topic<SharedFrame<CommandFrame>> = topic(&node, run_id, "v1/command", 2)?;
@@ -377,63 +363,8 @@ impl Iox2Endpoint {
         let report_out = is(Role::Fdi).then(|| publisher(&report, role)).transpose()?;
         let report_in = is(Role::Plant).then(|| subscriber(&report, role)).transpose()?;
 
-        let to_plant = control_topic(&node, run_id, "to-plant", 2, 1)?;
-        let to_peers = control_topic(&node, run_id, "to-peers", 1, 2)?;
-        let (outgoing, incoming) = if is(Role::Plant) {
-            (&to_peers, &to_plant)
-        } else {
-            (&to_plant, &to_peers)
-        };
-        let control_out = retried(
-            || port_action("publisher", "hand-shake", role),
-            || {
-                outgoing
-                    .publisher_builder()
-                    .initial_max_slice_len(CONTROL_BYTES)
-                    .allocation_strategy(AllocationStrategy::Static)
-                    .backpressure_strategy(BackpressureStrategy::DiscardData)
-                    .create()
-            },
-        )?;
-        let control_in = retried(
-            || port_action("subscriber", "hand-shake", role),
-            || incoming.subscriber_builder().create(),
-        )?;
-
-        let mut notifiers = [None, None, None];
-        let mut listener = None;
-        for other in [Role::Plant, Role::Controller, Role::Fdi] {
-            let name = service_name(run_id, &format!("wake/{}", slug(other)))?;
-            let event = retried(
-                || format!("opening {name}"),
-                || {
-                    node.service_builder(&name)
-                        .event()
-                        .max_listeners(1)
-                        .max_notifiers(2)
-                        .max_nodes(4)
-                        .event_id_max_value(LEFT)
-                        .notifier_dropped_event(EventId::new(LEFT))
-                        .open_or_create()
-                },
-            )?;
-            if other == role {
-                listener = Some(retried(
-                    || port_action("listener", "event", role),
-                    || event.listener_builder().create(),
-                )?);
-            } else if let Some(slot) = slot(other) {
-                // The FDI engine sends nothing to the controller.
-                if (role, other) != (Role::Fdi, Role::Controller) {
-                    let notifier = retried(
-                        || port_action("notifier", "event", role),
-                        || event.notifier_builder().default_event_id(EventId::new(PACKET)).create(),
-                    )?;
-                    notifiers[slot] = Some(notifier);
-                }
-            }
-        }
-        let listener = listener.ok_or_else(|| failed("creating an endpoint", "a role is needed"))?;
+        let (control_out, control_in) = control_ports(&node, run_id, role)?;
+        let (notifiers, listener) = wake_ports(&node, run_id, role)?;
         Ok(Self {
             role,
             run_id,
@@ -511,6 +442,87 @@ impl Iox2Endpoint {
 fn service_name(run_id: u64, topic: &str) -> Result<ServiceName, LinkError> {
     let name = format!("rotortwin/{run_id:016x}/{topic}");
     ServiceName::new(&name).map_err(|error| failed(&format!("naming the service {name}"), error))
+}
+
+/// The node of `role` in the run; `root`: its folder.
+fn node_of(role: Role, run_id: u64, config: &Config, root: &std::path::Path) -> Result<Node<Service>, LinkError> {
+    let name = NodeName::new(&node_name(run_id, role)).map_err(|error| failed("naming the node", error))?;
+    retried(
+        || format!("creating the node in {}", root.display()),
+        || {
+            NodeBuilder::new()
+                .config(config)
+                .name(&name)
+                .signal_handling_mode(SignalHandlingMode::Disabled)
+                .create::<Service>()
+        },
+    )
+}
+
+/// Ports of the hand-shake: to the plant from its peers, and back.
+fn control_ports(node: &Node<Service>, run_id: u64, role: Role) -> Result<ControlPorts, LinkError> {
+    let to_plant = control_topic(node, run_id, "to-plant", 2, 1)?;
+    let to_peers = control_topic(node, run_id, "to-peers", 1, 2)?;
+    let (outgoing, incoming) = if role == Role::Plant {
+        (&to_peers, &to_plant)
+    } else {
+        (&to_plant, &to_peers)
+    };
+    let control_out = retried(
+        || port_action("publisher", "hand-shake", role),
+        || {
+            outgoing
+                .publisher_builder()
+                .initial_max_slice_len(CONTROL_BYTES)
+                .allocation_strategy(AllocationStrategy::Static)
+                .backpressure_strategy(BackpressureStrategy::DiscardData)
+                .create()
+        },
+    )?;
+    let control_in = retried(
+        || port_action("subscriber", "hand-shake", role),
+        || incoming.subscriber_builder().create(),
+    )?;
+    Ok((control_out, control_in))
+}
+
+/// Ports with which the processes of a run wake each other.
+fn wake_ports(node: &Node<Service>, run_id: u64, role: Role) -> Result<(Notifiers, Listener<Service>), LinkError> {
+    let mut notifiers = [None, None, None];
+    let mut listener = None;
+    for other in [Role::Plant, Role::Controller, Role::Fdi] {
+        let name = service_name(run_id, &format!("wake/{}", slug(other)))?;
+        let event = retried(
+            || format!("opening {name}"),
+            || {
+                node.service_builder(&name)
+                    .event()
+                    .max_listeners(1)
+                    .max_notifiers(2)
+                    .max_nodes(4)
+                    .event_id_max_value(LEFT)
+                    .notifier_dropped_event(EventId::new(LEFT))
+                    .open_or_create()
+            },
+        )?;
+        if other == role {
+            listener = Some(retried(
+                || port_action("listener", "event", role),
+                || event.listener_builder().create(),
+            )?);
+        } else if let Some(slot) = slot(other) {
+            // The FDI engine sends nothing to the controller.
+            if (role, other) != (Role::Fdi, Role::Controller) {
+                let notifier = retried(
+                    || port_action("notifier", "event", role),
+                    || event.notifier_builder().default_event_id(EventId::new(PACKET)).create(),
+                )?;
+                notifiers[slot] = Some(notifier);
+            }
+        }
+    }
+    let listener = listener.ok_or_else(|| failed("creating an endpoint", "a role is needed"))?;
+    Ok((notifiers, listener))
 }
 
 fn port_action(port: &str, topic: &str, role: Role) -> String {

@@ -19,6 +19,7 @@
 //! * Within one run and role, clients are not distinguished unless a grant names them.
 //! * User and password without TLS authenticate (the password itself is not sent) but encrypt nothing.
 
+use crate::endpoint::slug;
 use rotortwin_proto::Role;
 use std::fmt;
 use std::path::PathBuf;
@@ -333,16 +334,6 @@ fn rules_of(role: Role) -> [Rule; 8] {
             &["alive/plant", "alive/controller", "alive/fdi"],
         ),
     ]
-}
-
-/// A role as part of a key.
-pub fn slug(role: Role) -> &'static str {
-    match role {
-        Role::Plant => "plant",
-        Role::Controller => "controller",
-        Role::Fdi => "fdi",
-        Role::Unspecified => "nobody",
-    }
 }
 
 /// Letters, digits, `-` and `_`.

@@ -4,10 +4,10 @@ use crate::Tell;
 use crate::failure::Failure;
 use rotortwin_campaign::parallel::available_threads;
 use rotortwin_campaign::study::engine::{OneByOne, SideBySide};
-use rotortwin_campaign::study::folder::{CampaignFolder, write_whole};
+use rotortwin_campaign::study::folder::CampaignFolder;
 use rotortwin_campaign::study::runner::{self, Plan, RunEnd, RunOptions};
 use rotortwin_campaign::study::totals::Totals;
-use rotortwin_campaign::study::{Campaign, report, results};
+use rotortwin_campaign::study::{Campaign, results};
 use rotortwin_jobs::{Campaign as Job, JobEvent, Progress};
 use serde::Serialize;
 use std::collections::BTreeSet;
@@ -177,14 +177,7 @@ impl Prepared<'_> {
 /// # Errors
 /// They cannot be read or written.
 pub fn sum_up(campaign: &Campaign, folder: &CampaignFolder) -> Result<Totals, Failure> {
-    let summed_up = || {
-        let totals = results::collect(campaign, folder)?;
-        results::write_summary(campaign, folder, &totals)?;
-        let page = report::render(campaign, &totals);
-        write_whole(&folder.path().join(results::REPORT_FILE), page.as_bytes())?;
-        Ok(totals)
-    };
-    summed_up().map_err(|sentence: String| Failure::writing(folder.path(), sentence))
+    results::write_all(campaign, folder).map_err(|sentence| Failure::writing(folder.path(), sentence))
 }
 
 /// Default folder of a campaign.

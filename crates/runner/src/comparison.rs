@@ -38,6 +38,8 @@ pub fn compare(job: &Job) -> Result<Compared, Failure> {
     for (model, label) in models.iter_mut().zip(&job.label) {
         model.label.clone_from(label);
     }
+    // Before the logs: reading those of an hour takes seconds.
+    let folder = ResultFolder::of_option(job.out.as_ref()).map_err(Failure::input)?;
     let first = models.first().map(|model| model.version.vehicle.clone());
     let logs = match &first {
         Some(vehicle) => read_logs_for(&job.logs, vehicle)?,
@@ -59,7 +61,6 @@ pub fn compare(job: &Job) -> Result<Compared, Failure> {
             return Err(Failure::input(sentence));
         }
     }
-    let folder = ResultFolder::of_option(job.out.as_ref()).map_err(Failure::input)?;
     let (comparison, series) = compare::compare(&logs, &models).map_err(Failure::input)?;
     let text = text(&comparison);
     if let Some(folder) = folder.map(ResultFolder::keep) {

@@ -88,20 +88,37 @@ pub fn write_text(path: &Path, text: &str) -> Result<(), String> {
     std::fs::write(path, text).map_err(|error| format!("{}: cannot be written: {error}", path.display()))
 }
 
-/// An error message about a full disk at `place`, if it is full.
-pub(crate) fn full_disk(place: &Path) -> Option<String> {
+/// Whether an error, which came as a sentence, is that of a full disk or an exceeded quota. Linux words both as below.
+pub fn is_of_a_full_disk(sentence: &str) -> bool {
+    let codes = [rustix::io::Errno::NOSPC, rustix::io::Errno::DQUOT];
+    codes
+        .iter()
+        .any(|code| sentence.contains(&format!("(os error {})", code.raw_os_error())))
+        || sentence.contains("the disk is full")
+}
+
+/// Bytes in a unit that shows more than 0.
+fn size(bytes: u64) -> String {
+    match bytes >> 20 {
+        0 => format!("{} KiB", bytes >> 10),
+        whole => format!("{whole} MiB"),
+    }
+}
+
+/// An error message about a full disk at `place`, if it is full, or if `sentence`, the error, says so: what was written may have been removed since.
+pub(crate) fn full_disk(place: &Path, sentence: &str) -> Option<String> {
     let place = place.ancestors().find(|place| place.exists())?.canonicalize().ok()?;
     let space = rustix::fs::statvfs(&place).ok()?;
     let free = space.f_bavail * space.f_frsize;
     let device = std::fs::metadata(&place).ok()?.dev();
     let on_it = |path: &&Path| std::fs::metadata(path).is_ok_and(|data| data.dev() == device);
     let mount = place.ancestors().take_while(on_it).last()?;
-    (free < FULL_BELOW_BYTES).then(|| {
+    (free < FULL_BELOW_BYTES || is_of_a_full_disk(sentence)).then(|| {
         format!(
-            "the disk is full: {} has {} KiB left of {} MiB",
+            "the disk is full: {} has {} left of {}",
             mount.display(),
-            free / 1024,
-            (space.f_blocks * space.f_frsize) >> 20
+            size(free),
+            size(space.f_blocks * space.f_frsize)
         )
     })
 }
@@ -150,6 +167,14 @@ mod tests {
 
     #[test]
     fn val_a_disk_with_room_is_not_full() {
-        assert_eq!(full_disk(&std::env::temp_dir().join("not/there/yet")), None);
+        let place = std::env::temp_dir().join("not/there/yet");
+        assert_eq!(full_disk(&place, "permission denied (os error 13)"), None);
+        // What was written was removed before anybody looked: the error decides.
+        let said = full_disk(&place, "a.csv: No space left on device (os error 28)").unwrap();
+        assert!(said.starts_with("the disk is full: /"), "{said}");
+        assert_eq!(
+            (size(300 << 10), size(3 << 30)),
+            ("300 KiB".to_owned(), "3072 MiB".to_owned())
+        );
     }
 }

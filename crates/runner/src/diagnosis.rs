@@ -48,13 +48,14 @@ pub struct Diagnosed {
 pub fn diagnose(job: &Job, advise: bool, tell: Tell<'_>) -> Result<Diagnosed, Failure> {
     let start = Instant::now();
     let found = ModelStore::new(&job.models).find(&job.model)?;
+    // Before the logs: reading those of an hour takes seconds.
+    let folder = ResultFolder::of_option(job.out.as_ref()).map_err(Failure::input)?;
     let logs = read_logs_for(&job.logs, &found.version.vehicle)?;
     refused(&logs, &found.version.vehicle)?;
     let baseline = read_logs_for(&job.baseline, &found.version.vehicle)?;
     refused(&baseline, &found.version.vehicle)?;
     let effects: Result<Vec<EffectDocument>, ConfigError> = job.effects.iter().map(effect_documents::load).collect();
     let effects = effects.map_err(Failure::input)?;
-    let folder = ResultFolder::of_option(job.out.as_ref()).map_err(Failure::input)?;
     let options = Options {
         effects,
         baseline,
@@ -243,6 +244,50 @@ fn text(diagnosis: &Diagnosis, model: &str) -> String {
         text += &format!("{PLUS_MINUS}\n");
     }
     text += "\n";
+    text += &findings(diagnosis);
+    for one in diagnosis.calibrate.iter().filter(|one| !one.blocking) {
+        text += &format!("Calibrate    {}\n", one.sentence());
+    }
+    if let Some(proposal) = &diagnosis.proposal {
+        text += &format!("Proposal     {}\n", proposal.sentence());
+    }
+    text += &held_out(diagnosis);
+    let plus_minus = if is_told {
+        String::new()
+    } else {
+        format!("; {PLUS_MINUS}")
+    };
+    text += &format!(
+        "\nRanking about the given model (linear{plus_minus})\n{}\n",
+        ranking(diagnosis)
+    );
+    text += &not_testable(diagnosis);
+    text += &not_considered(&diagnosis.not_considered);
+    let colour: Vec<&str> = diagnosis.goodness.unexplained.iter().map(String::as_str).collect();
+    if !colour.is_empty() {
+        text += &format!("Unexplained  {}\n", colour.join(", "));
+    }
+    for note in &diagnosis.notes {
+        text += &format!("Note         {note}\n");
+    }
+    text += &format!(
+        "Model        {model}, hash {}; the findings apply to this model only\n",
+        diagnosis.model.hash
+    );
+    text += &format!(
+        "Assumed      every other parameter is off by 2 % of its plausible size; threshold ln BF {:.0}\n",
+        diagnosis.threshold
+    );
+    text += &format!(
+        "Took         {:.2} s, ranked after {:.2} s\n",
+        diagnosis.timing.total_s, diagnosis.timing.ranked_s
+    );
+    text
+}
+
+/// What is missing, and what is wrong with the logs: of all flights together, then of those that stand apart.
+fn findings(diagnosis: &Diagnosis) -> String {
+    let mut text = String::new();
     let label = called(&diagnosis.verdict);
     for found in &diagnosis.effects {
         text += &format!("{label:13}{}", finding(found));
@@ -260,12 +305,12 @@ fn text(diagnosis: &Diagnosis, model: &str) -> String {
             text += &format!("Log fault    in {logs}: {}", finding(found));
         }
     }
-    for one in diagnosis.calibrate.iter().filter(|one| !one.blocking) {
-        text += &format!("Calibrate    {}\n", one.sentence());
-    }
-    if let Some(proposal) = &diagnosis.proposal {
-        text += &format!("Proposal     {}\n", proposal.sentence());
-    }
+    text
+}
+
+/// Errors on the parts of the flights that the fit has not seen.
+fn held_out(diagnosis: &Diagnosis) -> String {
+    let mut text = String::new();
     if !diagnosis.held_out.is_empty() {
         text += "\nFitted on every other 5 s, tested on the rest (means over 0.1 s)\n";
         for error in &diagnosis.held_out {
@@ -279,12 +324,11 @@ fn text(diagnosis: &Diagnosis, model: &str) -> String {
             );
         }
     }
-    let plus_minus = if is_told {
-        String::new()
-    } else {
-        format!("; {PLUS_MINUS}")
-    };
-    text += &format!("\nRanking about the given model (linear{plus_minus})\n");
+    text
+}
+
+/// The effects that explain most, by themselves.
+fn ranking(diagnosis: &Diagnosis) -> Grid {
     let mut table = Grid::new(["effect", "fitted", "ln BF", "held-out chi²"]).numbers([2, 3]);
     for row in diagnosis.ranking.iter().take(RANKING_ROWS) {
         let label = if row.can_be() {
@@ -299,7 +343,12 @@ fn text(diagnosis: &Diagnosis, model: &str) -> String {
             format!("{:+.0}", row.held_out_chi2_change),
         ]);
     }
-    text += &format!("{table}\n");
+    table
+}
+
+/// Effects that would not show on these flights, with the size that would.
+fn not_testable(diagnosis: &Diagnosis) -> String {
+    let mut text = String::new();
     if !diagnosis.not_testable.is_empty() {
         text += "Not testable on this flight\n";
         for row in &diagnosis.not_testable {
@@ -322,26 +371,6 @@ fn text(diagnosis: &Diagnosis, model: &str) -> String {
             );
         }
     }
-    text += &not_considered(&diagnosis.not_considered);
-    let colour: Vec<&str> = diagnosis.goodness.unexplained.iter().map(String::as_str).collect();
-    if !colour.is_empty() {
-        text += &format!("Unexplained  {}\n", colour.join(", "));
-    }
-    for note in &diagnosis.notes {
-        text += &format!("Note         {note}\n");
-    }
-    text += &format!(
-        "Model        {model}, hash {}; the findings apply to this model only\n",
-        diagnosis.model.hash
-    );
-    text += &format!(
-        "Assumed      every other parameter is off by 2 % of its plausible size; threshold ln BF {:.0}\n",
-        diagnosis.threshold
-    );
-    text += &format!(
-        "Took         {:.2} s, ranked after {:.2} s\n",
-        diagnosis.timing.total_s, diagnosis.timing.ranked_s
-    );
     text
 }
 

@@ -28,9 +28,10 @@ impl Failure {
 
     /// A write error at `place`; a full disk is named.
     pub fn writing(place: &Path, sentence: impl Display) -> Self {
-        match full_disk(place) {
+        let sentence = sentence.to_string();
+        match full_disk(place, &sentence) {
             Some(disk) => Self::Failed(format!("{sentence}; {disk}")),
-            None => Self::failed(sentence),
+            None => Self::Failed(sentence),
         }
     }
 }

@@ -8,7 +8,7 @@ use rotortwin_bridge::autopilot::address::AutopilotAddress;
 use rotortwin_bridge::session::{BoardLink, SessionOptions, SessionReport};
 use rotortwin_flight::pace::Pace;
 use rotortwin_jobs::flight::{self, Flight, Link, Place};
-use rotortwin_jobs::{FlightHere, Meeting};
+use rotortwin_jobs::{FlightHere, Meeting, SeatRole, Ticket, Tickets};
 use rotortwin_links::endpoint::PeerOptions;
 use rotortwin_links::host_name;
 use rotortwin_process::launch::{self, Part};
@@ -20,7 +20,6 @@ use rotortwin_store::summary::{Status, Summary, load_summary};
 use rotortwin_wire::autopilot::Autopilot;
 use rotortwin_wire::events::RunEvent;
 use rotortwin_wire::link::{LinkTiming, PlantLink};
-use serde::Serialize;
 use std::collections::BTreeSet;
 use std::ffi::OsString;
 use std::path::{Path, PathBuf};
@@ -80,7 +79,7 @@ pub struct Processes {
     /// Their meeting point.
     pub address: LinkAddress,
     /// Started externally.
-    pub external: BTreeSet<External>,
+    pub external: BTreeSet<SeatRole>,
     /// Steps that the FDI engine may trail behind the plant.
     pub fdi_window: u64,
     /// Processors to run on.
@@ -99,53 +98,15 @@ pub struct Board {
     pub compare: bool,
 }
 
-/// An externally started process.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
-pub enum External {
-    /// The controller.
-    Controller,
-    /// The FDI engine.
-    Fdi,
-}
-
-impl External {
-    /// Name in commands and events.
-    pub const fn name(self) -> &'static str {
-        match self {
-            Self::Controller => "controller",
-            Self::Fdi => "fdi",
-        }
-    }
-}
-
 /// Event of a flight.
 #[derive(Debug)]
 pub enum FlightEvent<'a> {
     /// These processes can join now.
-    Join(Vec<Invited>),
+    Join(Tickets),
     /// Waiting for something.
     Waiting(String),
     /// Of the plant.
     Run(&'a RunEvent),
-}
-
-/// An externally started process, with everything it needs to know.
-#[derive(Debug, Clone, PartialEq, Eq, Serialize)]
-pub struct Invited {
-    /// The command that starts our own program in its place.
-    pub command: String,
-    /// Time-out for it to join, ms.
-    pub join_timeout_ms: u64,
-    /// Link address.
-    pub link: String,
-    /// Version of the messages.
-    pub messages: u32,
-    /// `controller` or `fdi`.
-    pub role: &'static str,
-    /// Number of the run, 16 hexadecimal digits.
-    pub run_id: String,
-    /// Time-out for an answer, ms.
-    pub step_timeout_ms: u64,
 }
 
 /// Receiver of events.
@@ -222,9 +183,9 @@ fn peers(job: &Flight, here: &FlightHere, scenario: &Scenario, seed: u64, path: 
             .map(|opened| Peers::Autopilot(address, opened))
             .map_err(|refused| refused.into_failure(path));
     }
-    let external: BTreeSet<External> = [
-        (External::Controller, job.controller.place().unwrap_or_default()),
-        (External::Fdi, job.fdi),
+    let external: BTreeSet<SeatRole> = [
+        (SeatRole::Controller, job.controller.place().unwrap_or_default()),
+        (SeatRole::Fdi, job.fdi),
     ]
     .into_iter()
     .filter(|(_, place)| *place != Place::Beside)
@@ -444,7 +405,7 @@ impl Running<'_> {
         }
         let parts = self.parts(&processes);
         if !processes.external.is_empty() {
-            (self.tell)(&FlightEvent::Join(self.invited(&processes)));
+            (self.tell)(&FlightEvent::Join(self.tickets(&processes)));
         }
         let start = std::time::Instant::now();
         let silence_limit = PeerOptions::new(
@@ -522,12 +483,12 @@ impl Running<'_> {
             name: "sim",
             args: sim.0,
         }];
-        for who in [External::Controller, External::Fdi] {
+        for who in SeatRole::ALL {
             if !processes.external.contains(&who) {
                 let mut peer = common.clone();
                 peer.option("--link", processes.address.for_peers("127.0.0.1").to_string());
                 parts.push(Part {
-                    name: who.name(),
+                    name: who.as_str(),
                     args: peer.0,
                 });
             }
@@ -536,25 +497,27 @@ impl Running<'_> {
     }
 
     /// Everything needed to start a part externally.
-    fn invited(&self, processes: &Processes) -> Vec<Invited> {
+    fn tickets(&self, processes: &Processes) -> Tickets {
         let link = processes.address.for_peers(&host_name()).to_string();
-        let invited = |who: &External| {
+        let ticket = |role: &SeatRole| {
             let join_timeout_ms = self.join_timeout_ms.unwrap_or(EXTERNAL_JOIN_TIMEOUT_MS);
-            let command = invitation(*who, &link, self.config.run_id, join_timeout_ms, self.step_timeout_ms);
-            Invited {
+            let command = invitation(*role, &link, self.config.run_id, join_timeout_ms, self.step_timeout_ms);
+            Ticket {
+                role: *role,
+                link: link.clone(),
+                run_id: format!("{:016x}", self.config.run_id),
+                messages: rotortwin_wire::PROTOCOL_VERSION,
+                join_timeout_ms,
+                step_timeout_ms: self.step_timeout_ms,
                 command: match self.config.priority {
                     Some(priority) => format!("{command} --priority={priority}"),
                     None => command,
                 },
-                join_timeout_ms,
-                link: link.clone(),
-                messages: rotortwin_wire::PROTOCOL_VERSION,
-                role: who.name(),
-                run_id: format!("{:016x}", self.config.run_id),
-                step_timeout_ms: self.step_timeout_ms,
             }
         };
-        processes.external.iter().map(invited).collect()
+        Tickets {
+            peers: processes.external.iter().map(ticket).collect(),
+        }
     }
 }
 
@@ -574,9 +537,9 @@ impl ArgList {
 }
 
 /// The command that starts our own program in that place. It waits as long as the plant does for all peers to join.
-pub fn invitation(who: External, link: &str, run_id: u64, join_timeout_ms: u64, step_timeout_ms: u64) -> String {
+pub fn invitation(role: SeatRole, link: &str, run_id: u64, join_timeout_ms: u64, step_timeout_ms: u64) -> String {
     format!(
         "rotortwin {} --link {link} --run-id {run_id:016x} --join-timeout {join_timeout_ms} --step-timeout {step_timeout_ms}",
-        who.name()
+        role.as_str()
     )
 }

@@ -1,7 +1,7 @@
 //! Tables that fit the terminal: words are never broken, numbers never separated from their unit.
 //!
-//! If a table is too wide, its headings are wrapped first, then the longest texts; if that is not enough, it is printed in blocks of columns,
-//! each repeating the first column.
+//! If a table is too wide, its columns move closer together and the longest headings and texts are wrapped; if that is not enough, it is printed
+//! in blocks of columns, each repeating the first column.
 
 use crate::text;
 use comfy_table::{CellAlignment, ContentLineStyle, LineStyle, Table, TableStyle};
@@ -18,6 +18,9 @@ const STYLE: TableStyle = TableStyle::new()
 
 /// Spaces next to a cell, both sides together, and the position of the following separator: the style draws none, but reserves its space.
 const PADDING: usize = 3;
+
+/// The same where the table would be too wide.
+const TIGHT: usize = 2;
 
 /// The position of the separator before the first column.
 const EDGE: usize = 1;
@@ -96,7 +99,7 @@ impl Grid {
 
     /// Groups of columns per block, each with the first one.
     fn blocks(&self, width: usize) -> Vec<Vec<usize>> {
-        let needs = |column: usize| self.least(column) + PADDING;
+        let needs = |column: usize| self.least(column) + TIGHT;
         let mut blocks = vec![vec![0]];
         let mut taken = needs(0);
         for column in 1..self.header.len() {
@@ -113,7 +116,9 @@ impl Grid {
     /// Some columns, the widest of them wrapped until all fit.
     fn block(&self, columns: &[usize], width: usize) -> String {
         let mut widths: Vec<usize> = columns.iter().map(|column| self.whole(*column)).collect();
-        while widths.iter().map(|width| width + PADDING).sum::<usize>() > width {
+        let taken = |widths: &[usize], padding: usize| widths.iter().map(|width| width + padding).sum::<usize>();
+        let is_tight = taken(&widths, PADDING) > width;
+        while taken(&widths, TIGHT) > width {
             let foldable = (0..columns.len()).filter(|place| widths[*place] > self.least(columns[*place]));
             let Some(widest) = foldable.max_by_key(|place| widths[*place]) else {
                 break;
@@ -133,8 +138,12 @@ impl Grid {
             table.add_row(folded(row));
         }
         for (place, column) in columns.iter().enumerate() {
-            if let (true, Some(column)) = (self.numbers.contains(column), table.column_mut(place)) {
-                column.set_cell_alignment(CellAlignment::Right);
+            let Some(drawn) = table.column_mut(place) else { continue };
+            if is_tight {
+                drawn.set_padding((0, 1));
+            }
+            if self.numbers.contains(column) {
+                drawn.set_cell_alignment(CellAlignment::Right);
             }
         }
         table.to_string()
@@ -152,13 +161,37 @@ fn widest_line(text: &str) -> usize {
 }
 
 fn widest_word(text: &str) -> usize {
-    text.split_whitespace()
-        .map(|word| word.chars().count())
-        .max()
-        .unwrap_or(0)
+    words(text).iter().map(|word| word.chars().count()).max().unwrap_or(0)
 }
 
-/// Lines of at most `width` characters, broken between words.
+/// What stands next to a number.
+const UNITS: [&str; 33] = [
+    "%", "‰", "×", "°", "s", "ms", "µs", "min", "h", "m", "mm", "cm", "m/s", "m/s²", "rad", "rad/s", "mrad/s",
+    "rad/s²", "Hz", "kHz", "kg", "g", "N", "mN", "N·m", "mN·m", "V", "mV", "A", "Ah", "Ω", "mΩ", "nats",
+];
+
+/// Words that stay in one piece: a number with its unit, both ends of an interval.
+fn words(line: &str) -> Vec<String> {
+    let mut words: Vec<String> = Vec::new();
+    for word in line.split_whitespace() {
+        match words.last_mut() {
+            Some(last) if belong_together(last, word) => {
+                last.push(' ');
+                last.push_str(word);
+            }
+            _ => words.push(word.to_owned()),
+        }
+    }
+    words
+}
+
+fn belong_together(last: &str, word: &str) -> bool {
+    let is_unit = UNITS.contains(&word.trim_end_matches([',', '.', ';', ':', ')', ']']));
+    let is_interval = last.starts_with('[') && last.ends_with(',') && !last.contains(' ') && word.contains(']');
+    is_interval || (is_unit && last.ends_with(|c: char| c.is_ascii_digit()))
+}
+
+/// Lines of at most `width` characters, broken between words; a number stays with its unit.
 pub fn fold(text: &str, width: usize) -> String {
     let mut lines: Vec<String> = Vec::new();
     for line in text.lines() {
@@ -167,14 +200,14 @@ pub fn fold(text: &str, width: usize) -> String {
             continue;
         }
         let mut folded = String::new();
-        for word in line.split_whitespace() {
+        for word in words(line) {
             if !folded.is_empty() && folded.chars().count() + 1 + word.chars().count() > width {
                 lines.push(std::mem::take(&mut folded));
             }
             if !folded.is_empty() {
                 folded.push(' ');
             }
-            folded.push_str(word);
+            folded.push_str(&word);
         }
         lines.push(folded);
     }
@@ -206,16 +239,48 @@ mod tests {
         assert!(widest(&folded) <= 50, "{folded}");
         assert_eq!(folded.matches("rotor-drag").count(), 1, "one block:\n{folded}");
         assert!(folded.contains(" 100.0 % "), "numbers keep their unit:\n{folded}");
-        for width in 26..=90 {
+        for width in 25..=90 {
             let text = grid().laid_out(width);
             assert!(widest(&text) <= width, "{width}:\n{text}");
         }
-        let blocks = grid().laid_out(34);
-        assert!(widest(&blocks) <= 34, "{blocks}");
+        let blocks = grid().laid_out(30);
+        assert!(widest(&blocks) <= 30, "{blocks}");
         assert!(blocks.matches("rotor-drag").count() > 1, "{blocks}");
         for word in ["together", "windows", "alarms", "12"] {
             assert!(blocks.contains(word), "{word} is missing:\n{blocks}");
         }
+    }
+
+    /// The columns of a flight's verdicts, which have to fit 80.
+    #[test]
+    fn val_numbers_of_texts_keep_their_unit_and_intervals_their_ends() {
+        let mut grid = Grid::new([
+            "interval",
+            "truth",
+            "evaluator",
+            "verdict at end",
+            "correct",
+            "delay",
+            "false alarms",
+        ])
+        .numbers_from(4);
+        grid.add_row([
+            "45.00–60.00 s",
+            "rotor 3: −20 % thrust",
+            "Sequential detector",
+            "rotor 3, lost 19.3 % [18.0, 20.7]",
+            "100.0 %",
+            "0.188 s",
+            "–",
+        ]);
+        let text = grid.laid_out(80);
+        assert!(widest_line(&text) <= 80, "{text}");
+        for piece in ["45.00–60.00 s", "−20 %", "19.3 %", "[18.0, 20.7]", "0.188 s"] {
+            assert!(text.contains(piece), "'{piece}' is broken:\n{text}");
+        }
+        assert_eq!(text.matches("45.00–60.00 s").count(), 1, "one block:\n{text}");
+        assert_eq!(fold("lost 3.6 % [3.4, 3.8] s", 11), "lost 3.6 %\n[3.4, 3.8]\ns");
+        assert_eq!(fold("after 3 s it stands", 8), "after\n3 s it\nstands");
     }
 
     #[test]

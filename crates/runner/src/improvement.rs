@@ -71,6 +71,12 @@ impl Companion for Always {
 pub fn improve(job: &Job, companion: &mut impl Companion, tell: Tell<'_>) -> Result<Improved, Failure> {
     let store = ModelStore::new(&job.models);
     let (version, branch) = find_or_begin(&store, &job.model)?;
+    // Before the logs: reading those of an hour takes seconds.
+    job.final_version
+        .as_deref()
+        .map_or(Ok(()), destination::writable_file)
+        .map_err(Failure::input)?;
+    let folder = ResultFolder::beside(job.out.as_deref(), &job.models).map_err(Failure::input)?;
     let logs = read_logs_for(&job.logs, &version.vehicle)?;
     let held_out = read_logs_for(&job.held_out, &version.vehicle)?;
     refused(&logs, &version.vehicle)?;
@@ -81,11 +87,6 @@ pub fn improve(job: &Job, companion: &mut impl Companion, tell: Tell<'_>) -> Res
     let label = format!("{}@v{number}", version.name);
     let base = format!("{label}, hash {}", version.hash());
     let model = NamedModel { label, version };
-    job.final_version
-        .as_deref()
-        .map_or(Ok(()), destination::writable_file)
-        .map_err(Failure::input)?;
-    let folder = ResultFolder::beside(job.out.as_deref(), &job.models).map_err(Failure::input)?;
     let start = Instant::now();
     let options = Options {
         progress: &|text, share| tell(&share_done(text, share)),

@@ -14,7 +14,7 @@ use std::path::Path;
 /// Default name of the log.
 pub const NAME: &str = "log";
 /// The hidden effect, next to the log.
-const TRUTH: &str = "truth.json";
+pub const TRUTH: &str = "truth.json";
 
 /// Maximum draws of a preset: the hidden effect may tip a vehicle over, which was not requested.
 const DRAWS: u64 = 8;
@@ -25,6 +25,17 @@ const DRAWS: u64 = 8;
 /// The effect or the vehicle cannot be used, the flight is lost, or the files cannot be written.
 pub fn make(job: &Job) -> Result<FlightLog, Failure> {
     let disk = |error: &dyn std::fmt::Display| Failure::writing(&job.out, error);
+    // Before the flight: what was flown would be lost.
+    if let Some(there) = [format!("{NAME}.parquet"), TRUTH.to_owned()]
+        .iter()
+        .map(|name| job.out.join(name))
+        .find(|path| path.exists())
+    {
+        return Err(Failure::Input(format!(
+            "{}: already exists; name another folder with --out, or remove it",
+            there.display()
+        )));
+    }
     let scratch = tempfile::tempdir().map_err(|error| disk(&format!("a folder cannot be created: {error}")))?;
     let flown = scratch.path().join("flown.parquet");
     let (plan, rows, nuisances) = fly_one(job, &flown)?;

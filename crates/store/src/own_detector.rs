@@ -125,6 +125,25 @@ pub fn judge(run: &Path, detector: &mut dyn Detector) -> Result<Summary> {
 
 /// The name of the column for a detector's verdicts.
 fn column_of(name: &str, summary: &Summary) -> std::result::Result<String, String> {
+    let column = format!("{PREFIX}{}", plain_name(name)?);
+    match summary
+        .own_detectors
+        .iter()
+        .find(|known| known.column == column && known.name != name)
+    {
+        Some(other) => Err(format!(
+            "the verdicts of '{name}' would stand in the column {column} of '{}'; expected a name that differs in letters or digits",
+            other.name
+        )),
+        None => Ok(column),
+    }
+}
+
+/// A detector's name in small letters and digits, with `_` for all else, for columns and files.
+///
+/// # Errors
+/// In words: it is empty, too long or that of one of ours.
+pub fn plain_name(name: &str) -> std::result::Result<String, String> {
     let length = name.chars().count();
     if length == 0 || length > LONGEST_NAME || name.chars().any(char::is_control) {
         return Err(format!(
@@ -138,18 +157,7 @@ fn column_of(name: &str, summary: &Summary) -> std::result::Result<String, Strin
     if Evaluator::ALL.iter().any(ours) {
         return Err(format!("'{name}' is a detector of this program; expected another name"));
     }
-    let column = format!("{PREFIX}{plain}");
-    match summary
-        .own_detectors
-        .iter()
-        .find(|known| known.column == column && known.name != name)
-    {
-        Some(other) => Err(format!(
-            "the verdicts of '{name}' would stand in the column {column} of '{}'; expected a name that differs in letters or digits",
-            other.name
-        )),
-        None => Ok(column),
-    }
+    Ok(plain)
 }
 
 /// Lower case, with `_` for all but letters and digits.
@@ -274,7 +282,7 @@ fn verdicts(file: &TelemetryFile, path: &Path, rotor_count: usize, detector: &mu
 }
 
 /// Whether there is such a verdict for a vehicle with this number of rotors.
-fn exists(verdict: i32, rotor_count: usize) -> bool {
+pub fn exists(verdict: i32, rotor_count: usize) -> bool {
     let most = i32::try_from(rotor_count).unwrap_or(i32::MAX);
     match verdict {
         AMBIGUOUS..=0 => true,

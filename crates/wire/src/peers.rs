@@ -18,7 +18,7 @@ pub fn is_our_controller(program: &str) -> bool {
 }
 
 /// The cascaded PID controller of `flight-core` (Table 5).
-#[derive(Default)]
+#[derive(Clone, Default)]
 pub struct PidPeer {
     controller: Option<Controller>,
 }
@@ -65,11 +65,13 @@ const CLEAR_TIME: f32 = 2.0;
 ///
 /// Below [`STANDS_WITHIN`], by the measured position, and for [`CLEAR_TIME`] after that, its output has no verdict; then the engine is
 /// reset, so that its calibration starts from there.
+#[derive(Clone)]
 pub struct AirborneEngine {
     engine: Box<FdiEngine>,
     landing: Option<Landing>,
 }
 
+#[derive(Clone)]
 struct Landing {
     ground: Ground,
     /// The engine before its first sample.
@@ -134,7 +136,7 @@ impl Landing {
 }
 
 /// Residual generators, T-test, network and sequential detector of `flight-core`.
-#[derive(Default)]
+#[derive(Clone, Default)]
 pub struct FdiEnginePeer {
     engine: Option<AirborneEngine>,
 }

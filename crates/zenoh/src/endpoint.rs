@@ -27,8 +27,8 @@
 //! slower than shared memory.
 
 use prost::Message;
-use rotortwin_links::endpoint::{Delivery, Endpoint, Packet, malformed};
-use rotortwin_links::security::{Attachment, Runs, Security, slug};
+use rotortwin_links::endpoint::{Delivery, Endpoint, Packet, malformed, slug};
+use rotortwin_links::security::{Attachment, Runs, Security};
 use rotortwin_links::zenoh::ZenohOptions;
 use rotortwin_proto::{self as proto, Role, Setup, setup::Parameters};
 use rotortwin_wire::convert::ConvertError;

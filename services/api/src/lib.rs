@@ -49,6 +49,7 @@ use crate::tls::TlsListener;
 use crate::traces::Traces;
 use crate::worker::ray::Ray;
 use crate::worker::{Meeting, WorkerContext};
+use rotortwin_jobs::SeatRole;
 use rotortwin_process::LinkAddress;
 use std::net::SocketAddr;
 use std::num::NonZeroU32;
@@ -95,10 +96,10 @@ pub struct WorkConfig {
     pub artifacts: Option<String>,
     /// Maximum number of concurrent jobs.
     pub workers: usize,
-    /// Maximum number of concurrent seats in other hosts' runs, and their roles: `controller`, `fdi`.
+    /// Maximum number of concurrent seats in other hosts' runs, and their roles.
     pub seats: usize,
     /// See `seats`.
-    pub roles: Vec<String>,
+    pub roles: Vec<SeatRole>,
     /// Maximum number of concurrently running jobs of one tenant.
     pub most_running: u32,
     /// Memory limit of each process of a job, bytes.

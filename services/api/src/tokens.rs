@@ -2,6 +2,7 @@
 //! nowhere.
 
 use crate::jobs::database::Database;
+use serde::Serialize;
 use sha2::{Digest as _, Sha256};
 use sqlx::Row as _;
 use std::fmt::Write as _;
@@ -9,7 +10,8 @@ use std::path::Path;
 use std::str::FromStr;
 
 /// Permissions.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize)]
+#[serde(rename_all = "lowercase")]
 pub enum Scope {
     /// See the jobs of the tenant and the library.
     Read,
@@ -20,7 +22,10 @@ pub enum Scope {
 }
 
 impl Scope {
-    /// Name on the command line.
+    /// All of them.
+    pub const ALL: [Self; 3] = [Self::Read, Self::Write, Self::Admin];
+
+    /// Name on the command line and in the database.
     pub const fn as_str(self) -> &'static str {
         match self {
             Self::Read => "read",
@@ -34,7 +39,7 @@ impl FromStr for Scope {
     type Err = String;
 
     fn from_str(text: &str) -> Result<Self, String> {
-        [Self::Read, Self::Write, Self::Admin]
+        Self::ALL
             .into_iter()
             .find(|scope| scope.as_str() == text)
             .ok_or_else(|| format!("'{text}' is not a scope; expected read, write or admin"))

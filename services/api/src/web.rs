@@ -11,16 +11,26 @@
 use crate::problem::Problem;
 use axum::http::{HeaderMap, HeaderValue, Method, StatusCode, Uri, header};
 use axum::response::{IntoResponse as _, Response};
+use include_dir::{Dir, include_dir};
 use std::collections::HashMap;
 use std::sync::LazyLock;
 
-/// Path from the root of the bundle, and bytes.
-static FILES: &[(&str, &[u8])] = include!(concat!(env!("OUT_DIR"), "/page.rs"));
+/// The bundle, which is committed, so that building the server only needs Rust.
+static BUNDLE: Dir<'_> = include_dir!("$CARGO_MANIFEST_DIR/../../web/dist");
 
-static BY_PATH: LazyLock<HashMap<&'static str, Embedded>> = LazyLock::new(|| {
-    let embedded = FILES.iter().map(|(path, bytes)| (*path, Embedded::new(path, bytes)));
+/// Its files by their addresses.
+static BY_PATH: LazyLock<HashMap<String, Embedded>> = LazyLock::new(|| {
+    let embedded = every_file(&BUNDLE).map(|file| {
+        let path = format!("/{}", file.path().display());
+        let file = Embedded::new(&path, file.contents());
+        (path, file)
+    });
     embedded.collect()
 });
+
+fn every_file<'a>(folder: &'a Dir<'a>) -> Box<dyn Iterator<Item = &'a include_dir::File<'a>> + 'a> {
+    Box::new(folder.files().chain(folder.dirs().flat_map(every_file)))
+}
 
 /// The document of the page.
 const INDEX: &str = "/index.html";
@@ -166,12 +176,12 @@ mod tests {
 
     #[tokio::test]
     async fn val_assets_are_kept_for_good() {
-        for (path, bytes) in FILES.iter().filter(|(path, _)| path.starts_with(ASSETS)) {
+        for (path, file) in BY_PATH.iter().filter(|(path, _)| path.starts_with(ASSETS)) {
             let answer = ask(Method::GET, path, &[]).await;
             assert_eq!(answer.status(), 200, "{path}");
             let kept = answer.headers()[header::CACHE_CONTROL].to_str().expect("text");
             assert!(kept.contains("immutable"), "{path}");
-            assert!(!bytes.is_empty(), "{path}");
+            assert!(!file.bytes.is_empty(), "{path}");
             assert_ne!(content_type(path), "application/octet-stream", "{path}");
         }
     }

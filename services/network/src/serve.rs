@@ -23,7 +23,7 @@ fn work_config(args: &WorkArgs, roles: &[Role], seats: usize) -> Result<WorkConf
             None => (cpus / 2).max(1),
         },
         seats,
-        roles: roles.iter().filter_map(|role| role.seat()).map(str::to_owned).collect(),
+        roles: roles.iter().filter_map(|role| role.seat()).collect(),
         most_running: args.tenant_running,
         job_memory: args.job_memory * 1_000_000,
         autopilots: args.autopilot.iter().map(listed).collect(),

@@ -10,6 +10,7 @@ use rotortwin_scenario::Scenario;
 use std::collections::BTreeMap;
 
 /// The schedule of one scenario, stepped through in order.
+#[derive(Clone)]
 pub struct ConditionSchedule {
     /// (first step, rotor from 0, code), sorted by first step.
     rotor_changes: Vec<(u64, usize, i32)>,

@@ -117,7 +117,7 @@ export function watchJob<J extends AnyJob>(
   };
   const told = (event: string, data: Record<string, unknown>) => {
     onEvent(event, data);
-    if (event === "started" || event === "requeued" || event === "ended") {
+    if (event === "started" || event === "requeued" || event === "part" || event === "ended") {
       look().then((ended) => ended && stop?.(), onError);
     }
   };

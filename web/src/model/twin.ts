@@ -25,7 +25,7 @@ export type Finding = Schemas["Finding"];
 export type Proposal = Schemas["Proposal"];
 export type Unseen = Schemas["NotTestable"];
 export type Unconsidered = Schemas["NotConsidered"];
-/** The effect that is the error of a constant, with the values that the flight wants. */
+/** The effect that is the error of a constant, with the values estimated from the flight. */
 export type Correction = Schemas["ConstantCorrection"];
 export type Diagnosis = Schemas["Diagnosis"];
 

@@ -29,7 +29,7 @@ export default function Blind(props: { id: string | undefined }) {
   return (
     <Show when={props.id} fallback={<JobList collection="blind-benches" path="/blind" title="Blind benches" form={(reload) => <NewBench onSubmitted={reload} />} />} keyed>
       {(id) => (
-        <JobPage<BlindResult> collection="blind-benches" path="/blind" id={id} counted="case" total={(facts) => facts["cases"] as number | undefined}>
+        <JobPage<BlindResult> collection="blind-benches" path="/blind" title="Blind benches" id={id} counted="case" total={(facts) => facts["cases"] as number | undefined}>
           {(result) => <BlindView result={result} cell={cell()} choose={choose} cases={<BlindCases id={id} cell={cell()} chosen={chosen()} />} />}
         </JobPage>
       )}

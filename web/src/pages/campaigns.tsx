@@ -14,7 +14,7 @@ export default function Campaigns(props: { id: string | undefined }) {
   return (
     <Show when={props.id} fallback={<JobList collection="campaigns" path="/campaigns" title="Campaigns" form={(reload) => <NewCampaign onSubmitted={reload} />} />} keyed>
       {(id) => (
-        <JobPage<CampaignResult> collection="campaigns" path="/campaigns" id={id} counted="part" total={(facts) => facts["parts"] as number | undefined}>
+        <JobPage<CampaignResult> collection="campaigns" path="/campaigns" title="Campaigns" id={id}>
           {(result) => <CampaignView result={result} look={look()} choose={choose} flights={<CampaignFlights id={id} look={look()} />} />}
         </JobPage>
       )}
@@ -64,7 +64,7 @@ function NewCampaign(props: { onSubmitted: () => void }) {
         <Problem sentence={known.error() && `The campaigns of the library cannot be listed: ${known.error()}`} retry={known.reload} />
         <Show when={known.data()?.find((one) => one.name === name())?.description}>{(words) => <p class="small">{words()}</p>}</Show>
         <details open={wasTyped}>
-          <summary>or a document of one's own (TOML)</summary>
+          <summary>or your own document (TOML)</summary>
           <textarea rows="10" spellcheck={false} aria-label="campaign document" value={text()} onInput={(event) => setText(event.currentTarget.value)} />
         </details>
         <Problem sentence={refusal()?.sentence} complaints={refusal()?.complaints} />

@@ -82,7 +82,7 @@ function Documents(props: { kind: Kind }) {
   };
   return (
     <div class="side rev">
-      <Panel title={`Documents: ${props.kind}`} note="one's own hide those of the server">
+      <Panel title={`Documents: ${props.kind}`} note="your own documents hide the server's of the same name">
         <Loaded load={names} what="the names">
           {(found) => (
             <ul class="plain">

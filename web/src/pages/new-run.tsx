@@ -145,7 +145,7 @@ export function NewRun(props: { onSubmitted: () => void }) {
           </label>
         </div>
         <label class="field">
-          Settings, one `key=value` a line
+          <span>Settings, one <code>key=value</code> a line</span>
           <textarea rows="3" spellcheck={false} placeholder="initial.state_of_charge=0.6" value={set()} aria-invalid={check()?.valid === false} onInput={(event) => setSet(event.currentTarget.value)} />
         </label>
         <Problem sentence={seedWrong()} />

@@ -39,7 +39,7 @@ export default function RunPage(props: { id: string }) {
   const live = createLive(id, createMemo(() => run() !== undefined && !ended()));
   const summary = () => (run()?.summary ?? undefined) as Summary | undefined;
 
-  const geometry = createLoad(() => id, (run, signal) => ask<FullGeometry>("GET", `/api/v1/runs/${run}/geometry`, undefined, { signal }));
+  const geometry = createLoad(() => run()?.id, (run, signal) => ask<FullGeometry>("GET", `/api/v1/runs/${run}/geometry`, undefined, { signal }));
   const plots = createLoad(
     () => (recorded() ? { range: view.range() } : undefined),
     ({ range }, signal) => samplesOf(id, "*", PLOT_POINTS, range, signal),
@@ -106,7 +106,7 @@ export default function RunPage(props: { id: string }) {
     <>
       <div class="row">
         <h1>{run()?.name ?? "Run"}</h1>
-        <StatusTag status={run()?.status ?? "loading"} />
+        <Show when={run()?.status ?? (problem() ? undefined : "loading")}>{(status) => <StatusTag status={status()} />}</Show>
         <span class="muted">{run()?.vehicle}{run() ? `, seed ${run()?.seed}` : ""}</span>
         <span class="mono small muted break">{id}</span>
         <span class="grow" />
@@ -150,6 +150,7 @@ export default function RunPage(props: { id: string }) {
       </Show>
       <Show when={summary()}>{(found) => <RunSummary summary={found()} />}</Show>
 
+      <Show when={run()}>
       <Panel title="Replay" note={others()[0] ? `ghost: run ${others()[0]?.slice(0, 12)}` : undefined}>
         <Problem sentence={geometry.error() && `The 3-D picture needs the geometry of the vehicle: ${geometry.error()}`} retry={geometry.reload} />
         <Problem sentence={motion.error()} retry={motion.reload} />
@@ -162,6 +163,7 @@ export default function RunPage(props: { id: string }) {
           )}
         </Show>
       </Panel>
+      </Show>
 
       <Problem sentence={plots.error()} retry={plots.reload} />
       <Show when={(shown()?.time.length ?? 0) > 0}>

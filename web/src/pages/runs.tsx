@@ -160,7 +160,7 @@ export default function Runs() {
               </tr>
             </thead>
             <tbody>
-              <For each={rows()} fallback={<tr><td colspan="10" class="muted">{page.loading() ? "Loading …" : isFiltered() ? "No run matches these filters." : "No run yet. Begin with “New run”."}</td></tr>}>
+              <For each={rows()} fallback={<tr><td colspan="10" class="muted">{page.loading() ? "Loading …" : page.error() ? "" : isFiltered() ? "No run matches these filters." : "No run yet. Begin with “New run”."}</td></tr>}>
                 {(run) => (
                   <tr>
                     <td>
@@ -184,7 +184,7 @@ export default function Runs() {
                     <td>
                       <Show when={run.status === "running" || run.status === "queued"}>
                         <button type="button" disabled={run.cancel_requested} onClick={() => void act(run.id, "cancel")}>
-                          {run.cancel_requested ? "canceling" : "Cancel"}
+                          {run.cancel_requested ? "Canceling …" : "Cancel"}
                         </button>
                       </Show>
                     </td>

@@ -37,9 +37,9 @@ export function Shell(props: { children: JSX.Element }) {
         <label class="row small">
           <span class="sr">Colours</span>
           <select value={theme()} onChange={(event) => setTheme(event.currentTarget.value as Theme)}>
-            <option value="system">system</option>
-            <option value="light">light</option>
-            <option value="dark">dark</option>
+            <option value="system">system colours</option>
+            <option value="light">light colours</option>
+            <option value="dark">dark colours</option>
           </select>
         </label>
       </header>
@@ -75,7 +75,7 @@ function Waiting() {
   onCleanup(() => clearInterval(timer));
   return (
     <div class="away">
-      The server at {location.host} does not answer ({seconds()} s). Trying again; what you typed stays, and requests go on when it is back.
+      The server at {location.host} does not answer ({seconds()} s). Trying again; what you typed stays, and requests are repeated when it is back.
     </div>
   );
 }

@@ -61,7 +61,7 @@ export function CampaignView(props: { result: CampaignResult; look: Look; choose
           </Panel>
         )}
       </For>
-      <p class="small muted">Detection delay: from the fault to the first window with the right verdict. [ ]: 95 % interval. Flown: {duration(3600 * it().flown_h)}.</p>
+      <p class="small muted">Detection delay: from the fault to the first window with the correct verdict. [ ]: 95 % interval. Flown: {duration(3600 * it().flown_h)}.</p>
     </>
   );
 }
@@ -80,7 +80,7 @@ function ScoreTable(props: { head: string; rows: readonly { name: string; scores
       <table class="small">
         <thead>
           <tr>
-            <th scope="col">{props.head}</th><th scope="col">detector</th><th class="r" scope="col">right windows</th><th class="r" scope="col">fault flights isolated</th>
+            <th scope="col">{props.head}</th><th scope="col">detector</th><th class="r" scope="col">correct windows</th><th class="r" scope="col">fault flights isolated</th>
             <th class="r" scope="col">delay, median s</th><th class="r" scope="col">95 %, s</th><th class="r" scope="col">worst, s</th><th class="r" scope="col">false alarms</th><th class="r" scope="col">per healthy hour</th>
           </tr>
         </thead>
@@ -150,7 +150,7 @@ export function CampaignReportView(props: { report: CampaignReport }) {
               ["flights", it().result.flights.toLocaleString("en")],
               ["failed", String(it().result.failed)],
               ["flown", `${short(it().result.flown_h)} h`],
-              ["right windows, sequential", `${percent(first().right)}${first().right_95 ? ` [${percent(first().right_95?.[0])}, ${percent(first().right_95?.[1])}]` : ""}`],
+              ["correct windows, sequential", `${percent(first().right)}${first().right_95 ? ` [${percent(first().right_95?.[0])}, ${percent(first().right_95?.[1])}]` : ""}`],
               ["false alarms, sequential", String(first().false_alarm_events)],
               ["isolated after, median, sequential", `${short(first().isolated.median_s)} s`],
             ]}
@@ -161,7 +161,7 @@ export function CampaignReportView(props: { report: CampaignReport }) {
       <Show when={delays().x.length > 1}>
         <Panel title="Delay to isolation" note="share of the flights with a fault whose rotor has been named">
           <Chart
-            title="Flights isolated" unit="%" xLabel="delay from the onset to the right verdict" xLog x={delays().x} height={260}
+            title="Flights isolated" unit="%" xLabel="delay from the onset to the correct verdict" xLog x={delays().x} height={260}
             lines={delays().y.map((values, k) => ({ label: it().delays[k]?.detector ?? "", values, colour: (["s1", "s2", "s4"] as const)[k] ?? "s8", step: true, width: 2 }))}
           />
         </Panel>

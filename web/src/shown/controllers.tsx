@@ -35,7 +35,7 @@ export function Controllers(props: { compared: Compared; /** Of each run. */ nam
         </table>
       </div>
       <p class="small muted">
-        Errors: true state against the reference of the scenario, which is the same for every controller; roll and pitch against what the controller asked of its inner loop, where it told.
+        Errors: true state against the reference of the scenario, which is the same for every controller; roll and pitch against what the controller asked of its inner loop, where it reports that.
         Verdicts are those of the sequential detector.
       </p>
     </div>

@@ -32,7 +32,7 @@ export type AddToModel = (what: { pick?: number; proposal?: true }) => void;
 
 /** What a page can do about constants that are wrong. */
 export interface Calibrating {
-  /** Takes values that the flight wants into the model. */
+  /** Takes values estimated from the flight into the model. */
   take: (corrections: readonly Correction[]) => void;
   /** Opens the form that makes a vehicle from the flight. */
   fromLog: (() => void) | undefined;
@@ -181,7 +181,7 @@ function Calibrate(props: { found: Diagnosis; calibrating: Calibrating | undefin
         <div class="row">
           <Show when={corrections().length > 0}>
             <button type="button" class="main" onClick={() => calibrating().take(corrections())}>
-              Take {corrections().length === 1 ? "the value" : `the ${corrections().length} values`} that the flight wants
+              Take {corrections().length === 1 ? "the value" : `the ${corrections().length} values`} estimated from the flight
             </button>
           </Show>
           <Show when={calibrating().fromLog}>{(open) => <button type="button" onClick={() => open()()}>Make the vehicle from this flight</button>}</Show>
@@ -191,7 +191,7 @@ function Calibrate(props: { found: Diagnosis; calibrating: Calibrating | undefin
     </Show>
     <div class="scroll" tabindex="0" role="region" aria-label="Constants to calibrate">
       <table class="small">
-        <thead><tr><th scope="col">To calibrate</th><th class="r" scope="col">as guessed</th><th class="r" scope="col">the flights want</th><th class="r" scope="col">ln Bayes factor</th><th scope="col">guessed from</th><th scope="col">better</th></tr></thead>
+        <thead><tr><th scope="col">To calibrate</th><th class="r" scope="col">as guessed</th><th class="r" scope="col">from the flights</th><th class="r" scope="col">ln Bayes factor</th><th scope="col">guessed from</th><th scope="col">better</th></tr></thead>
         <tbody>
           <For each={constants()}>
             {(one) => (

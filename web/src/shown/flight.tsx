@@ -68,7 +68,7 @@ function Outputs(props: { flight: FlightPicture; view: View }) {
   ];
   return (
     <Chart
-      title="What each motor was told" unit="%" x={props.flight.time_s} view={props.view} height={230} lines={lines()}
+      title="Command of each motor" unit="%" x={props.flight.time_s} view={props.view} height={230} lines={lines()}
       levels={outputs().some((one) => one.saturated.some((value) => value !== null)) ? [{ value: 100 * props.flight.output_limit, label: "limit" }] : []}
     />
   );

@@ -22,8 +22,8 @@ export function RunPlots(props: { samples: Samples; view: View; all?: boolean; o
     while (`duty_${count + 1}` in props.samples.data) count += 1;
     return Array.from({ length: count }, (_, k) => k + 1);
   });
-  const perRotor = (name: (rotor: number) => string): Line[] =>
-    rotors().map((rotor) => ({ label: `rotor ${rotor}`, values: values(name(rotor)), colour: seriesColour(rotor - 1), ...(rotor > 8 ? { dash: [6, 3] } : {}) }));
+  const perRotor = (name: (rotor: number) => string, by = 1): Line[] =>
+    rotors().map((rotor) => ({ label: `rotor ${rotor}`, values: by === 1 ? values(name(rotor)) : scaled(name(rotor), by), colour: seriesColour(rotor - 1), ...(rotor > 8 ? { dash: [6, 3] } : {}) }));
   const lanes = createMemo(() =>
     [
       ["truth", "fault_label"],
@@ -84,7 +84,7 @@ export function RunPlots(props: { samples: Samples; view: View; all?: boolean; o
           </For>
         </Panel>
         <Panel title="Duties">
-          <Chart title="Duty cycle" unit="1" lines={perRotor((rotor) => `duty_${rotor}`)} {...common()} height={240} />
+          <Chart title="Duty cycle" unit="%" lines={perRotor((rotor) => `duty_${rotor}`, 100)} {...common()} height={240} />
         </Panel>
         <Panel title="Battery">
           <Chart

@@ -85,7 +85,7 @@ function Tracking(props: { summary: Summary; samples: Samples; view: View }) {
         <Chart title="East" unit="m" lines={pair("reference_east_m", "true_position_east_m")} {...common()} />
         <Chart title="Down" unit="m" lines={pair("reference_down_m", "true_position_down_m")} {...common()} />
       </Panel>
-      <Panel title="Attitude" note="the paper's Fig. 10; yaw follows its reference, roll and pitch what the position loop asks for">
+      <Panel title="Attitude" note="the paper's Fig. 10; yaw follows its reference, roll and pitch what the position loop commands">
         <Figures items={["roll", "pitch", "yaw"].map((name, k) => [`rms, ${name}`, angle(rms()?.attitude_rms_rad?.[k])] as const)} />
         <Chart title="Roll" unit="°" lines={pair("roll_setpoint_rad", "true_roll_rad", degrees)} {...common()} />
         <Chart title="Pitch" unit="°" lines={pair("pitch_setpoint_rad", "true_pitch_rad", degrees)} {...common()} />

@@ -52,7 +52,7 @@ export function RunSummary(props: { summary: Summary }) {
             <thead>
               <tr>
                 <th scope="col">Interval, s</th><th scope="col">Truth</th><th scope="col">Detector</th>
-                <th class="r" scope="col">right windows</th><th class="r" scope="col">detection delay, s</th><th class="r" scope="col">false alarms</th>
+                <th class="r" scope="col">correct windows</th><th class="r" scope="col">detection delay, s</th><th class="r" scope="col">false alarms</th>
                 <th scope="col">other windows</th><th scope="col">at the end</th><th scope="col">estimated loss</th>
               </tr>
             </thead>
@@ -84,8 +84,8 @@ export function RunSummary(props: { summary: Summary }) {
           </table>
         </div>
         <p class="small muted">
-          Right windows: green without a fault if there is no false alarm, with one if the verdict is right at the end and in at least 90 % of the windows; red if the rotor is
-          never named. A delay counts from the start of the interval to the end of the first window with the right verdict.
+          Correct windows: green without a fault if there is no false alarm, with one if the verdict is correct at the end and in at least 90 % of the windows; red if the rotor is
+          never named. A delay counts from the start of the interval to the end of the first window with the correct verdict.
         </p>
         <details>
           <summary>The scenario as it was flown</summary>

@@ -5,6 +5,7 @@
     table = rotortwin.campaign("wide-draw")                                   # every core of this machine
     table = rotortwin.campaign("mine.toml", executor="ray", threads=2)        # every node of the Ray cluster
     table = rotortwin.campaign("mine.toml", executor=dask.distributed.Client("tcp://bench:8786"))
+    table = rotortwin.campaign("wide-draw", detectors=[Mine()])               # a detector of one's own beside ours
 
 A shard of 32 flights depends on the campaign and on its number alone. Tasks fly a few shards each with the program `rotortwin` of the place
 where they run, and give their bytes; here they are put into one folder, which is that of `rotortwin campaign` on one machine, byte for byte,
@@ -15,6 +16,7 @@ of the same version, no folder in common.
 from __future__ import annotations
 
 import concurrent.futures
+import contextlib
 import fcntl
 import json
 import os
@@ -22,7 +24,7 @@ import shutil
 import subprocess
 import sys
 import tempfile
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -31,6 +33,8 @@ from .errors import CampaignFailed
 
 if TYPE_CHECKING:
     import pyarrow
+
+    from .detectors import Detector
 
 #: Most tasks submitted to an executor before the first has ended.
 _AHEAD = 1000
@@ -49,6 +53,7 @@ def campaign(
     resources: Mapping[str, float] | None = None,
     program: str | None = None,
     progress: Callable[[int, int], None] | None = None,
+    detectors: Sequence[Detector] = (),
 ) -> pyarrow.Table:
     """Flies a campaign (a file, or a name that `rotortwin list campaigns` shows); a row for each flight: `campaign.parquet`.
 
@@ -60,6 +65,7 @@ def campaign(
     resources: what a task takes beside processors, as Ray and Dask call it.
     program: `rotortwin` on the nodes; by default that of the node's package, or else on its search path.
     progress: called with shards that are there and shards of all.
+    detectors: of your own (`rotortwin.detectors`); they judge the flights here, after they were flown, and have their columns and rows beside ours.
 
     Raises CampaignFailed: the campaign cannot be flown, or a task failed; shards that are there stay in `out`.
     """
@@ -67,13 +73,20 @@ def campaign(
 
     if shards_per_task < 1 or threads < 1:
         raise CampaignFailed(f"shards_per_task and threads: expected at least 1, got {shards_per_task} and {threads}")
-    if out is None:
-        with tempfile.TemporaryDirectory(prefix="rotortwin-campaign-") as folder:
-            return _flown(campaign, executor, Path(folder) / "campaign", shards_per_task, threads, retries, resources, program, progress)
-    return _flown(campaign, executor, Path(out), shards_per_task, threads, retries, resources, program, progress)
+    with contextlib.ExitStack() as ended:
+        folder = Path(out) if out is not None else Path(ended.enter_context(tempfile.TemporaryDirectory(prefix="rotortwin-campaign-"))) / "campaign"
+        if detectors:
+            # Before the flights: a refusal must not cost them.
+            from .detectors import judge_campaign, told_apart
+
+            told_apart(detectors)
+        _fly_into(campaign, executor, folder, shards_per_task, threads, retries, resources, program, progress)
+        if detectors:
+            judge_campaign(campaign, detectors, folder)
+        return pyarrow.parquet.read_table(folder / "campaign.parquet")
 
 
-def _flown(
+def _fly_into(
     campaign: str | PathLike[str],
     executor: Any,
     out: Path,
@@ -83,9 +96,7 @@ def _flown(
     resources: Mapping[str, float] | None,
     program: str | None,
     progress: Callable[[int, int], None] | None,
-) -> pyarrow.Table:
-    import pyarrow.parquet
-
+) -> None:
     if executor is not None:
         plan = json.loads(_say(program, ["campaign", os.fspath(campaign), "--check", "--json"]))
         with _Folder(out, plan) as folder:
@@ -98,7 +109,6 @@ def _flown(
                     progress(folder.present, plan["shards"])
     # Flies the missing shards, which are none unless everything is flown here, checks every shard, and writes the results.
     _say(program, ["campaign", os.fspath(campaign), "--out", str(out), "--json"])
-    return pyarrow.parquet.read_table(out / "campaign.parquet")
 
 
 class _Folder:

@@ -22,7 +22,7 @@ import json
 import os
 import time
 from abc import ABC, abstractmethod
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 from math import ceil, exp, isnan, lgamma, log, nan, sqrt
@@ -223,17 +223,63 @@ def judge(run: str | PathLike[str], detectors: Sequence[Detector]) -> dict[str, 
     """
     if not detectors:
         raise InputError("expected at least one detector, got none")
-    _told_apart(detectors)
+    told_apart(detectors)
     flight = of_run(run)
-    # A verdict holds from the last step of its window until the next one ends.
-    window = (np.arange(len(flight["time_s"])) + 1) // WINDOW - 1
     summary = ""
     for detector in detectors:
-        said = np.append(_checked(detector, flight), NOT_READY)
-        held = said[window]
-        summary = _native.judge(os.fspath(run), detector.name, held.tolist())
+        summary = _native.judge(os.fspath(run), detector.name, _held(detector, flight).tolist())
     found: dict[str, Any] = json.loads(summary)
     return found
+
+
+def judge_campaign(
+    campaign: str | PathLike[str],
+    detectors: Sequence[Detector],
+    folder: str | PathLike[str],
+    *,
+    progress: Callable[[int, int], None] | None = None,
+) -> dict[str, Any]:
+    """Detectors judge the flights of a campaign (a file or a name) that are in its folder. Returns its new `summary.json`.
+
+    Each flight is flown again in this process, bit by bit as it was, and judged; windows, false alarms and delays are counted as for ours. Each detector
+    then has its rows and columns in the tables of `rotortwin campaign` and in `report.html`, its columns `own_NAME_…` in `campaign.parquet`, and its scores
+    in `summary.json`. A detector that judges a campaign again replaces what it said before. Nothing is kept unless all flights were judged.
+
+    progress: called with flights that were judged or left out and flights of all.
+    """
+    if not detectors:
+        raise InputError("expected at least one detector, got none")
+    told_apart(detectors)
+    flights = _native.CampaignFlights(os.fspath(campaign), os.fspath(folder), [detector.name for detector in detectors])
+    columns = _columns(())
+    parts = flights.parts
+    for place, (shard, first) in enumerate(parts):
+        for number, rotor_count, recorded in flights.fly(shard, first, columns):
+            flight = Flight(_fixed({name: np.frombuffer(values, dtype=np.float64) for name, values in recorded.items()}), rotor_count)
+            for index, detector in enumerate(detectors):
+                flights.judge(number, index, _held(detector, flight).astype(np.int32).tobytes())
+        if progress is not None:
+            progress(place + 1, len(parts))
+    found: dict[str, Any] = json.loads(flights.keep())
+    return found
+
+
+def _held(detector: Detector, flight: Flight) -> NDArray[np.int64]:
+    """The verdict in each step: it holds from the last step of its window until the next one ends."""
+    said = np.append(_checked(detector, flight), NOT_READY)
+    return np.asarray(said[(np.arange(len(flight["time_s"])) + 1) // WINDOW - 1], dtype=np.int64)
+
+
+def _columns(others: Iterable[str]) -> list[str]:
+    """The columns of `MEASURED` and some others, as `Simulation` records them."""
+    return [*(name if name.endswith(("_s", "_rad", "_v")) else f"{name}*" for name in MEASURED), *others]
+
+
+def _fixed(columns: dict[str, NDArray[Any]]) -> dict[str, NDArray[Any]]:
+    """One detector must not change what the next one sees."""
+    for values in columns.values():
+        values.flags.writeable = False
+    return columns
 
 
 @dataclass(frozen=True)
@@ -243,14 +289,9 @@ class _Flown:
 
 
 def _fly(case: Case) -> _Flown:
-    columns = [name if name.endswith(("_s", "_rad", "_v")) else f"{name}*" for name in MEASURED]
-    flown = Simulation(case.scenario, seed=case.seed, set=case.set, record=[*columns, *_OURS.values()]).run()
+    flown = Simulation(case.scenario, seed=case.seed, set=case.set, record=_columns(_OURS.values())).run()
     kept = flown.telemetry()
-    seen = {name: values for name, values in kept.items() if name.startswith(MEASURED)}
-    for values in seen.values():
-        # One detector must not change what the next one sees.
-        values.flags.writeable = False
-    flight = Flight(seen, flown.rotor_count)
+    flight = Flight(_fixed({name: values for name, values in kept.items() if name.startswith(MEASURED)}), flown.rotor_count)
     truth = np.zeros(flight.window_count, dtype=np.int64)
     if case.rotor is not None:
         truth[flight.window_end_s > case.onset_s + 1e-9] = case.rotor
@@ -372,7 +413,7 @@ def score(detectors: Sequence[Detector], cases: Sequence[Case], *, learn_from: S
     `learn_from`: flights that detectors which learn may see, with the truth. None of them may be among `cases`.
     """
     # Before the flights: a refusal must not cost them.
-    _told_apart(detectors)
+    told_apart(detectors)
     flown = _fly_all(cases)
     _teach(detectors, cases, learn_from)
     rows: list[Row] = []
@@ -545,7 +586,7 @@ def _possible(rotor_count: int) -> list[int]:
     return [HEALTHY, UNKNOWN, NOT_READY, AMBIGUOUS, *rotors, *(100 * i + j for i in rotors for j in rotors if i < j)]
 
 
-def _told_apart(detectors: Sequence[Detector]) -> None:
+def told_apart(detectors: Sequence[Detector]) -> None:
     """Refuses names that stand twice in a table, or are ours."""
     names = [detector.name for detector in detectors]
     for name in names:

@@ -367,7 +367,8 @@ class Event:
 
     #: Number, from 1, without gaps.
     id: int
-    #: `queued`, `started`, `waiting`, `progress`, `change`, `recording`, `finished`, `requeued`, `ended`, …
+    #: `queued`, `started`, `waiting`, `progress`, `change`, `recording`, `finished`, `requeued`, `ended`, … A job in parts has `started` when
+    #: its first part does (`data["part"]`), `part` for each one that is done, and `started` again when they are merged.
     kind: str
     data: Json
 

@@ -7,7 +7,8 @@
     flight.run()
     print(flight.verdict)                                  # rotor 2 lost 9.8 % [9.2, 10.4] of its thrust, probability 1.0000
 
-Plant, controller and detectors are those of the `rotortwin` command, with the same bits: `flight.run_hash` is what `rotortwin fly` prints.
+Plant, controller and detectors are those of the `rotortwin` command, with the same bits: `flight.run_hash` is what `rotortwin fly` prints. Long calls
+end with `KeyboardInterrupt` on Ctrl-C; an interrupted flight stands where it was interrupted, and goes on from there.
 World NED, body FRD, SI units, rotors from 1 in the order of the vehicle file; a step is 2.5 ms.
 """
 
@@ -192,6 +193,8 @@ class Simulation:
     """One flight with controller and detectors.
 
     `record` names the columns of the telemetry that are kept (`duty_*` for all that begin so); an empty list keeps none and is faster.
+
+    `copy.deepcopy(flight)` is the same flight at the same step, noise to come included: to try several duties from one state.
     """
 
     def __init__(
@@ -203,6 +206,9 @@ class Simulation:
         record: Sequence[str] = ("*",),
     ) -> None:
         self._native = _native.Simulation(_scenario(scenario, set)._native, None if seed is None else _seed(seed), list(record))
+
+    def __copy__(self) -> Simulation:
+        raise TypeError("a shallow copy would be the same flight, stepped by both; expected copy.deepcopy")
 
     def reset(self, seed: int | None = None) -> NDArray[np.float32]:
         """Restarts the flight, by default with the previous seed; returns the first observation."""
@@ -351,7 +357,10 @@ class Simulation:
 
 
 class SimulationBatch:
-    """Flights of vehicles with the same number of rotors, stepped together on all cores without Python's lock."""
+    """Flights of vehicles with the same number of rotors, stepped together on all cores without Python's lock.
+
+    `copy.deepcopy(batch)` holds the same flights at the same steps.
+    """
 
     def __init__(self, scenarios: Scenario | str | PathLike[str] | Sequence[Scenario], seeds: Sequence[int]) -> None:
         if isinstance(scenarios, (Scenario, str, PathLike)):
@@ -359,6 +368,9 @@ class SimulationBatch:
         else:
             flown = list(scenarios)
         self._native = _native.SimulationBatch([scenario._native for scenario in flown], list(map(_seed, seeds)))
+
+    def __copy__(self) -> SimulationBatch:
+        raise TypeError("a shallow copy would be the same flights, stepped by both; expected copy.deepcopy")
 
     def __len__(self) -> int:
         return len(self._native)

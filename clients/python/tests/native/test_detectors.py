@@ -1,5 +1,6 @@
 """Detectors of one's own: what they see, how they are scored."""
 
+import json
 import os
 import subprocess
 from pathlib import Path
@@ -9,6 +10,7 @@ import numpy as np
 import pytest
 from numpy.typing import ArrayLike
 
+import rotortwin
 from rotortwin import InputError, detectors, reference_detectors
 
 # The command of the wheel that is tested.
@@ -160,3 +162,60 @@ def test_regress_detectors_are_told_apart_and_cannot_hurt_one_another() -> None:
             detectors.score(wrong, cases)
     octo = {"vehicle": "../vehicles/octo-x.toml"}
     assert {case.rotor for case in detectors.steps([0.1], seeds=[1], healthy=0, set=octo)} == set(range(1, 9))
+
+
+CAMPAIGN = """
+name = "own"
+description = "a hover in which a rotor loses thrust"
+scenario = "hover.toml"
+seed = 5
+repeats = 3
+
+[set]
+duration_s = 14.0
+
+[[axis]]
+name = "rotor"
+key = "fault"
+values = [[], [{ time_s = 12.0, rotor = 1, thrust_loss_percent = 20.0 }]]
+"""
+
+
+def campaign_in(folder: Path) -> Path:
+    subprocess.run([PROGRAM, "new", "scenario", "hover", "--from", "hover"], check=True, cwd=folder, capture_output=True)
+    (folder / "campaign.toml").write_text(CAMPAIGN)
+    return folder / "campaign.toml"
+
+
+def test_val_a_campaign_has_a_detector_of_ones_own_beside_ours(tmp_path: Path) -> None:
+    pytest.importorskip("pyarrow")
+    file, out = campaign_in(tmp_path), tmp_path / "out"
+    plain = rotortwin.campaign(file, program=PROGRAM)
+    table = rotortwin.campaign(file, program=PROGRAM, out=out, detectors=[Counts(), Says(0)])
+    # The flights are those without it.
+    assert table["run_hash"].equals(plain["run_hash"]) and table["sequential_right"].equals(plain["sequential_right"])
+    for flight in table.to_pylist():
+        # 224 windows; the fault, and from the same step on the verdict of `Counts`, at 12 s: step 4800 of 2.5 ms; it says 1 from step 6001.
+        faulty = flight["fault_onset_s"] == 12.0
+        assert (flight["own_says_windows"], flight["own_says_false_alarm_events"]) == (224, 0)
+        assert flight["own_says_right"] == (192 if faulty else 224) and flight["own_says_missed"] == (32 if faulty else 0)
+        assert flight["own_counts_right"] == flight["own_says_right"] and np.isnan(flight["own_counts_isolated_after_s"])
+    summary = json.loads((out / "summary.json").read_text())
+    assert summary["detectors"]["own_says"]["windows"] == 6 * 224 and summary["detectors"]["own_says"]["missed"] == 3 * 32
+    shown = subprocess.run([PROGRAM, "campaign", str(file), "--out", str(out)], check=True, capture_output=True, text=True).stdout
+    assert "says, %" in shown and "\n  counts " in shown, shown
+    again = detectors.judge_campaign(file, [Says(1)], out)
+    assert again["detectors"]["own_says"]["false_alarm_events"] > 0, "judging again replaces"
+    assert "own_counts" in again["detectors"], "the other one stays"
+
+
+def test_scenario_a_campaign_refuses_detectors_before_it_flies(tmp_path: Path) -> None:
+    pytest.importorskip("pyarrow")
+    file = campaign_in(tmp_path)
+    with pytest.raises(InputError, match="a name of its own"):
+        rotortwin.campaign(file, program=PROGRAM, out=tmp_path / "out", detectors=[Says(0), Says(1)])
+    assert not (tmp_path / "out").exists()
+    with pytest.raises(InputError, match="expected a folder that 'rotortwin campaign' has written"):
+        detectors.judge_campaign(file, [Says(0)], tmp_path / "out")
+    with pytest.raises(InputError, match="expected at least one detector"):
+        detectors.judge_campaign(file, [], tmp_path / "out")

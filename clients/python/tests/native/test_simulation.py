@@ -1,8 +1,14 @@
 """Flights in this process."""
 
+import copy
 import json
 import os
+import pickle
+import signal
 import subprocess
+import sys
+import threading
+import time
 from collections.abc import Callable
 from pathlib import Path
 from xml.etree import ElementTree
@@ -151,3 +157,82 @@ def test_scenario_a_flight_is_a_picture_in_a_notebook() -> None:
     drawing = ElementTree.fromstring(few._repr_html_().split("</p>", 1)[1])
     assert len(drawing.findall(f"{svg}path")) == 1
     assert "<svg" not in rotortwin.Simulation("short-hover", record=[]).run()._repr_html_()
+
+
+def test_prop_a_deep_copy_goes_on_as_the_flight_would_have() -> None:
+    fault = {"time_s": 1.0, "rotor": 2, "thrust_loss_percent": 10.0}
+    flight = rotortwin.Simulation("hover", seed=3, set={"duration_s": 4.0, "fault": [fault]})
+    flight.step(steps=300)
+    apart = copy.deepcopy(flight)
+    apart.step(np.full(flight.rotor_count, 0.2), steps=40)
+    again = copy.deepcopy(flight)
+    assert flight.time_s == again.time_s != apart.time_s
+    assert flight.run().run_hash == again.run().run_hash == rotortwin.Simulation("hover", seed=3, set={"duration_s": 4.0, "fault": [fault]}).run().run_hash
+    assert apart.run().run_hash != flight.run_hash
+    assert all((kept == again.telemetry()[name]).all() for name, kept in flight.telemetry().items())
+
+
+def test_prop_a_deep_copy_of_a_batch_goes_on_as_the_flights_would_have() -> None:
+    batch = rotortwin.SimulationBatch("short-hover", [1, 2])
+    batch.step(steps=100)
+    apart = copy.deepcopy(batch)
+    batch.step(steps=50)
+    assert apart.run_hashes != batch.run_hashes
+    apart.step(steps=50)
+    assert apart.run_hashes == batch.run_hashes
+
+
+@pytest.mark.parametrize("make", [lambda: rotortwin.Simulation("short-hover"), lambda: rotortwin.SimulationBatch("short-hover", [1])])
+def test_scenario_a_shallow_copy_and_a_pickle_are_refused_with_what_to_do_instead(make: Callable[[], object]) -> None:
+    with pytest.raises(TypeError, match="expected copy.deepcopy"):
+        copy.copy(make())
+    with pytest.raises(TypeError, match="cannot be pickled; expected .* seed"):
+        pickle.dumps(make())
+
+
+def test_scenario_a_scenario_is_shared_by_copies_and_names_what_to_send_instead_of_a_pickle() -> None:
+    scenario = rotortwin.Scenario("short-hover", set={"duration_s": 1.0})
+    assert copy.deepcopy(scenario).duration_s == copy.copy(scenario).duration_s == 1.0
+    with pytest.raises(TypeError, match="cannot be pickled; expected its name or file"):
+        pickle.dumps(scenario)
+
+
+#: Calls of minutes, in seconds of flight; each must end soon after Ctrl-C.
+LONG = {
+    "run": "rotortwin.Simulation('hover', set={'duration_s': 3600.0}, record=[]).run()",
+    "step": "rotortwin.Simulation('hover', set={'duration_s': 3600.0}, record=[]).step(steps=1_440_000)",
+    "batch": "rotortwin.SimulationBatch(rotortwin.Scenario('hover', set={'duration_s': 3600.0}), range(8)).step(steps=1_440_000)",
+    "fly": "rotortwin.fly('hover', range(2000), set={'duration_s': 600.0})",
+}
+
+
+@pytest.mark.parametrize("call", LONG.values(), ids=LONG)
+def test_scenario_ctrl_c_ends_a_long_call(call: str) -> None:
+    program = f"""
+import rotortwin, sys
+print("begun", flush=True)
+try:
+    {call}
+except KeyboardInterrupt:
+    sys.exit(7)
+"""
+    with subprocess.Popen([sys.executable, "-c", program], stdout=subprocess.PIPE, text=True) as process:
+        assert process.stdout is not None and process.stdout.readline() == "begun\n"
+        time.sleep(1.0)
+        process.send_signal(signal.SIGINT)
+        try:
+            # The calls would take minutes.
+            assert process.wait(timeout=20.0) == 7
+        finally:
+            process.kill()
+
+
+def test_scenario_an_interrupted_flight_goes_on_where_it_was_interrupted() -> None:
+    flight = rotortwin.Simulation("hover", seed=4, set={"duration_s": 3600.0}, record=[])
+    # This thread is the main one, which handles signals.
+    threading.Timer(0.3, os.kill, (os.getpid(), signal.SIGINT)).start()
+    with pytest.raises(KeyboardInterrupt):
+        flight.run()
+    assert 0.0 < flight.time_s < 3600.0
+    by_hand = rotortwin.Simulation("hover", seed=4, set={"duration_s": 3600.0}, record=[])
+    assert by_hand.run(until_s=flight.time_s).run_hash == flight.run_hash

@@ -54,23 +54,28 @@ impl FlightEngine for OneByOne {
     }
 
     fn fly(&self, flights: &[(Scenario, u64)], scorers: &mut [FlightScorer]) -> Vec<Flown> {
-        let fly = |((scenario, seed), scorer): (&(Scenario, u64), &mut FlightScorer)| {
-            let mut simulation = match scenario.simulation(*seed) {
-                Ok(simulation) => simulation,
-                Err(error) => {
-                    return Flown {
-                        failure: Some(error.to_string()),
-                        steps: 0,
-                        run_hash: String::new(),
-                    };
-                }
-            };
-            let setup = run_setup(scenario, &simulation, 1);
-            let mut link = InProcessLink::new(PidPeer::default(), FdiEnginePeer::default());
-            flown_of(lockstep::fly(&mut simulation, &mut link, &setup, Pace::Fast, scorer))
-        };
-        flights.iter().zip(scorers).map(fly).collect()
+        let flights = flights.iter().zip(scorers);
+        flights
+            .map(|((scenario, seed), scorer)| fly_alone(scenario, *seed, scorer))
+            .collect()
     }
+}
+
+/// Flies one scenario for any observer.
+pub fn fly_alone(scenario: &Scenario, seed: u64, observer: &mut impl FlightObserver) -> Flown {
+    let mut simulation = match scenario.simulation(seed) {
+        Ok(simulation) => simulation,
+        Err(error) => {
+            return Flown {
+                failure: Some(error.to_string()),
+                steps: 0,
+                run_hash: String::new(),
+            };
+        }
+    };
+    let setup = run_setup(scenario, &simulation, 1);
+    let mut link = InProcessLink::new(PidPeer::default(), FdiEnginePeer::default());
+    flown_of(lockstep::fly(&mut simulation, &mut link, &setup, Pace::Fast, observer))
 }
 
 /// Flights in the lanes of vector registers ([`rotortwin_flight::batch`]).
@@ -159,6 +164,8 @@ pub struct FlightScorer {
     last_blade: [i32; MAX_ROTORS],
     last_loss: [f64; MAX_ROTORS],
     last_voltage_v: f64,
+    /// Step and truth of each window, if they are wanted.
+    windows: Option<Vec<(u64, WindowTruth)>>,
 }
 
 impl FlightScorer {
@@ -197,7 +204,22 @@ impl FlightScorer {
             last_blade: [0; MAX_ROTORS],
             last_loss: [0.0; MAX_ROTORS],
             last_voltage_v: f64::from(vehicle.battery.cells) * 3.9,
+            windows: None,
         })
+    }
+
+    /// Keeps the truth of every window, for verdicts that are given after the flight.
+    #[must_use]
+    pub fn keeping_windows(self) -> Self {
+        Self {
+            windows: Some(Vec::new()),
+            ..self
+        }
+    }
+
+    /// Last step and truth of each window so far; none unless they are kept.
+    pub fn take_windows(&mut self) -> Vec<(u64, WindowTruth)> {
+        self.windows.take().unwrap_or_default()
     }
 
     fn loss_share_of(&self, blade: &[i32; MAX_ROTORS], loss: &[f64; MAX_ROTORS]) -> f64 {
@@ -223,6 +245,9 @@ impl FlightScorer {
             loss_share: self.loss_share_of(&sample.truth.rotor_blade, &sample.truth.rotor_thrust_loss),
             after_onset_steps: self.onset_step.map(|onset| sample.truth.step + 1 - onset),
         };
+        if let Some(windows) = &mut self.windows {
+            windows.push((sample.truth.step, truth));
+        }
         self.labels.clear();
         self.last_blade = sample.truth.rotor_blade;
         self.last_loss = sample.truth.rotor_thrust_loss;

@@ -112,7 +112,7 @@ pub struct Case {
 /// Result of a hunt.
 #[derive(Clone, Debug, Default)]
 pub struct Hunt {
-    /// Flights of the search.
+    /// Flights of the search that were flown.
     pub flights: u64,
     /// Of these, failures by kind.
     pub failures: Vec<(Failure, u64)>,
@@ -120,6 +120,8 @@ pub struct Hunt {
     pub unfinished: u64,
     /// Shrunk cases.
     pub cases: Vec<Case>,
+    /// It was stopped before it had searched and shrunk everything.
+    pub is_stopped: bool,
 }
 
 /// A flight of the search and its result.
@@ -197,6 +199,7 @@ pub fn hunt(
             hunt.cases.push(case);
         }
     }
+    hunt.is_stopped = stop.load(Ordering::Relaxed);
     hunt
 }
 
@@ -205,47 +208,50 @@ fn try_all(
     flights: Vec<PlannedFlight>,
     threads: NonZeroUsize,
     lanes: usize,
-    fly: &(dyn Fn(&[PlannedFlight]) -> Vec<Option<FlightRecord>> + Sync),
+    fly: &(dyn Fn(&[PlannedFlight]) -> Option<Vec<Option<FlightRecord>>> + Sync),
 ) -> Vec<Tried> {
     let groups: Vec<&[PlannedFlight]> = flights.chunks(lanes.max(1)).collect();
     let records = map_in_order(threads, &groups, |group| fly(group), &|| ());
-    let records: Vec<Option<FlightRecord>> = records.into_iter().flatten().collect();
-    flights
+    let flown = groups
         .into_iter()
         .zip(records)
+        .filter_map(|(group, records)| Some((group, records?)));
+    flown
+        .flat_map(|(group, records)| group.iter().cloned().zip(records))
         .map(|(flight, record)| Tried { flight, record })
         .collect()
 }
 
-/// A record for each flight; `None` for one that cannot be flown, and after a stop.
+/// A record for each flight; `None` for one that cannot be flown. After a stop nothing is flown.
 fn fly_together(
     campaign: &Campaign,
     engine: &dyn FlightEngine,
     flights: &[PlannedFlight],
     stop: &AtomicBool,
     done: &(dyn Fn() + Sync),
-) -> Vec<Option<FlightRecord>> {
+) -> Option<Vec<Option<FlightRecord>>> {
+    if stop.load(Ordering::Relaxed) {
+        return None;
+    }
     let mut records: Vec<Option<FlightRecord>> = flights.iter().map(|_| None).collect();
-    if !stop.load(Ordering::Relaxed) {
-        let (places, scenarios): (Vec<usize>, Vec<_>) = flights
-            .iter()
-            .enumerate()
-            .filter_map(|(place, flight)| Some((place, campaign.scenario(flight).ok()?)))
-            .unzip();
-        // A flight that cannot even be scored must not affect its neighbours.
-        let flown = fly_scenarios(campaign, engine, scenarios.clone()).map_or_else(
-            |_| {
-                let alone = |scenario| fly_scenario(campaign, engine, scenario).ok();
-                scenarios.into_iter().map(alone).collect()
-            },
-            |flown| flown.into_iter().map(Some).collect::<Vec<_>>(),
-        );
-        for (place, record) in places.into_iter().zip(flown) {
-            records[place] = record;
-        }
+    let (places, scenarios): (Vec<usize>, Vec<_>) = flights
+        .iter()
+        .enumerate()
+        .filter_map(|(place, flight)| Some((place, campaign.scenario(flight).ok()?)))
+        .unzip();
+    // A flight that cannot even be scored must not affect its neighbours.
+    let flown = fly_scenarios(campaign, engine, scenarios.clone()).map_or_else(
+        |_| {
+            let alone = |scenario| fly_scenario(campaign, engine, scenario).ok();
+            scenarios.into_iter().map(alone).collect()
+        },
+        |flown| flown.into_iter().map(Some).collect::<Vec<_>>(),
+    );
+    for (place, record) in places.into_iter().zip(flown) {
+        records[place] = record;
     }
     flights.iter().for_each(|_| done());
-    records
+    Some(records)
 }
 
 /// How near to a failure, or how grave: determines which flights are perturbed.

@@ -7,7 +7,7 @@
 //! * [`document`]: the file. * [`plan`]: the parameters of flight i. * [`engine`], [`score`], [`record`]: its results.
 //! * [`runner`], [`folder`]: threads, progress, shards on disk. * [`totals`], [`intervals`]: sums over records, in the order of the
 //!   flights. * [`tables`], [`charts`], [`report`], [`results`]: for people and files.
-//! * [`features`]: windows of the flights, to train on. * [`log_score`]: the same counts for a log. [`merge`]: shards
+//! * [`own`]: detectors of the user's own. [`features`]: windows of the flights, to train on. * [`log_score`]: the same counts for a log. [`merge`]: shards
 //!   flown on other machines. [`hunt`]: flights where the detector fails, reduced to what matters.
 
 pub mod cell;
@@ -19,6 +19,7 @@ pub mod hunt;
 pub mod intervals;
 pub mod log_score;
 pub mod merge;
+pub mod own;
 pub mod plan;
 pub mod record;
 pub mod report;

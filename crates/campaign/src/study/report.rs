@@ -4,7 +4,7 @@ use super::folder::program;
 use super::plan::Campaign;
 use super::score::severity_name;
 use super::summary::CampaignSummary;
-use super::tables::{listed_flights, tables, title};
+use super::tables::{listed_flights, ready, tables};
 use super::totals::{DetectorTotals, Totals};
 use crate::result_table::ResultTable;
 use rotortwin_page::Report;
@@ -23,7 +23,7 @@ struct Inside<'a> {
     /// As in `summary.json` and on the server.
     result: CampaignSummary,
     tables: Vec<ResultTable>,
-    delays: Vec<Delays>,
+    delays: Vec<Delays<'a>>,
     operating: Vec<Operating>,
     facts: Vec<(&'static str, String)>,
     notes: Vec<String>,
@@ -31,8 +31,8 @@ struct Inside<'a> {
 
 /// Delays to isolation of one detector, sorted, and how many flights had been isolated by then.
 #[derive(Serialize)]
-struct Delays {
-    detector: &'static str,
+struct Delays<'a> {
+    detector: &'a str,
     fault_flights: u64,
     delay_s: Vec<f64>,
     isolated: Vec<u64>,
@@ -89,14 +89,13 @@ pub fn render(campaign: &Campaign, totals: &Totals) -> String {
     .expect("text and numbers are JSON")
 }
 
-fn delays(totals: &Totals) -> Vec<Delays> {
-    let shown = totals.detectors.iter().enumerate();
-    shown
+fn delays(totals: &Totals) -> Vec<Delays<'_>> {
+    ready(totals)
         .filter(|(_, detector)| detector.isolated.total() > 0)
-        .map(|(place, detector)| {
+        .map(|(name, detector)| {
             let (delay_s, isolated) = detector.isolated.cumulative().unzip();
             Delays {
-                detector: title(place),
+                detector: name,
                 fault_flights: detector.fault_flights,
                 delay_s,
                 isolated,

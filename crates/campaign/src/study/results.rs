@@ -1,8 +1,10 @@
 //! Results from the shards: totals, one table of all flights, the summary.
 
 use super::folder::{CampaignFolder, write_whole};
+use super::own::read_all;
 use super::plan::Campaign;
-use super::record::{FlightRecord, columns};
+use super::record::{FlightRecord, columns, own_columns};
+use super::report;
 use super::summary::CampaignSummary;
 use super::totals::Totals;
 use crate::table_file::TableFileWriter;
@@ -21,9 +23,11 @@ pub const REPORT_FILE: &str = "report.html";
 /// Minimum rows of a row group of `campaign.parquet`: keeps the index of the file small.
 const ROW_GROUP: usize = 2048;
 
-/// Reads every existing shard, in order, and writes the table of all flights on the way. Memory: one row group.
+/// Reads every existing shard, in order, and writes the table of all flights on the way, with what detectors of the user's own scored in them.
+/// Memory: one row group, and these scores.
 pub fn collect(campaign: &Campaign, folder: &CampaignFolder) -> Result<Totals, String> {
-    let mut totals = Totals::new(campaign);
+    let own = read_all(folder)?;
+    let mut totals = Totals::with_own(campaign, &own);
     let parquet = folder.path().join(PARQUET_FILE);
     let csv = folder.path().join(CSV_FILE);
     let (parquet_part, csv_part) = (parquet.with_extension("parquet.part"), csv.with_extension("csv.part"));
@@ -39,8 +43,9 @@ pub fn collect(campaign: &Campaign, folder: &CampaignFolder) -> Result<Totals, S
         if rows.len() < ROW_GROUP && i + 1 < present.len() {
             continue;
         }
-        rows.iter().for_each(|record| totals.add(record));
-        let table = columns(&rows, campaign.axes(), campaign.levels());
+        rows.iter().for_each(|record| totals.add_judged(record, &own));
+        let mut table = columns(&rows, campaign.axes(), campaign.levels());
+        own.iter().for_each(|scores| own_columns(&mut table, &rows, scores));
         rows.clear();
         let text = table.to_csv();
         let body = match &writer {
@@ -61,6 +66,18 @@ pub fn collect(campaign: &Campaign, folder: &CampaignFolder) -> Result<Totals, S
         std::fs::rename(&parquet_part, &parquet)
             .map_err(|error| format!("{}: cannot be written: {error}", parquet.display()))?;
     }
+    Ok(totals)
+}
+
+/// Renews everything that is made of the shards: tables, summary, report.
+///
+/// # Errors
+/// One sentence: a shard cannot be read, or a file not written.
+pub fn write_all(campaign: &Campaign, folder: &CampaignFolder) -> Result<Totals, String> {
+    let totals = collect(campaign, folder)?;
+    write_summary(campaign, folder, &totals)?;
+    let page = report::render(campaign, &totals);
+    write_whole(&folder.path().join(REPORT_FILE), page.as_bytes())?;
     Ok(totals)
 }
 

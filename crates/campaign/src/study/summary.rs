@@ -41,6 +41,7 @@ pub struct CampaignSummary {
     /// Limits for isolation in time and for a lost flight.
     criteria: Criteria,
     /// By name of the detector.
+    // Those of the user's own begin with `own_`.
     detectors: BTreeMap<String, DetectorSummary>,
     /// The sequential detector at other evidence thresholds.
     operating_curve: Vec<OperatingPoint>,
@@ -209,7 +210,15 @@ impl CampaignSummary {
             flown_h: totals.flown_h(),
             hash: totals.hash(),
             criteria,
-            detectors: by_name(&totals.detectors, |detector| DetectorSummary::new(detector, criteria)),
+            detectors: by_name(&totals.detectors, |detector| DetectorSummary::new(detector, criteria))
+                .into_iter()
+                .chain(
+                    totals
+                        .own
+                        .iter()
+                        .map(|own| (own.column.clone(), DetectorSummary::new(&own.totals, criteria))),
+                )
+                .collect(),
             operating_curve: totals
                 .curve
                 .iter()
@@ -222,7 +231,7 @@ impl CampaignSummary {
                 .axes
                 .iter()
                 .filter(|axis| !axis.overflown)
-                .map(|axis| AxisSummary::new(axis, criteria))
+                .map(|axis| AxisSummary::new(axis, totals, criteria))
                 .collect(),
             thrust_loss_error: LossErrorSummary::new(&totals.loss_error),
         }
@@ -319,7 +328,14 @@ impl SeverityWindows {
 }
 
 impl AxisSummary {
-    fn new(axis: &AxisTotals, criteria: Criteria) -> Self {
+    fn new(axis: &AxisTotals, totals: &Totals, criteria: Criteria) -> Self {
+        let brief = |detector: &DetectorTotals| BriefSummary::new(detector, criteria);
+        let own = |group: &GroupTotals| -> Vec<(String, BriefSummary)> {
+            let named = totals.own.iter().zip(&group.own);
+            named
+                .map(|(own, detector)| (own.column.clone(), brief(detector)))
+                .collect()
+        };
         Self {
             axis: axis.axis.clone(),
             groups: axis
@@ -329,7 +345,7 @@ impl AxisSummary {
                     value: group.name.clone(),
                     flights: group.flights,
                     failed: group.failed,
-                    detectors: by_name(&group.detectors, |detector| BriefSummary::new(detector, criteria)),
+                    detectors: by_name(&group.detectors, brief).into_iter().chain(own(group)).collect(),
                 })
                 .collect(),
         }

@@ -80,24 +80,24 @@ pub fn tables(campaign: &Campaign, totals: &Totals) -> Vec<ResultTable> {
     let mut axes: Vec<&AxisTotals> = totals.axes.iter().collect();
     // The folds of the protocol first.
     axes.sort_by_key(|axis| axis.axis != "trajectory");
-    tables.extend(axes.into_iter().filter_map(|axis| by_axis(axis, criteria)));
+    tables.extend(axes.into_iter().filter_map(|axis| by_axis(axis, totals, criteria)));
     tables.extend(by_severity(totals, criteria));
     tables.extend(operating_curve(totals));
     tables
 }
 
-fn ready(totals: &Totals) -> impl Iterator<Item = (usize, &DetectorTotals)> {
-    totals
-        .detectors
-        .iter()
-        .enumerate()
-        .filter(|(_, detector)| detector.windows.total() > 0)
+/// Detectors with a verdict in any flight, by their names in tables: ours, then the user's own.
+pub fn ready(totals: &Totals) -> impl Iterator<Item = (&str, &DetectorTotals)> {
+    let ours = totals.detectors.iter().enumerate();
+    let ours = ours.map(|(place, detector)| (title(place), detector));
+    let own = totals.own.iter().map(|own| (own.name.as_str(), &own.totals));
+    ours.chain(own).filter(|(_, detector)| detector.windows.total() > 0)
 }
 
 fn windows(totals: &Totals) -> ResultTable {
-    let rows = ready(totals).map(|(place, detector)| {
+    let rows = ready(totals).map(|(name, detector)| {
         vec![
-            title(place).to_owned(),
+            name.to_owned(),
             percent(detector.windows.share()) + &interval_percent(detector.windows.interval()),
             percent(detector.healthy.share()),
             percent(detector.faulty.share()),
@@ -107,9 +107,11 @@ fn windows(totals: &Totals) -> ResultTable {
             alarm_rate(detector),
         ]
     });
-    let silent: Vec<&str> = (0..DETECTORS.len())
-        .filter(|place| totals.detectors[*place].windows.total() == 0)
-        .map(title)
+    let ours = (0..DETECTORS.len()).map(|place| (title(place), &totals.detectors[place]));
+    let own = totals.own.iter().map(|own| (own.name.as_str(), &own.totals));
+    let silent: Vec<&str> = ours
+        .chain(own)
+        .filter_map(|(name, detector)| (detector.windows.total() == 0).then_some(name))
         .collect();
     let mut notes = vec![
         "Right: share of the windows whose verdict is the truth, percent; its interval takes the windows of a flight as dependent".to_owned(),
@@ -117,6 +119,12 @@ fn windows(totals: &Totals) -> ResultTable {
     ];
     if !silent.is_empty() {
         notes.push(format!("Without a verdict in any flight: {}", silent.join(", ")));
+    }
+    for own in totals.own.iter().filter(|own| own.not_judged > 0) {
+        notes.push(format!(
+            "{} has not judged {} of {} flights: its figures are those of the others",
+            own.name, own.not_judged, totals.flights
+        ));
     }
     ResultTable {
         key: "windows",
@@ -139,10 +147,10 @@ fn windows(totals: &Totals) -> ResultTable {
 fn faults(totals: &Totals, criteria: &Criteria) -> ResultTable {
     let rows = ready(totals)
         .filter(|(_, detector)| detector.fault_flights > 0)
-        .map(|(place, detector)| {
+        .map(|(name, detector)| {
             let flights = detector.fault_flights;
             vec![
-                title(place).to_owned(),
+                name.to_owned(),
                 proportion(detector.isolated.total(), flights),
                 proportion(detector.isolated.within(criteria.isolate_within_s), flights),
                 seconds(detector.detected.quantile_s(0.5)),
@@ -188,14 +196,20 @@ fn faults(totals: &Totals, criteria: &Criteria) -> ResultTable {
     }
 }
 
-fn by_axis(axis: &AxisTotals, criteria: &Criteria) -> Option<ResultTable> {
+/// Headings of the columns of the user's own detectors.
+fn own_columns(totals: &Totals) -> impl Iterator<Item = String> {
+    totals.own.iter().map(|own| format!("{}, %", own.name))
+}
+
+fn by_axis(axis: &AxisTotals, totals: &Totals, criteria: &Criteria) -> Option<ResultTable> {
     let used: Vec<&GroupTotals> = axis.groups.iter().filter(|group| group.flights > 0).collect();
     if axis.overflown || used.len() < 2 {
         return None;
     }
     let rows = used.into_iter().map(|group| {
         let [sequential, network, t_test] = &group.detectors;
-        vec![
+        let own = group.own.iter().map(|own| percent(own.windows.share()));
+        let ours = vec![
             group.name.clone(),
             group.flights.to_string(),
             percent(sequential.windows.share()) + &interval_percent(sequential.windows.interval()),
@@ -208,22 +222,24 @@ fn by_axis(axis: &AxisTotals, criteria: &Criteria) -> Option<ResultTable> {
             seconds(sequential.isolated.quantile_s(1.0)),
             percent(network.windows.share()),
             percent(t_test.windows.share()),
-        ]
+        ];
+        ours.into_iter().chain(own).collect::<Vec<String>>()
     });
+    let ours = vec![
+        axis.axis.replace('_', " "),
+        "flights".to_owned(),
+        "sequential, %".to_owned(),
+        "its false alarms".to_owned(),
+        format!("isolated in {} s", criteria.isolate_within_s),
+        "median, s".to_owned(),
+        "worst, s".to_owned(),
+        "network, %".to_owned(),
+        "T-test, %".to_owned(),
+    ];
     Some(ResultTable {
         key: "axis",
         title: format!("By {}", axis.axis.replace('_', " ")),
-        columns: vec![
-            axis.axis.replace('_', " "),
-            "flights".to_owned(),
-            "sequential, %".to_owned(),
-            "its false alarms".to_owned(),
-            format!("isolated in {} s", criteria.isolate_within_s),
-            "median, s".to_owned(),
-            "worst, s".to_owned(),
-            "network, %".to_owned(),
-            "T-test, %".to_owned(),
-        ],
+        columns: ours.into_iter().chain(own_columns(totals)).collect(),
         rows: rows.collect(),
         notes: Vec::new(),
     })
@@ -246,21 +262,25 @@ fn by_severity(totals: &Totals, criteria: &Criteria) -> Option<ResultTable> {
             });
             row.push(seconds(delays.quantile_s(0.5)));
             row.push(seconds(delays.quantile_s(1.0)));
+            for own in &totals.own {
+                row.push(percent(own.totals.by_severity.get(&bin).and_then(|sums| sums.share())));
+            }
             row
         })
         .collect();
+    let ours = vec![
+        "lost share of the hover thrust".to_owned(),
+        "sequential, %".to_owned(),
+        "network, %".to_owned(),
+        "T-test, %".to_owned(),
+        format!("isolated in {} s", criteria.isolate_within_s),
+        "median, s".to_owned(),
+        "worst, s".to_owned(),
+    ];
     (!rows.is_empty()).then(|| ResultTable {
         key: "severity",
         title: "By severity".to_owned(),
-        columns: vec![
-            "lost share of the hover thrust".to_owned(),
-            "sequential, %".to_owned(),
-            "network, %".to_owned(),
-            "T-test, %".to_owned(),
-            format!("isolated in {} s", criteria.isolate_within_s),
-            "median, s".to_owned(),
-            "worst, s".to_owned(),
-        ],
+        columns: ours.into_iter().chain(own_columns(totals)).collect(),
         rows,
         notes: vec![
             "Shares: windows with this loss. Isolation, by the sequential detector: flights whose first fault is of this size".to_owned(),

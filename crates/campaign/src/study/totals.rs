@@ -5,6 +5,7 @@
 
 use super::cell::Cell;
 use super::intervals::ClusterSums;
+use super::own::OwnScores;
 use super::plan::{Axis, Campaign};
 use super::record::{DETECTORS, FlightRecord, FlightStatus};
 use super::score::{DetectorScore, SEVERITY_BINS, Verdict, severity_bin};
@@ -225,6 +226,8 @@ pub struct GroupTotals {
     pub failed: u64,
     /// In the order of [`DETECTORS`].
     pub detectors: [DetectorTotals; DETECTORS.len()],
+    /// In the order of [`Totals::own`].
+    pub own: Vec<DetectorTotals>,
 }
 
 impl AxisTotals {
@@ -253,7 +256,7 @@ impl AxisTotals {
         }
     }
 
-    fn add(&mut self, cell: &Cell, record: &FlightRecord) {
+    fn add(&mut self, cell: &Cell, record: &FlightRecord, own: &[OwnScores]) {
         let place = match &self.grouping {
             Grouping::Bins { range, logarithmic } => {
                 let x = cell.number().unwrap_or(range[0]);
@@ -284,6 +287,12 @@ impl AxisTotals {
         group.failed += u64::from(record.status != FlightStatus::Done);
         for (totals, score) in group.detectors.iter_mut().zip(&record.detectors) {
             totals.add(record, score);
+        }
+        group.own.resize_with(own.len(), DetectorTotals::default);
+        for (totals, scores) in group.own.iter_mut().zip(own) {
+            if let Some(score) = scores.of(record) {
+                totals.add(record, score);
+            }
         }
     }
 }
@@ -346,6 +355,19 @@ impl Listed {
     }
 }
 
+/// A detector of the user's own.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct OwnTotals {
+    /// Its name in tables.
+    pub name: String,
+    /// The same as the beginning of its columns: `own_…`.
+    pub column: String,
+    /// Flights that it has not judged, although they were flown.
+    pub not_judged: u64,
+    /// Over those that it has.
+    pub totals: DetectorTotals,
+}
+
 /// Totals of a campaign.
 #[derive(Clone)]
 pub struct Totals {
@@ -363,6 +385,8 @@ pub struct Totals {
     pub rotor_count: u32,
     /// In the order of [`DETECTORS`].
     pub detectors: [DetectorTotals; DETECTORS.len()],
+    /// Detectors of the user's own.
+    pub own: Vec<OwnTotals>,
     /// Evidence, nats, and the sequential detector's results with it.
     pub curve: Vec<(f32, DetectorTotals)>,
     /// Axis by axis.
@@ -379,6 +403,16 @@ pub struct Totals {
 impl Totals {
     /// Empty totals.
     pub fn new(campaign: &Campaign) -> Self {
+        Self::with_own(campaign, &[])
+    }
+
+    /// The same, with detectors of the user's own.
+    pub fn with_own(campaign: &Campaign, own: &[OwnScores]) -> Self {
+        let own = own.iter().map(|scores| OwnTotals {
+            name: scores.name.clone(),
+            column: scores.column(),
+            ..OwnTotals::default()
+        });
         Self {
             flights: 0,
             done: 0,
@@ -387,6 +421,7 @@ impl Totals {
             steps: 0,
             rotor_count: 0,
             detectors: Default::default(),
+            own: own.collect(),
             curve: campaign
                 .levels()
                 .iter()
@@ -402,6 +437,11 @@ impl Totals {
 
     /// Adds the next flight; records must come in the order of their numbers.
     pub fn add(&mut self, record: &FlightRecord) {
+        self.add_judged(record, &[]);
+    }
+
+    /// The same, with what the detectors of [`Self::with_own`] scored in it.
+    pub fn add_judged(&mut self, record: &FlightRecord, own: &[OwnScores]) {
         self.hash.update(record.to_json().as_bytes());
         self.flights += 1;
         match record.status {
@@ -417,8 +457,14 @@ impl Totals {
         for ((_, totals), score) in self.curve.iter_mut().zip(&record.curve) {
             totals.add(record, score);
         }
+        for (detector, scores) in self.own.iter_mut().zip(own) {
+            match scores.of(record) {
+                Some(score) => detector.totals.add(record, score),
+                None => detector.not_judged += u64::from(record.status != FlightStatus::Refused),
+            }
+        }
         for (axis, (_, cell)) in self.axes.iter_mut().zip(&record.parameters) {
-            axis.add(cell, record);
+            axis.add(cell, record, own);
         }
         let verdict = record.detectors.first().map_or(NOT_READY, |score| score.final_verdict);
         let right = Verdict::of_code(verdict).named_rotors() == record.faulty_rotors && verdict > 0;

@@ -12,7 +12,7 @@ use rotortwin_proto::Role;
 use std::collections::VecDeque;
 
 /// [`PlantLink`] to a controller and an FDI engine in this process.
-#[derive(Debug)]
+#[derive(Clone, Debug)]
 pub struct InProcessLink<C, F> {
     controller: C,
     fdi: F,

@@ -7,9 +7,10 @@
 //! row stays locked until the end, so that events are numbered without gaps.
 
 use super::table::{Transaction, WHOLE, job_of, metrics_of, shown, verdict_of};
-use super::{Job, NewJob, Outcome, Status};
+use super::{Job, NewJob, Outcome};
 use crate::clock::now_ms;
 use crate::jobs::database::Database;
+use rotortwin_jobs::{QueueEvent, QueueEventKind, Status};
 use sqlx::Row as _;
 use std::collections::BTreeSet;
 use std::sync::atomic::{AtomicI64, Ordering};
@@ -185,7 +186,7 @@ impl Database {
         .await?
         .rows_affected();
         if inserted > 0 {
-            self.append(transaction, id, "queued", "{}").await?;
+            self.note(transaction, id, &QueueEvent::Queued {}).await?;
         }
         Ok(inserted > 0)
     }
@@ -234,11 +235,64 @@ impl Database {
             // Another worker was faster; the claim is rolled back.
             return Ok(None);
         }
-        let data = serde_json::json!({ "attempt": job.attempts, "worker": worker }).to_string();
-        self.append(&mut transaction, &job.id, "started", &data).await?;
+        let started = QueueEvent::Started {
+            attempt: Some(job.attempts),
+            name: None,
+            part: None,
+            worker: Some(worker.to_owned()),
+        };
+        self.note(&mut transaction, &job.id, &started).await?;
         transaction.commit().await?;
         self.hub.wake(&job.id);
+        if let Some(whole) = &job.part_of
+            && let Err(error) = self.part_started(whole, &job).await
+        {
+            tracing::warn!(job = whole, %error, "the start of its first part cannot be written; the next part does it");
+        }
         Ok(Some((job, token)))
+    }
+
+    /// Shows watchers of a job in parts that it runs ([`Self::note_start_of_whole`]).
+    ///
+    /// A separate transaction, for the reason given at [`Self::event_of_whole`].
+    async fn part_started(&self, whole: &str, part: &Job) -> Result<(), sqlx::Error> {
+        let mut transaction = self.pool.begin().await?;
+        let waits = sqlx::query("UPDATE job SET waits_for = waits_for WHERE id = $1 AND status = 'queued'")
+            .bind(whole)
+            .execute(&mut *transaction)
+            .await?
+            .rows_affected();
+        if waits == 0 || !self.note_start_of_whole(&mut transaction, whole, part).await? {
+            return Ok(());
+        }
+        transaction.commit().await?;
+        self.hub.wake(whole);
+        Ok(())
+    }
+
+    /// Adds `started` to the job that waits for this part, whose row the transaction has locked; `false`: another part was the first.
+    async fn note_start_of_whole(
+        &self,
+        transaction: &mut Transaction,
+        whole: &str,
+        part: &Job,
+    ) -> Result<bool, sqlx::Error> {
+        let before = sqlx::query("SELECT 1 FROM job_event WHERE job_id = $1 AND kind = $2 LIMIT 1")
+            .bind(whole)
+            .bind(QueueEventKind::Started.as_str())
+            .fetch_optional(&mut **transaction)
+            .await?;
+        if before.is_some() {
+            return Ok(false);
+        }
+        let started = QueueEvent::Started {
+            attempt: None,
+            name: Some(part.new.name.clone()),
+            part: Some(part.id.clone()),
+            worker: part.worker.clone(),
+        };
+        self.note(transaction, whole, &started).await?;
+        Ok(true)
     }
 
     /// Renews the claim. `None`: the claim is lost; otherwise whether cancellation was requested.
@@ -351,7 +405,7 @@ impl Database {
             return Ok(false);
         };
         let job = job_of(&row)?;
-        self.append(&mut transaction, id, "ended", &ended(&job)).await?;
+        self.note(&mut transaction, id, &ended(&job)).await?;
         let mut others = vec![id.to_owned()];
         if let Some(whole) = &job.part_of {
             others.extend(self.part_ended(&mut transaction, whole, &job).await?);
@@ -377,8 +431,13 @@ impl Database {
                 .bind(whole)
                 .execute(&mut **transaction)
                 .await?;
-            let data = serde_json::json!({ "part": part.id, "name": part.new.name }).to_string();
-            self.append(transaction, whole, "part", &data).await?;
+            // Unless the database was away when the part was claimed, this is written already.
+            self.note_start_of_whole(transaction, whole, part).await?;
+            let done = QueueEvent::Part {
+                name: part.new.name.clone(),
+                part: part.id.clone(),
+            };
+            self.note(transaction, whole, &done).await?;
             return Ok(vec![whole.to_owned()]);
         }
         let why = format!(
@@ -402,7 +461,7 @@ impl Database {
         .fetch_optional(&mut **transaction)
         .await?;
         if let Some(row) = row {
-            self.append(transaction, whole, "ended", &ended(&job_of(&row)?)).await?;
+            self.note(transaction, whole, &ended(&job_of(&row)?)).await?;
             others.push(whole.to_owned());
             others.extend(self.cancel_parts(transaction, whole).await?);
         }
@@ -424,7 +483,7 @@ impl Database {
         let mut ids = Vec::new();
         for row in rows {
             let job = job_of(&row)?;
-            self.append(transaction, &job.id, "ended", &ended(&job)).await?;
+            self.note(transaction, &job.id, &ended(&job)).await?;
             ids.push(job.id);
         }
         Ok(ids)
@@ -457,8 +516,8 @@ impl Database {
         if written == 0 {
             return Ok(false);
         }
-        let data = serde_json::json!({ "why": why }).to_string();
-        self.append(&mut transaction, id, "requeued", &data).await?;
+        let requeued = QueueEvent::Requeued { why: why.to_owned() };
+        self.note(&mut transaction, id, &requeued).await?;
         self.tell(&mut transaction, "").await?;
         transaction.commit().await?;
         self.hub.wake(id);
@@ -529,13 +588,15 @@ impl Database {
         let job = job_of(&row)?;
         let mut others = Vec::new();
         if job.status.is_final() {
-            self.append(&mut transaction, id, "ended", &ended(&job)).await?;
+            self.note(&mut transaction, id, &ended(&job)).await?;
             if let Some(whole) = &job.part_of {
                 others.extend(self.part_ended(&mut transaction, whole, &job).await?);
             }
         } else {
-            self.append(&mut transaction, id, "requeued", r#"{"why":"its worker is gone"}"#)
-                .await?;
+            let requeued = QueueEvent::Requeued {
+                why: "its worker is gone".to_owned(),
+            };
+            self.note(&mut transaction, id, &requeued).await?;
         }
         self.tell(&mut transaction, "").await?;
         transaction.commit().await?;
@@ -566,7 +627,7 @@ impl Database {
         let mut others = Vec::new();
         if let Some(row) = row {
             let job = job_of(&row)?;
-            self.append(&mut transaction, id, "ended", &ended(&job)).await?;
+            self.note(&mut transaction, id, &ended(&job)).await?;
             others = self.cancel_parts(&mut transaction, id).await?;
             if let Some(whole) = &job.part_of {
                 others.extend(self.part_ended(&mut transaction, whole, &job).await?);
@@ -659,8 +720,12 @@ pub(super) async fn holds(transaction: &mut Transaction, id: &str, token: &str) 
     Ok(held > 0)
 }
 
-fn ended(job: &Job) -> String {
-    serde_json::json!({ "status": job.status, "run_hash": job.run_hash, "error": job.error }).to_string()
+fn ended(job: &Job) -> QueueEvent {
+    QueueEvent::Ended {
+        error: job.error.clone(),
+        run_hash: job.run_hash.clone(),
+        status: job.status,
+    }
 }
 
 /// 12 hex digits of ms, 20 random ones: ids increase with time, also where the clock is set back.

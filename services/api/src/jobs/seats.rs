@@ -6,6 +6,7 @@
 
 use crate::jobs::database::Database;
 use crate::jobs::queue::{holds, new_id};
+use rotortwin_jobs::SeatRole;
 use sqlx::Row as _;
 
 /// A seat that was taken.
@@ -13,9 +14,9 @@ use sqlx::Row as _;
 pub(crate) struct Seat {
     /// The run.
     pub(crate) job: String,
-    /// `controller` or `fdi`.
-    pub(crate) role: String,
-    /// JSON.
+    /// What sits there.
+    pub(crate) role: SeatRole,
+    /// JSON ([`rotortwin_jobs::Ticket`]).
     pub(crate) ticket: String,
     /// Who took it: each time another.
     pub(crate) claim: String,
@@ -30,7 +31,7 @@ impl Database {
         &self,
         job: &str,
         token: &str,
-        seats: &[(&str, String)],
+        seats: &[(SeatRole, String)],
     ) -> Result<bool, sqlx::Error> {
         let mut transaction = self.pool.begin().await?;
         if !holds(&mut transaction, job, token).await? {
@@ -43,7 +44,7 @@ impl Database {
         for (role, ticket) in seats {
             sqlx::query("INSERT INTO seat (job_id, role, attempt_claim, ticket) VALUES ($1, $2, $3, $4)")
                 .bind(job)
-                .bind(*role)
+                .bind(role.as_str())
                 .bind(token)
                 .bind(ticket)
                 .execute(&mut *transaction)
@@ -59,7 +60,7 @@ impl Database {
     ///
     /// # Errors
     /// The database.
-    pub(crate) async fn take_seat(&self, roles: &[String]) -> Result<Option<Seat>, sqlx::Error> {
+    pub(crate) async fn take_seat(&self, roles: &[SeatRole]) -> Result<Option<Seat>, sqlx::Error> {
         for role in roles {
             let row = sqlx::query(self.sql(
                 "UPDATE seat SET claim = $1 WHERE claim IS NULL AND (job_id, role) = (SELECT j.job_id, j.role FROM seat j \
@@ -67,13 +68,13 @@ impl Database {
                  AND b.claim = j.attempt_claim AND b.status = 'running') ORDER BY j.job_id LIMIT 1 @SKIP) RETURNING *",
             ))
             .bind(new_id())
-            .bind(role)
+            .bind(role.as_str())
             .fetch_optional(&self.pool)
             .await?;
             if let Some(row) = row {
                 return Ok(Some(Seat {
                     job: row.try_get("job_id")?,
-                    role: row.try_get("role")?,
+                    role: *role,
                     ticket: row.try_get("ticket")?,
                     claim: row.try_get("claim")?,
                 }));
@@ -92,7 +93,7 @@ impl Database {
              AND b.claim = s.attempt_claim AND b.status = 'running'",
         )
         .bind(&seat.job)
-        .bind(&seat.role)
+        .bind(seat.role.as_str())
         .bind(&seat.claim)
         .fetch_optional(&self.pool)
         .await?;
@@ -106,7 +107,7 @@ impl Database {
     pub(crate) async fn release_seat(&self, seat: &Seat) -> Result<(), sqlx::Error> {
         sqlx::query("UPDATE seat SET claim = NULL WHERE job_id = $1 AND role = $2 AND claim = $3")
             .bind(&seat.job)
-            .bind(&seat.role)
+            .bind(seat.role.as_str())
             .bind(&seat.claim)
             .execute(&self.pool)
             .await?;

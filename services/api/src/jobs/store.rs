@@ -1,7 +1,7 @@
 //! Read access to jobs and events.
 
 use super::table::{SHORT, WHOLE, job_of, shown};
-use super::{Event, EventPlace, Job, JobKind, PlacedEvent, Status};
+use super::{Event, EventPlace, Job, PlacedEvent};
 use crate::jobs::database::Database;
 use sqlx::Row as _;
 

@@ -1,7 +1,8 @@
 //! Rows of the job table, and the events that accompany their updates.
 
-use super::{Job, JobKind, NewJob, Status};
+use super::{Job, NewJob};
 use crate::jobs::database::Database;
+use rotortwin_jobs::{JobKind, QueueEvent, Status};
 use sqlx::Row as _;
 use sqlx::any::AnyRow;
 
@@ -73,6 +74,17 @@ pub(super) fn shown(row: &AnyRow) -> Result<Job, sqlx::Error> {
 }
 
 impl Database {
+    /// Adds an event of the queue itself, as [`append`](Self::append).
+    pub(super) async fn note(
+        &self,
+        transaction: &mut Transaction,
+        id: &str,
+        event: &QueueEvent,
+    ) -> Result<(), sqlx::Error> {
+        let data = event.data().map_err(|error| sqlx::Error::Encode(error.into()))?;
+        self.append(transaction, id, event.kind().as_str(), &data).await
+    }
+
     /// Adds an event to a job whose row this transaction has written and therefore locked: numbers have no gaps.
     pub(super) async fn append(
         &self,

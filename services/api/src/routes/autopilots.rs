@@ -3,10 +3,11 @@
 use super::jobs::Shared;
 use crate::App;
 use crate::access::Caller;
+use crate::jobs::Job;
 use crate::jobs::autopilots::Listed;
-use crate::jobs::{Job, Status};
 use crate::problem::Problem;
 use axum::Json;
+use rotortwin_jobs::Status;
 use rotortwin_jobs::flight::{Link, Pace, Place};
 use rotortwin_scenario::Scenario;
 use rotortwin_scenario::autopilot_frame::{AutopilotFrame, AutopilotKind};

@@ -5,26 +5,22 @@ use super::facts::{BlindBenchFacts, BlindBenchPartFacts, JobFacts};
 use super::jobs::{self, JobView, Shared, Terms};
 use super::tasks::{Draft, OUT, laid_out, submit_in_parts};
 use crate::access::Caller;
-use crate::jobs::JobKind;
 use crate::json_object::JsonObject;
 use crate::library::Library;
 use crate::problem::Problem;
 use axum::http::HeaderMap;
 use axum::response::Response;
-use rotortwin_blind::bench::cases::Preset;
 use rotortwin_blind::bench::run::Request;
 use rotortwin_blind::error::BlindError;
 use rotortwin_blind::vehicle::Vehicle;
-use rotortwin_jobs::{BlindBench, Input, StoredJob};
-use serde::{Deserialize, Serialize};
+use rotortwin_jobs::submission::{BenchVehicle, BlindBenchSubmission};
+use rotortwin_jobs::{BlindBench, Input, JobKind, StoredJob};
 use std::collections::BTreeSet;
 use std::ops::Range;
-use utoipa::ToSchema;
-use utoipa::openapi::schema::{Array, ArrayBuilder, ObjectBuilder, Type};
 
 super::collection!(
     blind_benches,
-    crate::jobs::JobKind::BlindBench,
+    rotortwin_jobs::JobKind::BlindBench,
     BlindBenchResult,
     "blind bench",
     "/api/v1/blind-benches",
@@ -43,75 +39,6 @@ const MOST_VEHICLES: usize = 32;
 const LAID_OUT: &str = "config";
 /// Taken where no vehicle is named, as by the command.
 const USUAL_VEHICLE: &str = "f550";
-
-/// A vehicle to fly.
-#[derive(Debug, Clone, Deserialize, Serialize, ToSchema)]
-#[serde(deny_unknown_fields)]
-pub(crate) struct BenchVehicle {
-    /// Name of one of the server's vehicles; with `text`: the name to give it.
-    #[schema(min_length = 1, max_length = 64, pattern = "^[a-z0-9][a-z0-9._-]*$")]
-    vehicle: String,
-    /// A vehicle document (TOML), as in the library's `vehicles`.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    text: Option<String>,
-    /// With `text`: its blade document (TOML), in place of the library's document that it names.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    blades: Option<String>,
-}
-
-/// Logs with hidden effects from an independent simulator, each diagnosed, and the answers scored.
-#[derive(Debug, Deserialize, Serialize, ToSchema)]
-#[serde(deny_unknown_fields)]
-pub(crate) struct BlindBenchSubmission {
-    /// What is to be shown: one after the other.
-    #[serde(default = "usual_presets")]
-    #[schema(schema_with = presets_schema)]
-    presets: Vec<Preset>,
-    /// Cases per preset.
-    #[schema(minimum = 1, maximum = 10_000)]
-    n: usize,
-    /// Seed of the random draws.
-    #[serde(default = "usual_seed")]
-    seed: u64,
-    /// Vehicles, used in turn; empty: `f550`.
-    #[serde(default)]
-    vehicles: Vec<BenchVehicle>,
-    /// Length of a flight, s.
-    #[serde(default = "usual_duration_s")]
-    #[schema(minimum = 1, maximum = 3600)]
-    duration_s: f64,
-    /// From −100 to 100; larger values run first.
-    #[serde(default)]
-    #[schema(minimum = -100, maximum = 100)]
-    priority: i64,
-    /// Time limit of an attempt at a part, s of wall time; default 6 h.
-    #[serde(default)]
-    #[schema(minimum = 1, maximum = 86_400)]
-    max_wall_s: Option<u64>,
-}
-
-fn usual_presets() -> Vec<Preset> {
-    vec![Preset::Mixed]
-}
-
-const fn usual_seed() -> u64 {
-    1
-}
-
-const fn usual_duration_s() -> f64 {
-    90.0
-}
-
-fn presets_schema() -> Array {
-    let name = ObjectBuilder::new()
-        .schema_type(Type::String)
-        .enum_values(Some(Preset::all().iter().map(|preset| preset.name())));
-    ArrayBuilder::new()
-        .description(Some("Presets to run, one after another; default `mixed`."))
-        .items(name)
-        .min_items(Some(1))
-        .build()
-}
 
 /// Submits a blind bench.
 #[utoipa::path(post, path = "/api/v1/blind-benches", tag = "blind_benches", operation_id = "submit_blind_bench", request_body = BlindBenchSubmission,

@@ -5,26 +5,27 @@
 //!                                       POST …/flights/{n}/run ───▶ a run with the seed and scenario of flight n: the same run hash
 //! ```
 
+use super::facts::CampaignFacts;
 use super::jobs::{self, Shared};
 use super::runs::Run;
-use super::submissions;
 use super::tasks::{LIBRARY, done};
+use super::{campaigns, submissions};
 use crate::App;
 use crate::access::Caller;
+use crate::jobs::Job;
 use crate::jobs::store::Filter;
-use crate::jobs::{Job, JobKind};
+use crate::library::Library;
 use crate::problem::Problem;
 use axum::Json;
 use axum::extract::rejection::{PathRejection, QueryRejection};
 use axum::extract::{Path, Query};
-use axum::http::{HeaderMap, HeaderName, HeaderValue};
+use axum::http::{HeaderMap, HeaderName, HeaderValue, StatusCode};
 use axum::response::Response;
-use rotortwin_campaign::study::Campaign;
 use rotortwin_campaign::study::cell::Cell;
 use rotortwin_campaign::study::folder::{SHARD_FLIGHTS, read_records, shard_number};
 use rotortwin_campaign::study::record::{DETECTORS, FlightRecord, FlightStatus};
-use rotortwin_jobs::{Content, StoredJob};
-use rotortwin_scenario::Scenario;
+use rotortwin_jobs::{Content, JobKind, StoredJob};
+use rotortwin_scenario::{Documents, Scenario};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use utoipa::{IntoParams, ToSchema};
@@ -335,16 +336,44 @@ pub(crate) async fn fly(
     submissions::again(&app, &caller, &headers, hash, &scenario, seed, job.id).await
 }
 
+/// A flight of the plan: of the JSON of `rotortwin campaign FILE --check --flight N --json`.
+#[derive(Debug, Deserialize)]
+struct Planned {
+    /// Digits.
+    seed: String,
+    /// All documents of the scenario (TOML).
+    documents: String,
+}
+
 /// Scenario and seed of a flight, of the documents that the campaign was submitted with.
 async fn flight_of(app: &App, job: &Job, flight: u64) -> Result<(Scenario, u64), Problem> {
-    let other_version = |what: String| {
-        Problem::unprocessable(format!(
-            "this version cannot read the campaign, which another version accepted: {what}"
-        ))
-    };
-    let stored = StoredJob::parse(&job.new.spec).map_err(|error| other_version(error.to_string()))?;
+    let (text, library) = submitted(app, job).await?;
+    let facts: CampaignFacts = serde_json::from_str(&job.new.facts).map_err(|error| other_version(&error))?;
+    if flight >= facts.flights {
+        return Err(Problem::not_found(format!(
+            "flight {flight} not found in this campaign; expected 0 to {}",
+            facts.flights.saturating_sub(1)
+        )));
+    }
+    let planned = campaigns::check::<Planned>(app, &library, &text, Some(flight)).await;
+    let planned = planned.map_err(|mut problem| {
+        if problem.status == StatusCode::UNPROCESSABLE_ENTITY.as_u16() {
+            problem.detail = format!("flight {flight} cannot be flown: {}", problem.detail);
+        }
+        problem
+    })?;
+    let scenario = Documents::from_toml("the flight", &planned.documents)
+        .and_then(|documents| Scenario::from_documents(&documents))
+        .map_err(|error| Problem::internal(&error))?;
+    let seed = planned.seed.parse().map_err(|error| Problem::internal(&error))?;
+    Ok((scenario, seed))
+}
+
+/// Text and library of an accepted campaign.
+async fn submitted(app: &App, job: &Job) -> Result<(String, Library), Problem> {
+    let stored = StoredJob::parse(&job.new.spec).map_err(|error| other_version(&error))?;
     let rotortwin_jobs::Job::Campaign(spec) = stored.job else {
-        return Err(other_version("it is none".to_owned()));
+        return Err(other_version(&"it is none"));
     };
     let (mut text, mut library) = (None, None);
     for input in stored.inputs {
@@ -355,7 +384,7 @@ async fn flight_of(app: &App, job: &Job, flight: u64) -> Result<(Scenario, u64),
         }
     }
     let (Some(text), Some(library)) = (text, library) else {
-        return Err(other_version("its documents are kept elsewhere".to_owned()));
+        return Err(other_version(&"its documents are kept elsewhere"));
     };
     // With a bucket the documents are fetched to where copies are kept; else they are there.
     let files = app.artifacts.list(&library).await;
@@ -367,33 +396,14 @@ async fn flight_of(app: &App, job: &Job, flight: u64) -> Result<(Scenario, u64),
         let copy = app.artifacts.file(&library, &file.path).await;
         copy.map_err(|error| Problem::of_files(&error))?;
     }
-    let root = app.artifacts.place(&library);
-    let place = spec.campaign.strip_prefix(LIBRARY).map(|path| root.join(path));
-    let place = place.map_err(|error| other_version(error.to_string()))?;
-    let planned = tokio::task::spawn_blocking(move || {
-        let campaign = Campaign::parse(&text, &place).map_err(|error| error.to_string())?;
-        if flight >= campaign.flights() {
-            return Ok(Err(campaign.flights()));
-        }
-        let planned = campaign.flight(flight).map_err(|error| error.to_string())?;
-        let scenario = campaign.scenario(&planned).map_err(|error| error.to_string())?;
-        Ok(Ok((scenario, planned.seed)))
-    });
-    let planned: Result<Result<(Scenario, u64), u64>, String> =
-        planned.await.map_err(|error| Problem::internal(&error))?;
-    let refused = |reason: String| {
-        let root = root.display().to_string();
-        Problem::unprocessable(format!(
-            "flight {flight} cannot be flown: {}",
-            reason.replace(&format!("{root}/"), "")
-        ))
-    };
-    planned.map_err(refused)?.map_err(|flights| {
-        Problem::not_found(format!(
-            "flight {flight} not found in this campaign; expected 0 to {}",
-            flights - 1
-        ))
-    })
+    let library = Library::open(&app.artifacts.place(&library)).map_err(|error| Problem::internal(&error))?;
+    Ok((text, library))
+}
+
+fn other_version(what: &dyn std::fmt::Display) -> Problem {
+    Problem::unprocessable(format!(
+        "this version cannot read the campaign, which another version accepted: {what}"
+    ))
 }
 
 #[cfg(test)]

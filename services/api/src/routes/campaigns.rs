@@ -1,14 +1,13 @@
 //! Campaigns: submit. A large one is flown in parts by all workers, which are then merged.
 //!
 //! A few lines can mean hundreds of millions of values, so a process of its own reads the document and tries its flights before it is accepted
-//! (`rotortwin campaign FILE --check --json`).
+//! (`rotortwin campaign FILE --check --json`), and again for the run of one of its flights (`--flight N`).
 
 use super::facts::{CampaignFacts, CampaignPartFacts, JobFacts};
 use super::jobs::{self, JobView, Shared, Terms};
 use super::tasks::{Draft, LIBRARY, OUT, laid_out, submit_in_parts};
 use crate::App;
 use crate::access::Caller;
-use crate::jobs::JobKind;
 use crate::json_object::JsonObject;
 use crate::library::Library;
 use crate::library::own::LARGEST_DOCUMENT;
@@ -17,16 +16,17 @@ use crate::worker::answer::{MEMORY_OPTION, Patience, answered_within};
 use axum::http::HeaderMap;
 use axum::response::Response;
 use rotortwin_campaign::study::folder::SHARD_FLIGHTS;
-use rotortwin_jobs::{Input, StoredJob};
+use rotortwin_jobs::submission::CampaignSubmission;
+use rotortwin_jobs::{Input, JobKind, StoredJob};
+use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 use std::ffi::OsString;
 use std::ops::Range;
 use std::time::Duration;
-use utoipa::ToSchema;
 
 super::collection!(
     campaigns,
-    crate::jobs::JobKind::Campaign,
+    rotortwin_jobs::JobKind::Campaign,
     CampaignResult,
     "campaign",
     "/api/v1/campaigns",
@@ -41,33 +41,8 @@ super::collection!(
 const SUBMITTED: &str = "submitted-campaign.toml";
 /// Longest time that it takes to read a campaign and to try its flights.
 const CHECK_TIMEOUT: Duration = Duration::from_secs(60);
-/// Memory for this, bytes: an accepted campaign is read again by the server for the run of one of its flights.
+/// Memory for this, bytes.
 const CHECK_MEMORY: u64 = 256_000_000;
-
-/// Many flights: grids and random draws over any setting of a scenario, with statistics of the detectors.
-#[derive(Debug, Deserialize, Serialize, ToSchema)]
-#[serde(deny_unknown_fields)]
-pub(crate) struct CampaignSubmission {
-    /// Name of one of the server's campaigns; or give `text`.
-    #[serde(default)]
-    campaign: Option<String>,
-    /// A campaign document (TOML), as in the library's `campaigns`; at most 256 KiB.
-    #[serde(default)]
-    #[schema(max_length = 262_144)]
-    text: Option<String>,
-    /// Id of a classifier that was trained here: the network of the FDI engine in every flight, instead of that of
-    /// the scenario.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    classifier: Option<String>,
-    /// From −100 to 100; larger values run first.
-    #[serde(default)]
-    #[schema(minimum = -100, maximum = 100)]
-    priority: i64,
-    /// Time limit of an attempt at a part, s of wall time; default 6 h.
-    #[serde(default)]
-    #[schema(minimum = 1, maximum = 86_400)]
-    max_wall_s: Option<u64>,
-}
 
 /// Submits a campaign.
 #[utoipa::path(post, path = "/api/v1/campaigns", tag = "campaigns", operation_id = "submit_campaign", request_body = CampaignSubmission,
@@ -151,7 +126,7 @@ pub(super) async fn accept(
             (library, with_network(&text, &name)?, Some(folder))
         }
     };
-    let Checked { name, flights, seed } = check(app, &library, &document).await?;
+    let Checked { name, flights, seed } = check(app, &library, &document, None).await?;
     let input = laid_out(app, &library).await?;
     let draft = |shards: Option<&Range<u64>>| {
         let (kind, name, facts) = match shards {
@@ -235,11 +210,16 @@ struct Checked {
     seed: u64,
 }
 
-/// Reads and tries a campaign as if it were in the library, in a process of its own.
+/// Reads and tries a campaign as if it were in the library, in a process of its own, and returns what that says of it, or of one `flight`.
 ///
 /// # Errors
 /// 422: it cannot be flown, or takes too long or too much memory to be tried. 503, 507.
-async fn check(app: &App, library: &Library, text: &str) -> Result<Checked, Problem> {
+pub(super) async fn check<T: DeserializeOwned>(
+    app: &App,
+    library: &Library,
+    text: &str,
+    flight: Option<u64>,
+) -> Result<T, Problem> {
     let path = format!("campaigns/{SUBMITTED}");
     let files = vec![(path.clone(), text.to_owned())];
     let (source, data) = (library.clone(), app.config.work.data.clone());
@@ -248,12 +228,15 @@ async fn check(app: &App, library: &Library, text: &str) -> Result<Checked, Prob
         .await
         .map_err(|error| Problem::internal(&error))?
         .map_err(|error| Problem::of_files(&error))?;
-    let words: [OsString; 4] = [
+    let mut words: Vec<OsString> = vec![
         "campaign".into(),
         copy.root().join(&path).into(),
         "--check".into(),
         "--json".into(),
     ];
+    if let Some(flight) = flight {
+        words.extend(["--flight".into(), flight.to_string().into()]);
+    }
     let memory = CHECK_MEMORY.min(app.config.work.job_memory);
     let patience = Patience {
         memory,

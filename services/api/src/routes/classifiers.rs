@@ -4,22 +4,21 @@ use super::facts::{ClassifierFacts, JobFacts};
 use super::jobs::{self, JobView, Shared, Terms};
 use super::tasks::{CLASSIFIER, Draft, LIBRARY, OUT, done, laid_out};
 use crate::access::Caller;
-use crate::jobs::JobKind;
 use crate::json_object::JsonObject;
 use crate::problem::Problem;
 use axum::extract::Path;
 use axum::extract::rejection::PathRejection;
 use axum::http::HeaderMap;
 use axum::response::Response;
-use rotortwin_jobs::StoredJob;
-use rotortwin_jobs::training::{Hyperparameters, Method};
+use rotortwin_jobs::submission::ClassifierSubmission;
+use rotortwin_jobs::{JobKind, StoredJob};
 use serde::{Deserialize, Serialize};
 use std::path::PathBuf;
 use utoipa::ToSchema;
 
 super::collection!(
     classifiers,
-    crate::jobs::JobKind::Classifier,
+    rotortwin_jobs::JobKind::Classifier,
     ClassifierResult,
     "classifier",
     "/api/v1/classifiers",
@@ -31,48 +30,10 @@ super::collection!(
 );
 
 /// Data sets, at most.
-const MOST_SEEDS: u32 = 100;
-
-/// A classifier to train.
-#[derive(Debug, Deserialize, Serialize, ToSchema)]
-#[serde(deny_unknown_fields)]
-pub(crate) struct Training {
-    /// Method: inputs and training of the network.
-    #[serde(default)]
-    method: Method,
-    /// Name of one of the server's scenarios: vehicle, controller, sensors, detector settings.
-    #[serde(default = "reference_flight")]
-    scenario: String,
-    /// Number of data sets (one per seed).
-    #[serde(default = "five")]
-    #[schema(minimum = 1, maximum = 100)]
-    seeds: u32,
-    /// First seed; the others follow.
-    #[serde(default = "one")]
-    first_seed: u64,
-    /// Deviations from the method's training settings.
-    #[serde(default, skip_serializing_if = "Hyperparameters::is_empty")]
-    hyperparameters: Hyperparameters,
-    /// From −100 to 100; larger values run first.
-    #[serde(default)]
-    #[schema(minimum = -100, maximum = 100)]
-    priority: i64,
-}
-
-fn reference_flight() -> String {
-    "reference-flight".to_owned()
-}
-
-const fn five() -> u32 {
-    5
-}
-
-const fn one() -> u64 {
-    1
-}
+const MOST_REPEATS: u32 = 100;
 
 /// Trains a classifier: the same seeds give the same bits.
-#[utoipa::path(post, path = "/api/v1/classifiers", tag = "classifiers", operation_id = "submit_classifier", request_body = Training,
+#[utoipa::path(post, path = "/api/v1/classifiers", tag = "classifiers", operation_id = "submit_classifier", request_body = ClassifierSubmission,
     params(("Idempotency-Key" = Option<String>, Header, description = "a retry with the same key and body returns the existing job")),
     responses(
         (status = 202, description = "accepted and stored; the job will end as done, failed or canceled", body = JobView,
@@ -91,7 +52,7 @@ pub(crate) async fn submit(
     app: Shared,
     caller: Caller,
     headers: HeaderMap,
-    body: Result<JsonObject<Training>, Problem>,
+    body: Result<JsonObject<ClassifierSubmission>, Problem>,
 ) -> Result<Response, Problem> {
     let JsonObject(body) = body?;
     let hash = jobs::request_hash(&body);
@@ -100,15 +61,7 @@ pub(crate) async fn submit(
     }
     let library = app.library(&caller).await?;
     library.text("scenarios", &body.scenario)?;
-    if !(1..=MOST_SEEDS).contains(&body.seeds) {
-        return Err(Problem::unprocessable(format!(
-            "`seeds` is {}; expected 1 to {MOST_SEEDS}",
-            body.seeds
-        )));
-    }
-    body.hyperparameters
-        .check()
-        .map_err(|reason| Problem::unprocessable(format!("`hyperparameters`: {reason}")))?;
+    body.check().map_err(Problem::unprocessable)?;
     let method = body.method.as_str();
     let job = rotortwin_jobs::Job::Training(rotortwin_jobs::Training {
         method: body.method,
@@ -138,6 +91,10 @@ pub(crate) async fn submit(
         },
     };
     draft.submit(&app, &caller, &headers, &body, Vec::new()).await
+}
+
+const fn five() -> u32 {
+    5
 }
 
 /// Fresh flights of the protocol, judged with a classifier.
@@ -196,9 +153,9 @@ pub(crate) async fn evaluate(
         return Ok(answer);
     }
     let job = done(&app, &caller, JobKind::Classifier, &id).await?;
-    if !(1..=MOST_SEEDS).contains(&body.repeats) {
+    if !(1..=MOST_REPEATS).contains(&body.repeats) {
         return Err(Problem::unprocessable(format!(
-            "`repeats` is {}; expected 1 to {MOST_SEEDS}",
+            "`repeats` is {}; expected 1 to {MOST_REPEATS}",
             body.repeats
         )));
     }

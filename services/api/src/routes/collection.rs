@@ -7,7 +7,6 @@ macro_rules! collection {
         pub(crate) mod $module {
             use crate::App;
             use crate::access::Caller;
-            use crate::jobs::JobKind;
             use crate::problem::Problem;
             use crate::routes::jobs::{self, JobPage, JobView, ListQuery, Shared};
             use crate::routes::results::{$result, JobWithResult};
@@ -17,6 +16,7 @@ macro_rules! collection {
             use axum::extract::{Path, Query, Request};
             use axum::http::{HeaderMap, StatusCode};
             use axum::response::Response;
+            use rotortwin_jobs::JobKind;
             use std::sync::Arc;
             use utoipa_axum::router::OpenApiRouter;
             use utoipa_axum::routes;

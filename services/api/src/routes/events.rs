@@ -11,6 +11,7 @@ use axum::extract::rejection::PathRejection;
 use axum::http::HeaderMap;
 use axum::response::sse::{Event, KeepAlive, Sse};
 use axum::response::{IntoResponse as _, Response};
+use rotortwin_jobs::QueueEventKind;
 use std::collections::VecDeque;
 use std::convert::Infallible;
 use std::sync::Arc;
@@ -99,7 +100,7 @@ impl Watcher {
         loop {
             if let Some(event) = self.ready.pop_front() {
                 self.last = event.seq;
-                self.ended = event.kind == "ended";
+                self.ended = event.kind == QueueEventKind::Ended.as_str();
                 return Some(event);
             }
             if self.ended || *self.ending.borrow() {

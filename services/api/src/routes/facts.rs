@@ -1,7 +1,7 @@
 //! Summary of the request of each kind of job other than runs. Written when a job is accepted, and shown in lists.
 
-use super::asked::{Flights, ModelChoice};
 use rotortwin_blind::bench::cases::Preset;
+use rotortwin_jobs::submission::{Flights, ModelChoice};
 use rotortwin_jobs::training::Method;
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
@@ -49,7 +49,7 @@ impl JobFacts {
 }
 
 /// Short form of the request for a campaign.
-#[derive(Debug, Clone, Serialize, ToSchema)]
+#[derive(Debug, Clone, Serialize, Deserialize, ToSchema)]
 pub(crate) struct CampaignFacts {
     /// Number of planned flights.
     pub(super) flights: u64,

@@ -3,7 +3,6 @@
 use super::uploads::Upload;
 use crate::App;
 use crate::access::Caller;
-use crate::jobs::JobKind;
 use crate::problem::Problem;
 use crate::worker::answer::{answered, json};
 use axum::Json;
@@ -13,6 +12,7 @@ use axum::extract::{Query, RawQuery, State};
 use axum::http::Uri;
 use axum::response::Response;
 use rotortwin_campaign::study::log_score::LogScore;
+use rotortwin_jobs::JobKind;
 use rotortwin_scenario::DetectorSettings;
 use rotortwin_verdicts::log::LogReport;
 use serde::{Deserialize, Serialize};
@@ -174,7 +174,7 @@ async fn judged(app: &App, caller: &Caller, which: &Which, body: Body, truth: &T
         calibration_end_s: which.calibration_end_s,
         ..DetectorSettings::default()
     };
-    let part = which.part.as_deref().map(super::tasks::checked_part).transpose()?;
+    let part = which.part.as_deref().map(super::asked::checked_part).transpose()?;
     let library = app.library(caller).await?;
     // Made here only to be refused: the process that judges makes its own.
     super::fdi::detectors(

@@ -1,13 +1,12 @@
 //! A vehicle from flight logs, mass and arm: submitted as a job, and saved in the library after review.
 
-use super::asked::Flights;
+use super::asked;
 use super::documents::{self, checked_name};
 use super::facts::{IdentificationFacts, JobFacts};
 use super::jobs::{self, JobView, Shared, Terms};
 use super::tasks::{Draft, OUT, done};
 use crate::App;
 use crate::access::Caller;
-use crate::jobs::JobKind;
 use crate::json_object::JsonObject;
 use crate::library::DocumentKind;
 use crate::library::own::{Precondition, Written};
@@ -17,7 +16,8 @@ use axum::extract::Path;
 use axum::extract::rejection::PathRejection;
 use axum::http::{HeaderMap, HeaderValue, StatusCode, header};
 use axum::response::{IntoResponse as _, Response};
-use rotortwin_jobs::{Identification, Input, StoredJob};
+use rotortwin_jobs::submission::Flights;
+use rotortwin_jobs::{Identification, Input, JobKind, StoredJob};
 use rotortwin_twin::identify::{ARM_M, CAPACITY_AH, CELLS, MASS_KG};
 use serde::{Deserialize, Serialize};
 use std::fmt::Display;
@@ -26,7 +26,7 @@ use utoipa::ToSchema;
 
 super::collection!(
     identifications,
-    crate::jobs::JobKind::Identification,
+    rotortwin_jobs::JobKind::Identification,
     IdentificationResult,
     "identification",
     "/api/v1/identifications",
@@ -182,7 +182,7 @@ pub(crate) async fn submit(
         return Ok(answer);
     }
     body.check()?;
-    let (logs, mut inputs) = body.flights.lay_out(&app, &caller).await?;
+    let (logs, mut inputs) = asked::flights(&app, &caller, &body.flights).await?;
     let tables = || body.bench.iter().enumerate();
     inputs.extend(tables().map(|(place, table)| Input::text(table.path(place), table.text.clone())));
     let job = Identification {

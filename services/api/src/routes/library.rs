@@ -8,6 +8,7 @@ use crate::json_object::JsonObject;
 use crate::library::{Complaint, DocumentKind};
 use crate::problem::Problem;
 use axum::Json;
+use rotortwin_jobs::submission::ScenarioToCheck;
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
@@ -47,19 +48,6 @@ super::documents!(
     "/api/v1/models/{name}"
 );
 
-/// A scenario to check: the name of one of the server's, or its text.
-#[derive(Debug, Deserialize, ToSchema)]
-#[serde(deny_unknown_fields)]
-pub(crate) struct ToValidate {
-    /// Name of one of the server's scenarios.
-    scenario: Option<String>,
-    /// A scenario document (TOML), as in the library's `scenarios`.
-    text: Option<String>,
-    /// Keys to set on the named scenario, `key=value`.
-    #[serde(default)]
-    set: Vec<String>,
-}
-
 /// Result of a check.
 #[derive(Debug, Serialize, ToSchema)]
 pub(crate) struct Validation {
@@ -88,7 +76,7 @@ impl Validation {
 }
 
 /// Checks a scenario without flying it: lists every error, or all settings in effect.
-#[utoipa::path(post, path = "/api/v1/scenarios/validate", tag = "library", operation_id = "validate_scenario", request_body = ToValidate, responses(
+#[utoipa::path(post, path = "/api/v1/scenarios/validate", tag = "library", operation_id = "validate_scenario", request_body = ScenarioToCheck, responses(
     (status = 200, description = "the findings", body = Validation),
     (status = 400, description = "malformed request", body = Problem, content_type = "application/problem+json"),
     (status = 404, description = "scenario not found", body = Problem, content_type = "application/problem+json"),
@@ -99,7 +87,7 @@ impl Validation {
 pub(crate) async fn validate_scenario(
     app: Shared,
     caller: Caller,
-    body: Result<JsonObject<ToValidate>, Problem>,
+    body: Result<JsonObject<ScenarioToCheck>, Problem>,
 ) -> Result<Json<Validation>, Problem> {
     let JsonObject(body) = body?;
     let library = app.library(&caller).await?;

@@ -5,7 +5,6 @@ use super::facts::{ExampleFacts, JobFacts};
 use super::jobs::{self, JobView, Shared, Terms};
 use super::tasks::{Draft, LIBRARY, OUT, done, laid_out};
 use crate::access::Caller;
-use crate::jobs::JobKind;
 use crate::json_object::JsonObject;
 use crate::problem::Problem;
 use axum::Json;
@@ -18,7 +17,7 @@ use rotortwin_blind::example::{self, Example};
 use rotortwin_blind::hidden::Hidden;
 use rotortwin_blind::truth::Truth;
 use rotortwin_blind::vehicle::Vehicle;
-use rotortwin_jobs::{LogExample, StoredJob};
+use rotortwin_jobs::{JobKind, LogExample, StoredJob};
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 

@@ -5,13 +5,13 @@ use super::tasks::{STEM, done};
 use super::telemetry::{AnswerFormat, ChannelInfo, Channels, Selection, Telemetry, blocking};
 use crate::App;
 use crate::access::Caller;
-use crate::jobs::JobKind;
 use crate::problem::Problem;
 use axum::Json;
 use axum::extract::rejection::{PathRejection, QueryRejection};
 use axum::extract::{Path, Query};
 use axum::http::{HeaderMap, header};
 use axum::response::{IntoResponse as _, Response};
+use rotortwin_jobs::JobKind;
 use rotortwin_store::query::{self, TelemetryFile, render::RunTable};
 use std::path::PathBuf;
 

@@ -7,7 +7,7 @@ use super::uploads::Upload;
 use crate::App;
 use crate::access::Caller;
 use crate::incoming::Incoming;
-use crate::jobs::{JobKind, NewJob};
+use crate::jobs::NewJob;
 use crate::json_object::JsonObject;
 use crate::problem::Problem;
 use axum::body::Body;
@@ -15,14 +15,14 @@ use axum::extract::rejection::{PathRejection, QueryRejection};
 use axum::extract::{Path, Query};
 use axum::http::HeaderMap;
 use axum::response::Response;
-use rotortwin_jobs::{Input, LogImport, StoredJob};
+use rotortwin_jobs::{Input, JobKind, LogImport, StoredJob};
 use serde::{Deserialize, Serialize};
 use utoipa::{IntoParams, ToSchema};
 use xxhash_rust::xxh3::Xxh3;
 
 super::collection!(
     logs,
-    crate::jobs::JobKind::Log,
+    rotortwin_jobs::JobKind::Log,
     LogResult,
     "log",
     "/api/v1/logs",

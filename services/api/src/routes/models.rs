@@ -1,14 +1,13 @@
 //! Versioned models: history, additions, undo, branches, differences, exports. Versions are defined in
 //! [`rotortwin_twin::model`].
 
-use super::asked::ModelChoice;
+use super::asked;
 use super::documents::{checked_name, precondition};
 use super::jobs::Shared;
 use super::model_views::{AddedVersion, DifferenceView, ModelHistory, UndoneVersion, VersionView, label};
 use super::tasks::done;
 use crate::App;
 use crate::access::Caller;
-use crate::jobs::JobKind;
 use crate::json_object::JsonObject;
 use crate::library::own::Precondition;
 use crate::library::versions::{Changed, StoredModel};
@@ -19,6 +18,8 @@ use axum::extract::rejection::{PathRejection, QueryRejection};
 use axum::extract::{Path, Query};
 use axum::http::{HeaderMap, StatusCode, header};
 use axum::response::{IntoResponse as _, Response};
+use rotortwin_jobs::JobKind;
+use rotortwin_jobs::submission::ModelChoice;
 use rotortwin_twin::improve::from_diagnosis;
 use rotortwin_twin::model::store::{History, MAIN, version_number};
 use rotortwin_twin::model::{ModelEffect, ModelStore, ModelVersion, Provenance};
@@ -144,7 +145,7 @@ pub(crate) async fn create(
     let JsonObject(body) = body?;
     let name = &body.name;
     checked_name(name)?;
-    let mut version = body.model.read(&app, &caller).await?;
+    let mut version = asked::version(&app, &caller, &body.model).await?;
     version.name.clone_from(name);
     let taken = || Problem::conflict(format!("model '{name}' already exists; choose another name"));
     if app

@@ -1,23 +1,23 @@
 //! The next flight: the manoeuvre that would distinguish two effects.
 
-use super::asked::ModelChoice;
+use super::asked;
 use super::facts::{JobFacts, NextFlightFacts};
 use super::jobs::{self, JobView, Shared, Terms};
 use super::tasks::{Draft, OUT};
 use crate::access::Caller;
-use crate::jobs::JobKind;
 use crate::json_object::JsonObject;
 use crate::problem::Problem;
 use axum::http::HeaderMap;
 use axum::response::Response;
-use rotortwin_jobs::{NextFlight, StoredJob};
+use rotortwin_jobs::submission::ModelChoice;
+use rotortwin_jobs::{JobKind, NextFlight, StoredJob};
 use rotortwin_twin::next_flight::Rival;
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
 super::collection!(
     next_flights,
-    crate::jobs::JobKind::NextFlight,
+    rotortwin_jobs::JobKind::NextFlight,
     NextFlightResult,
     "proposal of a next flight",
     "/api/v1/next-flights",
@@ -80,7 +80,7 @@ pub(crate) async fn submit(
             long.len()
         )));
     }
-    let known = body.model.read(&app, &caller).await?;
+    let known = asked::version(&app, &caller, &body.model).await?;
     let catalogue = known.catalogue().map_err(|refusal| {
         Problem::unprocessable(format!(
             "model {}, key `{}`: {}",
@@ -89,7 +89,7 @@ pub(crate) async fn submit(
     })?;
     Rival::pair(&body.between, &known, &catalogue)
         .map_err(|reason| Problem::unprocessable(format!("`between`: {reason}")))?;
-    let (model, inputs, name) = body.model.lay_out(&app, &caller, 0).await?;
+    let (model, inputs, name) = asked::model(&app, &caller, &body.model, 0).await?;
     let job = NextFlight {
         model,
         models: MODELS.into(),

@@ -4,11 +4,11 @@
 use super::jobs::Shared;
 use crate::App;
 use crate::access::Caller;
-use crate::jobs::JobKind;
 use crate::json_object::JsonObject;
 use crate::problem::Problem;
 use crate::worker::answer::{Patience, Said, json};
 use axum::response::Response;
+use rotortwin_jobs::JobKind;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 use std::ffi::OsString;

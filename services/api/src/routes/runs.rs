@@ -3,14 +3,14 @@
 use super::jobs::{self, ListQuery, Shared};
 use crate::App;
 use crate::access::Caller;
-use crate::jobs::{Job, JobKind, Status};
+use crate::jobs::Job;
 use crate::problem::Problem;
 use axum::Json;
 use axum::extract::rejection::{PathRejection, QueryRejection};
 use axum::extract::{Path, Query};
 use axum::http::StatusCode;
-use rotortwin_jobs::StoredJob;
 use rotortwin_jobs::flight::{Controller, Flight, Link, Pace, Place};
+use rotortwin_jobs::{JobKind, Status, StoredJob, Tickets};
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
@@ -223,31 +223,6 @@ pub(super) fn flight_of(run: &Job) -> Result<Flight, Problem> {
             "this version cannot read a job that another version accepted: {error}"
         ))),
     }
-}
-
-/// How an external peer joins a run.
-#[derive(Debug, Serialize, Deserialize, ToSchema)]
-pub(crate) struct Ticket {
-    /// `controller` or `fdi`.
-    role: String,
-    /// Address of the plant: `zenoh:connect=tcp/HOST:PORT`.
-    link: String,
-    /// 16 hex digits; part of all topics of the run.
-    run_id: String,
-    /// Version of the messages of `proto/` that the plant uses.
-    messages: u32,
-    /// Longest wait of the plant for all peers to join, ms from the event `join`.
-    join_timeout_ms: u64,
-    /// Longest wait of the plant for the reply of a running peer, ms.
-    step_timeout_ms: u64,
-    /// Command that starts the built-in peer there.
-    command: String,
-}
-
-/// The tickets of a run.
-#[derive(Debug, Serialize, Deserialize, ToSchema)]
-pub(crate) struct Tickets {
-    peers: Vec<Ticket>,
 }
 
 /// How external peers join a run: endpoint, run id, message version, time-outs. Available once the plant is waiting (event `join`).

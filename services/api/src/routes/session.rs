@@ -35,7 +35,8 @@ pub(crate) struct SignedIn {
     /// Its tenant.
     tenant: Option<String>,
     /// `read`, `write`, `admin`.
-    scopes: Vec<&'static str>,
+    #[schema(value_type = Vec<String>)]
+    scopes: Vec<Scope>,
 }
 
 impl SignedIn {
@@ -44,7 +45,7 @@ impl SignedIn {
             needs_token: true,
             signed_in: true,
             tenant: Some(token.tenant.clone()),
-            scopes: token.scopes.iter().map(|scope| scope.as_str()).collect(),
+            scopes: token.scopes.clone(),
         }
     }
 
@@ -63,7 +64,7 @@ impl SignedIn {
             needs_token: false,
             signed_in: true,
             tenant: Some(Caller::local().tenant),
-            scopes: [Scope::Read, Scope::Write, Scope::Admin].map(Scope::as_str).to_vec(),
+            scopes: Scope::ALL.to_vec(),
         }
     }
 }

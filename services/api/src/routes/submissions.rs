@@ -1,11 +1,11 @@
 //! Submission of runs: from scratch, or as a fork of an existing one.
 
-use super::asked::ModelChoice;
+use super::asked;
 use super::jobs::{self, Shared, Terms};
 use super::runs::{Facts, Run, flight_of};
 use crate::App;
 use crate::access::Caller;
-use crate::jobs::{JobKind, NewJob};
+use crate::jobs::NewJob;
 use crate::json_object::JsonObject;
 use crate::library::Library;
 use crate::problem::Problem;
@@ -13,97 +13,13 @@ use axum::extract::Path;
 use axum::extract::rejection::PathRejection;
 use axum::http::HeaderMap;
 use axum::response::Response;
-use rotortwin_jobs::StoredJob;
-use rotortwin_jobs::flight::{Controller, Flight, Link, Pace, Place, join_timeout};
+use rotortwin_jobs::flight::{Controller, Flight, Link};
+use rotortwin_jobs::submission::RunSubmission;
+use rotortwin_jobs::{JobKind, StoredJob};
 use rotortwin_scenario::classifier::Classifier;
 use rotortwin_scenario::{Documents, Scenario};
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
-
-/// Peers from outside are waited for at most this long, ms.
-const LONGEST_JOIN_MS: u64 = 3_600_000;
-
-/// A flight to submit.
-#[derive(Debug, Deserialize, Serialize, ToSchema)]
-#[serde(deny_unknown_fields)]
-pub(crate) struct Submission {
-    /// Name of one of the server's scenarios; or give `text`.
-    #[serde(default)]
-    scenario: Option<String>,
-    /// A scenario document (TOML), as in the library's `scenarios`.
-    #[serde(default)]
-    text: Option<String>,
-    /// All documents of a flight (TOML), as in the summary of a run: nothing is looked up in the library.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    documents: Option<String>,
-    /// Id of a classifier that was trained here: the network of the FDI engine, instead of that of the scenario.
-    #[serde(default)]
-    classifier: Option<String>,
-    /// This model flies, with its vehicle and effects, instead of the scenario's vehicle.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    model: Option<ModelChoice>,
-    /// The model assumed by the detectors, as far as their parameters can represent it.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    fdi_model: Option<ModelChoice>,
-    /// Keys to set on the named scenario: `key=value`, such as `initial.state_of_charge=0.4`.
-    #[serde(default)]
-    set: Vec<String>,
-    /// Seed of all noise; default: the scenario's.
-    #[serde(default)]
-    seed: Option<u64>,
-    /// How plant, controller and FDI engine are connected.
-    #[serde(default)]
-    link: Link,
-    /// As fast as possible, or 400 steps per second of wall clock.
-    #[serde(default)]
-    pace: Pace,
-    /// From −100 to 100; larger values run first.
-    #[serde(default)]
-    #[schema(minimum = -100, maximum = 100)]
-    priority: i64,
-    /// Controller: the built-in one with the plant, the built-in one on a worker that offers it, a third-party one
-    /// that joins with the run's ticket, or an autopilot by its name.
-    #[serde(default)]
-    controller: Controller,
-    /// FDI engine: same choices as for the controller.
-    #[serde(default)]
-    fdi: Place,
-    /// Longest wait for external peers, ms.
-    #[serde(default = "join_timeout")]
-    #[schema(minimum = 1, maximum = 3_600_000)]
-    join_timeout_ms: u64,
-    /// Time limit of an attempt, s of wall time; default 6 h.
-    #[serde(default)]
-    #[schema(minimum = 1, maximum = 86_400)]
-    max_wall_s: Option<u64>,
-    /// Longest flight to accept, s of simulated time.
-    #[serde(default)]
-    max_sim_s: Option<f64>,
-}
-
-impl Submission {
-    /// What holds where nothing is said, without a scenario.
-    fn usual() -> Self {
-        Self {
-            scenario: None,
-            text: None,
-            documents: None,
-            classifier: None,
-            model: None,
-            fdi_model: None,
-            set: Vec::new(),
-            seed: None,
-            link: Link::default(),
-            pace: Pace::default(),
-            priority: 0,
-            controller: Controller::default(),
-            fdi: Place::default(),
-            join_timeout_ms: join_timeout(),
-            max_wall_s: None,
-            max_sim_s: None,
-        }
-    }
-}
 
 /// The scenario that a request means.
 pub(crate) fn find_scenario(
@@ -124,7 +40,7 @@ pub(crate) fn find_scenario(
     }
 }
 
-fn submitted_scenario(library: &Library, body: &Submission) -> Result<Scenario, Problem> {
+fn submitted_scenario(library: &Library, body: &RunSubmission) -> Result<Scenario, Problem> {
     match &body.documents {
         None => find_scenario(library, body.scenario.as_deref(), body.text.as_deref(), &body.set),
         Some(_) if body.scenario.is_some() || body.text.is_some() || !body.set.is_empty() => {
@@ -143,11 +59,11 @@ async fn with_models(
     app: &App,
     caller: &Caller,
     mut scenario: Scenario,
-    body: &Submission,
+    body: &RunSubmission,
 ) -> Result<(Scenario, Vec<String>), Problem> {
     let mut notes = Vec::new();
     if let Some(choice) = &body.model {
-        let version = choice.read(app, caller).await?;
+        let version = asked::version(app, caller, choice).await?;
         scenario = version
             .flown_in(&scenario)
             .map_err(|error| Problem::unprocessable(format!("with `model`: {error}")))?;
@@ -156,7 +72,10 @@ async fn with_models(
         let refused = |refusal: rotortwin_plant::error::Refusal| {
             Problem::unprocessable(format!("`fdi_model`, key `{}`: {}", refusal.key, refusal.reason))
         };
-        let vehicle = choice.read(app, caller).await?.for_detectors().map_err(refused)?;
+        let vehicle = asked::version(app, caller, choice)
+            .await?
+            .for_detectors()
+            .map_err(refused)?;
         if !vehicle.not_carried.is_empty() {
             notes.push(format!(
                 "the detectors have no parameter for {}: ignored by the detectors",
@@ -178,7 +97,7 @@ async fn with_classifier(app: &App, caller: &Caller, scenario: &Scenario, id: &s
 }
 
 /// Submits a flight.
-#[utoipa::path(post, path = "/api/v1/runs", tag = "runs", operation_id = "submit_run", request_body = Submission,
+#[utoipa::path(post, path = "/api/v1/runs", tag = "runs", operation_id = "submit_run", request_body = RunSubmission,
     params(("Idempotency-Key" = Option<String>, Header, description = "a retry with the same key and body returns the existing run")),
     responses(
         (status = 202, description = "accepted and stored; the job will end as done, failed or canceled", body = Run,
@@ -197,7 +116,7 @@ pub(crate) async fn submit(
     app: Shared,
     caller: Caller,
     headers: HeaderMap,
-    body: Result<JsonObject<Submission>, Problem>,
+    body: Result<JsonObject<RunSubmission>, Problem>,
 ) -> Result<Response, Problem> {
     let JsonObject(body) = body?;
     let hash = jobs::request_hash(&body);
@@ -222,7 +141,7 @@ async fn accept(
     caller: &Caller,
     headers: &HeaderMap,
     request_hash: String,
-    body: Submission,
+    body: RunSubmission,
     scenario: &Scenario,
     notes: Vec<String>,
     parent: Option<String>,
@@ -232,7 +151,7 @@ async fn accept(
         max_wall_s: body.max_wall_s,
     };
     let wall_limit_ms = terms.check()?;
-    check_places(&body)?;
+    body.check_places().map_err(Problem::unprocessable)?;
     let link = match &body.controller {
         Controller::Autopilot(name) => {
             let how = (body.link, body.fdi, body.pace);
@@ -301,28 +220,6 @@ fn json(value: &impl Serialize) -> Result<String, Problem> {
     serde_json::to_string(value).map_err(|error| Problem::internal(&error))
 }
 
-/// Parts elsewhere are reached over zenoh only.
-fn check_places(body: &Submission) -> Result<(), Problem> {
-    if !(1..=LONGEST_JOIN_MS).contains(&body.join_timeout_ms) {
-        return Err(Problem::unprocessable(format!(
-            "`join_timeout_ms` is {}; expected 1 to {LONGEST_JOIN_MS}",
-            body.join_timeout_ms
-        )));
-    }
-    for (name, place) in [
-        ("controller", body.controller.place().unwrap_or_default()),
-        ("fdi", body.fdi),
-    ] {
-        if place != Place::Beside && body.link != Link::Zenoh {
-            return Err(Problem::unprocessable(format!(
-                "`{name}` runs outside this server, and `link` is {}; expected `link: zenoh`",
-                body.link.as_str()
-            )));
-        }
-    }
-    Ok(())
-}
-
 /// Changes for a fork.
 #[derive(Debug, Default, Deserialize, Serialize, ToSchema)]
 #[serde(deny_unknown_fields)]
@@ -374,7 +271,7 @@ pub(crate) async fn fork(
         documents.scenario.sensor_fault.clear();
     }
     let scenario = Scenario::from_documents(&documents).map_err(|error| Problem::unprocessable(error.to_string()))?;
-    let submission = Submission {
+    let submission = RunSubmission {
         seed: Some(match body.seed {
             Some(seed) => seed,
             None => spec.seed.parse().map_err(|error| Problem::internal(&error))?,
@@ -386,7 +283,7 @@ pub(crate) async fn fork(
         fdi: spec.fdi,
         join_timeout_ms: spec.join_timeout_ms,
         max_wall_s: u64::try_from(run.new.wall_limit_ms / 1000).ok(),
-        ..Submission::usual()
+        ..RunSubmission::default()
     };
     accept(
         &app,
@@ -414,10 +311,10 @@ pub(super) async fn again(
     seed: u64,
     parent: String,
 ) -> Result<Response, Problem> {
-    let submission = Submission {
+    let submission = RunSubmission {
         seed: Some(seed),
         link: Link::InProcess,
-        ..Submission::usual()
+        ..RunSubmission::default()
     };
     accept(
         app,

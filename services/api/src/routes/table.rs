@@ -2,14 +2,15 @@
 
 use super::jobs::Shared;
 use crate::access::Caller;
+use crate::jobs::Job;
 use crate::jobs::store::Filter;
-use crate::jobs::{Job, JobKind, Status};
 use crate::problem::Problem;
 use axum::Json;
 use axum::extract::Query;
 use axum::extract::rejection::QueryRejection;
 use axum::http::header;
 use axum::response::{IntoResponse, Response};
+use rotortwin_jobs::{JobKind, Status};
 use serde::de::{IgnoredAny, MapAccess, Visitor};
 use serde::{Deserialize, Deserializer as _, Serialize};
 use serde_json::{Value, json};

@@ -1,24 +1,22 @@
 //! A model compared with flights: comparisons, diagnoses, improvements.
 
-use super::asked::{Flights, ModelChoice};
+use super::asked;
 use super::facts::{JobFacts, TwinFacts};
 use super::jobs::{self, JobView, Shared, Terms};
 use super::tasks::{Draft, FINAL_MODEL, OUT};
 use crate::App;
 use crate::access::Caller;
-use crate::jobs::JobKind;
 use crate::json_object::JsonObject;
 use crate::problem::Problem;
 use axum::http::HeaderMap;
 use axum::response::Response;
-use rotortwin_jobs::{Comparison, Diagnosis, Improvement, Input, StoredJob};
-use serde::{Deserialize, Serialize};
+use rotortwin_jobs::submission::{ModelChoice, TwinSubmission};
+use rotortwin_jobs::{Comparison, Diagnosis, Improvement, Input, JobKind, StoredJob};
 use std::path::PathBuf;
-use utoipa::ToSchema;
 
 super::collection!(
     comparisons,
-    crate::jobs::JobKind::Comparison,
+    rotortwin_jobs::JobKind::Comparison,
     ComparisonResult,
     "comparison",
     "/api/v1/comparisons",
@@ -30,7 +28,7 @@ super::collection!(
 );
 super::collection!(
     diagnoses,
-    crate::jobs::JobKind::Diagnosis,
+    rotortwin_jobs::JobKind::Diagnosis,
     DiagnosisResult,
     "diagnosis",
     "/api/v1/diagnoses",
@@ -42,7 +40,7 @@ super::collection!(
 );
 super::collection!(
     improvements,
-    crate::jobs::JobKind::Improvement,
+    rotortwin_jobs::JobKind::Improvement,
     ImprovementResult,
     "improvement",
     "/api/v1/improvements",
@@ -55,42 +53,6 @@ super::collection!(
 
 /// Folder of the models, next to or below the files of the job.
 const MODELS: &str = "models";
-/// A comparison has at most this many models.
-const MOST_MODELS: usize = 16;
-/// A submission brings at most this many effects of its own.
-const MOST_EFFECTS: usize = 32;
-
-/// A model and the flights to compare it with.
-#[derive(Debug, Deserialize, Serialize, ToSchema)]
-#[serde(deny_unknown_fields)]
-pub(crate) struct TwinSubmission {
-    /// The model.
-    model: ModelChoice,
-    /// Comparison: more models, each compared with the same flights; they follow `model` in the result, in this
-    /// order.
-    #[serde(default, skip_serializing_if = "Vec::is_empty")]
-    more_models: Vec<ModelChoice>,
-    /// Flights, all of one vehicle.
-    flights: Flights,
-    /// Diagnosis: your own effects to consider as well (TOML).
-    #[serde(default)]
-    effects: Vec<String>,
-    /// Diagnosis: names of the library's effect documents to consider as well.
-    #[serde(default, skip_serializing_if = "Vec::is_empty")]
-    library_effects: Vec<String>,
-    /// Improvement: held-out flights, not used in any fit.
-    #[serde(default)]
-    held_out: Option<Flights>,
-    /// From −100 to 100; larger values run first.
-    #[serde(default)]
-    #[schema(minimum = -100, maximum = 100)]
-    priority: i64,
-    /// Time limit of an attempt, s of wall time; default 6 h.
-    #[serde(default)]
-    #[schema(minimum = 1, maximum = 86_400)]
-    max_wall_s: Option<u64>,
-}
-
 macro_rules! submission {
     ($function:ident, $path:literal, $tag:literal, $operation:literal, $summary:literal, $kind:expr) => {
         #[doc = $summary]
@@ -157,17 +119,21 @@ async fn submit(
     if let Some(answer) = jobs::before(app, caller, kind, headers, &hash, JobView::from).await? {
         return Ok(answer);
     }
-    check_belongings(body, kind)?;
-    let (model, mut inputs, name) = body.model.lay_out(app, caller, 0).await?;
-    let mut labels = vec![body.model.label()?.map_or_else(|| name.clone(), str::to_owned)];
+    body.check_for(kind).map_err(Problem::unprocessable)?;
+    let (model, mut inputs, name) = asked::model(app, caller, &body.model, 0).await?;
+    let label = |choice: &ModelChoice, name: &str| {
+        let own = choice.label().map_err(Problem::unprocessable)?;
+        Ok::<_, Problem>(own.unwrap_or(name).to_owned())
+    };
+    let mut labels = vec![label(&body.model, &name)?];
     let mut models = vec![model.clone()];
     for (place, choice) in body.more_models.iter().enumerate() {
-        let (model, more, name) = choice.lay_out(app, caller, place + 1).await?;
-        labels.push(choice.label()?.map_or(name, str::to_owned));
+        let (model, more, name) = asked::model(app, caller, choice, place + 1).await?;
+        labels.push(label(choice, &name)?);
         models.push(model);
         inputs.extend(more);
     }
-    let (flights, logs) = body.flights.lay_out(app, caller).await?;
+    let (flights, logs) = asked::flights(app, caller, &body.flights).await?;
     inputs.extend(logs);
     let library = app.library(caller).await?;
     let named = body.library_effects.iter().map(|name| library.text("effects", name));
@@ -198,7 +164,7 @@ async fn submit(
         }),
         _ => {
             let (held_out, logs) = match &body.held_out {
-                Some(held_out) => held_out.lay_out(app, caller).await?,
+                Some(held_out) => asked::flights(app, caller, held_out).await?,
                 None => (Vec::new(), Vec::new()),
             };
             inputs.extend(logs);
@@ -232,37 +198,4 @@ async fn submit(
         },
     };
     draft.submit(app, caller, headers, body, Vec::new()).await
-}
-
-fn check_belongings(body: &TwinSubmission, kind: JobKind) -> Result<(), Problem> {
-    let effects = body.effects.len() + body.library_effects.len();
-    if kind != JobKind::Diagnosis && effects > 0 {
-        return Err(Problem::unprocessable("`effects` belong to a diagnosis"));
-    }
-    if effects > MOST_EFFECTS {
-        return Err(Problem::unprocessable(format!(
-            "{effects} `effects`; expected at most {MOST_EFFECTS}"
-        )));
-    }
-    if kind == JobKind::Improvement && !body.model.is_a_vehicle() && !body.model.is_a_version() {
-        return Err(Problem::unprocessable(
-            "an improvement starts from the nominal model of a vehicle; expected `model: {\"vehicle\": …}`, or a `version` without effects",
-        ));
-    }
-    if kind != JobKind::Comparison && !body.more_models.is_empty() {
-        return Err(Problem::unprocessable("`more_models` belong to a comparison"));
-    }
-    if body.more_models.len() >= MOST_MODELS {
-        return Err(Problem::unprocessable(format!(
-            "{} models; expected at most {MOST_MODELS}",
-            1 + body.more_models.len()
-        )));
-    }
-    if kind != JobKind::Comparison && body.model.label()?.is_some() {
-        return Err(Problem::unprocessable("`label` belongs to a comparison"));
-    }
-    if kind != JobKind::Improvement && body.held_out.is_some() {
-        return Err(Problem::unprocessable("`held_out` belongs to an improvement"));
-    }
-    Ok(())
 }

@@ -7,7 +7,7 @@ use super::runs;
 use super::tasks::Draft;
 use crate::App;
 use crate::access::Caller;
-use crate::jobs::{Job, JobKind, NewJob, Status};
+use crate::jobs::{Job, NewJob};
 use crate::problem::Problem;
 use axum::Json;
 use axum::extract::Path;
@@ -15,7 +15,7 @@ use axum::extract::rejection::PathRejection;
 use axum::http::{HeaderMap, StatusCode, header};
 use axum::response::{IntoResponse as _, Response};
 use rotortwin_jobs::flight::Place;
-use rotortwin_jobs::{Input, StoredJob, Verification as VerificationJob, Verified};
+use rotortwin_jobs::{Input, JobKind, Status, StoredJob, Verification as VerificationJob, Verified};
 use rotortwin_sim::commands::COMMANDS_FILE;
 use rotortwin_store::files::SUMMARY_FILE;
 use serde::Serialize;
@@ -24,7 +24,7 @@ use utoipa::ToSchema;
 
 super::collection!(
     verifications,
-    crate::jobs::JobKind::Verification,
+    rotortwin_jobs::JobKind::Verification,
     VerificationResult,
     "run flown again",
     "/api/v1/verifications",

@@ -2,10 +2,11 @@
 
 use super::child::{self, Limits, Listener, Reason};
 use super::{Ended, Meeting, WorkerContext, files_key, job_command};
-use crate::jobs::{Job, Outcome, Status};
+use crate::jobs::{Job, Outcome};
 use rotortwin_jobs::flight::{Controller, Flight, Link, Place};
-use rotortwin_jobs::{AutopilotHere, FlightHere, Here, JobFile};
+use rotortwin_jobs::{AutopilotHere, FlightHere, Here, Invitation, JobFile, SeatRole, Status, Tickets};
 use rotortwin_store::summary::{Status as FlightStatus, Summary, load_summary};
+use serde::Deserialize as _;
 use serde_json::Value;
 use std::path::Path;
 use tokio::process::Command;
@@ -92,11 +93,10 @@ pub(super) async fn fly(context: &WorkerContext, job: &Job, token: &str, spec: &
 
 /// One of our own processes is gone. The loss of a third-party one is a result.
 fn is_worth_another_try(spec: &Flight, peer: &str) -> bool {
-    match peer {
-        "controller" => matches!(spec.controller.place(), Some(Place::Beside | Place::Worker)),
-        "fdi" => spec.fdi != Place::External,
-        "plant" | "supervisor" => true,
-        _ => false,
+    match SeatRole::parse(peer) {
+        Some(SeatRole::Controller) => matches!(spec.controller.place(), Some(Place::Beside | Place::Worker)),
+        Some(SeatRole::Fdi) => spec.fdi != Place::External,
+        None => matches!(peer, "plant" | "supervisor"),
     }
 }
 
@@ -159,9 +159,9 @@ fn with_port(endpoint: &str) -> std::io::Result<String> {
     Ok(format!("{start}:{port}"))
 }
 
-fn roles(spec: &Flight) -> impl Iterator<Item = (&'static str, Place)> {
-    let controller = spec.controller.place().map(|place| ("controller", place));
-    controller.into_iter().chain([("fdi", spec.fdi)])
+fn roles(spec: &Flight) -> impl Iterator<Item = (SeatRole, Place)> {
+    let controller = spec.controller.place().map(|place| (SeatRole::Controller, place));
+    controller.into_iter().chain([(SeatRole::Fdi, spec.fdi)])
 }
 
 /// Issues the tickets once the plant is waiting.
@@ -173,25 +173,22 @@ struct TicketIssuer<'a> {
 }
 
 impl Listener for TicketIssuer<'_> {
-    async fn event(&mut self, kind: &str, event: &Value) {
-        if kind == "join" {
-            self.hand_out(event).await;
+    async fn event(&mut self, _: &str, event: &Value) {
+        if let Ok(Invitation::Join(tickets)) = Invitation::deserialize(event) {
+            self.hand_out(event, &tickets).await;
         }
     }
 }
 
 impl TicketIssuer<'_> {
-    async fn hand_out(&self, event: &Value) {
-        let ticket = |role: &str| {
-            event["peers"]
-                .as_array()
-                .into_iter()
-                .flatten()
-                .find(|peer| peer["role"] == role)
-                .map(Value::to_string)
+    /// `event`: that of the `tickets`, which is stored as it is.
+    async fn hand_out(&self, event: &Value, tickets: &Tickets) {
+        let ticket = |role: SeatRole| {
+            let ticket = tickets.peers.iter().find(|ticket| ticket.role == role)?;
+            serde_json::to_string(ticket).ok()
         };
         let database = &self.context.database;
-        let seats: Vec<(&str, String)> = roles(self.spec)
+        let seats: Vec<(SeatRole, String)> = roles(self.spec)
             .filter(|(_, place)| *place == Place::Worker)
             .filter_map(|(role, _)| Some((role, ticket(role)?)))
             .collect();

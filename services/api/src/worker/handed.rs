@@ -7,9 +7,11 @@ use super::child::{self, LARGEST_FILE};
 use super::{ATTEMPTS, WorkerContext, accounted, attempt_key, failed, files_key, pause_after_failure};
 use crate::artifacts::files_below;
 use crate::jobs::queue::new_id;
-use crate::jobs::{Job, Outcome, Status};
+use crate::jobs::{Job, Outcome};
 use crate::problem::Problem;
-use rotortwin_jobs::{Content, Here, Input, JobFile, PartEnd, PartFile, PartHow, PartInput, PartOrder, StoredJob};
+use rotortwin_jobs::{
+    Content, Here, Input, JobFile, PartEnd, PartFile, PartHow, PartInput, PartOrder, QueueEventKind, Status, StoredJob,
+};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use std::num::NonZeroUsize;
@@ -20,8 +22,6 @@ use std::time::Duration;
 const OUT: &str = "out";
 /// Longer inputs are fetched separately, bytes.
 const INLINE: u64 = 256 << 10;
-/// Kinds of events that only the queue itself writes.
-const OF_QUEUE: &[&str] = &["queued", "started", "requeued", "part", "ended"];
 /// Number of retries if a claim changes hands while a part is delivered.
 const LOOKS: usize = 5;
 
@@ -235,7 +235,9 @@ pub(crate) async fn events(context: &WorkerContext, job: &Job, claim: &str, line
     for line in lines {
         let event: serde_json::Value = serde_json::from_str(line)
             .map_err(|error| Problem::unprocessable(format!("a line is not JSON: {error}")))?;
-        let kind = event["event"].as_str().filter(|kind| !OF_QUEUE.contains(kind));
+        let kind = event["event"]
+            .as_str()
+            .filter(|kind| QueueEventKind::parse(kind).is_none());
         let kind = kind.ok_or_else(|| Problem::unprocessable("a line is not an event of a part"))?;
         if !context.database.event(&job.id, claim, kind, line).await? {
             // The claim has moved to another server; these are progress events, which may be lost.

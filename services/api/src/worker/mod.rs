@@ -21,10 +21,10 @@ mod task;
 use crate::artifacts::Artifacts;
 use crate::jobs::database::Database;
 use crate::jobs::queue::{FairShare, Left, Takes};
-use crate::jobs::{Job, Outcome, Status};
+use crate::jobs::{Job, Outcome};
 use crate::pulse::Pulse;
 use crate::traces::Traces;
-use rotortwin_jobs::{JobFile, StoredJob};
+use rotortwin_jobs::{JobFile, SeatRole, Status, StoredJob};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::Duration;
@@ -177,7 +177,7 @@ pub fn limit_that_ended(status: std::process::ExitStatus, said: &str, memory: u6
 }
 
 /// Takes seats of runs flown elsewhere until the process ends.
-pub(crate) async fn serve_seats(context: Arc<WorkerContext>, roles: Vec<String>) {
+pub(crate) async fn serve_seats(context: Arc<WorkerContext>, roles: Vec<SeatRole>) {
     let mut ending = context.ending.subscribe();
     while !*ending.borrow() {
         match context.database.take_seat(&roles).await {

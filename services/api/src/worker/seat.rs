@@ -3,8 +3,8 @@
 use super::WorkerContext;
 use super::child::{BAD_INPUT, last_words, signal, without_secrets};
 use crate::jobs::seats::Seat;
+use rotortwin_jobs::Ticket;
 use rustix::process::Signal;
-use serde_json::Value;
 use std::process::Stdio;
 use std::time::Duration;
 use tokio::process::Command;
@@ -18,14 +18,14 @@ const LEAVE_TO_OTHERS: Duration = Duration::from_secs(3);
 
 /// Starts the process and waits for its end. However it ends, the plant notices and reports which peer is missing.
 pub(super) async fn serve(context: &WorkerContext, seat: &Seat) {
-    let Ok(ticket) = serde_json::from_str::<Value>(&seat.ticket) else {
+    let Ok(ticket) = serde_json::from_str::<Ticket>(&seat.ticket) else {
         tracing::error!(run = seat.job, "its ticket cannot be read");
         return;
     };
-    let text = |key: &str| ticket[key].as_str().unwrap_or_default().to_owned();
+    let role = seat.role.as_str();
     let complaints = context
         .artifacts
-        .place(&format!("seats/{}-{}-{}.log", seat.job, seat.role, seat.claim));
+        .place(&format!("seats/{}-{role}-{}.log", seat.job, seat.claim));
     let child = complaints
         .parent()
         .map_or(Ok(()), std::fs::create_dir_all)
@@ -34,12 +34,12 @@ pub(super) async fn serve(context: &WorkerContext, seat: &Seat) {
             let mut command = Command::new(&context.program);
             without_secrets(&mut command);
             command
-                .arg(&seat.role)
-                .args(["--link", &text("link")])
-                .args(["--run-id", &text("run_id")])
+                .arg(role)
+                .args(["--link", &ticket.link])
+                .args(["--run-id", &ticket.run_id])
                 // As long as the plant waits for all its peers: they may come one after the other.
-                .args(["--join-timeout", &ticket["join_timeout_ms"].to_string()])
-                .args(["--step-timeout", &ticket["step_timeout_ms"].to_string()])
+                .args(["--join-timeout", &ticket.join_timeout_ms.to_string()])
+                .args(["--step-timeout", &ticket.step_timeout_ms.to_string()])
                 .stdin(Stdio::null())
                 .stdout(Stdio::null())
                 .stderr(file)
@@ -50,11 +50,11 @@ pub(super) async fn serve(context: &WorkerContext, seat: &Seat) {
     let mut child = match child {
         Ok(child) => child,
         Err(error) => {
-            tracing::error!(run = seat.job, role = seat.role, %error, "a seat was claimed, but its process cannot be started");
+            tracing::error!(run = seat.job, role, %error, "a seat was claimed, but its process cannot be started");
             return;
         }
     };
-    tracing::info!(run = seat.job, role = seat.role, "seat taken");
+    tracing::info!(run = seat.job, role, "seat taken");
     let mut ending = context.ending.subscribe();
     let over = async {
         tokio::select! {
@@ -73,13 +73,13 @@ pub(super) async fn serve(context: &WorkerContext, seat: &Seat) {
         }
     };
     match ended {
-        Ok(status) if status.success() => tracing::info!(run = seat.job, role = seat.role, "seat left"),
+        Ok(status) if status.success() => tracing::info!(run = seat.job, role, "seat left"),
         Ok(status) => {
-            tracing::warn!(run = seat.job, role = seat.role, %status, why = last_words(&complaints), "seat left early");
+            tracing::warn!(run = seat.job, role, %status, why = last_words(&complaints), "seat left early");
             // It could not reach the meeting point that its address names: another host may.
             if status.code() == Some(BAD_INPUT) {
                 if let Err(error) = context.database.release_seat(seat).await {
-                    tracing::error!(run = seat.job, role = seat.role, %error, "a seat cannot be given back");
+                    tracing::error!(run = seat.job, role, %error, "a seat cannot be given back");
                 }
                 tokio::select! {
                     () = ends(&mut ending) => {}
@@ -88,7 +88,7 @@ pub(super) async fn serve(context: &WorkerContext, seat: &Seat) {
             }
         }
         Err(error) => {
-            tracing::error!(run = seat.job, role = seat.role, %error, "waiting for the process of a seat failed")
+            tracing::error!(run = seat.job, role, %error, "waiting for the process of a seat failed")
         }
     }
     if let Err(error) = std::fs::remove_file(&complaints) {

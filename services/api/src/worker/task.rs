@@ -2,8 +2,8 @@
 
 use super::child::{self, BAD_INPUT, Everything, Limits, Reason};
 use super::{Ended, WorkerContext, files_key, job_command};
-use crate::jobs::{Job, Outcome, Status};
-use rotortwin_jobs::{Content, Here, Input, JobFile, StoredJob};
+use crate::jobs::{Job, Outcome};
+use rotortwin_jobs::{Content, Here, Input, JobFile, Status, StoredJob};
 use std::io;
 use std::num::NonZeroUsize;
 use std::path::Path;

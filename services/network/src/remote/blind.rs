@@ -10,7 +10,9 @@ use rotortwin_blind::vehicle::{Vehicle, blades_of};
 use rotortwin_cli::blind::{self, Args, BenchArgs};
 use rotortwin_cli::network::remote::ServerArgs;
 use rotortwin_cli::output;
-use serde_json::{Value, json};
+use rotortwin_jobs::submission::{BenchVehicle, BlindBenchSubmission};
+use rotortwin_jobs::{JobEvent, QueueEvent};
+use serde_json::Value;
 use std::collections::BTreeSet;
 use std::path::Path;
 use std::process::ExitCode;
@@ -33,7 +35,7 @@ pub(super) fn run(server: &ServerArgs, args: &Args) -> ExitCode {
         Err(sentence) => return output::bad_input(sentence),
     };
     with_server(server, async |remote| {
-        let path = task::submit(remote, "blind-benches", "blind bench", body, args.json).await?;
+        let path = task::submit(remote, "blind-benches", "blind bench", &body, args.json).await?;
         let ended = async {
             let mut cases = Cases::new(args);
             let bar = cases.bar.clone();
@@ -53,22 +55,27 @@ pub(super) fn run(server: &ServerArgs, args: &Args) -> ExitCode {
 }
 
 /// The request, with this machine's versions of the vehicles.
-fn body(args: &BenchArgs) -> Result<Value, String> {
+fn body(args: &BenchArgs) -> Result<BlindBenchSubmission, String> {
     let request = args.request().map_err(|error| error.to_string())?;
     let mut names = BTreeSet::new();
-    let vehicles: Vec<Value> = args
+    let vehicles: Vec<BenchVehicle> = args
         .vehicles
         .iter()
         .map(|path| sent(path, &mut names))
         .collect::<Result<_, _>>()?;
-    Ok(json!({
-        "presets": request.presets, "n": request.n, "seed": request.seed, "vehicles": vehicles,
-        "duration_s": request.duration_s,
-    }))
+    Ok(BlindBenchSubmission {
+        presets: request.presets,
+        n: request.n,
+        seed: request.seed,
+        vehicles,
+        duration_s: request.duration_s,
+        priority: 0,
+        max_wall_s: None,
+    })
 }
 
 /// A vehicle with its blades, under a unique name.
-fn sent(path: &Path, names: &mut BTreeSet<String>) -> Result<Value, String> {
+fn sent(path: &Path, names: &mut BTreeSet<String>) -> Result<BenchVehicle, String> {
     Vehicle::load(path).map_err(|error| error.to_string())?;
     let blades = blades_of(path).map_err(|error| error.to_string())?;
     let read = |path: &Path| {
@@ -82,7 +89,11 @@ fn sent(path: &Path, names: &mut BTreeSet<String>) -> Result<Value, String> {
         }
         name = format!("{plain}-{number}");
     }
-    Ok(json!({ "vehicle": name, "text": read(path)?, "blades": read(&blades)? }))
+    Ok(BenchVehicle {
+        vehicle: name,
+        text: Some(read(path)?),
+        blades: Some(read(&blades)?),
+    })
 }
 
 /// The name of a file in a form that the server accepts for a document.
@@ -106,7 +117,8 @@ fn document_name(path: &Path) -> String {
 /// Finished cases. A case of a restarted part is reported twice.
 struct Cases {
     bar: ProgressBar,
-    done: BTreeSet<u64>,
+    /// Their numbers.
+    done: BTreeSet<usize>,
 }
 
 impl Cases {
@@ -118,19 +130,12 @@ impl Cases {
     }
 
     fn show(&mut self, event: &Event) {
-        match event.kind.as_str() {
-            "case" => {
-                self.done.extend(event.data["case"].as_u64());
-                self.bar.set_position(self.done.len() as u64);
-                let named = event.data["named"].as_str().unwrap_or_default();
-                self.bar
-                    .set_message(format!("{} → {named}", fetch::text(&event.data, "truth")));
-            }
-            "requeued" => {
-                let why = event.data["why"].as_str().unwrap_or("it did not say why");
-                self.bar.println(format!("the server merges it again: {why}"));
-            }
-            _ => {}
+        if let Some(QueueEvent::Requeued { why }) = event.of_queue() {
+            self.bar.println(format!("the server merges it again: {why}"));
+        } else if let Some(JobEvent::Case(case)) = event.of_job() {
+            self.done.insert(case.case);
+            self.bar.set_position(self.done.len() as u64);
+            self.bar.set_message(format!("{} → {}", case.truth, case.named));
         }
     }
 }
@@ -154,6 +159,9 @@ async fn finish(remote: &Remote, done: &task::Done, args: &BenchArgs) -> Result<
 #[cfg(test)]
 mod tests {
     use super::*;
+    use rotortwin_blind::bench::cases::Preset;
+    use rotortwin_blind::bench::score::Outcome;
+    use rotortwin_jobs::CaseDone;
 
     #[test]
     fn val_names_of_documents() {
@@ -177,7 +185,14 @@ mod tests {
             cases.show(&Event {
                 id: 1,
                 kind: "case".to_owned(),
-                data: json!({ "case": case, "truth": "a", "named": "b" }),
+                data: serde_json::to_value(JobEvent::Case(CaseDone {
+                    case,
+                    named: "b".to_owned(),
+                    outcome: Outcome::Right,
+                    preset: Preset::Mixed,
+                    truth: "a".to_owned(),
+                }))
+                .expect("JSON"),
             });
         }
         assert_eq!(cases.bar.position(), 3);

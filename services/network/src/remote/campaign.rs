@@ -8,7 +8,9 @@ use rotortwin_campaign::study::Campaign;
 use rotortwin_cli::campaign::{self, Args, FlightArgs};
 use rotortwin_cli::network::remote::ServerArgs;
 use rotortwin_cli::output;
-use serde_json::{Value, json};
+use rotortwin_jobs::submission::CampaignSubmission;
+use rotortwin_jobs::{JobEvent, Progress, QueueEvent, Status};
+use serde_json::Value;
 use std::path::Path;
 use std::process::ExitCode;
 use std::time::Duration;
@@ -47,9 +49,13 @@ pub(crate) fn run(server: &ServerArgs, args: &Args) -> ExitCode {
         Ok(folder) => folder,
         Err(sentence) => return output::bad_input(sentence),
     };
+    let body = CampaignSubmission {
+        text: Some(text),
+        ..CampaignSubmission::default()
+    };
     with_server(server, async |remote| {
         let ask = Ask::post("/api/v1/campaigns")
-            .json(json!({ "text": text }))
+            .json(&body)?
             .limit(READ_BY_A_PROCESS)
             .once();
         let job = remote.json(&ask).await?;
@@ -85,11 +91,11 @@ async fn watch(remote: &Remote, id: &str, campaign: &Campaign, quiet: bool) -> R
 }
 
 fn show(bar: &ProgressBar, event: &Event, done: &mut u64, parts: u64, flights: u64) {
-    if event.kind == "part" {
+    if let Some(QueueEvent::Part { .. }) = event.of_queue() {
         *done += 1;
         bar.set_position(flights * *done / parts.max(*done));
         bar.set_message(format!("{done} of {parts} parts"));
-    } else if let Some(flown) = event.data["flights"].as_u64().filter(|_| event.kind == "progress") {
+    } else if let Some(JobEvent::Progress(Progress::Flights { flights: flown, .. })) = event.of_job() {
         bar.set_position(flown);
     }
 }
@@ -104,7 +110,7 @@ async fn finish(
 ) -> Result<ExitCode, RemoteError> {
     let path = format!("/api/v1/campaigns/{id}");
     let job = remote.json(&Ask::get(&path)).await?;
-    if job["status"] != "done" {
+    if fetch::status(&job) != Some(Status::Done) {
         let why = job["error"]
             .as_str()
             .map(|error| format!(": {error}"))

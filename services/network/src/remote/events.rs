@@ -1,8 +1,10 @@
 //! Events of a job from the first to `ended`, over as many connections as it takes, without a gap.
 
-use super::RemoteError;
 use super::http::{Ask, Patience, Remote, causes};
+use super::{RemoteError, fetch};
 use reqwest::Response;
+use rotortwin_jobs::{JobEvent, QueueEvent, QueueEventKind, Status};
+use serde::Deserialize as _;
 use serde_json::Value;
 use std::collections::VecDeque;
 use std::time::Duration;
@@ -19,6 +21,23 @@ pub(crate) struct Event {
     pub kind: String,
     /// Its content.
     pub data: Value,
+}
+
+impl Event {
+    /// As one of the server's queue; `None`: it is of the job itself.
+    pub(crate) fn of_queue(&self) -> Option<QueueEvent> {
+        QueueEvent::read(&self.kind, &self.data)
+    }
+
+    /// As one of a job other than a flight; `None`: it is none, or of a later version.
+    pub(crate) fn of_job(&self) -> Option<JobEvent> {
+        JobEvent::deserialize(&self.data).ok()
+    }
+
+    /// There will be no more.
+    fn is_last(&self) -> bool {
+        self.kind == QueueEventKind::Ended.as_str()
+    }
 }
 
 /// Follows one job. Dropping a call of [`next`](Self::next) loses nothing.
@@ -67,7 +86,7 @@ impl<'a> Follow<'a> {
                     self.ready.clear();
                     break;
                 }
-                (self.last, self.news, self.over) = (event.id, true, event.kind == "ended");
+                (self.last, self.news, self.over) = (event.id, true, event.is_last());
                 self.patience = Patience::new();
                 return Ok(Some(event));
             }
@@ -116,7 +135,7 @@ impl<'a> Follow<'a> {
 
     async fn has_ended(&self) -> Result<bool, RemoteError> {
         let job = self.remote.json(&Ask::get(&self.path)).await?;
-        Ok(!matches!(job["status"].as_str(), Some("queued" | "running")))
+        Ok(!matches!(fetch::status(&job), Some(Status::Queued | Status::Running)))
     }
 }
 

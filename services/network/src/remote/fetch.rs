@@ -3,6 +3,7 @@
 use super::RemoteError;
 use super::http::{Ask, Patience, Remote, causes};
 use reqwest::StatusCode;
+use rotortwin_jobs::Status;
 use serde_json::Value;
 use std::fs::File;
 use std::io::Write as _;
@@ -125,6 +126,11 @@ pub(crate) fn in_url(name: &str) -> String {
             _ => format!("%{byte:02X}"),
         })
         .collect()
+}
+
+/// The state of a job; `None`: the answer says none.
+pub(super) fn status(job: &Value) -> Option<Status> {
+    job["status"].as_str().map(Status::parse)
 }
 
 /// The text of a field, or a dash.

@@ -7,8 +7,10 @@
 use super::http::{Ask, Remote};
 use super::{RemoteError, fetch, task};
 use reqwest::StatusCode;
+use rotortwin_jobs::Status;
+use rotortwin_jobs::submission::Flights;
 use rotortwin_twin::log::FlightLog;
-use serde_json::{Value, json};
+use serde_json::Value;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 use xxhash_rust::xxh3::xxh3_128;
@@ -19,7 +21,7 @@ const SLOWEST_UPLOAD: u64 = 100_000;
 const ANSWER: Duration = Duration::from_secs(30);
 
 /// Flights of a submission.
-pub(super) async fn named(remote: &Remote, texts: &[PathBuf], quiet: bool) -> Result<Value, RemoteError> {
+pub(super) async fn named(remote: &Remote, texts: &[PathBuf], quiet: bool) -> Result<Flights, RemoteError> {
     let (mut logs, mut runs) = (Vec::new(), Vec::new());
     for text in texts {
         let (path, part) = cut(text);
@@ -39,7 +41,7 @@ pub(super) async fn named(remote: &Remote, texts: &[PathBuf], quiet: bool) -> Re
         let id = fetch::text(&done.job, "id");
         logs.push(part.map_or_else(|| id.to_owned(), |part| format!("{id}@{part}")));
     }
-    Ok(json!({ "logs": logs, "runs": runs }))
+    Ok(Flights { logs, runs })
 }
 
 /// Cuts `LOG@PART` like [`FlightLog::read_part`].
@@ -135,7 +137,7 @@ pub(super) async fn import(
     let mut job = remote.call(&ask.clone().header("idempotency-key", key)).await?;
     let mut there = job.status() == StatusCode::OK;
     let mut log: Value = job.json().await.map_err(no_json)?;
-    if there && matches!(log["status"].as_str(), Some("failed" | "canceled")) {
+    if there && matches!(fetch::status(&log), Some(Status::Failed | Status::Canceled)) {
         // It may succeed today.
         job = remote.call(&ask.once()).await?;
         there = false;

@@ -1,16 +1,18 @@
 //! `rotortwin --server URL fly`: flown on the server; progress and files appear here.
 
-use super::events::{Event, Follow};
+use super::events::Event;
 use super::http::{Ask, Remote};
-use super::stop::Stop;
-use super::{RemoteError, fetch, with_server};
+use super::{RemoteError, fetch, task, with_server};
 use rotortwin_cli::fly::{self, Args, LinkKind, PaceArg, Screen};
 use rotortwin_cli::network::remote::ServerArgs;
 use rotortwin_cli::output;
+use rotortwin_jobs::QueueEvent;
+use rotortwin_jobs::flight::{Controller, Link, Pace};
+use rotortwin_jobs::submission::{ModelChoice, RunSubmission, ScenarioToCheck};
 use rotortwin_scenario::{Documents, Scenario};
 use rotortwin_store::run_folder::RunFolder;
 use rotortwin_store::summary::load_summary;
-use serde_json::{Value, json};
+use serde_json::Value;
 use std::process::ExitCode;
 
 /// Runs the command.
@@ -118,7 +120,12 @@ fn loaded(args: &Args, models: &Models) -> Result<Scenario, ExitCode> {
 async fn of_server(remote: &Remote, args: &Args) -> Result<Scenario, RemoteError> {
     let text = args.scenario.to_string_lossy();
     let name = theirs(&text).unwrap_or_default();
-    let ask = Ask::post("/api/v1/scenarios/validate").json(json!({ "scenario": name, "set": args.set }));
+    let asked = ScenarioToCheck {
+        scenario: Some(name.to_owned()),
+        text: None,
+        set: args.set.clone(),
+    };
+    let ask = Ask::post("/api/v1/scenarios/validate").json(&asked)?;
     let found = remote.json(&ask).await?;
     if found["valid"] != true {
         return Err(RemoteError::BadInput(format!(
@@ -157,30 +164,12 @@ struct Flight<'a> {
 
 impl Flight<'_> {
     async fn fly(&self, remote: &Remote, scenario: &Scenario, seed: u64) -> Result<ExitCode, RemoteError> {
-        let link = match self.args.link {
-            LinkKind::InProcess => "in-process",
-            LinkKind::Iceoryx2 => "iceoryx2",
-            LinkKind::Zenoh => "zenoh",
-        };
-        let pace = match self.args.pace {
-            PaceArg::Fast => "fast",
-            PaceArg::RealTime => "real-time",
-        };
-        let documents = scenario.documents().to_toml();
-        let mut body = match &self.args.autopilot {
-            Some(name) => json!({ "documents": documents, "seed": seed, "controller": { "autopilot": name } }),
-            None => json!({ "documents": documents, "seed": seed, "link": link, "pace": pace }),
-        };
-        for (key, model) in [("model", &self.models.model), ("fdi_model", &self.models.fdi_model)] {
-            if let Some(name) = model {
-                body[key] = json!({ "model": name });
-            }
-        }
-        let run = remote.json(&Ask::post("/api/v1/runs").json(body).once()).await?;
+        let body = self.submission(scenario, seed);
+        let run = remote.json(&Ask::post("/api/v1/runs").json(&body)?.once()).await?;
         let id = fetch::text(&run, "id").to_owned();
         self.screen.line(&format!("run {id} of {}", remote.url()));
         let path = format!("/api/v1/runs/{id}");
-        let watched = self.watch(remote, &path).await;
+        let watched = task::watch(remote, &path, &|line| self.screen.line(line), &mut |event| self.show(event)).await;
         let fetched = match watched {
             Ok(()) => self.fetch(remote, &path).await,
             Err(error) => Err(error),
@@ -193,42 +182,43 @@ impl Flight<'_> {
         })
     }
 
-    /// Shows the run until it has ended; Ctrl-C asks the server to end it.
-    async fn watch(&self, remote: &Remote, path: &str) -> Result<(), RemoteError> {
-        let mut stop = Stop::new()?;
-        let mut events = Follow::new(remote, path.to_owned(), 0);
-        let mut canceled = false;
-        loop {
-            tokio::select! {
-                event = events.next() => match event? {
-                    Some(event) => self.show(&event),
-                    None => return Ok(()),
+    fn submission(&self, scenario: &Scenario, seed: u64) -> RunSubmission {
+        let body = RunSubmission {
+            documents: Some(scenario.documents().to_toml()),
+            model: self.models.model.clone().map(ModelChoice::of_server),
+            fdi_model: self.models.fdi_model.clone().map(ModelChoice::of_server),
+            seed: Some(seed),
+            ..RunSubmission::default()
+        };
+        match &self.args.autopilot {
+            // Link and pace are those of the server.
+            Some(name) => RunSubmission {
+                controller: Controller::Autopilot(name.clone()),
+                ..body
+            },
+            None => RunSubmission {
+                link: match self.args.link {
+                    LinkKind::InProcess => Link::InProcess,
+                    LinkKind::Iceoryx2 => Link::Iceoryx2,
+                    LinkKind::Zenoh => Link::Zenoh,
                 },
-                () = stop.wanted() => {
-                    if canceled {
-                        return Err(RemoteError::Failed("given up".to_owned()));
-                    }
-                    canceled = true;
-                    self.screen.line("asking the server to stop the run; Ctrl-C again leaves it running there");
-                    match remote.call(&Ask::cancel(format!("{path}/cancel"))).await {
-                        Ok(_) => {}
-                        // Ended meanwhile.
-                        Err(RemoteError::BadInput(sentence)) => tracing::debug!(sentence, "nothing to cancel"),
-                        Err(error) => return Err(error),
-                    }
-                }
-            }
+                pace: match self.args.pace {
+                    PaceArg::Fast => Pace::Fast,
+                    PaceArg::RealTime => Pace::RealTime,
+                },
+                ..body
+            },
         }
     }
 
     fn show(&self, event: &Event) {
         match serde_json::from_value(event.data.clone()) {
             Ok(known) => self.screen.show(&known),
-            Err(_) if event.kind == "requeued" => {
-                let why = event.data["why"].as_str().unwrap_or("it did not say why");
-                self.screen.line(&format!("the server restarts the flight: {why}"));
+            Err(_) => {
+                if let Some(QueueEvent::Requeued { why }) = event.of_queue() {
+                    self.screen.line(&format!("the server restarts the flight: {why}"));
+                }
             }
-            Err(_) => {}
         }
     }
 

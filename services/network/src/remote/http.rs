@@ -4,6 +4,7 @@ use super::HERE;
 use reqwest::header::{AUTHORIZATION, CONTENT_TYPE, HeaderValue, RETRY_AFTER};
 use reqwest::{Certificate, Method, Response, StatusCode};
 use rotortwin_cli::network::remote::ServerArgs;
+use serde::Serialize;
 use serde_json::Value;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -106,9 +107,15 @@ impl Ask {
         }
     }
 
-    pub(crate) fn json(mut self, body: Value) -> Self {
+    /// A body that is one of [`rotortwin_jobs::submission`], so that a server of this version can read it.
+    ///
+    /// # Errors
+    /// It cannot be written as JSON.
+    pub(crate) fn json(mut self, body: &impl Serialize) -> Result<Self, RemoteError> {
+        let body = serde_json::to_value(body)
+            .map_err(|error| RemoteError::Failed(format!("the request cannot be written: {error}")))?;
         self.body = Some(Body::Json(body));
-        self
+        Ok(self)
     }
 
     /// A file.

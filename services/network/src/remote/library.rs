@@ -5,8 +5,9 @@ use super::{RemoteError, fetch, task, with_server};
 use rotortwin_cli::network::remote::ServerArgs;
 use rotortwin_cli::train;
 use rotortwin_cli::{output, show};
+use rotortwin_jobs::submission::{ClassifierSubmission, ScenarioToCheck};
 use rotortwin_scenario::{Classifier, Documents, Scenario};
-use serde_json::{Value, json};
+use serde_json::Value;
 use std::path::Path;
 use std::process::ExitCode;
 
@@ -19,8 +20,12 @@ pub(super) fn check(server: &ServerArgs, args: &show::CheckArgs) -> ExitCode {
         Ok(text) => text,
         Err(error) => return output::bad_input(format!("{}: cannot be read: {error}", args.scenario.display())),
     };
+    let asked = ScenarioToCheck {
+        text: Some(text),
+        ..ScenarioToCheck::default()
+    };
     with_server(server, async |remote| {
-        let ask = Ask::post("/api/v1/scenarios/validate").json(json!({ "text": text }));
+        let ask = Ask::post("/api/v1/scenarios/validate").json(&asked)?;
         let found = remote.json(&ask).await?;
         if found["valid"] != true {
             return Err(RemoteError::BadInput(format!(
@@ -63,15 +68,15 @@ pub(super) fn train(server: &ServerArgs, args: &train::Args) -> ExitCode {
         Err(sentence) => return output::bad_input(sentence),
     };
     with_server(server, async |remote| {
-        let name = same_there(remote, request.scenario).await?;
-        let mut body = json!({
-            "method": request.method, "scenario": name, "seeds": request.seeds, "first_seed": request.first_seed,
-        });
-        if !request.hyperparameters.is_empty() {
-            // A server of another version knows none.
-            body["hyperparameters"] = json!(request.hyperparameters);
-        }
-        let done = task::perform(remote, "classifiers", "classifier", body, request.json).await?;
+        let body = ClassifierSubmission {
+            method: request.method,
+            scenario: same_there(remote, request.scenario).await?,
+            seeds: u32::from(request.seeds),
+            first_seed: request.first_seed,
+            hyperparameters: request.hyperparameters,
+            priority: 0,
+        };
+        let done = task::perform(remote, "classifiers", "classifier", &body, request.json).await?;
         fetch::file(remote, &format!("{}/artifacts/{CLASSIFIER}", done.path), request.out).await?;
         let classifier =
             Classifier::read(request.out).map_err(|error| RemoteError::Failed(format!("the server's {error}")))?;
@@ -86,7 +91,11 @@ async fn same_there(remote: &Remote, path: &Path) -> Result<String, RemoteError>
     let name = path
         .file_stem()
         .map_or_else(String::new, |stem| stem.to_string_lossy().into_owned());
-    let ask = Ask::post("/api/v1/scenarios/validate").json(json!({ "scenario": name }));
+    let asked = ScenarioToCheck {
+        scenario: Some(name.clone()),
+        ..ScenarioToCheck::default()
+    };
+    let ask = Ask::post("/api/v1/scenarios/validate").json(&asked)?;
     let there = match remote.json(&ask).await {
         Ok(there) => there,
         Err(RemoteError::BadInput(sentence)) => {

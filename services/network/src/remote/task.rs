@@ -6,6 +6,8 @@ use super::stop::Stop;
 use super::{RemoteError, fetch};
 use indicatif::{ProgressBar, ProgressStyle};
 use rotortwin_cli::output;
+use rotortwin_jobs::{JobEvent, Progress, QueueEvent, Status};
+use serde::Serialize;
 use serde_json::Value;
 use std::path::Path;
 use std::process::ExitCode;
@@ -28,10 +30,10 @@ pub(super) async fn submit(
     remote: &Remote,
     collection: &str,
     what: &str,
-    body: Value,
+    body: &impl Serialize,
     quiet: bool,
 ) -> Result<String, RemoteError> {
-    let ask = Ask::post(format!("/api/v1/{collection}")).json(body).once();
+    let ask = Ask::post(format!("/api/v1/{collection}")).json(body)?.once();
     let job = remote.json(&ask).await?;
     let id = fetch::text(&job, "id");
     if !quiet {
@@ -45,7 +47,7 @@ pub(super) async fn perform(
     remote: &Remote,
     collection: &str,
     what: &str,
-    body: Value,
+    body: &impl Serialize,
     quiet: bool,
 ) -> Result<Done, RemoteError> {
     let path = submit(remote, collection, what, body, quiet).await?;
@@ -69,11 +71,23 @@ pub(super) async fn done(remote: &Remote, path: String, what: &str, quiet: bool)
     ended(remote, path, what).await
 }
 
-/// Shows a job until it has ended; Ctrl-C asks the server to end it.
+/// Shows a job until it has ended; Ctrl-C asks the server to end it. The bar is then removed.
 pub(super) async fn follow(
     remote: &Remote,
     path: &str,
     bar: &ProgressBar,
+    show: &mut dyn FnMut(&Event),
+) -> Result<(), RemoteError> {
+    watch(remote, path, &|line| bar.println(line), show).await?;
+    bar.finish_and_clear();
+    Ok(())
+}
+
+/// As [`follow`]; `say` prints a line.
+pub(super) async fn watch(
+    remote: &Remote,
+    path: &str,
+    say: &dyn Fn(&str),
     show: &mut dyn FnMut(&Event),
 ) -> Result<(), RemoteError> {
     let mut stop = Stop::new()?;
@@ -83,14 +97,14 @@ pub(super) async fn follow(
         tokio::select! {
             event = events.next() => match event? {
                 Some(event) => show(&event),
-                None => break,
+                None => return Ok(()),
             },
             () = stop.wanted() => {
                 if canceled {
                     return Err(RemoteError::Failed("given up".to_owned()));
                 }
                 canceled = true;
-                bar.println("asking the server to stop it; Ctrl-C again leaves it running there");
+                say("asking the server to stop it; Ctrl-C again leaves it running there");
                 match remote.call(&Ask::cancel(format!("{path}/cancel"))).await {
                     Ok(_) => {}
                     // Ended meanwhile.
@@ -100,14 +114,12 @@ pub(super) async fn follow(
             }
         }
     }
-    bar.finish_and_clear();
-    Ok(())
 }
 
 /// Returns a job that has ended, if it is done.
 pub(super) async fn ended(remote: &Remote, path: String, what: &str) -> Result<Done, RemoteError> {
     let job = remote.json(&Ask::get(&path)).await?;
-    if job["status"] == "done" {
+    if fetch::status(&job) == Some(Status::Done) {
         return Ok(Done { path, job });
     }
     // The command's message on the server is a complete sentence already.
@@ -118,21 +130,18 @@ pub(super) async fn ended(remote: &Remote, path: String, what: &str) -> Result<D
 }
 
 fn show(bar: &ProgressBar, event: &Event) {
-    match event.kind.as_str() {
-        "queued" => bar.set_message("waits for a worker"),
-        "started" => bar.set_message(format!("at {}", event.data["worker"].as_str().unwrap_or("a worker"))),
-        "progress" => {
-            let text = event.data["text"].as_str().unwrap_or_default().to_owned();
-            bar.set_message(match event.data["share"].as_f64() {
-                Some(share) => format!("{:3.0} % {text}", 100.0 * share),
-                None => text,
-            });
+    match event.of_queue() {
+        Some(QueueEvent::Queued {}) => bar.set_message("waits for a worker"),
+        Some(QueueEvent::Started { worker, .. }) => {
+            bar.set_message(format!("at {}", worker.as_deref().unwrap_or("a worker")));
         }
-        "requeued" => {
-            let why = event.data["why"].as_str().unwrap_or("it did not say why");
-            bar.println(format!("the server restarts it: {why}"));
+        Some(QueueEvent::Requeued { why }) => bar.println(format!("the server restarts it: {why}")),
+        Some(QueueEvent::Part { .. } | QueueEvent::Ended { .. }) => {}
+        None => {
+            if let Some(JobEvent::Progress(Progress::Share { share, text })) = event.of_job() {
+                bar.set_message(format!("{:3.0} % {text}", 100.0 * share));
+            }
         }
-        _ => {}
     }
 }
 

@@ -8,11 +8,11 @@ use super::http::Remote;
 use super::{RemoteError, fetch, task, with_server};
 use rotortwin_cli::network::remote::ServerArgs;
 use rotortwin_cli::{compare, diagnose, improve, log, output};
+use rotortwin_jobs::submission::{ModelChoice, TwinSubmission};
 use rotortwin_runner::diagnosis::TIME_LIMIT_S;
 use rotortwin_runner::log_import::unique_names;
 use rotortwin_runner::versions::find_or_begin;
 use rotortwin_twin::model::{ModelStore, ModelVersion};
-use serde_json::{Value, json};
 use std::path::Path;
 use std::process::ExitCode;
 
@@ -21,10 +21,6 @@ const FINAL_MODEL: &str = "model.toml";
 
 fn bad(error: impl std::fmt::Display) -> RemoteError {
     RemoteError::BadInput(error.to_string())
-}
-
-fn body_of(version: &ModelVersion) -> Value {
-    json!({ "version": version.to_toml() })
 }
 
 /// Compares models with flights.
@@ -36,14 +32,24 @@ pub(super) fn compare(server: &ServerArgs, args: &compare::Args) -> ExitCode {
             Ok(found) => found,
             Err(error) => return output::told(&error.into()),
         };
-        let mut model = body_of(&found.version);
-        model["label"] = args.label.get(place).cloned().unwrap_or_else(|| found.label()).into();
-        models.push(model);
+        models.push(ModelChoice {
+            label: Some(args.label.get(place).cloned().unwrap_or_else(|| found.label())),
+            ..ModelChoice::of_version(found.version.to_toml())
+        });
     }
+    let mut models = models.into_iter();
+    let Some(model) = models.next() else {
+        return output::bad_input("no model is named; expected one after --model");
+    };
     with_server(server, async |remote| {
         let flights = flights::named(remote, &args.logs, args.json).await?;
-        let body = json!({ "model": models[0], "more_models": models[1..], "flights": flights });
-        let done = task::perform(remote, "comparisons", "comparison", body, args.json).await?;
+        let body = TwinSubmission {
+            model,
+            more_models: models.collect(),
+            flights,
+            ..TwinSubmission::default()
+        };
+        let done = task::perform(remote, "comparisons", "comparison", &body, args.json).await?;
         done.print(remote, "comparison", args.json, args.out.as_deref()).await
     })
 }
@@ -70,8 +76,13 @@ pub(super) fn diagnose(server: &ServerArgs, args: &diagnose::Args) -> ExitCode {
     };
     with_server(server, async |remote| {
         let flights = flights::named(remote, &args.logs, args.json).await?;
-        let body = json!({ "model": body_of(&found.version), "flights": flights, "effects": effects });
-        let done = task::perform(remote, "diagnoses", "diagnosis", body, args.json).await?;
+        let body = TwinSubmission {
+            model: ModelChoice::of_version(found.version.to_toml()),
+            flights,
+            effects,
+            ..TwinSubmission::default()
+        };
+        let done = task::perform(remote, "diagnoses", "diagnosis", &body, args.json).await?;
         done.print(remote, "diagnosis", args.json, args.out.as_deref()).await
     })
 }
@@ -101,11 +112,16 @@ pub(super) fn improve(server: &ServerArgs, args: &improve::Args) -> ExitCode {
     with_server(server, async |remote| {
         let flights = flights::named(remote, &args.logs, args.json).await?;
         let held_out = match args.held_out.as_slice() {
-            [] => Value::Null,
-            texts => flights::named(remote, texts, args.json).await?,
+            [] => None,
+            texts => Some(flights::named(remote, texts, args.json).await?),
         };
-        let body = json!({ "model": { "version": version.to_toml() }, "flights": flights, "held_out": held_out });
-        let done = task::perform(remote, "improvements", "improvement", body, args.json).await?;
+        let body = TwinSubmission {
+            model: ModelChoice::of_version(version.to_toml()),
+            flights,
+            held_out,
+            ..TwinSubmission::default()
+        };
+        let done = task::perform(remote, "improvements", "improvement", &body, args.json).await?;
         let kept = keep(remote, &done, &store, &version, &branch).await?;
         if !args.json {
             for label in kept {

@@ -87,7 +87,7 @@ export function Add(props: { twin: Twin }) {
           <div class="say">
             You look at {line().at(-1)?.label}; {head().name === "main" ? "the model" : `the branch ${head().name}`} is at v{head().version}.{" "}
             <button type="button" onClick={() => props.twin.chooseVersion(head().version)}>Go there</button>{" "}
-            To go on from here instead, begin a branch.
+            To continue from here instead, begin a branch.
           </div>
         )}
       </Show>

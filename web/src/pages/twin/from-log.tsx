@@ -102,7 +102,7 @@ export function FromLog(props: { twin: Twin; taken: readonly string[]; onKept: (
       <JobProgress job={{ ...job, error: () => job.error() && withoutPlace(job.error() ?? "") }} what="Identifying the vehicle" />
       <Show when={job.error()}>
         <p class="small">
-          Nothing was changed, and what you typed stands above. What to fly: 5 s standing still, 20 s of roll and pitch doublets, 10 s of yaw steps, 10 s of
+          Nothing was changed, and what you typed is still there. What to fly: 5 s standing still, 20 s of roll and pitch doublets, 10 s of yaw steps, 10 s of
           throttle pulses; body rates, accelerometer and motor outputs at 200 Hz or more.
         </p>
       </Show>
@@ -199,7 +199,7 @@ function Found(props: { found: Identification; job: JobView | undefined; id: str
           </p>
           <div class="row">
             <Show when={!kept()} fallback={<><span class="tag good">kept as {name()}, and chosen</span><span class="small">The comparison with it is in <a href="#step-4">step 4</a>.</span></>}>
-              <button type="button" class="main" disabled={busy()} onClick={() => void keep()}>{busy() ? "Keeping …" : `Keep it as ${name()} and go on with it`}</button>
+              <button type="button" class="main" disabled={busy()} onClick={() => void keep()}>{busy() ? "Keeping …" : `Keep it as ${name()} and use it`}</button>
             </Show>
             <Show when={!kept() && props.taken.includes(name())}>
               <span class="small">There is a vehicle {name()} already: yours takes its place in your library. Another name above, and “Identify again”, keeps both.</span>

@@ -36,15 +36,15 @@ export function NextFlight(props: { twin: Twin; found: Diagnosis }) {
   return (
     <div class="say stack">
       <p>
-        <strong>A short flight tells them apart.</strong> Eleven manoeuvres are flown in the simulator with the model as it stands; what each would show if one or the
+        <strong>A short flight distinguishes them.</strong> Eleven manoeuvres are flown in the simulator with the current model; what each would show if one or the
         other effect were true says which is worth flying.
       </p>
         <div class="fields">
           <Show when={candidates().length > 2}>
-            {pick("Tell", first, setFirst)}
+            {pick("Distinguish", first, setFirst)}
             {pick("from", second, setSecond)}
           </Show>
-          <button type="button" class="main" disabled={busy() || job.running() || first() === second()} onClick={() => void find()}>Find the manoeuvre that tells</button>
+          <button type="button" class="main" disabled={busy() || job.running() || first() === second()} onClick={() => void find()}>Find the manoeuvre that distinguishes them</button>
           <Show when={candidates().length === 2}><span class="small muted">{candidates()[0]?.label}, or {candidates()[1]?.label}?</span></Show>
         </div>
       <Problem sentence={problem()} />
@@ -70,7 +70,7 @@ function Proposed(props: { twin: Twin; list: readonly Manoeuvre[]; job: JobView 
   };
   const version = () => `${props.twin.model()}@v${props.twin.line().at(-1)?.version}`;
   // The server's text refers to a file of its own.
-  const scenario = async () => `# Tells ${between()[0]} from ${between()[1]}; proposed for the model ${version()}.\n${withVehicle(await fetchText(file()), props.twin.vehicle())}`;
+  const scenario = async () => `# Distinguishes ${between()[0]} from ${between()[1]}; proposed for the model ${version()}.\n${withVehicle(await fetchText(file()), props.twin.vehicle())}`;
   const take = () => act(async () => saveText(`${best()?.manoeuvre ?? "next-flight"}.toml`, await scenario()));
   const fly = () => act(async () => {
     const run = await ask<Schemas["Run"]>("POST", "/api/v1/runs", { text: await scenario(), model: { model: version() } });
@@ -81,11 +81,11 @@ function Proposed(props: { twin: Twin; list: readonly Manoeuvre[]; job: JobView 
     setSaid(`It is in the library as the scenario ${name().trim()}.`);
   });
   return (
-    <Show when={best()} fallback={<p>No manoeuvre can be flown by this vehicle that would tell {label(0)} from {label(1)}.</p>}>
+    <Show when={best()} fallback={<p>No manoeuvre can be flown by this vehicle that would distinguish {label(0)} from {label(1)}.</p>}>
       {(one) => (
         <div class="stack">
           <p class={worth() < DECISIVE ? "say warn" : "say good"} role="status">
-            <Show when={worth() >= DECISIVE} fallback={<>No manoeuvre of the list tells {label(0)} from {label(1)} at their ordinary sizes; the best is <strong>{one().manoeuvre}</strong>, with {short(worth())} where {DECISIVE} decide.</>}>
+            <Show when={worth() >= DECISIVE} fallback={<>No manoeuvre of the list distinguishes {label(0)} from {label(1)} at their ordinary sizes; the best is <strong>{one().manoeuvre}</strong>, with {short(worth())} where {DECISIVE} decide.</>}>
               Fly <strong>{one().manoeuvre}</strong> ({one().description}, {short(one().duration_s)} s): expected ln Bayes factor {short(one().first.against_other)} if it is {label(0)}, {short(one().second.against_other)} if it is {label(1)}.
             </Show>
           </p>

@@ -23,10 +23,10 @@ use super::{
     ATTEMPTS, ATTEMPTS_OF_DEAD_WORKERS, LEASE, LOOK, WorkerContext, failed, forget_attempts_before, fresh_folder,
 };
 use crate::jobs::queue::Takes;
-use crate::jobs::{Job, Outcome, Status};
+use crate::jobs::{Job, Outcome};
 use client::{Client, RayError, RayJob, RayStatus};
-use rotortwin_jobs::NextPart;
 use rotortwin_jobs::part::{CA_VARIABLE, TICKET_VARIABLE, URL_VARIABLE};
+use rotortwin_jobs::{NextPart, Status};
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Arc, Mutex, OnceLock, PoisonError};
 use std::time::Duration;
@@ -579,11 +579,12 @@ async fn conclude(context: &WorkerContext, job: &Job, token: &str, ended: Ended)
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::jobs::{JobKind, NewJob};
+    use crate::jobs::NewJob;
     use axum::extract::{Path, State as Shared};
     use axum::http::{HeaderMap, StatusCode};
     use axum::routing::{get, post};
     use axum::{Json, Router};
+    use rotortwin_jobs::JobKind;
     use serde_json::{Value, json};
     use std::collections::{BTreeMap, VecDeque};
 
