@@ -31,6 +31,9 @@ use std::process::ExitCode;
 use truth::TruthSource;
 use words::{overview, text_of};
 
+/// Reasons that are listed for a log of which nothing was judged.
+const MOST_REASONS: usize = 3;
+
 /// Arguments of `rotortwin fdi-log`.
 #[derive(Debug, clap::Args)]
 pub struct LogArgs {
@@ -68,7 +71,7 @@ pub struct LogArgs {
     most_cells: Option<usize>,
 }
 
-/// Evaluates logs; exit code 2 if one is invalid or lacks required channels.
+/// Evaluates logs; exit code 2 if one is invalid, lacks required channels, or nothing in it could be judged.
 pub fn judge_logs(args: &LogArgs) -> ExitCode {
     // Looked at before the work: nothing computed is lost.
     let mut files = [&args.series, &args.report].into_iter().flatten();
@@ -103,9 +106,13 @@ pub fn judge_logs(args: &LogArgs) -> ExitCode {
     } else {
         print(&logs);
     }
+    // The server's answer is the report, which holds the reasons.
+    let of_server = args.most_cells.is_some();
     let refusals: Vec<String> = logs
         .iter()
-        .filter_map(|log| refusal_of(&log.file, &log.report))
+        .filter_map(|log| {
+            refusal_of(&log.file, &log.report).or_else(|| unjudged(&log.file, &log.report).filter(|_| !of_server))
+        })
         .collect();
     if refusals.is_empty() {
         ExitCode::SUCCESS
@@ -287,4 +294,35 @@ fn refusal_of(file: &str, report: &LogReport) -> Option<String> {
              body rates, duties and voltage together"
         )
     })
+}
+
+/// That no window of a log has a verdict, and why.
+fn unjudged(file: &str, report: &LogReport) -> Option<String> {
+    if !report.stretches.is_empty() {
+        return None;
+    }
+    let mut reasons: Vec<(&str, f64)> = Vec::new();
+    for time in &report.not_judged {
+        let (why, lasts_s) = (time.obstacle.why.as_str(), time.to_s - time.from_s);
+        match reasons.iter_mut().find(|(known, _)| *known == why) {
+            Some((_, sum_s)) => *sum_s += lasts_s,
+            None => reasons.push((why, lasts_s)),
+        }
+    }
+    reasons.sort_by(|a, b| b.1.total_cmp(&a.1));
+    let listed: Vec<String> = reasons
+        .iter()
+        .take(MOST_REASONS)
+        .map(|(why, sum_s)| format!("{sum_s:.1} s ({why})"))
+        .collect();
+    let listed = if listed.is_empty() {
+        "the log is shorter than a window".to_owned()
+    } else {
+        listed.join(", ")
+    };
+    Some(format!(
+        "{file}: nothing could be judged in {:.1} s: {listed}; expected more than the {} s of the calibration in the air without a gap, in a flight \
+         that the model explains",
+        report.log.duration_s, report.detectors.calibration_end_s
+    ))
 }

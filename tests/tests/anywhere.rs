@@ -51,10 +51,12 @@ fn scenario_a_flight_by_name_in_an_empty_folder() {
         &scratch,
         &["blind", "generate", "--duration-s", "2", "--out", "log.parquet"],
     );
-    done(
+    // It is shorter than a calibration, and says so.
+    let told = refused(
         &scratch,
         &["fdi-log", "flown", "--model", "f550", "--classifier", "f550-paper"],
     );
+    assert!(told.contains("flown: nothing could be judged in 5.0 s"), "{told}");
 }
 
 #[test]

@@ -11,7 +11,8 @@
 //!
 //! SCENARIO provides vehicle, mismatch and noise (default: the reference flight); `key=value` overrides a key of it, such as
 //! `vehicle=../vehicles/octo-x.toml` or `mismatch.rotor_gain=0.066`. `seeds=A-B` sets the seeds (default 101-101), `losses=0.5,1`
-//! the losses in per cent (for `pairs`: of both rotors), `minutes=M` the length of healthy flights.
+//! the losses in per cent (for `pairs`: of both rotors), `minutes=M` the length of healthy flights. With `SHOW_WRONG` in the environment
+//! `pairs` lists the flights that are wrong, with `SHOW_CASES` `coverage` lists every estimate.
 
 use rotortwin_campaign::paper::protocol::{self, Conduct, Course, FlightPlan};
 use rotortwin_campaign::parallel;
@@ -578,6 +579,15 @@ fn run_coverage(study: &Study) {
                     let truth = percent as f32 / 100.0;
                     let inside = estimate.share_low <= truth && truth <= estimate.share_high;
                     let width = estimate.share_high - estimate.share_low;
+                    if std::env::var_os("SHOW_CASES").is_some() {
+                        println!(
+                            "    {percent} % {} rotor {code} seed {seed} after {delay} s: {} [{}, {}]",
+                            course.name(),
+                            estimate.share,
+                            estimate.share_low,
+                            estimate.share_high
+                        );
+                    }
                     let z = f64::from((estimate.share - truth) / (width / 3.92).max(1e-9));
                     (inside, z, f64::from(width))
                 })

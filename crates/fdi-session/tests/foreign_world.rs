@@ -200,7 +200,12 @@ fn bench_classes() {
             let parts: Vec<_> = parts
                 .map(|part| {
                     // A flight that the pilot loses four times counts nowhere.
-                    let judge = |case: &FaultCase| Some(scored(case, &windows_of(&fly_case(case).ok()?)));
+                    let judge = |case: &FaultCase| {
+                        let windows = windows_of(&fly_case(case).ok()?);
+                        let row = scored(case, &windows);
+                        list("", case, &row, &windows);
+                        Some(row)
+                    };
                     scope.spawn(move || part.iter().filter_map(judge).collect::<Vec<_>>())
                 })
                 .collect();
@@ -272,10 +277,101 @@ fn without_and_with(case: &FaultCase, loss: Option<f64>) -> Option<[FaultRow; 2]
     let days: Option<Vec<Vec<Row>>> = other_days(&case, 3).iter().map(|day| fly_case(day).ok()).collect();
     let learnt = learnt_from(&days?);
     let mut session = FdiSession::with_learnt(detectors().config(), 1, &learnt).expect("a good configuration");
-    Some([
-        scored(&case, &windows_of(&today)),
-        scored(&case, &fed(&mut session, &today)),
-    ])
+    let of = [
+        ("the model alone", windows_of(&today)),
+        ("learnt", fed(&mut session, &today)),
+    ];
+    Some(of.map(|(detector, windows)| {
+        let row = scored(&case, &windows);
+        list(detector, &case, &row, &windows);
+        row
+    }))
+}
+
+/// Prints a flight whose verdicts are amiss, if `ROTORTWIN_FAULTS_LIST` is set: how its windows were judged before the onset and in the ten seconds
+/// after it, and, where a rotor was blamed wrongly, every change of the verdict.
+fn list(detector: &str, case: &FaultCase, row: &FaultRow, windows: &[Window]) {
+    let fault = case.effects.iter().find(|effect| effect.id == "rotor-thrust-scale");
+    let onset_s = fault.and_then(|effect| effect.onset_s);
+    let missed = onset_s.is_some() && row.first_s.is_none_or(|seconds| seconds > 10.0);
+    if std::env::var_os("ROTORTWIN_FAULTS_LIST").is_none()
+        || !(missed || row.false_alarms > 0 || row.healthy_named || row.inside == Some(false))
+    {
+        return;
+    }
+    let onset = onset_s.unwrap_or(f64::INFINITY);
+    let tally = |from_s: f64, to_s: f64| {
+        let mut counts = std::collections::BTreeMap::<String, usize>::new();
+        for window in windows
+            .iter()
+            .filter(|window| (from_s..to_s).contains(&seconds(window)))
+        {
+            let word = match (&window.obstacle, window.report.sequential) {
+                (Some(obstacle), _) => format!("{obstacle:?}")
+                    .split([' ', '('])
+                    .next()
+                    .unwrap_or_default()
+                    .to_owned(),
+                (None, code) => code.to_string(),
+            };
+            *counts.entry(word).or_default() += 1;
+        }
+        counts
+    };
+    let rotor = fault.and_then(|effect| effect.rotor).unwrap_or(1);
+    let smallest = windows
+        .iter()
+        .filter(|window| (onset..onset + 10.0).contains(&seconds(window)))
+        .filter_map(|window| window.smallest_loss.get(rotor - 1));
+    let smallest: Vec<f32> = smallest.copied().collect();
+    let mean = smallest.iter().sum::<f32>() / smallest.len().max(1) as f32;
+    println!(
+        "{detector} #{} {:?} {} seed {} rotor {rotor} onset {onset:.1}: first {:?} end {:?} inside {:?} named {} alarms {}; smallest {mean:.3}; before {:?}; after \
+         {:?}; {:?}",
+        case.index,
+        case.class,
+        case.flight,
+        case.seed,
+        row.first_s,
+        row.end,
+        row.inside,
+        row.healthy_named,
+        row.false_alarms,
+        tally(0.0, onset),
+        tally(onset, onset + 10.0),
+        case.effects
+            .iter()
+            .map(|effect| {
+                format!(
+                    "{} {:?} {:?}",
+                    effect.id,
+                    effect.parameters.values().collect::<Vec<_>>(),
+                    effect.profile
+                )
+            })
+            .collect::<Vec<_>>()
+    );
+    let mut before = None;
+    for window in windows.iter().filter(|_| row.healthy_named || row.false_alarms > 0) {
+        let now = (window.report.sequential, window.obstacle.is_some());
+        if before != Some(now) {
+            let report = &window.report;
+            let loss = report.thrust_loss;
+            println!(
+                "    {:.3} s: {} p {:.3} [{:.3}, {:.3}] sets {:?} {}",
+                seconds(window),
+                report.sequential,
+                report.sequential_probability,
+                loss.share_low,
+                loss.share_high,
+                &report.hypothesis_rotors[..report.hypothesis_count as usize],
+                window
+                    .obstacle
+                    .map_or_else(String::new, |obstacle| obstacle.to_string())
+            );
+        }
+        before = Some(now);
+    }
 }
 
 #[test]

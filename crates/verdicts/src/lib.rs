@@ -6,8 +6,11 @@
 
 mod axial;
 pub mod detectors;
+mod exchanged;
 pub mod fleet;
 pub mod log;
+mod sparse;
 mod speeds;
+mod turn_rates;
 pub mod view;
 mod voltage;

@@ -28,7 +28,10 @@
 //! calibration.
 
 use crate::axial::Axial;
+use crate::exchanged;
+use crate::sparse::with_voltage_in_every_row;
 use crate::speeds::BySpeed;
+use crate::turn_rates;
 use crate::view::{
     ChangeView, DetectorsView, LoadView, ObstacleView, Obstruction, SequentialView, WindowView, code_in,
 };
@@ -532,12 +535,20 @@ fn run(
     if let Some(refusal) = log.refusal_before_detection(vehicle) {
         return Err(LogRefusal(refusal));
     }
+    if let Some(refusal) = exchanged::refusal(log, vehicle) {
+        return Err(LogRefusal(refusal));
+    }
     if log.duration_s() > LONGEST_S {
         return Err(LogRefusal(format!(
             "the log lasts {:.0} s, expected {LONGEST_S} s at most; judge parts of it",
             log.duration_s()
         )));
     }
+    let whole = with_voltage_in_every_row(log);
+    let (log, filled) = match &whole {
+        Some((log, note)) => (log, Some(note)),
+        None => (log, None),
+    };
     let rate_hz = judged_rate_hz(log);
     let is_slow = rate_hz < STEP_RATE_HZ;
     let slow_velocity = is_slow.then(|| slow_hz(log, names::VELOCITY[2])).flatten();
@@ -595,10 +606,33 @@ fn run(
     let mut judge = Judge::new(session, parts, rate_hz);
     judge.lists = every_window;
     judge.voltage = voltage;
+    judge.notes.extend(filled.cloned());
+    judge.notes.extend(mostly_empty(judged, rotor_count));
     if !lacks.iter().any(|lack| lack.prevents_verdicts) {
         judge.run(judged, rotor_count);
     }
     Ok((judge, lacks))
+}
+
+/// The needed columns that most rows have no value of, in a sentence: those rows are lost.
+fn mostly_empty(log: &FlightLog, rotor_count: usize) -> Option<String> {
+    let needed = needed(rotor_count).into_iter().flat_map(|(_, columns)| columns);
+    let share = |name: &String| {
+        let values = log.column(name)?;
+        let known = values.iter().filter(|value| !value.is_nan()).count();
+        (known > 0 && 2 * known < values.len()).then_some(100.0 * known as f64 / values.len() as f64)
+    };
+    let sparse: Vec<String> = needed
+        .chain([names::BATTERY_VOLTAGE.to_owned()])
+        .filter_map(|name| share(&name).map(|percent| format!("{name} ({percent:.0} %)")))
+        .collect();
+    (!sparse.is_empty()).then(|| {
+        format!(
+            "most rows have no value of {}, and a row without one is lost: streams of several rates belong into tables of their own, which an import \
+             brings to one time base (docs/logs.md)",
+            sparse.join(", ")
+        )
+    })
 }
 
 fn report(log: &FlightLog, detectors: &Detectors, judge: Judge, lacks: Vec<Lack>) -> LogReport {
@@ -649,12 +683,18 @@ fn report(log: &FlightLog, detectors: &Detectors, judge: Judge, lacks: Vec<Lack>
             }
         ));
     }
-    let suspicions = log
+    let findings = log
         .report
         .findings
         .iter()
         .cloned()
         .chain(log.check_against_vehicle(vehicle));
+    let found = findings.map(|finding| Suspicion {
+        finding: finding.to_string(),
+        blocks: finding.blocks(),
+    });
+    let in_degrees = turn_rates::in_degrees(log).map(|finding| Suspicion { finding, blocks: true });
+    let suspicions = found.chain(in_degrees).collect();
     LogReport {
         log: LogView {
             content_hash: log.source.content_hash.clone(),
@@ -689,12 +729,7 @@ fn report(log: &FlightLog, detectors: &Detectors, judge: Judge, lacks: Vec<Lack>
             .filter(|count| count.detector != NETWORK_OVER_TIME || self_calibrated)
             .collect(),
         lacks,
-        suspicions: suspicions
-            .map(|finding| Suspicion {
-                finding: finding.to_string(),
-                blocks: finding.blocks(),
-            })
-            .collect(),
+        suspicions,
         notes,
         flight: None,
     }
