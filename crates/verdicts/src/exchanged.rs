@@ -9,7 +9,7 @@
 //!  e_a = Δω_a − b_a Σ_i F_a,order(i) Δu_i      b_a ≥ 0, least squares      l = −½ Σ_a (ln σ_a² + e_a²/σ_a²)     σ_a² = ⟨e_a²⟩
 //!  z = Σ (l − l₀) / deviation of that sum      l₀: in the order of the log       (Vuong 1989; sums of five windows as samples)
 //! ```
-//! In 58 logs of the independent generator (hover, helix, waypoints; 400 to 50 Hz; wind, gusts, flapping blades, wrong
+//! In 44 logs of the independent generator (hover, helix, waypoints; 400 to 50 Hz; wind, gusts, flapping blades, wrong
 //! inertia) the largest z of an exchange was −2.2 in the right order, and 2.2 to 9.6 with two neighbours exchanged.
 //!
 //! Limits: one exchange, not any other permutation, which the import tries; at least [`LEAST_HZ`] duties, as slower ones
