@@ -903,3 +903,23 @@ fn regress_of_two_rotors_on_one_axis_none_is_named_alone() {
         assert_eq!(suspects, pair, "{last}");
     }
 }
+
+/// A log that ends within the calibration: the reasons in a sentence, exit code 2, and the report all the same.
+#[test]
+fn scenario_a_log_of_which_nothing_is_judged_is_refused_with_the_reasons() {
+    let scratch = Scratch::new();
+    let words = "blind generate --flight hover --duration-s 8 --out short.parquet";
+    Call::new(&scratch, words.split(' ').map(OsString::from))
+        .run()
+        .expect_code(0);
+    let words = "fdi-log short.parquet --model f550 --json";
+    let ended = Call::new(&scratch, words.split(' ').map(OsString::from))
+        .run()
+        .expect_code(2);
+    says(
+        &ended,
+        "short.parquet: nothing could be judged in 8.0 s: 7.9 s (the detectors calibrate themselves",
+    );
+    let report: Value = serde_json::from_str(&ended.stdout).expect("JSON");
+    assert_eq!(reasons(&report), ["calibration"]);
+}
