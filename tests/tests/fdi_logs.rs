@@ -812,7 +812,7 @@ fn val_the_command_tells_what_happened_to_a_rotor() {
         "hover",
         &[
             "rotor-thrust-scale:share=-0.1,rotor=4,onset_s=20",
-            "blade-drag:share=0.3,rotor=4,onset_s=20",
+            "rotor-moment-ratio:share=0.3,rotor=4,onset_s=20",
         ],
     );
     let last = &report["final_window"]["sequential"];
@@ -862,7 +862,7 @@ fn regress_of_two_rotors_on_one_axis_none_is_named_alone() {
     for (rotor, other, drag) in [(1, 2, true), (8, 7, true), (5, 6, false)] {
         let log = format!("x8-{rotor}.parquet");
         let loss = format!("rotor-thrust-scale:share=-0.1,rotor={rotor},onset_s=20");
-        let dragging = format!("blade-drag:share=0.2,rotor={rotor},onset_s=20");
+        let dragging = format!("rotor-moment-ratio:share=0.2,rotor={rotor},onset_s=20");
         let mut words = vec![
             "blind",
             "generate",

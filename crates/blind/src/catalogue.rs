@@ -41,7 +41,7 @@ pub struct Parameter {
 pub struct Kind {
     /// kebab-case.
     pub id: &'static str,
-    /// Number in the catalogue of 61 effects; 0 outside it.
+    /// Number in the catalogue of 62 effects; 0 outside it.
     pub number: u8,
     /// Words.
     pub title: &'static str,
@@ -729,6 +729,15 @@ pub static KINDS: &[Kind] = &[
         parameters: &[p("share", "1", 0.1, true, true)],
     },
     Kind {
+        id: "rotor-moment-ratio",
+        number: 62,
+        title: "Drag over lift of one rotor",
+        place: Place::Actuator,
+        per_rotor: true,
+        companion: None,
+        parameters: &[p("share", "1", 0.1, true, true)],
+    },
+    Kind {
         id: "stuck-moment",
         number: 0,
         title: "Moment that switches with the heading",
@@ -816,16 +825,4 @@ pub static KINDS: &[Kind] = &[
             p("interval_s", "s", 2.0, false, false),
         ],
     },
-    Kind {
-        id: "blade-drag",
-        number: 0,
-        title: "Drag of a damaged rotor over its lift",
-        place: Place::Outside,
-        per_rotor: true,
-        companion: None,
-        parameters: &[p("share", "1", 0.1, false, true)],
-    },
 ];
-
-/// Kinds that belong to a fault and are drawn with one only.
-pub const WITH_A_FAULT: [&str; 1] = ["blade-drag"];

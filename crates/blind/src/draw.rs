@@ -79,7 +79,7 @@ pub const GROUPS: [&[&str]; 10] = [
     ],
     &["internal-resistance", "battery-rc", "cold-battery", "battery-capacity"],
     &["velocity-latency", "position-latency"],
-    &["rotor-tilt-tangential", "rotor-tilt-radial"],
+    &["rotor-tilt-tangential", "rotor-tilt-radial", "rotor-moment-ratio"],
     &["heading-offset", "current-heading"],
     &["rotational-damping", "yaw-damping"],
 ];

@@ -225,7 +225,7 @@ pub struct Active {
     pub flex_frequency: f64,
     pub flex_damping: f64,
     pub thrust_scale: Vec<f64>,
-    pub blade_drag: Vec<f64>,
+    pub rotor_moment_ratio: Vec<f64>,
     pub lag: f64,
     pub lag_asymmetry: f64,
     pub speed_lag: f64,
@@ -290,7 +290,7 @@ impl Active {
             tilt_tangential: vec![0.0; rotors],
             tilt_radial: vec![0.0; rotors],
             thrust_scale: vec![0.0; rotors],
-            blade_drag: vec![0.0; rotors],
+            rotor_moment_ratio: vec![0.0; rotors],
             reversed: vec![0.0; rotors],
             ..Self::default()
         }
@@ -387,6 +387,7 @@ impl Active {
             "gyroscopic-torque" => self.gyroscopic += value("inertia_kg_m2"),
             "rotor-reaction" => self.reaction += value("inertia_kg_m2"),
             "moment-ratio" => self.moment_ratio += value("share"),
+            "rotor-moment-ratio" => self.rotor_moment_ratio[rotor] += value("share"),
             "internal-resistance" => self.internal_resistance += value("added_ohm"),
             "battery-rc" => {
                 self.pair_resistance += value("resistance_ohm");
@@ -444,7 +445,6 @@ impl Active {
                 self.tether += value("stiffness_n_m");
                 self.tether_slack = value("slack_m");
             }
-            "blade-drag" => self.blade_drag[rotor] += value("share"),
             "rotor-dropouts" => self.dropouts = Some((rotor, value("loss"), value("interval_s"))),
             // Ids were checked where they entered; the test below walks the whole catalogue through here.
             other => unreachable!("effect `{other}` is in the catalogue and not in Active::add"),

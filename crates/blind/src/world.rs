@@ -480,8 +480,8 @@ impl World {
             force += push;
             torque += (place - active.centre).cross(&push);
             let yaw_sign = rotor.yaw_sign * (1.0 - 2.0 * active.reversed[i]);
-            torque.z +=
-                yaw_sign * rotor.moment_ratio * (1.0 + active.moment_ratio) * (1.0 + active.blade_drag[i]) * thrust;
+            let own = 1.0 + active.rotor_moment_ratio[i];
+            torque.z += yaw_sign * rotor.moment_ratio * (1.0 + active.moment_ratio) * own * thrust;
             torque.x += active.flapping * ratio * local.y;
             torque.y -= active.flapping * ratio * local.x;
             // Angular momentum of a rotor that turns counter-clockwise from above points up: −z.

@@ -157,7 +157,7 @@ fn scenario_a_flight_from_the_ground_stands_takes_off_and_flies() {
 
 #[test]
 fn val_the_drag_of_a_damaged_blade_twists_the_vehicle_and_nothing_else() {
-    let effect = Hidden::parse("blade-drag:rotor=2,share=0.2,onset_s=5").expect("an effect");
+    let effect = Hidden::parse("rotor-moment-ratio:rotor=2,share=0.2,onset_s=5").expect("an effect");
     let (plain, damaged) = (
         rows(&plan("hover", 5.5, Vec::new())),
         rows(&plan("hover", 5.5, vec![effect])),

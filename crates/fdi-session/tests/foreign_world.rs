@@ -596,7 +596,7 @@ fn told(case: &FaultCase, windows: &[Window]) -> Told {
     rotors.sort_by_key(|(rotor, ..)| *rotor);
     let mask = rotors.iter().fold(0, |mask, (rotor, ..)| mask | 1 << (rotor - 1));
     let is_gain = rotors.iter().all(|(_, share, _)| *share < 0.0);
-    let drag = of("blade-drag").next().map(parameter);
+    let drag = of("rotor-moment-ratio").next().map(parameter);
     let is_truth = |e: &Explained| {
         e.rotors == mask
             && match e.kind {

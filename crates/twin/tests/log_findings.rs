@@ -230,6 +230,14 @@ const MISTAKES: [Mistake; 17] = [
     ("time stamps twice as long", FindingKind::TimeScale, |t, _| {
         t.iter_mut().for_each(|time| *time *= 2.0)
     }),
+    (
+        "position and velocity in millimetres",
+        FindingKind::ScaleMismatch,
+        |_, c| {
+            change(c, &names::POSITION, |metres| 1000.0 * metres);
+            change(c, &names::VELOCITY, |metres_per_s| 1000.0 * metres_per_s);
+        },
+    ),
     ("position in feet", FindingKind::ScaleMismatch, |_, c| {
         change(c, &names::POSITION, |position| position / 0.3048)
     }),
@@ -263,6 +271,36 @@ fn val_each_mistake_is_named_at_each_rate() {
             );
         }
     }
+}
+
+#[test]
+fn val_units_that_a_gain_gives_away_are_named() {
+    for (length, speed, expected) in [
+        (
+            1000.0,
+            1000.0,
+            "the velocity seems to be in mm/s and the position in mm",
+        ),
+        (100.0, 100.0, "the velocity seems to be in cm/s and the position in cm"),
+        (1.0, 3.6, "the velocity seems to be in km/h; m/s was expected"),
+        (1.0 / 0.3048, 1.0, "the position seems to be in ft; m was expected"),
+    ] {
+        let (time, mut columns) = motion(100.0);
+        change(&mut columns, &names::POSITION, |metres| length * metres);
+        change(&mut columns, &names::VELOCITY, |metres_per_s| speed * metres_per_s);
+        let found = log(time, columns).report.findings;
+        let said = found.iter().find(|one| one.kind == FindingKind::ScaleMismatch);
+        let detail = &said.unwrap_or_else(|| panic!("{expected}: {found:?}")).detail;
+        assert!(detail.contains(expected), "{detail}");
+    }
+    // No unit that anybody writes.
+    let (time, mut columns) = motion(100.0);
+    change(&mut columns, &names::POSITION, |metres| 17.0 * metres);
+    let found = log(time, columns).report.findings;
+    assert!(
+        found.iter().any(|one| one.detail.ends_with("a unit is wrong")),
+        "{found:?}"
+    );
 }
 
 #[test]

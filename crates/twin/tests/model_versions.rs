@@ -245,7 +245,15 @@ fn val_a_bad_document_is_refused_with_file_and_key() {
         );
         assert!(!sentence.contains('\n'), "one sentence: {sentence}");
     }
-    for (text, expected) in [("x = ", "expected valid TOML"), ("x = 1", "expected a model version")] {
+    for (text, expected) in [
+        ("x = ", "expected valid TOML"),
+        ("x = 1", "expected a model version"),
+        (
+            "time_s,roll_rad\n0,0\n",
+            "model.toml: this is a flight log; expected a vehicle document",
+        ),
+        ("PAR1", "model.toml: this is a flight log; expected a vehicle document"),
+    ] {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("model.toml");
         std::fs::write(&path, text).unwrap();

@@ -77,6 +77,15 @@ fn scenario_a_ground_effect_without_a_height_asks_for_the_column_and_not_for_a_l
 }
 
 #[test]
+fn scenario_gusts_act_through_the_drag_of_the_vehicle_document() {
+    let mut model = model();
+    model.vehicle.rotors.drag_kg_s = 0.25;
+    let found = diagnosis(flight(|_| false), &model);
+    let reason = listed(&found, "gusts").map_or("", |one| one.reason.as_str());
+    assert!(!reason.contains("acts only through"), "{reason}");
+}
+
+#[test]
 fn scenario_a_height_above_ground_makes_the_ground_effect_a_matter_of_the_flight() {
     let mut log = flight(|_| false);
     let height: Vec<f64> = log.column("position_down_m").unwrap().iter().map(|z| -z).collect();

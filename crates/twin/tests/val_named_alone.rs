@@ -205,6 +205,76 @@ fn val_what_looks_like_a_heading_that_errs_with_the_current_keeps_its_name() {
     );
 }
 
+/// The yaw torque of a tangential tilt is that of another ratio; only its force distinguishes them.
+#[test]
+fn val_a_rotor_with_a_drag_of_its_own_is_named_and_no_tilt_of_it() {
+    named_alone(
+        &[
+            &["rotor-moment-ratio:rotor=2,share=0.15"],
+            &["rotor-moment-ratio:rotor=5,share=-0.12"],
+            &["rotor-moment-ratio:rotor=1,share=0.25"],
+            &["rotor-moment-ratio:rotor=4,share=-0.2"],
+        ],
+        first_seed() + 300,
+    );
+}
+
+#[test]
+fn val_what_looks_like_a_drag_of_one_rotor_keeps_its_name() {
+    keep_their_names(
+        &[
+            "rotor-tilt-tangential:rotor=2,angle_rad=0.02",
+            "rotor-tilt-tangential:rotor=5,angle_rad=-0.035",
+            "moment-ratio:share=0.15",
+            "reversed-spin:rotor=3,share=1",
+        ],
+        first_seed() + 320,
+    );
+}
+
+/// Without an accelerometer only the yaw torque is left, which is the same for both.
+#[test]
+fn val_without_a_force_a_ratio_and_a_tilt_of_one_rotor_are_not_told_apart() {
+    for (case, effect) in (0..).zip([
+        "rotor-moment-ratio:rotor=2,share=0.18",
+        "rotor-tilt-tangential:rotor=3,angle_rad=0.02",
+    ]) {
+        let seed = first_seed() + 340 + case;
+        let mut log = flown(Script::built_in("excitation", seed).unwrap(), 60.0, seed, &[effect]);
+        log.columns.retain(|name, _| !name.starts_with("accel_"));
+        let model = ModelVersion::load(f550()).unwrap();
+        let found = diagnose(&[log], &model, &Options::default()).unwrap();
+        println!("{effect} without an accelerometer: {}", found.sentence);
+        for id in ["rotor-moment-ratio", "rotor-tilt-tangential"] {
+            assert!(tells(&found, id), "{id}: {}", found.sentence);
+        }
+    }
+}
+
+/// A healthy vehicle whose motors and propellers differ by what is usual, and a damaged blade.
+#[test]
+fn val_a_usual_or_a_positive_deviation_of_a_rotor_is_not_called_damage() {
+    for (case, share, is_said, is_not) in [
+        (0, -0.012, "of one batch differ by", "damaged"),
+        (1, 0.06, "no damage", "damaged"),
+        (2, -0.08, "a damaged or worn blade", "no damage"),
+        (3, -0.015, "of one batch differ by", "damaged"),
+    ] {
+        let effect = format!("rotor-thrust-scale:rotor=3,share={share}");
+        let found = in_motion(case, first_seed() + 360 + case, &[&effect]);
+        assert_eq!(named(&found), ["rotor-thrust-scale"], "{}", found.sentence);
+        assert!(
+            found.sentence.contains(is_said) && !found.sentence.contains(is_not),
+            "{}",
+            found.sentence
+        );
+    }
+    // What sets in is no matter of manufacture.
+    let effect = "rotor-thrust-scale:rotor=3,share=-0.015,onset_s=30";
+    let found = in_motion(0, first_seed() + 364, &[effect]);
+    assert!(found.sentence.contains("a damaged or worn blade"), "{}", found.sentence);
+}
+
 const DRAG: &str = "rotor-drag:drag_n_s_m=0.25";
 
 #[test]

@@ -1,6 +1,6 @@
 //! Presets: which cases test which claim.
 
-use crate::catalogue::{KINDS, Kind, Place, WITH_A_FAULT};
+use crate::catalogue::{KINDS, Kind, Place};
 use crate::draw::{draw_effect, same_group};
 use crate::hidden::{Hidden, Profile};
 use crate::random::Stream;
@@ -130,8 +130,7 @@ fn of_catalogue() -> Vec<&'static Kind> {
 }
 
 fn outside() -> Vec<&'static Kind> {
-    let drawn = |kind: &&Kind| kind.place == Place::Outside && !WITH_A_FAULT.contains(&kind.id);
-    KINDS.iter().filter(drawn).collect()
+    KINDS.iter().filter(|kind| kind.place == Place::Outside).collect()
 }
 
 /// `n` cases of a preset. Case k depends on seed, preset and k alone, so a longer bench begins with the shorter one's cases.

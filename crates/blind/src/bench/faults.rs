@@ -205,7 +205,7 @@ fn draw_effects(class: Class, rotors: usize, duration_s: f64, random: &mut Strea
         Class::Gain => vec![fault(rotor, -small, onset_s, None)],
         Class::BladeDrag => {
             let mut drag = fault(rotor, 0.0, onset_s, None);
-            drag.id = "blade-drag".to_owned();
+            drag.id = "rotor-moment-ratio".to_owned();
             drag.parameters
                 .insert("share".to_owned(), [0.05, 0.1, 0.2, 0.3][random.below(4)]);
             vec![fault(rotor, loss, onset_s, None), drag]
@@ -281,7 +281,7 @@ pub fn other_days(case: &FaultCase, n: usize) -> Vec<FaultCase> {
             .collect();
         drawn
     };
-    let happens = |effect: &&Hidden| !["rotor-thrust-scale", "blade-drag"].contains(&effect.id.as_str());
+    let happens = |effect: &&Hidden| !["rotor-thrust-scale", "rotor-moment-ratio"].contains(&effect.id.as_str());
     (1..=n)
         .map(|day| {
             let today = weather(day);

@@ -6,7 +6,8 @@ use super::{
     cold_battery, current_heading, drag_anisotropy, drag_centre, esc, flapping_moment, frame_flex, ground_effect,
     gusts, gyroscope, imu_mounting, inertia, latency, linear_friction, mass, mass_loss, moment_ratio, motor_lag,
     quadratic_drag, rotational_damping, rotor_drag, rotor_inertia, rotor_interference, rotor_lift_bias,
-    rotor_thrust_scale, rotor_tilt, slung_load, thrust_curve, translational_lift, vibration, vortex_ring, wind, wiring,
+    rotor_moment_ratio, rotor_thrust_scale, rotor_tilt, slung_load, thrust_curve, translational_lift, vibration,
+    vortex_ring, wind, wiring,
 };
 
 static CATALOGUE: &[&EffectDeclaration] = &[
@@ -80,6 +81,7 @@ static CATALOGUE: &[&EffectDeclaration] = &[
     &drag_anisotropy::DECLARATION,
     &rotational_damping::YAW,
     &arm_length::DECLARATION,
+    &rotor_moment_ratio::DECLARATION,
 ];
 
 /// Every effect of this crate, in the order of the catalogue's rows.

@@ -321,6 +321,11 @@ impl Constants {
         }
     }
 
+    /// True if the vehicle itself has an air force, through which a wind can act.
+    pub fn has_drag(&self) -> bool {
+        self.linear_drag_kg_s > 0.0 || self.rotor_drag_kg_s > 0.0
+    }
+
     /// Distance of rotor `i` from the nominal centre in the rotor plane, m.
     #[inline]
     pub fn arm_length(&self, i: usize) -> f64 {

@@ -163,6 +163,48 @@ pub struct ParameterDeclaration {
     /// The constant of the vehicle document that this parameter is an error of, if it is one.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub corrects: Option<Correction>,
+    /// How much parts that were bought as the same differ in it, if its sizes mean something to somebody who holds the part.
+    #[serde(skip)]
+    pub tolerance: Option<Tolerance>,
+    /// A size without which the others are another effect: a load that does not swing is a mass.
+    #[serde(skip)]
+    pub is_essential: bool,
+}
+
+/// What a size says about a part: within the tolerance it was made with, below it, or above it.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Tolerance {
+    /// Largest deviation among parts of one batch, either way, in the unit of the parameter.
+    pub usual: f64,
+    /// Said of a size that may be within.
+    pub within: &'static str,
+    /// Said of a size that is below for certain, or that sets in below 0: nothing changes its tolerance in flight.
+    pub below: &'static str,
+    /// Said of a size that is above for certain, or that sets in above 0.
+    pub above: &'static str,
+    /// Under which condition the interval of a size from the start holds.
+    pub condition: &'static str,
+}
+
+impl Tolerance {
+    /// What is said of a size with half of its 95 % interval.
+    ///
+    /// * `sets_in`: the size was 0 at the start of the flight
+    pub fn words(&self, size: f64, half_width: f64, sets_in: bool) -> String {
+        let meaning = if !sets_in && size.abs() - half_width <= self.usual {
+            self.within
+        } else if size < 0.0 {
+            self.below
+        } else {
+            self.above
+        };
+        // What the others differ by cancels in a change.
+        if sets_in {
+            meaning.to_owned()
+        } else {
+            format!("{meaning}; {}", self.condition)
+        }
+    }
 }
 
 /// A parameter as the error of a constant of the vehicle document: how well the constant is known is how large the parameter may be
@@ -218,6 +260,8 @@ impl ParameterDeclaration {
             clutter: CLUTTER_SHARE * size,
             typical,
             corrects: None,
+            tolerance: None,
+            is_essential: false,
         }
     }
 
@@ -238,6 +282,18 @@ impl ParameterDeclaration {
             scale: CorrectionScale::Share,
             by_factors: true,
         });
+        self
+    }
+
+    /// A size whose meaning depends on what parts differ by as they are sold.
+    pub const fn with_tolerance(mut self, tolerance: Tolerance) -> Self {
+        self.tolerance = Some(tolerance);
+        self
+    }
+
+    /// A size without which the others are another effect.
+    pub const fn essential(mut self) -> Self {
+        self.is_essential = true;
         self
     }
 
@@ -268,6 +324,8 @@ impl ParameterDeclaration {
             clutter: 0.0,
             typical,
             corrects: None,
+            tolerance: None,
+            is_essential: false,
         }
     }
 

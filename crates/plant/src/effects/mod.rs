@@ -51,6 +51,7 @@ mod rotor_drag;
 mod rotor_inertia;
 mod rotor_interference;
 mod rotor_lift_bias;
+mod rotor_moment_ratio;
 mod rotor_thrust_scale;
 mod rotor_tilt;
 mod search;
@@ -71,7 +72,7 @@ pub use catalogue::catalogue;
 pub use constants::{Allocation, Constants, hover_rotor_speed_rad_s};
 pub use declaration::{
     Build, ChannelGroup, Correction, CorrectionScale, EffectClass, EffectDeclaration, ParameterDeclaration,
-    ParameterKind, Place, Setup,
+    ParameterKind, Place, Setup, Tolerance,
 };
 pub use hooks::{ActiveEffect, Hooks, Moment};
 pub use instance::{Catalogue, EffectInstance};

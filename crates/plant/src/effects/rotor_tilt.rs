@@ -25,7 +25,13 @@ pub(super) static TANGENTIAL: EffectDeclaration = EffectDeclaration {
     needs: &[],
     search: Search::LINEAR,
     excited_by: "yaw and manoeuvres",
-    confused_with: &["moment-ratio", "wind", "level-offset", "accelerometer-bias"],
+    confused_with: &[
+        "rotor-moment-ratio",
+        "moment-ratio",
+        "wind",
+        "level-offset",
+        "accelerometer-bias",
+    ],
     source: "geometry",
     build: Build::BuiltIn(|setup| Changes::<1>::boxed(setup, |c, [t], i| c.rotor_tilt_tangential[i] += t)),
 };

@@ -17,7 +17,7 @@ pub(super) static DECLARATION: EffectDeclaration = EffectDeclaration {
     places: &[Place::Force],
     channels: &[FORCE],
     parameters: &[
-        ParameterDeclaration::size("mass_kg", "m_p", "kg", "swinging mass", (0.0, 0.4), 0.15, 0.15),
+        ParameterDeclaration::size("mass_kg", "m_p", "kg", "swinging mass", (0.0, 0.4), 0.15, 0.15).essential(),
         ParameterDeclaration::size(
             "weight_kg",
             "w",

@@ -138,7 +138,7 @@ fn acts(problem: &Problem, entry: &EffectDeclaration) -> bool {
         || problem.logs.iter().any(|log| {
             let model = log.predictor.model().iter();
             let mut effects = model.map(|instance| instance.effect.as_str());
-            effects.any(|effect| entry.needs.contains(&effect)) || log.predictor.nominal.linear_drag_kg_s > 0.0
+            effects.any(|effect| entry.needs.contains(&effect)) || log.predictor.nominal.has_drag()
         })
 }
 

@@ -26,12 +26,16 @@ const LEAST_SHARE: f64 = 0.9;
 const COMPATIBLE_GAP: f64 = THRESHOLD;
 
 /// Whether the sizes of an effect are possible: within the plausible range of the vehicle, with a margin of a tenth of
-/// it, and not all of them less than their own deviation. A fit may leave the range with another effect present or with
+/// it, not all of them less than their own deviation, and none that the effect is nothing without possibly 0. A fit may leave the range with another effect present or with
 /// the clutter at another width.
 pub(crate) fn can_be(entry: &Candidate, values: &[f64], deviations: &[f64], onset_s: Option<f64>) -> bool {
     let sizes: Vec<usize> = (0..entry.parameters.len())
         .filter(|&i| entry.parameters[i].kind == ParameterKind::Size)
         .collect();
+    let is_absent = |i: usize| entry.parameters[i].is_essential && values[i].abs() <= QUANTILE_95 * deviations[i];
+    if (0..values.len()).any(is_absent) {
+        return false;
+    }
     // A guess may turn out to be anything, and a constant that somebody wrote down wrong; neither sets in.
     let is_guess = entry.guess.is_some() && onset_s.is_none();
     (is_guess || entry.is_far_off(values, onset_s) || sizes.iter().all(|&i| entry.is_plausible(i, values[i])))

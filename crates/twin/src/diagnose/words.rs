@@ -1,6 +1,6 @@
 //! Reasons in plain words: numbers with units, why an effect was named, why a rival lost.
 
-use rotortwin_plant::effects::EffectClass;
+use rotortwin_plant::effects::{EffectClass, catalogue};
 use std::ops::Range;
 
 use super::named::Quantity;
@@ -60,6 +60,15 @@ pub(crate) fn parameters(finding: &Finding) -> String {
     finding.parameters.iter().map(parameter).collect::<Vec<_>>().join(", ")
 }
 
+/// What the sizes of a finding say about the part that is another one, where its effect declares that.
+fn about_the_part(finding: &Finding) -> Option<String> {
+    let declared = catalogue().iter().find(|entry| entry.id == finding.instance.effect)?;
+    finding.parameters.iter().find_map(|p| {
+        let tolerance = declared.parameters[declared.parameter_index(&p.name)?].tolerance?;
+        Some(tolerance.words(p.value, p.interval_95, finding.onset_s.is_some()))
+    })
+}
+
 /// How a rival fared.
 fn fared(rival: &Rival) -> String {
     let gap = rival.evidence_gap;
@@ -100,6 +109,9 @@ fn why_found(finding: &Finding) -> String {
     }
     if let Some(onset) = finding.onset_s {
         text += &format!("; it sets in at {onset:.1} s");
+    }
+    if let Some(part) = about_the_part(finding) {
+        text += &format!("; {part}");
     }
     if finding.class == EffectClass::Noise {
         text += "; noise through the drag that was found, white once filtered, and no function of velocity or place";
@@ -300,7 +312,8 @@ fn named(findings: &[Finding]) -> String {
                     quantity(one.value, &one.unit)
                 )
             });
-            format!("{}, {}{onset}{constant}", in_sentence(&f.label), parameters(f))
+            let part = about_the_part(f).map_or(String::new(), |part| format!(" ({part})"));
+            format!("{}, {}{onset}{constant}{part}", in_sentence(&f.label), parameters(f))
         })
         .collect();
     all.join("; and ")

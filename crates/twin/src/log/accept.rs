@@ -112,7 +112,8 @@ pub(crate) fn accept(source: LogSource, table: Table, side: Option<SideFile>) ->
 }
 
 /// An estimator that was logged without being flown by may run away, with speeds that no multirotor has: its velocity and position say nothing,
-/// and rates, accelerometer and attitude are as good as ever.
+/// and rates, accelerometer and attitude are as good as ever. A velocity that follows the accelerometer by a
+/// large factor did not run away: it is in another unit, which the checks report.
 fn leave_out_runaway_estimates(log: &mut FlightLog) {
     let Some(velocity) = log.vector(names::VELOCITY) else {
         return;
@@ -125,6 +126,9 @@ fn leave_out_runaway_estimates(log: &mut FlightLog) {
     let Some(median) = resample::median(&mut speeds).filter(|median| *median > FASTEST_M_S) else {
         return;
     };
+    if checks::velocity_is_in_a_smaller_unit(log) {
+        return;
+    }
     let reason = format!("the estimator ran away: half of the time its speed is above {median:.0} m/s");
     leave_out(log, &[names::VELOCITY, names::POSITION].concat(), &reason);
 }

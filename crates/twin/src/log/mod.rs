@@ -64,6 +64,7 @@ pub use stored::ImportAccount;
 
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
+use std::io::Read as _;
 use std::path::{Path, PathBuf};
 
 /// Most cells of one log: 2 GiB of numbers.
@@ -324,6 +325,23 @@ fn recording_in(path: &Path) -> Result<Option<PathBuf>, LogError> {
             ),
         )),
     }
+}
+
+/// True if a file is a flight log by its first bytes: one of an autopilot, Parquet, or a table whose header names a time.
+///
+/// False where it cannot be read.
+pub(crate) fn is_log(path: &Path) -> bool {
+    /// Enough for the beginning of every kind, and for a header of some hundreds of columns.
+    const BEGINNING: u64 = 1 << 16;
+    let mut bytes = Vec::new();
+    let read = std::fs::File::open(path).and_then(|file| file.take(BEGINNING).read_to_end(&mut bytes));
+    let is_table = || {
+        let header = bytes.split(|byte| *byte == b'\n').next().unwrap_or_default();
+        let header = String::from_utf8_lossy(header);
+        let mut cells = header.split([',', ';', '\t']);
+        header.contains([',', ';', '\t']) && cells.any(|cell| cell.trim().trim_matches('"') == names::TIME)
+    };
+    read.is_ok() && (sources::detect(&bytes).is_some() || bytes.starts_with(parquet::MAGIC) || is_table())
 }
 
 impl FlightLog {

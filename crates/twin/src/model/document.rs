@@ -33,6 +33,8 @@ use rotortwin_scenario::VehicleDocuments;
 use rotortwin_scenario::toml_document::Document;
 use serde::Deserialize;
 
+use crate::log;
+
 use super::{ConstantInterval, Correlation, ModelEffect, ModelVersion, constants};
 
 /// The only format so far.
@@ -81,6 +83,10 @@ impl ModelVersion {
     /// changed, a content hash that does not match: one sentence with file, line and key.
     pub fn load(path: impl AsRef<Path>) -> Result<Self, ConfigError> {
         let path = path.as_ref();
+        if log::is_log(path) {
+            let reason = "this is a flight log; expected a vehicle document or a model version, such as config/vehicles/f550.toml";
+            return Err(ConfigError::new(&path.display().to_string(), None, None, reason));
+        }
         let document = Document::read(path)?;
         if document.has_key("model_format") {
             return Self::from_document(&document, path.parent().unwrap_or(Path::new("")));

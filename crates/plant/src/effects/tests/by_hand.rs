@@ -215,6 +215,33 @@ fn val_thrusts() {
 }
 
 #[test]
+fn val_a_small_or_a_positive_deviation_of_thrust_is_no_damage() {
+    let declaration = catalogue()
+        .iter()
+        .find(|entry| entry.id == "rotor-thrust-scale")
+        .unwrap();
+    let tolerance = declaration.parameters[0].tolerance.unwrap();
+    let said = |size, half_width, sets_in| tolerance.words(size, half_width, sets_in);
+    for (size, half_width, sets_in, expected) in [
+        (-0.006, 0.0005, false, tolerance.within),
+        (0.009, 0.0002, false, tolerance.within),
+        // It may be within.
+        (-0.025, 0.006, false, tolerance.within),
+        (-0.033, 0.006, false, tolerance.below),
+        (0.033, 0.006, false, tolerance.above),
+        // What was right at the start is no matter of how it was made.
+        (-0.006, 0.0005, true, tolerance.below),
+        (0.006, 0.0005, true, tolerance.above),
+    ] {
+        let words = said(size, half_width, sets_in);
+        assert!(words.starts_with(expected), "{size} ± {half_width}: {words}");
+        assert_eq!(words.ends_with(tolerance.condition), !sets_in, "{words}");
+    }
+    assert!(tolerance.below.contains("damaged") && !tolerance.within.contains("damaged blade"));
+    assert!(tolerance.above.contains("no damage"));
+}
+
+#[test]
 fn val_geometry_and_mass() {
     let thrust = Rotors::distinct(&f550()).thrust;
     let nominal = f550().rotor_wrench(&thrust);
@@ -234,6 +261,14 @@ fn val_geometry_and_mass() {
     let w = changed("moment-ratio", &[("share", 0.2)]).rotor_wrench(&thrust);
     // Σ s_i f_i = −0.6 N, 0.016 m.
     near("moment ratio", w.torque_body[2], -0.6 * 0.016 * 1.2);
+    let w = changed("rotor-moment-ratio", &[("share", 0.15)]).rotor_wrench(&thrust);
+    // Rotor 1 gives 2 N.
+    near(
+        "moment ratio of rotor 1",
+        (w.torque_body[2] - nominal.torque_body[2]).abs(),
+        2.0 * 0.016 * 0.15,
+    );
+    near("no force with it", w.force_body[0], nominal.force_body[0]);
     let w = changed("reversed-spin", &[("share", 1.0)]).rotor_wrench(&thrust);
     near("reversed spin of rotor 1", w.torque_body[2], -4.6 * 0.016);
     near("mass", changed("mass", &[("share", 0.1)]).mass_kg, 1.705);

@@ -72,6 +72,12 @@ fn wrong_axes(fit: &Fit) -> bool {
     fit.axes != IDENTITY && fit.explained > BELIEVED && fit.explained - fit.explained_as_is > CLEARLY
 }
 
+/// True if the velocity changes as the accelerometer says it does, times the factor of a smaller unit.
+pub(crate) fn velocity_is_in_a_smaller_unit(log: &FlightLog) -> bool {
+    let fit = kinematics::velocity_pairs(log).and_then(|pairs| pairs.fit());
+    fit.is_some_and(|fit| fit.explained > GAIN_BELIEVED && fit.gain > GAIN_TOLERANCE_LOOSE)
+}
+
 /// The same signed axes on all axes that move.
 fn same_where_moving(fit: &Fit, axes: &kinematics::Axes) -> bool {
     (0..3).all(|axis| !fit.moving[axis] || fit.axes[axis] == axes[axis])
@@ -422,11 +428,40 @@ fn gains(rates: Option<&Fit>, velocity: Option<&Fit>, position: Option<&Fit>, fi
             ),
         );
     } else {
+        let likely = likely_units(known[1].1.map(|one| one.0), known[2].1.map(|one| one.0));
         push(
             findings,
             FindingKind::ScaleMismatch,
-            format!("gains that should be 1: {list}; a unit is wrong"),
+            format!("gains that should be 1: {list}; a unit is wrong{likely}"),
         );
+    }
+}
+
+/// The units that gains of velocity against specific force and of position against velocity are those of: `: the velocity seems to be in
+/// mm/s and the position in mm; m/s and m were expected`.
+fn likely_units(velocity: Option<f64>, position: Option<f64>) -> String {
+    /// How far a gain may be from that of a unit, a factor: less than half of the way to the nearest other one.
+    const NEAR: f64 = 1.04;
+    /// Readings of 1 m and of 1 m/s in other units.
+    const LENGTHS: [(&str, f64); 3] = [("mm", 1000.0), ("cm", 100.0), ("ft", 1.0 / 0.3048)];
+    const SPEEDS: [(&str, f64); 4] = [("mm/s", 1000.0), ("cm/s", 100.0), ("km/h", 3.6), ("ft/s", 1.0 / 0.3048)];
+    let named = |gain: Option<f64>, units: &[(&'static str, f64)]| {
+        let near = |unit: &&(&str, f64)| gain.is_some_and(|gain| (1.0 / NEAR..NEAR).contains(&(gain / unit.1)));
+        units.iter().find(near).map(|(name, _)| *name)
+    };
+    // Without an accelerometer nothing tells whether the velocity is right.
+    let Some(gain) = velocity else {
+        return String::new();
+    };
+    let speed = named(Some(gain), &SPEEDS);
+    let length = named(position.map(|position| position * gain), &LENGTHS);
+    match (speed, length) {
+        (Some(speed), Some(length)) => {
+            format!(": the velocity seems to be in {speed} and the position in {length}; m/s and m were expected")
+        }
+        (Some(speed), None) => format!(": the velocity seems to be in {speed}; m/s was expected"),
+        (None, Some(length)) => format!(": the position seems to be in {length}; m was expected"),
+        (None, None) => String::new(),
     }
 }
 
