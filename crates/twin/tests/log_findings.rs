@@ -177,7 +177,7 @@ fn exchange(columns: &mut Columns, a: &str, b: &str) {
 /// Names, and what to do to the log.
 type Mistake = (&'static str, FindingKind, fn(&mut Vec<f64>, &mut Columns));
 
-const MISTAKES: [Mistake; 17] = [
+const MISTAKES: [Mistake; 18] = [
     ("rates in deg/s", FindingKind::RatesInDegrees, |_, c| {
         change(c, &names::RATES, f64::to_degrees)
     }),
