@@ -1,8 +1,7 @@
 //! Thrust of one rotor: a damaged or foreign blade, a worn motor, or what propellers and motors differ by as they are sold.
 //!
-//! A loss is damage only where it is larger than that. Thrust goes with the square of the speed, so motors whose speed constants differ by
-//! 1 % and propellers whose pitch does make 2 % of one another's thrust at the same duty; the smallest damage of the paper's Table 1 loses
-//! 3.1 %. A rotor that gives more than the model is no damaged one.
+//! A loss is damage only where it is larger than that. At one duty, thrust goes about with the square of the motor's speed constant, so 1 %
+//! of that makes 2 % of thrust; the smallest damage of the paper's Table 1 loses 3.1 %. A rotor that gives more than the model is no damaged one.
 
 use super::declaration::Tolerance;
 use super::prelude::*;
