@@ -409,6 +409,89 @@ impl Whitener {
         }
     }
 
+    /// True for the filter of a rate or a level: what it puts out depends on all that came before.
+    pub fn remembers(&self) -> bool {
+        self.filter.is_some()
+    }
+
+    /// What sample `k` puts out, and what is remembered after it, without input; of what was remembered before it.
+    fn free(&self, k: usize, remembered: [f64; 2]) -> (f64, [f64; 2]) {
+        let (Some(filter), true) = (&self.filter, self.counts(k)) else {
+            return (0.0, [0.0; 2]);
+        };
+        let [gain, to_rate, to_torque] = filter.steps[usize::from(self.place[k])];
+        let innovation = remembered[0] - remembered[1];
+        let after = [(1.0 - to_rate) * innovation, remembered[1] + to_torque * innovation];
+        (gain * innovation, after)
+    }
+
+    /// What a filter remembers (rate, torque) before each of the rows `at`, which rise, once it has whitened a column.
+    pub fn remembered(&self, whitened: &[f32], at: &[usize]) -> Vec<[f64; 2]> {
+        let Some(filter) = &self.filter else {
+            return vec![[0.0; 2]; at.len()];
+        };
+        let (mut found, mut state) = (Vec::with_capacity(at.len()), FilterState::default());
+        for (k, &w) in whitened.iter().enumerate() {
+            while found.len() < at.len() && at[found.len()] <= k {
+                found.push([state.after, state.torque]);
+            }
+            if self.counts(k) {
+                let step = filter.steps[usize::from(self.place[k])];
+                state.take(step, f64::from(w) / step[0]);
+            } else {
+                state = FilterState::default();
+            }
+        }
+        found.resize(at.len(), [state.after, state.torque]);
+        found
+    }
+
+    /// Σ_{k ≥ t} y_k h_k, with h what a filter puts out without input, per unit of what it remembers before t; for each row t of `at`.
+    pub fn echoes(&self, y: impl Fn(usize) -> f64, at: &[usize]) -> Vec<[f64; 2]> {
+        let mut found = vec![[0.0; 2]; at.len()];
+        let (mut left, mut sum) = (at.len(), [0.0; 2]);
+        for k in (0..self.len()).rev() {
+            let y = y(k);
+            sum = [[1.0, 0.0], [0.0, 1.0]].map(|unit| {
+                let (out, after) = self.free(k, unit);
+                out * y + after[0] * sum[0] + after[1] * sum[1]
+            });
+            while left > 0 && at[left - 1] >= k {
+                left -= 1;
+                if at[left] == k {
+                    found[left] = sum;
+                }
+            }
+        }
+        found
+    }
+
+    /// Σ_{k ≥ t} h_k h_kᵀ of the same.
+    pub fn echo_squares(&self, at: &[usize]) -> Vec<[[f64; 2]; 2]> {
+        let mut found = vec![[[0.0; 2]; 2]; at.len()];
+        let (mut left, mut sum) = (at.len(), [[0.0; 2]; 2]);
+        for k in (0..self.len()).rev() {
+            let [(out, after), (other_out, other_after)] = [[1.0, 0.0], [0.0, 1.0]].map(|unit| self.free(k, unit));
+            let form = |a: [f64; 2], b: [f64; 2]| {
+                (0..2)
+                    .map(|i| a[i] * (sum[i][0] * b[0] + sum[i][1] * b[1]))
+                    .sum::<f64>()
+            };
+            let mixed = out * other_out + form(after, other_after);
+            sum = [
+                [out * out + form(after, after), mixed],
+                [mixed, other_out * other_out + form(other_after, other_after)],
+            ];
+            while left > 0 && at[left - 1] >= k {
+                left -= 1;
+                if at[left] == k {
+                    found[left] = sum;
+                }
+            }
+        }
+        found
+    }
+
     /// Length of the channel.
     pub fn len(&self) -> usize {
         self.place.len()
@@ -599,6 +682,47 @@ mod tests {
         let found = start.most_likely(&differences);
         assert!((found.reading / reading - 1.0).abs() < 0.03, "{found:?}");
         assert!((found.white / (disturbance / reading) - 1.0).abs() < 0.15, "{found:?}");
+    }
+
+    /// Products of a column that is cut off before it is whitened, from those of the whole column.
+    #[test]
+    fn val_a_column_that_begins_late_has_the_products_of_one_that_is_whitened_so() {
+        let n = 400;
+        let mut mask = vec![true; n];
+        mask[150] = false;
+        let noise = RateNoise {
+            reading: 0.0055,
+            white: 0.03,
+            drift: 1e-3,
+        };
+        let whitener =
+            Whitener::new(Covariance::of_difference(0.01, 0.0, 0.2, 0.0025), &mask).with_filter(noise, 0.0025);
+        let x: Vec<f64> = (0..n).map(|k| 1.0 + 0.3 * libm::sin(0.05 * k as f64)).collect();
+        let y: Vec<f64> = (0..n).map(|k| 0.4 - libm::cos(0.013 * k as f64)).collect();
+        let none = vec![0.0; n];
+        let (whole, other) = (whitener.difference(&x, &none, 1.0), whitener.difference(&y, &none, 1.0));
+        let at = [0, 40, 149, 150, 151, 300];
+        let (state, squares) = (whitener.remembered(&whole, &at), whitener.echo_squares(&at));
+        let (echo, own_echo) = (
+            whitener.echoes(|k| f64::from(other[k]), &at),
+            whitener.echoes(|k| f64::from(whole[k]), &at),
+        );
+        let dot = |a: [f64; 2], b: [f64; 2]| a[0] * b[0] + a[1] * b[1];
+        for (i, &t) in at.iter().enumerate() {
+            let mut cut = x.clone();
+            cut[..t].fill(0.0);
+            let cut = whitener.difference(&cut, &none, 1.0);
+            let sum = |a: &[f32], b: &[f32]| a[t..].iter().zip(&b[t..]).map(|(a, b)| f64::from(a * b)).sum::<f64>();
+            let mixed = sum(&whole, &other) - dot(state[i], echo[i]);
+            let form = squares[i].map(|row| dot(row, state[i]));
+            let own = sum(&whole, &whole) - 2.0 * dot(state[i], own_echo[i]) + dot(state[i], form);
+            // Columns are f32.
+            assert!(
+                (mixed - sum(&cut, &other)).abs() < 1e-4 * sum(&other, &other),
+                "{t}: {mixed}"
+            );
+            assert!((own - sum(&cut, &cut)).abs() < 1e-4 * sum(&cut, &cut), "{t}: {own}");
+        }
     }
 
     #[test]

@@ -5,6 +5,7 @@ use rotortwin_plant::effects::{ChannelGroup, EffectClass, ParameterKind};
 
 use crate::diagnose::calibration;
 use crate::diagnose::named::{Named, Quantity, RivalFit};
+use crate::diagnose::strategies::cut::Cuts;
 use crate::diagnose::strategies::start::{Trial, plain};
 use crate::diagnose::strategies::trials::Trials;
 use crate::diagnose::strategies::{battery, discrete, onset};
@@ -41,7 +42,8 @@ pub(crate) fn best_of(
     special: &Trials,
     threshold: f64,
 ) -> Result<Option<(Fitted, Vec<Named>)>, PredictError> {
-    let possible = possible(problem, posterior, scored, special, threshold)?;
+    let cuts = onset::cuts(problem);
+    let possible = possible(problem, posterior, (scored, special, cuts.as_ref()), threshold)?;
     if possible.is_empty() {
         return Ok(None);
     }
@@ -50,7 +52,11 @@ pub(crate) fn best_of(
     } else {
         problem.fit(&problem.active)?
     };
-    let all = in_order(possible.par_iter().map(|trial| fits_of(problem, trial, &null)))?;
+    let all = in_order(
+        possible
+            .par_iter()
+            .map(|trial| fits_of(problem, posterior, (trial, cuts.as_ref()), &null)),
+    )?;
     let mut tried: Vec<Tried> = all.into_iter().flatten().collect();
     tried.sort_by(|a, b| b.gain.total_cmp(&a.gain));
     let implausible: Vec<Option<Quantity>> = tried
@@ -192,7 +198,12 @@ struct Tried {
 
 /// The fits of a trial: from its start, and from where the effect may set in. None if these leave the range of possible
 /// vehicles.
-fn fits_of(problem: &Problem, trial: &Trial, null: &Fitted) -> Result<Vec<Tried>, PredictError> {
+fn fits_of(
+    problem: &Problem,
+    posterior: &Posterior,
+    (trial, cuts): (&Trial, Option<&Cuts>),
+    null: &Fitted,
+) -> Result<Vec<Tried>, PredictError> {
     let mut tried = Vec::new();
     let opened: Vec<usize> = trial.open.iter().map(|a| a.candidate).collect();
     if let Ok(fitted) = problem.fit_from(&trial.beside(&problem.active), trial.charge) {
@@ -206,7 +217,8 @@ fn fits_of(problem: &Problem, trial: &Trial, null: &Fitted) -> Result<Vec<Tried>
         return Ok(tried);
     }
     let least = onset::least_gain(problem, only.candidate);
-    if let Some((onset_s, _)) = onset::scan(problem, only.candidate).filter(|(_, gain)| *gain > least) {
+    let onset = cuts.and_then(|cuts| onset::scan(problem, posterior, only.candidate, cuts));
+    if let Some((onset_s, _)) = onset.filter(|(_, gain)| *gain > least) {
         let mut open = problem.active.clone();
         open.push(Active {
             onset_s: Some(onset_s),
@@ -301,8 +313,7 @@ fn gain_of(problem: &Problem, opened: &[usize], fitted: &Fitted, null: &Fitted) 
 fn possible(
     problem: &Problem,
     posterior: &Posterior,
-    scored: &[Scored],
-    special: &Trials,
+    (scored, special, cuts): (&[Scored], &Trials, Option<&Cuts>),
     threshold: f64,
 ) -> Result<Vec<Trial>, PredictError> {
     let plausible: Vec<&Scored> = scored.iter().filter(|s| linearly_plausible(problem, s)).collect();
@@ -340,7 +351,7 @@ fn possible(
             .find(|s| s.candidate == c)
             .map(|s| s.opened.log_bayes_factor)
     };
-    let late = onset::late_candidates(problem, posterior);
+    let late = cuts.map_or_else(Vec::new, |cuts| onset::late_candidates(problem, posterior, cuts));
     for &(candidate, gain) in late.iter().take(2) {
         let known = chosen.iter().any(|t| t.open.iter().any(|a| a.candidate == candidate));
         let over = evidence(candidate).unwrap_or(0.0);

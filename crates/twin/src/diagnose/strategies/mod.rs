@@ -3,6 +3,7 @@
 pub(crate) mod along;
 pub(crate) mod battery;
 pub(crate) mod covariance;
+pub(crate) mod cut;
 pub(crate) mod discrete;
 mod gust_filter;
 pub(crate) mod onset;
