@@ -267,6 +267,9 @@ fn text(diagnosis: &Diagnosis, model: &str) -> String {
     if !colour.is_empty() {
         text += &format!("Unexplained  {}\n", colour.join(", "));
     }
+    for one in &diagnosis.remainder {
+        text += &format!("Left over    {}\n", one.sentence);
+    }
     for note in &diagnosis.notes {
         text += &format!("Note         {note}\n");
     }

@@ -68,6 +68,7 @@ export function DiagnosisView(props: { found: Diagnosis; add?: AddToModel; calib
       <Show when={(props.found.calibrate ?? []).length > 0}><Calibrate found={props.found} calibrating={props.calibrating} /></Show>
       {props.children}
       <Show when={!isOutside()}>{proposal()}</Show>
+      <Show when={(props.found.remainder ?? []).length > 0}><LeftOver remainder={props.found.remainder ?? []} /></Show>
       <NotConsidered found={props.found} />
       <Rest found={props.found} />
     </>
@@ -316,6 +317,17 @@ function ProposalCard(props: { proposal: Proposal; add: (() => void) | undefined
         <p class="small muted">{followWords(props.proposal.correlates)}</p>
       </Show>
       <p class="small muted">Found by regression of a residual: a correlation with a dimension, not yet physics.</p>
+    </article>
+  );
+}
+
+/** What stays unexplained, channel by channel. */
+function LeftOver(props: { remainder: NonNullable<Diagnosis["remainder"]> }) {
+  return (
+    <article class="card">
+      <h3>Left over</h3>
+      <ul class="small"><For each={props.remainder}>{(one) => <li>{one.sentence}.</li>}</For></ul>
+      <p class="small muted">One half of the flight chose what is said here; the other half confirmed it and has these sizes.</p>
     </article>
   );
 }

@@ -30,6 +30,7 @@ mod named;
 mod passes;
 mod picture;
 mod ranking;
+mod remainder;
 mod result;
 mod search;
 mod several;
@@ -39,8 +40,9 @@ mod supply;
 mod words;
 
 pub use result::{
-    Calibration, ChannelGoodness, DiagnosedModel, Diagnosis, Finding, FlightWind, FlightsApart, Goodness, HeldOutError,
-    NotConsidered, NotTestable, Picture, PictureBin, Ranked, Rival, Timing, Verdict,
+    Calibration, ChannelGoodness, DiagnosedModel, Diagnosis, Finding, FlightWind, FlightsApart, Follows, FrequencyBand,
+    Goodness, HeldOutError, Line, NotConsidered, NotTestable, Picture, PictureBin, Ranked, Remainder, RemainderOnset,
+    Rival, Timing, Verdict,
 };
 pub use words::in_sentence;
 pub(crate) use words::small_errors;
@@ -129,7 +131,6 @@ pub fn diagnose(logs: &[FlightLog], model: &ModelVersion, options: &Options<'_>)
     if diagnosis.verdict == Verdict::OutsideCatalogue {
         (options.progress)("what the error looks like", 0.995);
         let proposal = propose::propose(logs, model)?;
-        diagnosis.notes.extend(proposal.left.iter().cloned());
         diagnosis.proposal = Some(proposal);
     }
     diagnosis.trim = changed;

@@ -6,6 +6,7 @@ use std::collections::BTreeMap;
 use utoipa::ToSchema;
 
 use super::named::Quantity;
+pub use super::remainder::{Follows, FrequencyBand, Line, Remainder, RemainderOnset};
 use crate::baseline::Trim;
 use crate::estimation::parameters::FittedParameter;
 pub use crate::estimation::unseen::HeldOutError;
@@ -369,6 +370,9 @@ pub struct Diagnosis {
     pub detectable: Vec<NotTestable>,
     /// Absolute goodness of fit.
     pub goodness: Goodness,
+    /// What is left in each channel that stays unexplained, strongest first: frequencies, onset, the signal that it follows.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub remainder: Vec<Remainder>,
     /// Errors on held-out blocks.
     pub held_out: Vec<HeldOutError>,
     /// For an error that is not in the catalogue: terms that would explain it, as a user-defined effect.

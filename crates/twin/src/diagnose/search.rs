@@ -19,7 +19,7 @@ use super::passes::verdict::FinalVerdict;
 use super::passes::wiring::WiringTest;
 use super::result::{DiagnosedModel, Diagnosis, Goodness, Timing, Verdict};
 use super::state::State;
-use super::{Options, THRESHOLD, THRESHOLD_AT_REST, words};
+use super::{Options, THRESHOLD, THRESHOLD_AT_REST, remainder, words};
 use crate::estimation::candidates::Library;
 use crate::estimation::columns::LogState;
 use crate::estimation::problem::Problem;
@@ -68,6 +68,9 @@ pub(crate) fn search(
         Coverage.run(&mut state)?;
     }
     let mut diagnosis = state.diagnosis;
+    if !diagnosis.goodness.unexplained.is_empty() {
+        diagnosis.remainder = remainder::describe(&state.problem, &diagnosis)?;
+    }
     diagnosis.stopped_at_s = state.stopped.then_some(options.time_limit_s);
     words::render(&mut diagnosis);
     Ok(diagnosis)
@@ -133,6 +136,7 @@ fn begin<'a>(
             channels: Vec::new(),
             unexplained: Vec::new(),
         },
+        remainder: Vec::new(),
         held_out: Vec::new(),
         proposal: None,
         trim: None,

@@ -16,7 +16,6 @@
 mod candidate;
 mod proof;
 mod regression;
-mod rest;
 mod terms;
 
 use rotortwin_plant::effects::{Catalogue, EffectDocument, EffectInstance, ParameterEntry, TermEntry};
@@ -88,9 +87,6 @@ pub struct Proposal {
     /// Errors of the quantities on blocks that the fit did not see, without and with the terms.
     #[serde(skip)]
     pub held_out: Vec<HeldOutError>,
-    /// What remains of each channel that fails, in words.
-    #[serde(skip)]
-    pub left: Vec<String>,
 }
 
 impl Proposal {
@@ -320,32 +316,11 @@ pub fn propose(logs: &[FlightLog], model: &ModelVersion) -> Result<Proposal, Pre
             })
         })
         .collect();
-    let factors: Vec<EffectInstance> = chosen
-        .iter()
-        .map(|found| EffectInstance::new(&documents[found.candidate].id, &[("c", found.factor)]))
-        .collect();
-    let mut left = Vec::new();
-    for regression in &regressions {
-        for one in regression.left(&catalogue, &factors)? {
-            let follows = gram
-                .best_correlate(one.channel, |i| {
-                    candidates[i].acts_on(one.channel) && chosen.iter().all(|found| found.candidate != i)
-                })
-                .map(|(best, correlation)| (candidates[best].acts().join(", "), correlation));
-            left.push(rest::sentence(
-                regression.predictor(),
-                &one,
-                follows,
-                regressions.len() > 1,
-            ));
-        }
-    }
     Ok(Proposal {
         document,
         terms,
         correlates,
         held_out: proved.held_out,
-        left,
     })
 }
 

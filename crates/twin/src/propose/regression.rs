@@ -8,11 +8,9 @@ use rayon::prelude::*;
 use rotortwin_plant::effects::{Catalogue, EffectDocument, EffectInstance};
 
 use super::candidate::Candidate;
-use super::rest::Rest;
 use crate::estimation::columns::{LogState, in_order};
 use crate::estimation::dense::Matrix;
 use crate::estimation::nuisances::{self, Reach};
-use crate::estimation::unseen::kind_of;
 use crate::predict::{CHANNELS, Nuisances, PredictError, Predictor, Source};
 
 /// Length of a mean, s.
@@ -137,21 +135,6 @@ impl Regression {
             }
         }
         Ok(())
-    }
-
-    /// What remains of forces, torques and voltage with some effects, in the channels that fail.
-    ///
-    /// # Errors
-    /// The effects together yield an invalid vehicle.
-    pub(super) fn left(&self, catalogue: &Catalogue, effects: &[EffectInstance]) -> Result<Vec<Rest>, PredictError> {
-        let mut means = vec![Vec::new(); CHANNELS];
-        self.squares(catalogue, effects, |_, channel, mean| means[channel].push(mean))?;
-        let failing = self.failing();
-        let told = |channel: &usize| kind_of(&self.predictor, *channel).is_some() && failing.contains(channel);
-        Ok((0..CHANNELS)
-            .filter(told)
-            .map(|channel| Rest::of(channel, &means[channel], self.noise[channel], MEAN_S))
-            .collect())
     }
 
     /// Channels whose means vary more than their noise.
