@@ -164,6 +164,7 @@ fn begin<'a>(
         left: 0.0,
         unseen_gain: 0.0,
         plain: Vec::new(),
+        compared: Vec::new(),
         before: Vec::new(),
         weather: None,
         has_intervals: constants.iter().any(|constant| constant.high > constant.low),

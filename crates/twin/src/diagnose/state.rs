@@ -5,6 +5,7 @@ use super::Options;
 use super::named::Named;
 use super::result::Diagnosis;
 use super::strategies::covariance::Gusts;
+use crate::estimation::columns::LogState;
 use crate::estimation::normal::Posterior;
 use crate::estimation::posterior::posterior_of;
 use crate::estimation::problem::Problem;
@@ -26,6 +27,8 @@ pub(crate) struct State<'a> {
     pub(crate) unseen_gain: f64,
     /// Nuisances of the given model: those that a comparison shows.
     pub(crate) plain: Vec<Nuisances>,
+    /// The logs as a comparison takes them, with these nuisances and the noise that was assumed.
+    pub(crate) compared: Vec<LogState>,
     /// Fits of the given model.
     pub(crate) before: Fits,
     /// Gusts, if they explain the rest.

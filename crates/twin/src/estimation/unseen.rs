@@ -10,11 +10,12 @@ use crate::predict::channels::{F, KA, KV, M, V};
 /// any fit changes.
 const NEGLIGIBLE: f64 = 0.01;
 
-/// Squares of one quantity on one block, and how many.
-#[derive(Debug, Clone, Copy, Default)]
-pub(crate) struct Squares {
-    pub(crate) sum: f64,
-    pub(crate) count: f64,
+/// The errors of one quantity on one block: means over 0.1 s, in the same order before and after.
+pub(crate) type BlockErrors = Vec<f64>;
+
+/// Σ of squares.
+pub(crate) fn square(errors: &[f64]) -> f64 {
+    errors.iter().map(|x| x * x).sum()
 }
 
 /// Quantities that are scored, with their units. The accelerometer gives the force; without one, it comes from the
@@ -58,6 +59,9 @@ pub struct HeldOutError {
     /// Standard deviation of `after − before`, from the scatter over the blocks.
     #[schema(value_type = Option<f64>)]
     pub change_deviation: f64,
+    /// Rise of the sum of squares over its deviation by chance, if the effects found are right: [`in_chance`].
+    #[serde(skip)]
+    pub rise_by_chance: f64,
     /// Mean of ln(mean square before / after) over the blocks, in its own standard deviations. Blocks of a fast flight and
     /// of a hover differ by factors in their errors, so that the scatter of the differences hides what holds on each block;
     /// 0 where there are too few blocks.
@@ -74,13 +78,16 @@ pub struct HeldOutError {
     /// Standard deviation of `with_small_errors − before`.
     #[serde(skip)]
     pub small_errors_deviation: f64,
+    /// As `rise_by_chance`.
+    #[serde(skip)]
+    pub small_errors_rise_by_chance: f64,
 }
 
-/// Share by which an error must rise to count, and for the sentence to report a change.
-const LEAST_RISE: f64 = 0.01;
-
-/// Rise in standard deviations from which an error counts as risen: one in a thousand by chance.
+/// Change in standard deviations of the scatter over the blocks from which an error counts as risen or fallen: one in a thousand by chance.
 const RISEN: f64 = 3.0;
+
+/// Normal quantile of 99 %: a true effect may raise an error by more in one of a hundred flights.
+const RISEN_BY_CHANCE: f64 = 2.326;
 
 /// Least share of a mean square error that makes a part of it explained.
 const WORTH_NAMING: f64 = 0.1;
@@ -107,27 +114,33 @@ impl HeldOutError {
         self.after.min(self.with_small_errors) > FAR_BEYOND_NOISE * self.noise
     }
 
-    /// True if the effects found make the error larger: by more than a trace of the noise, and either by a hundredth of
-    /// itself or by more than the scatter between blocks. The scatter alone is no excuse: an effect that sets in on the
-    /// last of n blocks changes one of them, which is one deviation of their scatter however large it is.
+    /// True if the effects found make the error larger: by more than a trace of the noise, and either by more than chance
+    /// does with effects that are right, at a level of 1 %, or by more than the scatter between blocks. The scatter alone
+    /// is no excuse: an effect that sets in on the last of n blocks changes one of them, which is one deviation of their
+    /// scatter however large it is.
     ///
     /// And with small errors of all other constants, too: where one error has hidden another, the right size of one
     /// shows the other.
     pub fn rises(&self) -> bool {
-        self.rises_to(self.after, self.change_deviation)
-            && self.rises_to(self.with_small_errors, self.small_errors_deviation)
+        self.rises_to(self.after, self.change_deviation, self.rise_by_chance)
+            && self.rises_to(
+                self.with_small_errors,
+                self.small_errors_deviation,
+                self.small_errors_rise_by_chance,
+            )
     }
 
-    fn rises_to(&self, after: f64, deviation: f64) -> bool {
+    fn rises_to(&self, after: f64, deviation: f64, by_chance: f64) -> bool {
         let rise = after - self.before;
-        rise > self.negligible() && (rise > LEAST_RISE * self.before || rise > RISEN * deviation)
+        rise > self.negligible() && (by_chance > RISEN_BY_CHANCE || rise > RISEN * deviation)
     }
 
     /// True if more than noise is left with the effects found, or it rises with them, and small errors of all other
     /// constants explain that.
     pub(crate) fn is_excused(&self) -> bool {
         let beyond = self.after > BEYOND_NOISE * self.noise && !self.is_beyond_noise();
-        let risen = self.after > self.noise && self.rises_to(self.after, self.change_deviation) && !self.rises();
+        let rises = self.rises_to(self.after, self.change_deviation, self.rise_by_chance);
+        let risen = self.after > self.noise && rises && !self.rises();
         beyond || risen
     }
 
@@ -136,6 +149,7 @@ impl HeldOutError {
         Self {
             with_small_errors: with.after,
             small_errors_deviation: with.change_deviation,
+            small_errors_rise_by_chance: with.rise_by_chance,
             ..self
         }
     }
@@ -167,47 +181,69 @@ impl HeldOutError {
 pub(crate) fn change(
     quantity: &str,
     unit: &str,
-    before: &[Squares],
-    after: &[Squares],
+    before: &[BlockErrors],
+    after: &[BlockErrors],
     noise: f64,
 ) -> Option<HeldOutError> {
-    let total = |all: &[Squares]| all.iter().fold((0.0, 0.0), |(s, n), one| (s + one.sum, n + one.count));
-    let ((old, count), (new, _)) = (total(before), total(after));
+    let count: f64 = before.iter().map(|block| block.len() as f64).sum();
     if count == 0.0 {
         return None;
     }
-    let (old, new) = ((old / count).sqrt(), (new / count).sqrt());
-    let pairs = before.iter().zip(after).filter(|(b, _)| b.count > 0.0);
-    let blocks = pairs.clone().count() as f64;
-    let mean = (new * new - old * old) * count / blocks;
-    let scatter: f64 = pairs
-        .map(|(b, a)| (a.sum - b.sum - mean) * (a.sum - b.sum - mean))
-        .sum();
+    let squares: Vec<(f64, f64)> = before
+        .iter()
+        .zip(after)
+        .filter(|(before, _)| !before.is_empty())
+        .map(|(before, after)| (square(before), square(after)))
+        .collect();
+    let total = squares.iter().fold((0.0, 0.0), |(b, a), one| (b + one.0, a + one.1));
+    let (old, new) = ((total.0 / count).sqrt(), (total.1 / count).sqrt());
+    let blocks = squares.len() as f64;
+    let mean = (total.1 - total.0) / blocks;
+    let scatter: f64 = squares.iter().map(|(b, a)| (a - b - mean) * (a - b - mean)).sum();
     // Of a mean square over the blocks; a single block has no scatter.
     let variance = if blocks > 1.0 {
         scatter * blocks / (blocks - 1.0)
     } else {
         f64::INFINITY
     };
-    let ratios: Vec<f64> = before
+    let ratios: Vec<f64> = squares
         .iter()
-        .zip(after)
-        .filter(|(b, a)| b.sum > 0.0 && a.sum > 0.0)
-        .map(|(b, a)| (b.sum / a.sum).ln())
+        .filter(|(b, a)| *b > 0.0 && *a > 0.0)
+        .map(|(b, a)| (b / a).ln())
         .collect();
     // d√x = dx/(2√x)
     let change_deviation = variance.sqrt() / count / (old + new).max(f64::MIN_POSITIVE);
+    let rise_by_chance = in_chance(before, after, noise);
     Some(HeldOutError {
         quantity: quantity.to_owned(),
         unit: unit.to_owned(),
         before: old,
         after: new,
         change_deviation,
+        rise_by_chance,
         with_small_errors: new,
         small_errors_deviation: change_deviation,
+        small_errors_rise_by_chance: rise_by_chance,
         fall_on_each: in_deviations(&ratios),
         noise,
     })
+}
+
+/// Rise of the sum of squares over its deviation by chance, if what is left after is noise.
+///
+/// Errors before r and after r′ = r + d: Σ r′² − r² = 2 Σ r′ d − Σ d². If the model after is right, r′ is noise that knows nothing of d: the sum falls by
+/// Σ d², by chance more or less with a deviation of 2 √(Σ σ² d²). Counted from no change at all, because the model after is nearly right at
+/// most. σ² is that of the smaller error of the block, and at least that of noise.
+fn in_chance(before: &[BlockErrors], after: &[BlockErrors], noise: f64) -> f64 {
+    let (mut rise, mut variance) = (0.0, 0.0);
+    for (before, after) in before.iter().zip(after) {
+        let (old, new) = (square(before), square(after));
+        let moved: f64 = before.iter().zip(after).map(|(b, a)| (a - b) * (a - b)).sum();
+        let left = old.min(new) / before.len().max(1) as f64;
+        rise += new - old;
+        variance += 4.0 * left.max(noise * noise) * moved;
+    }
+    if variance > 0.0 { rise / variance.sqrt() } else { 0.0 }
 }
 
 /// A mean over its standard deviation by the scatter of the values; 0 for fewer than six.

@@ -11,7 +11,7 @@ use rotortwin_plant::effects::{Catalogue, EffectDocument, EffectInstance};
 
 use super::regression::{Gram, Offsets, Regression};
 use crate::estimation::parameters::QUANTILE_95;
-use crate::estimation::unseen::{HeldOutError, QUANTITIES, Squares, change, kind_of};
+use crate::estimation::unseen::{BlockErrors, HeldOutError, QUANTITIES, change, kind_of, square};
 use crate::predict::{CHANNELS, NAMES, PredictError};
 
 /// Terms that may be refused before the search ends.
@@ -32,8 +32,8 @@ pub(super) struct Proved {
     pub(super) held_out: Vec<HeldOutError>,
 }
 
-/// Squares of each channel on each block, of the logs one after the other.
-type Blocks = [Vec<Squares>; CHANNELS];
+/// Errors of each channel on each block, of the logs one after the other.
+type Blocks = [Vec<BlockErrors>; CHANNELS];
 
 /// What a proof works on.
 pub(super) struct Proof<'a> {
@@ -164,7 +164,7 @@ impl Proof<'_> {
         }
     }
 
-    /// Squares of the errors on every block, by the factors of the blocks of the other parity. `None` where those leave a factor open.
+    /// The errors on every block, by the factors of the blocks of the other parity. `None` where those leave a factor open.
     fn blocks(&self, terms: &[usize]) -> Result<Option<Blocks>, PredictError> {
         let mut all: Blocks = Default::default();
         for parity in [0, 1] {
@@ -188,13 +188,11 @@ impl Proof<'_> {
             for regression in self.regressions {
                 let count = regression.block_count();
                 for blocks in &mut all {
-                    blocks.resize(first + count, Squares::default());
+                    blocks.resize(first + count, BlockErrors::new());
                 }
                 regression.squares(self.catalogue, &instances, |block, channel, mean| {
                     if (first + block) % 2 != parity {
-                        let into = &mut all[channel][first + block];
-                        into.sum += mean * mean;
-                        into.count += 1.0;
+                        all[channel][first + block].push(mean);
                     }
                 })?;
                 first += count;
@@ -223,17 +221,16 @@ impl Proof<'_> {
         let Some(first) = self.regressions.first() else {
             return Vec::new();
         };
-        let joined = |blocks: &Blocks, kind: usize| -> Vec<Squares> {
-            let mut sums = vec![Squares::default(); blocks[0].len()];
+        let joined = |blocks: &Blocks, kind: usize| -> Vec<BlockErrors> {
+            let mut joined = vec![BlockErrors::new(); blocks[0].len()];
             for channel in 0..CHANNELS {
                 if let Some((_, scale)) = kind_of(first.predictor(), channel).filter(|(of, _)| *of == kind) {
-                    for (sum, own) in sums.iter_mut().zip(&blocks[channel]) {
-                        sum.sum += scale * scale * own.sum;
-                        sum.count += own.count;
+                    for (all, own) in joined.iter_mut().zip(&blocks[channel]) {
+                        all.extend(own.iter().map(|x| scale * x));
                     }
                 }
             }
-            sums
+            joined
         };
         QUANTITIES
             .iter()
@@ -260,7 +257,7 @@ impl Proof<'_> {
             let excess = |blocks: &Blocks| {
                 blocks[channel]
                     .iter()
-                    .map(|block| block.sum / noise - block.count)
+                    .map(|block| square(block) / noise - block.len() as f64)
                     .sum::<f64>()
             };
             old += excess(before);

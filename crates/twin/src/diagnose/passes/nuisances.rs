@@ -14,6 +14,7 @@ impl Pass for NuisanceFit {
 
     fn run(&self, state: &mut State<'_>) -> Result<(), PredictError> {
         state.problem.fit_nuisances(Reach::Plausible)?;
+        state.compared = state.problem.logs.clone();
         state.plain = state.problem.logs.iter().map(|log| log.nuisances).collect();
         Ok(())
     }
