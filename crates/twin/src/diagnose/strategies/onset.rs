@@ -1,4 +1,4 @@
-//! Onset time of an effect: its columns count only from a time on. Block boundaries first, then a quarter of a second.
+//! Onset time of an effect: its columns count only from a time on. Block boundaries first, then a quarter and a twentieth of a second.
 //!
 //! An effect from t₀ on has the column of the effect with the rows before t₀ at 0, up to the memory of the chain (one
 //! lag, 0.05 s) and, where whitening remembers, with the correction of [`super::cut`]. For an effect that grows with the
@@ -45,11 +45,11 @@ fn scales_lift_over_weight(declared: &EffectDeclaration) -> bool {
     declared.places.contains(&Place::StaticLift) || declared.search.trim == Some(TrimChange::Weight)
 }
 
-/// Fine grid of the search, s.
-const GRID_S: f64 = 0.25;
+/// Cells of the search, s: a pulse of a filter that forgets is as short as its memory, and beside it there is nothing to find.
+const GRID_S: f64 = 0.05;
 
-/// Cells on either side of a pulse that are tried.
-const NEAR_PULSE: usize = 4;
+/// Cells of the coarser grid on which the time is first sought between two blocks.
+const COARSE: usize = 5;
 
 /// Rows at which an effect may begin: the grid, and the blocks. Of several logs there are none.
 pub(crate) fn cuts(problem: &Problem) -> Option<Cuts> {
@@ -298,7 +298,7 @@ pub(crate) fn scan(problem: &Problem, posterior: &Posterior, candidate: usize, c
     let cells = series.len / grid;
     let scan = Scan::new(problem, cuts, candidate, cells);
     let first = scan.evidence(0)?;
-    let per_block = ((BLOCK_S / GRID_S).round() as usize).max(1);
+    let per_block = ((BLOCK_S / (grid as f64 * series.step_s)).round() as usize).max(1);
     let coarse: Vec<(usize, f64)> = (per_block..cells.saturating_sub(per_block / 2))
         .step_by(per_block)
         .filter_map(|cell| Some((cell, scan.evidence(cell)?)))
@@ -308,10 +308,13 @@ pub(crate) fn scan(problem: &Problem, posterior: &Posterior, candidate: usize, c
         .filter_map(|cell| Some((cell, scan.in_addition(cell, posterior)?)))
         .max_by(|a, b| a.1.total_cmp(&b.1));
     let about = |cell: usize, reach: usize| cell.saturating_sub(reach).max(1)..(cell + reach).min(cells);
-    let range = about(near, per_block).chain(pulse.map_or(0..0, |(cell, _)| about(cell, NEAR_PULSE)));
-    let (cell, best) = range
-        .filter_map(|cell| Some((cell, scan.evidence(cell)?)))
-        .max_by(|a, b| a.1.total_cmp(&b.1))?;
+    let best_of = |all: &mut dyn Iterator<Item = usize>| {
+        all.filter_map(|cell| Some((cell, scan.evidence(cell)?)))
+            .max_by(|a, b| a.1.total_cmp(&b.1))
+    };
+    let (between, _) = best_of(&mut about(near, per_block).step_by(COARSE))?;
+    let pulse = pulse.map_or(0..0, |(cell, _)| about(cell, COARSE));
+    let (cell, best) = best_of(&mut about(between, COARSE).chain(pulse))?;
     // The time was chosen among all cells.
     let gain = best - first - (cells as f64).ln();
     (gain > 0.0).then(|| (series.time(cell * grid), gain))
