@@ -69,7 +69,10 @@ mod tests {
     fn val_numbers_out_of_range_are_refused_in_one_sentence() {
         let body = |text: &str| serde_json::from_str::<ClassifierSubmission>(text).unwrap().check();
         assert_eq!(body("{}"), Ok(()));
-        assert_eq!(body(r#"{"seeds":101}"#), Err("`seeds` is 101; expected 1 to 100".to_owned()));
+        assert_eq!(
+            body(r#"{"seeds":101}"#),
+            Err("`seeds` is 101; expected 1 to 100".to_owned())
+        );
         assert_eq!(
             body(r#"{"hyperparameters":{"epochs":0}}"#),
             Err("`hyperparameters`: `epochs` is 0; expected 1 to 10000".to_owned())

@@ -3,6 +3,7 @@
 use super::table::{SHORT, WHOLE, job_of, shown};
 use super::{Event, EventPlace, Job, PlacedEvent};
 use crate::jobs::database::Database;
+use rotortwin_jobs::{JobKind, Status};
 use sqlx::Row as _;
 
 /// Filter of a job list.
