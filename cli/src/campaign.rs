@@ -372,7 +372,7 @@ fn gathered(
     store: Option<&dyn Store>,
     campaign: &Campaign,
 ) -> Result<CampaignFolder, Failure> {
-    let folder = CampaignFolder::open(path, campaign).map_err(Failure::Input)?;
+    let folder = CampaignFolder::open(path, campaign).map_err(|sentence| Failure::opening(path, sentence))?;
     for other in &args.folders {
         match (address(other), store) {
             (Some(address), Some(store)) => store.take_in(&folder, address, campaign)?,

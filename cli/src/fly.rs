@@ -78,8 +78,8 @@ pub struct Args {
     /// Run every process on this CPU [default: a free one while the pace is fast and all processes are started here]
     #[arg(long, value_name = "CPU", value_parser = cpu_number())]
     pub cpu: Option<usize>,
-    /// Real-time priority (SCHED_FIFO) and locked memory for all processes of the flight, 1 to 99; with --pace real-time [default: none;
-    /// without a number: 40]
+    /// Real-time priority (SCHED_FIFO) and locked memory for all processes of the flight that are started here, 1 to 99; with --pace
+    /// real-time or --controller betaflight [default: none; without a number: 40]
     #[arg(long, value_name = "1-99", num_args = 0..=1, require_equals = true, default_missing_value = DEFAULT_PRIORITY, value_parser = parse_priority)]
     pub priority: Option<u8>,
     /// Fly the vehicle and effects of this model instead of the scenario's vehicle: MODEL, MODEL@v2 or a file; with --server also @MODEL,
@@ -400,6 +400,21 @@ pub fn with_models(scenario: Scenario, args: &Args) -> Result<Scenario, ExitCode
     Ok(scenario)
 }
 
+/// Only a flight with deadlines may have a priority: at real-time pace, or with an autopilot that is itself paced by the wall clock.
+fn check_pace_of_priority(pace: PaceArg, foreign: Option<&Peers>) -> Result<(), Failure> {
+    match foreign {
+        Some(Peers::Autopilot(autopilot, _)) if autopilot.protocol.lockstep() => Err(Failure::input(format!(
+            "--priority applies to flights at the pace of the wall clock, {autopilot} flies in lockstep"
+        ))),
+        Some(Peers::Autopilot(..)) => Ok(()),
+        _ if pace == PaceArg::RealTime => Ok(()),
+        _ => Err(Failure::input(format!(
+            "{} or --controller betaflight",
+            priority::NEEDS_PACE
+        ))),
+    }
+}
+
 /// Checks everything possible before anything is written: the CPU, and the meeting point of the processes.
 fn settle(args: &Args, foreign: Option<Peers>) -> Result<Peers, Failure> {
     if let Some(cpu) = args.cpu {
@@ -407,9 +422,7 @@ fn settle(args: &Args, foreign: Option<Peers>) -> Result<Peers, Failure> {
         rotortwin_process::pin_to_cpu(cpu).map_err(Failure::Input)?;
     }
     if let Some(priority) = args.priority {
-        if args.pace != PaceArg::RealTime {
-            return Err(Failure::input(priority::NEEDS_PACE));
-        }
+        check_pace_of_priority(args.pace, foreign.as_ref())?;
         priority::probe(priority).map_err(Failure::input)?;
     }
     if let Some(foreign) = foreign {

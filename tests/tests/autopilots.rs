@@ -16,6 +16,7 @@ use rotortwin_tests::process::wait_until;
 use rotortwin_tests::program::{Call, Ended, PATIENCE, read_json, text};
 use rotortwin_tests::scratch::{Scratch, repository};
 use rotortwin_tests::server::{Server, Worker};
+use rotortwin_tests::skip;
 use scripted_ardupilot::{ROTOR_OF_CHANNEL, ScriptedArduPilot};
 use scripted_betaflight::ScriptedBetaflight;
 use serde_json::{Value, json};
@@ -732,6 +733,33 @@ fn scenario_swapped_motors_are_named_by_the_command() {
         assert!(line(channel).ends_with("ok"), "{}", wrong.stdout);
     }
     assert!(wrong.stdout.ends_with("Some motors are wrong\n"), "{}", wrong.stdout);
+}
+
+#[test]
+fn scenario_priority_is_for_autopilots_on_the_wall_clock() {
+    let scratch = Scratch::new();
+    let refused = flown_by(&scratch, 3.0, &format!("ardupilot:{}", free_address()))
+        .with(["--priority"])
+        .run()
+        .expect_code(2);
+    let said = refused.stderr.join("\n");
+    assert!(
+        said.contains("--priority") && said.contains("flies in lockstep"),
+        "{said}"
+    );
+    assert!(!scratch.path("run").exists(), "nothing was written");
+
+    let peer = ScriptedBetaflight::start();
+    let ended = flown_by(&scratch, 3.0, &format!("betaflight:{}", peer.port()))
+        .with(["--priority=7"])
+        .run();
+    let said = ended.stderr.join("\n");
+    if said.contains("cap_sys_nice") || said.contains("cap_ipc_lock") {
+        return skip("this user has no right to real-time priority or to locked memory");
+    }
+    let ended = ended.expect_code(0);
+    let said = format!("{}\n{said}", ended.stdout);
+    assert!(said.contains("not lockstep: of "), "{said}");
 }
 
 #[test]

@@ -39,7 +39,7 @@ const USAGE: &str = "usage: cargo xtask TASK
                     (--keep: remember the sizes in firmware/sizes.txt)
   dist              what people install who do not build, in target/packages: archive, Debian package, Python wheel,
                     container image, list of parts
-  seeds [SCENARIO]  the evaluators over 100 seeds of a scenario: delays, false alarms, right windows
+  seeds [SCENARIO]  the evaluators over 100 seeds of a scenario: delays, false alarms, correct windows
   detector WHAT [SCENARIO] [key=value …]
                     the sequential detector: protocol, healthy, smallest, pairs, coverage, early (crates/campaign/examples/detector_study.rs)
   bench [--quick]   speed: closed loop in one process, lockstep through three processes, against the bare link and a futex, the placement that a

@@ -88,7 +88,7 @@ fn main() {
     });
     println!("{}, seeds 1 to {flights}", scenario.name());
     println!(
-        "evaluator    right windows   flights isolated   delay median / worst   false alarms (healthy hours; per hour, 95 %)"
+        "evaluator    correct windows  flights isolated   delay median / worst   false alarms (healthy hours; per hour, 95 %)"
     );
     for (index, (name, _)) in EVALUATORS.into_iter().enumerate() {
         let scores: Vec<Score> = studies.iter().map(|study| study.scores[index]).collect();

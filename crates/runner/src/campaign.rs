@@ -79,7 +79,7 @@ pub struct ShardsFlown {
 /// # Errors
 /// It belongs to another campaign, or was started by another program.
 pub fn prepare<'a>(job: &Job, campaign: &'a Campaign) -> Result<Prepared<'a>, Failure> {
-    let folder = CampaignFolder::open(&job.out, campaign).map_err(Failure::Input)?;
+    let folder = CampaignFolder::open(&job.out, campaign).map_err(|sentence| Failure::opening(&job.out, sentence))?;
     let place = folder.path().display().to_string();
     runner::check_same_program(campaign, &OneByOne, &folder, &place).map_err(Failure::Input)?;
     Ok(prepare_in(job, campaign, folder, BTreeSet::new()))

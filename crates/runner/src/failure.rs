@@ -1,6 +1,6 @@
 //! Why a job failed.
 
-use crate::destination::full_disk;
+use crate::destination::{full_disk, is_of_a_full_disk};
 use rotortwin_blind::error::BlindError;
 use rotortwin_twin::model::StoreError;
 use std::fmt::Display;
@@ -32,6 +32,15 @@ impl Failure {
         match full_disk(place, &sentence) {
             Some(disk) => Self::Failed(format!("{sentence}; {disk}")),
             None => Self::Failed(sentence),
+        }
+    }
+
+    /// A folder at `place` that cannot be used: bad input, unless its disk is full, which is named.
+    pub fn opening(place: &Path, sentence: String) -> Self {
+        if is_of_a_full_disk(&sentence) {
+            Self::writing(place, sentence)
+        } else {
+            Self::Input(sentence)
         }
     }
 }

@@ -219,7 +219,7 @@ mod tests {
     use super::*;
 
     fn grid() -> Grid {
-        let mut grid = Grid::new(["id", "what it is", "right windows", "false alarms"]).numbers_from(2);
+        let mut grid = Grid::new(["id", "what it is", "correct windows", "false alarms"]).numbers_from(2);
         grid.add_row([
             "rotor-drag",
             "drag of all rotors together at hover speed per air speed",

@@ -198,6 +198,51 @@ fn val_text_dataflash_without_times_gets_its_nominal_rate() {
     assert!((voltage[6] - 11.945).abs() < 1e-9, "{}", voltage[6]);
 }
 
+/// Fast attitude of ArduCopter 4.7 is a message of its own, on stamps of whole milliseconds; ATT stays at 10 Hz.
+#[test]
+fn val_arducopter_with_fast_attitude_has_it_at_the_rate_of_the_loop() {
+    let folder = tempfile::tempdir().expect("a temporary folder");
+    let roll_deg = |time_us: u32| 5.0 * (1e-5 * f64::from(time_us)).sin();
+    let of = |name: &str, fast: bool| {
+        let path = folder.path().join(name);
+        let mut text = "FMT, 2, 9, IMU, Qffffff, TimeUS,GyrX,GyrY,GyrZ,AccX,AccY,AccZ\nFMT, 3, 9, ANG, Qfff, TimeUS,Roll,Pitch,Yaw\n\
+             FMT, 4, 9, ATT, Qfff, TimeUS,Roll,Pitch,Yaw\n"
+            .to_owned();
+        for k in 0..800_u32 {
+            // 2 and 3 ms in turn.
+            let time = 1_000_000 + 1000 * (5 * k / 2);
+            text += &format!("IMU, {time}, 0.0{}, 0.0, 0.0, 0.0, 0.0, -9.81\n", k % 3);
+            if fast {
+                text += &format!("ANG, {time}, {:.6}, 0.5, 90.0\n", roll_deg(time));
+            }
+            if k % 40 == 0 {
+                text += &format!("ATT, {time}, {:.6}, 0.5, 90.0\n", roll_deg(time));
+            }
+        }
+        std::fs::write(&path, text).expect("written");
+        FlightLog::read(&path).expect("a log")
+    };
+    for (name, fast, attitude) in [("fast.log", true, "ANG"), ("slow.log", false, "ATT")] {
+        let log = of(name, fast);
+        assert!(
+            (log.sample_rate_hz() - 400.0).abs() < 0.5,
+            "{name}: {} Hz",
+            log.sample_rate_hz()
+        );
+        let text = &log.report.conversions;
+        let read = format!("attitude ← {attitude}:");
+        assert!(text.iter().any(|one| one.starts_with(&read)), "{name}: {text:?}");
+        // Between two samples of ATT its line is off by degrees: 10 rad/s of 5°.
+        let roll = log.column("roll_rad").expect("mapped");
+        let off = |row: usize| {
+            let time_us = 1_000_000 + 1000 * (5 * row as u32 / 2);
+            (roll[row].to_degrees() - roll_deg(time_us)).abs()
+        };
+        let worst = (0..700).map(off).fold(0.0, f64::max);
+        assert_eq!(worst < 1e-4, fast, "{name}: {worst}°");
+    }
+}
+
 /// Messages of ArduCopter by their numbers: `CURR` is of floats since 3.4, `MOT_PWM_MIN` 0 means the throttle channel's range, and
 /// `RCOU` had other names up to 3.2.
 #[test]

@@ -115,6 +115,62 @@ fn scenario_without_voltage_and_rates_their_effects_name_the_columns() {
     }
 }
 
+/// Every n-th value, on straight lines between them, as an autopilot's slower stream is read.
+fn interpolated(values: &[f64], every: usize) -> Vec<f64> {
+    let at = |k: usize| values[k.min(values.len() - 1)];
+    (0..values.len())
+        .map(|k| {
+            let (before, share) = (k - k % every, (k % every) as f64 / every as f64);
+            at(before) + share * (at(before + every) - at(before))
+        })
+        .collect()
+}
+
+/// ArduPilot's RCOU at 10 Hz beside an IMU at 400 Hz: a motor time constant of 0.021 s ± 0.0015 s was "missing" where it is 0.05 s, as an
+/// interpolated command rises before it was given.
+#[test]
+fn scenario_commands_at_10_hz_tell_neither_a_lag_nor_an_age_and_ask_for_faster_ones() {
+    const NEEDY: [&str; 7] = [
+        "motor-time-constant",
+        "lag-asymmetry",
+        "speed-domain-lag",
+        "command-delay",
+        "imu-latency",
+        "rotor-reaction",
+        "frame-flex",
+    ];
+    let fast = flight(|_| false);
+    let step_s = fast.time_s[1] - fast.time_s[0];
+    let mut slow = fast.clone();
+    for rotor in 1..=6 {
+        let duty = slow.columns.get_mut(&format!("duty_{rotor}")).unwrap();
+        *duty = interpolated(duty, (0.1 / step_s).round() as usize);
+    }
+    let found = diagnosis(slow, &model());
+    for effect in NEEDY {
+        let one = listed(&found, effect).unwrap_or_else(|| panic!("{effect}: {}", found.sentence));
+        assert!(one.reason.contains("Hz") && one.columns.is_empty(), "{}", one.reason);
+        assert!(
+            one.setting
+                .as_ref()
+                .is_some_and(|setting| setting.contains("motor outputs"))
+        );
+        assert!(found.not_testable.iter().all(|row| row.effect != effect));
+        assert!(
+            found.ranking.iter().all(|row| row.effect != effect),
+            "{effect} is ranked"
+        );
+    }
+    let mut named = found.effects.iter().chain(&found.sensor_or_timing);
+    assert!(
+        named.all(|one| !NEEDY.contains(&one.instance.effect.as_str())),
+        "{}",
+        found.sentence
+    );
+    let found = diagnosis(fast, &model());
+    assert!(NEEDY.iter().all(|effect| listed(&found, effect).is_none()));
+}
+
 #[test]
 fn scenario_what_the_model_has_is_listed_as_such() {
     let drag = effect_by_hand("rotor-drag", None, None, &["drag_n_s_m=0.25".to_owned()]).unwrap();

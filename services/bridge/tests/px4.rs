@@ -7,12 +7,14 @@ mod failures;
 mod inside;
 mod links;
 mod px4_estimate;
+mod rate_loop;
 
 use autopilots::{HEXAROTOR, Watch, scenario_of};
 use failures::sentence;
 use inside::{Pilot, channels, patience, wrong};
 use links::{flown, outputs};
 use px4_estimate::Estimate;
+use rate_loop::RateLoop;
 use rotortwin_bridge::autopilot::Patience;
 use rotortwin_bridge::autopilot::px4::Px4;
 use rotortwin_bridge::mavlink::frame::{Decoder, encode};
@@ -88,6 +90,8 @@ struct Peer {
     scenario: Scenario,
     to: SocketAddr,
     pilot: Pilot,
+    /// In place of the pilot's own loop.
+    rate_loop: Option<RateLoop>,
     channels: Vec<usize>,
     /// Connects again, and begins anew, when the plant closes the connection.
     returns: bool,
@@ -136,6 +140,7 @@ impl Peer {
             scenario: scenario.clone(),
             to,
             pilot: Pilot::new(scenario, ARMS_S),
+            rate_loop: None,
             channels: channels(scenario).to_vec(),
             returns: false,
         }
@@ -251,9 +256,11 @@ impl Peer {
     fn answer(&mut self, sample: &HilSensor, estimate: &Estimate, act: Act) -> HilActuatorControls {
         let time_s = sample.time_usec as f64 * 1e-6;
         let rates = sample.gyro.map(f64::from);
-        let duty = self
-            .pilot
-            .duties(time_s, estimate.position, estimate.velocity, estimate.euler(), rates);
+        let (position, velocity, attitude) = (estimate.position, estimate.velocity, estimate.euler());
+        let duty = match &mut self.rate_loop {
+            Some(rate_loop) => rate_loop.duties(time_s, (position[2], velocity[2]), attitude, rates),
+            None => self.pilot.duties(time_s, position, velocity, attitude, rates),
+        };
         let mut answer = HilActuatorControls {
             time_usec: sample.time_usec,
             flags: 1,
@@ -678,17 +685,25 @@ fn scenario_nobody_comes_or_nobody_answers() {
     assert!(said.contains("18 bytes that are not MAVLink 2"), "{said}");
 }
 
-/// On the stand, over the link: our rotor, from 1, that each channel of the autopilot means, and those that it takes to turn the other way.
-fn on_the_stand(scenario: &Scenario, means: &[usize], reversed: &[usize]) -> SpinReport {
+/// On the stand, over the link: the peer with these changes.
+fn tested(scenario: &Scenario, change: impl FnOnce(&mut Peer)) -> Result<SpinReport, String> {
     let table = outputs(AutopilotKind::Px4, scenario).rotor_of_channel;
     let (mut link, mut peer) = pair(scenario, patience());
-    peer.channels = means.to_vec();
-    peer.pilot = Pilot::with_spins(scenario, ARMS_S, reversed);
+    change(&mut peer);
     let peer = std::thread::spawn(move || peer.run(|_| Act::Normal));
-    let report = spin_test(&mut link, scenario, 1, &table, &mut |_, _| {}).unwrap();
+    let report = spin_test(&mut link, scenario, 1, &table, &mut |_, _| {});
     drop(link);
     peer.join().unwrap();
     report
+}
+
+/// Our rotor, from 1, that each channel of the autopilot means, and those that it takes to turn the other way.
+fn on_the_stand(scenario: &Scenario, means: &[usize], reversed: &[usize]) -> SpinReport {
+    let changed = tested(scenario, |peer| {
+        peer.channels = means.to_vec();
+        peer.pilot = Pilot::with_spins(scenario, ARMS_S, reversed);
+    });
+    changed.unwrap()
 }
 
 #[test]
@@ -715,4 +730,52 @@ fn scenario_the_stand_does_not_blame_right_motors_and_names_swapped_and_reversed
         let channel = right.iter().position(|rotor| *rotor == reversed).unwrap() + 1;
         assert_eq!(wrong(&report), [[channel, reversed, reversed]], "{vehicle}: {report:?}");
     }
+}
+
+/// The attitude is prescribed, so that the integrators of the body rates go to their bounds and motors to their limits.
+#[test]
+fn scenario_integrators_that_wind_up_on_the_stand_never_blame_a_right_motor() {
+    let scenario = scenario_of("octo-x-skids", 5.0, "");
+    let mut open = 0;
+    for wanted in [
+        [-0.05, 0.0, -0.03],
+        [0.05, 0.05, 0.05],
+        [0.03, -0.05, 0.0],
+        [0.0, 0.0, 0.0],
+    ] {
+        let outcome = tested(&scenario, |peer| {
+            peer.rate_loop = Some(RateLoop::new(&scenario, ARMS_S, wanted, true));
+        });
+        match outcome {
+            Ok(report) => assert!(report.is_right(), "{wanted:?}: {report:?}"),
+            Err(sentence) => {
+                assert!(sentence.starts_with("cannot tell"), "{wanted:?}: {sentence}");
+                assert!(sentence.contains("at their limits"), "{wanted:?}: {sentence}");
+                assert!(sentence.contains("px4-stand.env"), "{wanted:?}: {sentence}");
+                open += 1;
+            }
+        }
+    }
+    assert!(open > 0, "no integrator has driven motors to their limits");
+}
+
+/// As with the settings for the stand.
+#[test]
+fn scenario_without_integrators_the_same_loop_is_judged() {
+    let scenario = scenario_of("octo-x-skids", 5.0, "");
+    let right = channels(&scenario);
+    let report = |means: &[usize]| {
+        let outcome = tested(&scenario, |peer| {
+            peer.channels = means.to_vec();
+            peer.rate_loop = Some(RateLoop::new(&scenario, ARMS_S, [-0.02, 0.0, -0.02], false));
+        });
+        outcome.unwrap()
+    };
+    let as_wired = report(right);
+    assert!(as_wired.is_right(), "{as_wired:?}");
+    let mut means = right.to_vec();
+    means.swap(0, 1);
+    let swapped = report(&means);
+    let expected = [[1, right[0], right[1]], [2, right[1], right[0]]];
+    assert_eq!(wrong(&swapped), expected, "{swapped:?}");
 }

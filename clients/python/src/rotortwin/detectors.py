@@ -319,7 +319,7 @@ class Row:
     #: Flights with a fault that was named right at least once, and of those the ones that ended so; None where there is no fault.
     found: int | None
     settled: int | None
-    #: Median time from the fault to the end of the first right window, and to the one after which no window was wrong, s.
+    #: Median time from the fault to the end of the first correct window, and to the one after which no window was wrong, s.
     first_s: float
     settled_s: float
     #: Flights in which a healthy rotor was named.
@@ -517,7 +517,7 @@ class Curve:
         return frame.drop(columns="label")
 
     def at(self, false_alarms_per_h: float) -> Point | None:
-        """The point with the most right windows of those with at most so many false alarms an hour; None if there is none."""
+        """The point with the most correct windows of those with at most so many false alarms an hour; None if there is none."""
         quiet = [point for point in self.points if point.row.false_alarms_per_hour[0] <= false_alarms_per_h]
         return max(quiet, key=lambda point: point.row.right, default=None)
 

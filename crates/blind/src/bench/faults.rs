@@ -7,11 +7,11 @@
 //! presets; the classes `five …` have five unknown effects of the catalogue, wind and gusts on top.
 //!
 //! Definitions. *Right*: the verdict names exactly the rotors that have lost at least [`SEEN`] of their thrust at that
-//! time. *First*: end of the first right window, counted from when a loss passes [`SEEN`]. *Settled*: end of the last
+//! time. *First*: end of the first correct window, counted from when a loss passes [`SEEN`]. *Settled*: end of the last
 //! window that is not right before the end of the flight, or before the loss ends. *Announced*: see [`is_announced`].
 //! *Inside*: the truth at that time lies in the 95 % interval of each named rotor, at the end of the flight; *windows
 //! inside*, the same over all windows that name the rotors correctly, separately for those in which the loss changes.
-//! *Isolated* ([`ISOLATED_S`]): of a ramp, the first right window comes at most this long after the loss has passed the
+//! *Isolated* ([`ISOLATED_S`]): of a ramp, the first correct window comes at most this long after the loss has passed the
 //! detectable size: `smallest_loss` of the last window that announced one. *Load named*: a window has a `load` that
 //! changed at that time; *false load*: at any other. *Healthy named*: a rotor without a loss is named, alone or in a
 //! pair, with a probability of 0.95 or more. *False alarm*: a verdict other than healthy begins while nothing has
@@ -340,7 +340,7 @@ pub struct FaultRow {
     pub case: FaultCase,
     /// Why there is no score; the rest is then empty.
     pub failure: Option<String>,
-    /// First right window after the loss has passed [`SEEN`], s.
+    /// First correct window after the loss has passed [`SEEN`], s.
     pub first_s: Option<f64>,
     /// From then on right to the end, s.
     pub settled_s: Option<f64>,

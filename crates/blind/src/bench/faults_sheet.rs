@@ -17,7 +17,7 @@ pub struct ClassSheet {
     pub failed: usize,
     /// The right rotors within 10 s.
     pub found: Share,
-    /// First right window: median and worst, s.
+    /// First correct window: median and worst, s.
     pub first_s: Option<[f64; 2]>,
     /// Right for good: share of the flights, and median and worst, s.
     pub settled: Share,

@@ -15,6 +15,7 @@
 //! is probed around hover and for 60 ms at a time: integrators and slow filters only show in the flight.
 
 mod flight;
+mod motors;
 mod probe;
 mod response;
 mod stand;

@@ -9,8 +9,8 @@
 //! The response to a swing A sin ωt is −(k A sin ωt + d A ω cos ωt), distributed over the motors according to the autopilot's mixer. The
 //! share in roll and pitch shows where the mixer places each motor, that in yaw how it assumes the motor to turn.
 
-use super::response::{Airframe, Duties, PITCH, ROLL, YAW, cosine, length};
-use super::suspect::permute;
+use super::motors::{LEFT, Swings, judge};
+use super::response::{Airframe, Duties, length};
 use crate::autopilot::sensed;
 use nalgebra::{Matrix3, Vector3};
 use rotortwin_flight_core::MAX_ROTORS;
@@ -35,22 +35,10 @@ const SWING_RAD: [f64; 3] = [0.08, 0.08, 0.15];
 const PERIOD_S: f64 = 0.8;
 /// Duties within this of their limits answer nothing.
 const AT_LIMIT: f64 = 0.02;
-/// Share of the samples that must be left without those, to leave them out.
-const LEFT: f64 = 0.5;
-/// Share of a swing with motors at their limits above which this is reported if nothing fits.
-const REPORTED_AT_LIMIT: f64 = 0.1;
 /// Pause between two axes, s.
 const REST_S: f64 = 1.5;
 /// Longest landing, s.
 const LAND_S: f64 = 60.0;
-/// Smallest duty amplitude that counts as a response.
-const ANSWER: f64 = 1e-3;
-/// Shares match a motor order above this cosine.
-const FITS: f64 = 0.8;
-/// A mean cosine that leaves nothing unexplained.
-const EXPLAINS: f64 = 0.97;
-/// Required improvement of the mean cosine before motors are reported as reversed.
-const CLEAR: f64 = 0.05;
 
 /// One rotor of the vehicle, and how the autopilot treats its motor.
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -97,7 +85,7 @@ impl SpinReport {
 /// Puts an autopilot on the stand. `rotor_of_channel` is the table under test; `say` receives the autopilot's messages with the time, s.
 ///
 /// # Errors
-/// The autopilot is lost or does not climb, or its responses fit no motor order.
+/// The autopilot is lost or does not climb, or its responses do not show which motors are wrong, or whether any is.
 pub fn spin_test(
     autopilot: &mut impl Autopilot,
     scenario: &Scenario,
@@ -128,8 +116,6 @@ struct Stand {
     first: [f64; 3],
     attitude: [f64; 3],
     rates: [f64; 3],
-    /// Of each swing: share with a motor at its limit.
-    at_limit: [f64; 3],
 }
 
 impl Stand {
@@ -153,7 +139,6 @@ impl Stand {
             first: simulation.first_point(),
             attitude: [0.0; 3],
             rates: [0.0; 3],
-            at_limit: [0.0; 3],
         })
     }
 
@@ -238,24 +223,15 @@ impl Stand {
     ) -> Result<SpinReport, String> {
         self.climb(autopilot, say)?;
         autopilot.flight_begins();
-        let mut shares = [[0.0; MAX_ROTORS]; 3];
-        for (axis, share) in shares.iter_mut().enumerate() {
-            *share = self.rock(autopilot, axis, say)?;
+        let mut swings = Swings::default();
+        for axis in 0..3 {
+            (swings.shares[axis], swings.at_limit[axis]) = self.rock(autopilot, axis, say)?;
             for _ in 0..(REST_S * 400.0) as u32 {
                 self.step(autopilot, Default::default(), say)?;
             }
         }
         self.land(autopilot, say);
-        let most = self.at_limit[0].max(self.at_limit[1]);
-        judge(&self.airframe, &shares, rotor_of_channel, autopilot.identity().peer).map_err(|sentence| {
-            if most < REPORTED_AT_LIMIT {
-                return sentence;
-            }
-            format!(
-                "{sentence}; motors stood at their limits for {:.0} % of a swing, as its integrators work against the stand: try again",
-                100.0 * most
-            )
-        })
+        judge(&self.airframe, &swings, rotor_of_channel, autopilot.identity().peer)
     }
 
     fn climb(&mut self, autopilot: &mut impl Autopilot, say: &mut dyn FnMut(f64, String)) -> Result<(), String> {
@@ -276,13 +252,13 @@ impl Stand {
         Ok(())
     }
 
-    /// Rocks about one axis, and returns each rotor's share of the opposing response.
+    /// Rocks about one axis, and returns each rotor's share of the opposing response, and the share of the samples with a motor at its limit.
     fn rock(
         &mut self,
         autopilot: &mut impl Autopilot,
         axis: usize,
         say: &mut dyn FnMut(f64, String),
-    ) -> Result<Duties, String> {
+    ) -> Result<(Duties, f64), String> {
         let omega = std::f64::consts::TAU / PERIOD_S;
         let angle = |time_s: f64| SWING_RAD[axis] * (0.5 * time_s / PERIOD_S).min(1.0) * (omega * time_s).sin();
         let steps = (ROCK_S * 400.0) as u32;
@@ -312,7 +288,6 @@ impl Stand {
                 }
             }
         }
-        self.at_limit[axis] = 1.0 - free / looked;
         // An autopilot whose motors are reversed drives them to their limits by itself.
         let (normal, right) = sums[usize::from(free >= LEFT * looked)];
         let inverse = normal.try_inverse().ok_or("the swing is too short")?;
@@ -325,7 +300,8 @@ impl Stand {
         if phase < -std::f64::consts::FRAC_PI_4 {
             phase += std::f64::consts::PI;
         }
-        Ok(std::array::from_fn(|i| sine[i] * phase.cos() + cosine[i] * phase.sin()))
+        let shares = std::array::from_fn(|i| sine[i] * phase.cos() + cosine[i] * phase.sin());
+        Ok((shares, 1.0 - free / looked))
     }
 
     /// The outcome of the landing does not matter.
@@ -339,106 +315,4 @@ impl Stand {
             }
         }
     }
-}
-
-/// Identifies motors from their shares in the responses to roll, pitch and yaw.
-fn judge(
-    airframe: &Airframe,
-    shares: &[Duties; 3],
-    rotor_of_channel: &[usize],
-    peer: String,
-) -> Result<SpinReport, String> {
-    let rotors = airframe.rotor_count();
-    let patterns = airframe
-        .patterns(0)
-        .ok_or("the rotors of the vehicle do not span thrust, roll, pitch and yaw")?;
-    for (axis, name) in ["roll", "pitch"].into_iter().enumerate() {
-        if length(&shares[axis]) < ANSWER {
-            return Err(format!(
-                "{peer} does not respond to a swing in {name}: no duty changes by more than {ANSWER}"
-            ));
-        }
-    }
-    let in_order = |order: &[usize], duties: &Duties| {
-        let mut ordered = [0.0; MAX_ROTORS];
-        for (place, &rotor) in order.iter().enumerate() {
-            ordered[place] = duties[rotor];
-        }
-        ordered
-    };
-    let cosines = |order: &[usize]| {
-        [(0, ROLL), (1, PITCH), (2, YAW)]
-            .map(|(axis, pattern)| cosine(&in_order(order, &shares[axis]), &patterns[pattern]))
-    };
-    // Yaw has little weight: a reversed motor is not a swapped one. Ties go to the order as wired.
-    let worth = |order: &[usize]| {
-        let [roll, pitch, yaw] = cosines(order);
-        roll + pitch + 0.1 * yaw
-    };
-    let straight: Vec<usize> = (0..rotors).collect();
-    let mut best = (worth(&straight) + 0.02, straight.clone());
-    let mut order = straight;
-    permute(&mut order, 0, &mut |order| {
-        let worth = worth(order);
-        if worth > best.0 {
-            best = (worth, order.to_vec());
-        }
-    });
-    // Reversed motors also change the shares of a least-squares mixer in roll and pitch: if they explain everything, the order is not at fault.
-    let as_it_is: Vec<usize> = (0..rotors).collect();
-    let (_, mean) = reversed(airframe, shares);
-    let order = if mean > EXPLAINS { as_it_is } else { best.1 };
-    let cosines = cosines(&order);
-    if mean <= EXPLAINS && (cosines[0] < FITS || cosines[1] < FITS) {
-        return Err(format!(
-            "the responses of {peer} fit no order of the motors: the best has cosines of {:.2} in roll and {:.2} in pitch",
-            cosines[0], cosines[1]
-        ));
-    }
-    let ordered = [0, 1, 2].map(|axis| in_order(&order, &shares[axis]));
-    let (reversed, _) = reversed(airframe, &ordered);
-    let mut motors = Vec::new();
-    for (channel, &rotor) in rotor_of_channel.iter().enumerate() {
-        let place = order.iter().position(|&other| other == rotor).unwrap_or(rotor);
-        motors.push(MotorVerdict {
-            rotor: rotor + 1,
-            channel: channel + 1,
-            azimuth_deg: airframe.azimuth_deg(rotor),
-            turns_ccw: airframe.turns_ccw(rotor),
-            answers_as: place + 1,
-            reversed: reversed >> place & 1 == 1,
-        });
-    }
-    Ok(SpinReport { peer, motors, cosines })
-}
-
-/// Bit i: the autopilot assumes that rotor i turns the other way; and the resulting mean cosine. With a least-squares mixer, one reversed
-/// motor changes the responses of all motors; with a mixer table, only that motor in yaw: both are tried.
-fn reversed(airframe: &Airframe, shares: &[Duties; 3]) -> (u32, f64) {
-    let Some(nominal) = airframe.patterns(0) else {
-        return (0, 0.0);
-    };
-    let axes = [(0, ROLL), (1, PITCH), (2, YAW)];
-    let mean = |patterns: &[Duties; 4]| {
-        axes.iter()
-            .map(|&(axis, k)| cosine(&shares[axis], &patterns[k]))
-            .sum::<f64>()
-            / 3.0
-    };
-    let (mut best, mut chosen) = (mean(&nominal) + CLEAR, 0);
-    let straight = best - CLEAR;
-    for mask in 1..1_u32 << airframe.rotor_count() {
-        let mut table = nominal;
-        for (rotor, share) in table[YAW].iter_mut().enumerate() {
-            if mask >> rotor & 1 == 1 {
-                *share = -*share;
-            }
-        }
-        let least_squares = airframe.patterns(mask).map_or(-1.0, |patterns| mean(&patterns));
-        let worth = least_squares.max(mean(&table));
-        if worth > best + 1e-9 {
-            (best, chosen) = (worth, mask);
-        }
-    }
-    (chosen, if chosen == 0 { straight } else { best })
 }

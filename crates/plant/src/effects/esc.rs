@@ -30,7 +30,7 @@ pub(super) static DELAY: EffectDeclaration = EffectDeclaration {
     may_set_in: false,
     needs: &[],
     search: Search::by(Strategy::Secants(&[0.5, 1.0, 1.5]))
-        .requiring(&[Requirement::Command])
+        .requiring(&[Requirement::Command, Requirement::FrequentCommand])
         .open_between_rows(BetweenRows::OfRow(DELAY_BETWEEN_ROWS)),
     excited_by: "fast commands",
     confused_with: &["motor-time-constant", "imu-latency"],

@@ -30,7 +30,7 @@ pub(super) static DECLARATION: EffectDeclaration = EffectDeclaration {
     per_rotor: false,
     may_set_in: true,
     needs: &[],
-    search: Search::by(Strategy::Shapes(Shapes::Range(&["frequency_hz"]))),
+    search: Search::by(Strategy::Shapes(Shapes::Range(&["frequency_hz"]))).requiring(&[Requirement::FrequentCommand]),
     excited_by: "steps of the torque",
     confused_with: &["command-delay", "motor-time-constant"],
     source: "second-order mode",

@@ -18,7 +18,7 @@ pub(super) static OF_IMU: EffectDeclaration = EffectDeclaration {
     per_rotor: false,
     may_set_in: true,
     needs: &[],
-    search: Search::by(Strategy::Secants(&[0.5, 1.0, 1.5])),
+    search: Search::by(Strategy::Secants(&[0.5, 1.0, 1.5])).requiring(&[Requirement::FrequentCommand]),
     excited_by: "fast motion",
     confused_with: &["command-delay", "attitude-latency", "motor-time-constant"],
     source: "filters and buses: 2 to 10 ms",

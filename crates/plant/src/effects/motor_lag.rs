@@ -23,7 +23,7 @@ pub(super) static TIME_CONSTANT: EffectDeclaration = EffectDeclaration {
     may_set_in: false,
     needs: &[],
     search: Search::LINEAR
-        .requiring(&[Requirement::Command])
+        .requiring(&[Requirement::Command, Requirement::FrequentCommand])
         .open_between_rows(BetweenRows::OfLag(LAG_BETWEEN_ROWS)),
     excited_by: "fast commands",
     confused_with: &["command-delay", "axial-inflow", "imu-latency"],
@@ -57,7 +57,7 @@ pub(super) static ASYMMETRY: EffectDeclaration = EffectDeclaration {
     per_rotor: false,
     may_set_in: false,
     needs: &[],
-    search: Search::LINEAR.requiring(&[Requirement::Command]),
+    search: Search::LINEAR.requiring(&[Requirement::Command, Requirement::FrequentCommand]),
     excited_by: "fast commands",
     confused_with: &["motor-time-constant", "air-density"],
     source: "PX4 motor model: timeConstantUp, timeConstantDown",
@@ -90,7 +90,7 @@ pub(super) static SPEED_DOMAIN: EffectDeclaration = EffectDeclaration {
     per_rotor: false,
     may_set_in: false,
     needs: &[],
-    search: Search::LINEAR.requiring(&[Requirement::Command]),
+    search: Search::LINEAR.requiring(&[Requirement::Command, Requirement::FrequentCommand]),
     excited_by: "large steps of the command",
     confused_with: &["lag-asymmetry", "motor-time-constant"],
     source: "Gazebo motor model",

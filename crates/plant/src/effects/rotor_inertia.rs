@@ -56,7 +56,7 @@ pub(super) static REACTION: EffectDeclaration = EffectDeclaration {
     per_rotor: false,
     may_set_in: false,
     needs: &[],
-    search: Search::LINEAR,
+    search: Search::LINEAR.requiring(&[Requirement::FrequentCommand]),
     excited_by: "yaw commands",
     confused_with: &["inertia-yaw", "moment-ratio", "motor-time-constant"],
     source: "Leishman 2006",

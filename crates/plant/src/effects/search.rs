@@ -81,6 +81,9 @@ pub enum Requirement {
     Duty,
     /// Duty of every rotor or a commanded wrench: measured rotor speeds show neither delay nor lag nor wiring.
     Command,
+    /// Samples of the command no further apart than the lag of the rotors, if a command drives them: from samples further apart, even at
+    /// a faster rate of rows, no lag or age can be told.
+    FrequentCommand,
     /// Height above ground.
     HeightAboveGround,
     /// Position.
@@ -97,6 +100,7 @@ impl Requirement {
         match self {
             Self::Duty => "duty of every rotor",
             Self::Command => "duty of every rotor or commanded wrench",
+            Self::FrequentCommand => "commands sampled at least once in each lag of the rotors",
             Self::HeightAboveGround => "height above ground",
             Self::Position => "position",
             Self::AirVelocity => "velocity and attitude",

@@ -34,6 +34,7 @@ pub(crate) fn not_considered(problem: &Problem, diagnosis: &Diagnosis) -> Vec<No
                 },
                 setting: match &reason {
                     Reason::Columns(_) | Reason::CovarianceOf(_) => None,
+                    Reason::SlowCommand { faster, .. } => Some((*faster).to_owned()),
                     Reason::Guessed(_) => Some("a vehicle whose inertia was measured".to_owned()),
                     Reason::InTheModel => Some(format!("a model without {}", entry.id)),
                     Reason::NothingToActThrough(needs) => Some(format!("a model with one of {}", needs.join(", "))),
@@ -61,6 +62,9 @@ fn reason(problem: &Problem, diagnosis: &Diagnosis, entry: &EffectDeclaration) -
     if let Strategy::CovarianceOf(other) = entry.search.strategy {
         return Some(Reason::CovarianceOf(other));
     }
+    if let Some(slow) = slow_command(problem, entry) {
+        return Some(slow);
+    }
     let columns = missing(problem, diagnosis, entry);
     if !columns.is_empty() {
         return Some(Reason::Columns(columns));
@@ -74,6 +78,22 @@ fn reason(problem: &Problem, diagnosis: &Diagnosis, entry: &EffectDeclaration) -
     // Where nothing is left, there are none of a size that shows.
     let left = !diagnosis.goodness.unexplained.is_empty();
     (left && problem.active.is_empty()).then_some(Reason::NothingNamed)
+}
+
+/// That an effect needs more samples of the command than any log has, if so.
+fn slow_command(problem: &Problem, entry: &EffectDeclaration) -> Option<Reason> {
+    let needed = Requirement::FrequentCommand;
+    let logs = || problem.logs.iter().map(|log| &log.predictor);
+    if !entry.search.requires.contains(&needed) || logs().any(|predictor| holds(predictor, needed)) {
+        return None;
+    }
+    let slow = |predictor: &Predictor| predictor.series().slow;
+    let best = logs().min_by(|a, b| slow(a).command_s.total_cmp(&slow(b).command_s))?;
+    Some(Reason::SlowCommand {
+        hz: 1.0 / slow(best).command_s,
+        lag_s: best.nominal.thrust_lag_up_s,
+        faster: slow(best).faster_command,
+    })
 }
 
 /// Columns that an effect lacks in every log.
@@ -149,6 +169,10 @@ pub(crate) fn holds(predictor: &Predictor, requirement: Requirement) -> bool {
     match requirement {
         Requirement::Duty => series.drive == Drive::Duty,
         Requirement::Command => matches!(series.drive, Drive::Duty | Drive::Wrench),
+        Requirement::FrequentCommand => {
+            !matches!(series.drive, Drive::Duty | Drive::Wrench)
+                || series.slow.command_s <= predictor.nominal.thrust_lag_up_s
+        }
         Requirement::HeightAboveGround => have.height_above_ground,
         Requirement::Position => have.position,
         Requirement::AirVelocity => have.velocity && have.attitude,
@@ -159,7 +183,7 @@ pub(crate) fn holds(predictor: &Predictor, requirement: Requirement) -> bool {
 fn columns_of(problem: &Problem, requirement: Requirement) -> Vec<String> {
     let texts = |names: &[&str]| names.iter().map(|name| (*name).to_owned()).collect::<Vec<_>>();
     let columns = match requirement {
-        Requirement::Duty | Requirement::Command => duties(problem),
+        Requirement::Duty | Requirement::Command | Requirement::FrequentCommand => duties(problem),
         Requirement::HeightAboveGround => texts(&[names::HEIGHT_ABOVE_GROUND]),
         Requirement::Position => texts(&names::POSITION),
         Requirement::AirVelocity => [names::VELOCITY, names::ATTITUDE]

@@ -281,6 +281,15 @@ pub struct NotConsidered {
 pub(crate) enum Reason {
     /// The logs lack these columns.
     Columns(Vec<String>),
+    /// Commands are sampled further apart than the rotors' lag.
+    SlowCommand {
+        /// Samples per second of the fastest log, Hz.
+        hz: f64,
+        /// The lag, s.
+        lag_s: f64,
+        /// How to have more of them.
+        faster: &'static str,
+    },
     /// The model has it already.
     InTheModel,
     /// Nothing through which it acts is at work: one of these effects would be needed.

@@ -92,11 +92,13 @@ fn begin<'a>(
     let winds = predictors.iter().any(Predictor::has_own_wind);
     library.retain(|c| !winds || !is_steady_wind(c.declaration));
     // Without a measured voltage Eq. 19 uses that of the model's battery: an effect that acts through it would only be a level or a drift of
-    // the thrust. An airspeed or a position that nothing tells would be taken as none.
+    // the thrust. An airspeed or a position that nothing tells would be taken as none. Samples of a command that are further apart than its
+    // lag answer before they are commanded, as they are interpolated: that would be named as too short a lag.
     for requirement in [
         Requirement::BatteryVoltage,
         Requirement::AirVelocity,
         Requirement::Position,
+        Requirement::FrequentCommand,
     ] {
         let held = predictors.iter().any(|p| holds(p, requirement));
         library.retain(|c| held || !c.declaration.search.requires.contains(&requirement));

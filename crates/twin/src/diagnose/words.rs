@@ -123,6 +123,10 @@ fn why_found(finding: &Finding) -> String {
 fn unconsidered(one: &NotConsidered) -> String {
     match &one.why {
         Reason::Columns(columns) => format!("no log has {}", listed(columns)),
+        Reason::SlowCommand { hz, lag_s, faster } => format!(
+            "commands have new values at {hz:.1} Hz, and a lag of {lag_s:.3} s takes {:.0} Hz; {faster}",
+            (1.0 / lag_s).ceil()
+        ),
         Reason::InTheModel => "already in the model; `rotortwin improve` fits its value".to_owned(),
         Reason::NothingToActThrough(needs) => {
             format!(
@@ -155,10 +159,12 @@ fn listed(columns: &[String]) -> String {
 /// Other explanations of an error that is not in the catalogue: the effects that could not be considered for lack of a
 /// column or setting.
 fn or_unconsidered(diagnosis: &Diagnosis) -> String {
-    let would = diagnosis
-        .not_considered
-        .iter()
-        .filter(|one| matches!(one.why, Reason::Columns(_) | Reason::NothingToActThrough(_)));
+    let would = diagnosis.not_considered.iter().filter(|one| {
+        matches!(
+            one.why,
+            Reason::Columns(_) | Reason::SlowCommand { .. } | Reason::NothingToActThrough(_)
+        )
+    });
     let names: Vec<String> = would.map(|one| in_sentence(&one.label)).collect();
     match names.as_slice() {
         [] => String::new(),

@@ -54,21 +54,9 @@ impl Slow {
                 self.hz,
                 self.band_hz,
                 SAMPLES * self.band_hz,
-                self.setting()
+                self.kind.faster_outputs()
             ),
         );
-    }
-
-    /// How to improve it.
-    fn setting(&self) -> &'static str {
-        match self.kind {
-            SourceKind::Px4Ulog => "PX4: set SDLOG_PROFILE to high rate (17), which logs actuator_motors at full rate",
-            SourceKind::ArdupilotDataflash | SourceKind::ArdupilotDataflashText => {
-                "ArduPilot writes RCOU at 10 Hz whatever LOG_BITMASK says: record SERVO_OUTPUT_RAW by telemetry (SR*_RC_CHAN 50), with LOG_BITMASK of fast attitude and fast IMU for the rest"
-            }
-            SourceKind::MavlinkTlog => "ask for SERVO_OUTPUT_RAW at 50 Hz or more (ArduPilot: SR*_RC_CHAN 50)",
-            _ => "log the motor outputs as fast as the gyroscope",
-        }
     }
 }
 

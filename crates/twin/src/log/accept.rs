@@ -100,7 +100,7 @@ pub(crate) fn accept(source: LogSource, table: Table, side: Option<SideFile>) ->
         report,
     };
     stamps::regularise(&mut log);
-    log.report.sample_rate_hz = resample::median_rate_hz(&log.time_s);
+    log.report.sample_rate_hz = resample::usual_rate_hz(&log.time_s);
     log.report.gaps = gaps(&log.time_s);
     leave_out_runaway_estimates(&mut log);
     leave_out_what_stopped(&mut log);
@@ -414,7 +414,7 @@ pub(crate) fn euler([w, x, y, z]: [f64; 4]) -> [f64; 3] {
 }
 
 fn gaps(time_s: &[f64]) -> Vec<Gap> {
-    let rate = resample::median_rate_hz(time_s);
+    let rate = resample::usual_rate_hz(time_s);
     time_s
         .windows(2)
         .filter(|pair| (pair[1] - pair[0]) * rate > GAP_FACTOR)

@@ -10,7 +10,7 @@
 
 use super::mapping::{Frame, Level, MappingFile, Row, Target};
 use super::report::{Flown, ImportReport, Stream, UnusedColumn};
-use super::resample::{Between, at_times, median, median_rate_hz};
+use super::resample::{Between, at_times, median, usual_rate_hz};
 use super::sources::{RawStream, SourceLog};
 use super::table::Table;
 use super::units::{self, Dimension};
@@ -76,7 +76,7 @@ pub(crate) fn assemble(log: &SourceLog, mapping: &MappingFile, most_cells: usize
             let values = if served.stream == base {
                 values
             } else {
-                let gap_s = GAP_FACTOR / median_rate_hz(&stream.time_s);
+                let gap_s = GAP_FACTOR / usual_rate_hz(&stream.time_s);
                 at_times(&stream.time_s, &values, base_s, between, gap_s)
             };
             table.push(&name, values);
@@ -253,7 +253,7 @@ fn find_fields(stream: &RawStream, wanted: &[&str]) -> Vec<usize> {
 
 fn base_stream(log: &SourceLog, mapping: &MappingFile, served: &[Served<'_>]) -> Option<usize> {
     let used: BTreeSet<usize> = served.iter().map(|served| served.stream).collect();
-    let rate = |index: &usize| median_rate_hz(&log.streams[*index].time_s);
+    let rate = |index: &usize| usual_rate_hz(&log.streams[*index].time_s);
     let fastest = used.iter().map(rate).fold(0.0, f64::max);
     // A preferred stream that is much slower than the fastest would throw samples away.
     const SLOWEST_SHARE: f64 = 0.5;
@@ -686,10 +686,10 @@ fn normalise_quaternion(table: &mut Table) {
 
 fn describe_streams(log: &SourceLog, served: &[Served<'_>], base: usize, report: &mut ImportReport) {
     let used: BTreeSet<usize> = served.iter().map(|served| served.stream).collect();
-    let base_hz = median_rate_hz(&log.streams[base].time_s);
+    let base_hz = usual_rate_hz(&log.streams[base].time_s);
     for index in used {
         let stream = &log.streams[index];
-        let rate_hz = median_rate_hz(&stream.time_s);
+        let rate_hz = usual_rate_hz(&stream.time_s);
         let resampling = if index == base {
             "gives the time base".to_owned()
         } else if rate_hz > 1.2 * base_hz {

@@ -142,6 +142,18 @@ impl SourceKind {
             Self::Px4Ulog | Self::ArdupilotDataflash | Self::ArdupilotDataflashText | Self::MavlinkTlog | Self::Ros2Bag
         )
     }
+
+    /// How to have the motor outputs in such a log at a higher rate.
+    pub(crate) fn faster_outputs(self) -> &'static str {
+        match self {
+            Self::Px4Ulog => "PX4: set SDLOG_PROFILE to high rate (17), which logs actuator_motors at full rate",
+            Self::ArdupilotDataflash | Self::ArdupilotDataflashText => {
+                "ArduPilot writes RCOU at 10 Hz whatever LOG_BITMASK says: record SERVO_OUTPUT_RAW by telemetry (SR*_RC_CHAN 50), with LOG_BITMASK of fast attitude and fast IMU for the rest"
+            }
+            Self::MavlinkTlog => "ask for SERVO_OUTPUT_RAW at 50 Hz or more (ArduPilot: SR*_RC_CHAN 50)",
+            _ => "log the motor outputs as fast as the gyroscope",
+        }
+    }
 }
 
 /// Source of a log.
@@ -492,9 +504,9 @@ impl FlightLog {
             .unwrap_or(0)
     }
 
-    /// Median sample rate, Hz.
+    /// Rows per second where none is missing, Hz.
     pub fn sample_rate_hz(&self) -> f64 {
-        resample::median_rate_hz(&self.time_s)
+        resample::usual_rate_hz(&self.time_s)
     }
 
     /// From the first to the last row, s.

@@ -7,6 +7,8 @@
 
 use std::path::Path;
 
+use super::findings::FindingKind;
+use super::flight_parts::PartKind;
 use super::{FlightLog, ReadOptions, checks, rotor_order};
 use crate::model::content_hash;
 
@@ -89,13 +91,30 @@ impl FlightLog {
         part.source.content_hash = content_hash(format!("{}@{start_s}:{end_s}", self.source.content_hash).as_bytes());
         part.report.rows = last - first;
         checks::examine(&mut part);
+        if part.says_no_flight().is_some() && self.flies_within(start_s, end_s) {
+            part.report
+                .findings
+                .retain(|finding| finding.kind != FindingKind::NoFlight);
+        }
         Ok(part)
+    }
+
+    /// True if the log as a whole shows a flight in these seconds: with take-off and landing cut away, a quiet hover looks like rest.
+    fn flies_within(&self, start_s: f64, end_s: f64) -> bool {
+        /// Shortest flight that counts, s.
+        const LEAST_S: f64 = 0.5;
+        let air = self.flight_parts(None).of(&[PartKind::Air]);
+        let within = air
+            .iter()
+            .map(|(from, to)| (to.min(end_s) - from.max(start_s)).max(0.0));
+        within.sum::<f64>() >= LEAST_S
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::log::names;
 
     fn ten_seconds() -> FlightLog {
         let time: Vec<f64> = (0..=100).map(|k| 0.1 * f64::from(k)).collect();
@@ -118,5 +137,69 @@ mod tests {
         assert_ne!(part.source.content_hash, whole.source.content_hash);
         let refused = whole.part(20.0, 30.0).expect_err("outside");
         assert!(refused.contains("0.000 to 10.000 s, got 20 to 30 s"), "{refused}");
+    }
+
+    /// 100 Hz: 3 s at rest with the motors off, a climb to 3 m in 4 s, 30 s of hover without any wind, down again in 3 s,
+    /// 3 s at rest. Where `lifts` is false the motors turn as much and nothing moves.
+    fn quiet_hover(lifts: bool) -> FlightLog {
+        let time: Vec<f64> = (0..4100).map(|k| 0.01 * f64::from(k)).collect();
+        let of = |f: &dyn Fn(f64) -> f64| -> Vec<f64> { time.iter().map(|t| f(*t)).collect() };
+        let turns = |t: f64| f64::from(u8::from((3.0..38.0).contains(&t)));
+        let lifted = |t: f64| turns(t) * f64::from(u8::from(lifts));
+        // Up and down along sines: speed, and its derivative.
+        let phase = |t: f64, from: f64, over: f64| ((t - from) / over).clamp(0.0, 1.0) * std::f64::consts::TAU;
+        let speed = |t: f64| -0.75 * (1.0 - phase(t, 3.0, 4.0).cos()) + (1.0 - phase(t, 35.0, 3.0).cos());
+        let accel = |t: f64| (speed(t + 0.005) - speed(t - 0.005)) / 0.01;
+        let up = |t: f64| {
+            let climbed = (0..=400)
+                .map(|k| speed(3.0 + 0.01 * f64::from(k)) * f64::from(u8::from(3.0 + 0.01 * f64::from(k) <= t)));
+            let sunk = (0..=300)
+                .map(|k| speed(35.0 + 0.01 * f64::from(k)) * f64::from(u8::from(35.0 + 0.01 * f64::from(k) <= t)));
+            0.01 * (climbed.sum::<f64>() + sunk.sum::<f64>())
+        };
+        let mut columns: Vec<(String, Vec<f64>)> = (1..=4)
+            .map(|rotor| {
+                let duty = |t: f64| turns(t) * (0.38 - 0.02 * accel(t) + 0.0005 * (f64::from(rotor as u8) * t).sin());
+                (names::duty(rotor), of(&duty))
+            })
+            .collect();
+        let still = |scale: f64| of(&|t| scale * (7.0 * t).sin());
+        columns.extend(names::RATES.map(|name| (name.to_owned(), still(0.002))));
+        columns.extend(names::ATTITUDE.map(|name| (name.to_owned(), still(0.0003))));
+        columns.extend(names::ACCEL[..2].iter().map(|name| ((*name).to_owned(), still(0.01))));
+        columns.push((
+            names::ACCEL[2].to_owned(),
+            of(&|t| -9.81 + lifted(t) * accel(t) + 0.01 * (9.0 * t).sin()),
+        ));
+        columns.extend(
+            names::VELOCITY[..2]
+                .iter()
+                .map(|name| ((*name).to_owned(), still(0.01))),
+        );
+        columns.push((names::VELOCITY[2].to_owned(), of(&|t| lifted(t) * speed(t))));
+        columns.push((names::POSITION[2].to_owned(), of(&|t| lifted(t) * up(t))));
+        FlightLog::from_columns("hover", time, columns).expect("a log")
+    }
+
+    #[test]
+    fn val_a_part_of_a_quiet_hover_is_in_the_air_and_one_of_a_vehicle_at_rest_is_not() {
+        let hover = quiet_hover(true).part(10.0, 30.0).expect("inside");
+        assert_eq!(hover.says_no_flight(), None);
+        assert_eq!(
+            hover.flight_parts(None).in_the_air().len(),
+            1,
+            "{:?}",
+            hover.flight_parts(None).parts
+        );
+        // Taken out of a part as out of the whole.
+        assert_eq!(hover.part(12.0, 20.0).expect("inside").says_no_flight(), None);
+        let ground = quiet_hover(true).part(0.0, 2.0).expect("inside");
+        assert!(ground.says_no_flight().is_some());
+        let rest = quiet_hover(false).part(10.0, 30.0).expect("inside");
+        assert!(
+            rest.says_no_flight().is_some_and(|why| why.contains("rests")),
+            "{:?}",
+            rest.report.findings
+        );
     }
 }

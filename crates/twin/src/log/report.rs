@@ -10,14 +10,14 @@ use serde::{Deserialize, Serialize};
 pub struct ImportReport {
     /// Number of rows accepted.
     pub rows: usize,
-    /// Median sample rate of the rows, Hz.
+    /// Rows per second where none is missing, Hz.
     pub sample_rate_hz: f64,
     /// Time of the log's own clock (time since boot, as the autopilot's tools show it) at our 0 s; absent if they are
     /// the same, s.
     pub clock_start_s: Option<f64>,
     /// Outputs of the autopilot, from 1, that drive the rotors, in their order; empty if the columns of the file are the rotors.
     pub rotor_outputs: Vec<usize>,
-    /// Intervals without rows, longer than [`GAP_FACTOR`] median intervals.
+    /// Intervals without rows, longer than [`GAP_FACTOR`] usual intervals.
     pub gaps: Vec<Gap>,
     /// Date of the flight, if the file contains it.
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -64,7 +64,7 @@ pub struct Flown {
     pub from: String,
 }
 
-/// An interval is a gap when it is longer than this many median intervals.
+/// An interval is a gap when it is longer than this many usual intervals.
 pub const GAP_FACTOR: f64 = 3.5;
 
 /// An interval without rows.

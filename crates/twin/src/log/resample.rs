@@ -13,10 +13,32 @@ pub(crate) fn median(values: &mut [f64]) -> Option<f64> {
     (!values.is_empty()).then(|| *values.select_nth_unstable_by(middle, f64::total_cmp).1)
 }
 
-/// 1 / median interval, Hz.
-pub(crate) fn median_rate_hz(time_s: &[f64]) -> f64 {
+/// Rows per second where none is missing, Hz; 0 of fewer than two times.
+///
+/// That of the median interval, unless the mean of the intervals about the median is another: a clock of whole
+/// milliseconds stamps 400 Hz 2 and 3 ms apart in turn, and no interval is the true one. Intervals far from the median
+/// do not count in the mean, as long ones are lost rows or gaps and those as much shorter would offset nothing; a
+/// pattern such as 1 and 2 ms cannot be told from rows that were lost, and gives the rate of the majority.
+pub(crate) fn usual_rate_hz(time_s: &[f64]) -> f64 {
+    /// Distance from the median, as a share of it, up to which an interval counts: a lost row is 1 away.
+    const ABOUT: f64 = 0.75;
+    /// Difference between mean and median, as a share, below which they are the same: jitter and rounding of regular
+    /// stamps, whose median is the exact one.
+    const SAME: f64 = 0.01;
     let mut intervals: Vec<f64> = time_s.windows(2).map(|pair| pair[1] - pair[0]).collect();
-    median(&mut intervals).map_or(0.0, |interval| 1.0 / interval)
+    let Some(median_s) = median(&mut intervals) else {
+        return 0.0;
+    };
+    let about = intervals
+        .iter()
+        .filter(|interval| (*interval - median_s).abs() < ABOUT * median_s);
+    let (count, sum_s) = about.fold((0.0, 0.0), |(count, sum_s), interval| (count + 1.0, sum_s + interval));
+    let mean_s = sum_s / count;
+    if (mean_s - median_s).abs() > SAME * median_s {
+        1.0 / mean_s
+    } else {
+        1.0 / median_s
+    }
 }
 
 /// How a column is continued between its rows.
@@ -110,7 +132,7 @@ impl FlightLog {
             segment.end_s = segment.end_s.min(end_s);
         }
         part.report.rows = part.time_s.len();
-        part.report.sample_rate_hz = median_rate_hz(&part.time_s);
+        part.report.sample_rate_hz = usual_rate_hz(&part.time_s);
         part.report
             .gaps
             .retain(|gap| gap.end_s > start_s && gap.start_s < end_s);
@@ -124,7 +146,7 @@ impl FlightLog {
     /// # Errors
     /// One sentence: it would have more than [`MAX_CELLS`] cells, as a log whose clock jumps by years would.
     pub fn resampled(&self, rate_hz: f64) -> Result<Self, String> {
-        self.resampled_over(rate_hz, GAP_FACTOR / median_rate_hz(&self.time_s))
+        self.resampled_over(rate_hz, GAP_FACTOR / usual_rate_hz(&self.time_s))
     }
 
     /// The same with gaps of up to `gap_s` bridged.
@@ -145,7 +167,7 @@ impl FlightLog {
         // One row more than whole intervals; rounding must not lose the last.
         let rows = 1 + (self.duration_s() * rate_hz + 1e-6).floor() as usize;
         let new_s: Vec<f64> = (0..rows).map(|row| start_s + row as f64 / rate_hz).collect();
-        let old_rate_hz = median_rate_hz(&self.time_s);
+        let old_rate_hz = usual_rate_hz(&self.time_s);
         let mut log = self.clone();
         for (name, values) in &mut log.columns {
             *values = at_times(&self.time_s, values, &new_s, Between::of(name), gap_s);
@@ -154,7 +176,7 @@ impl FlightLog {
         log.report.rows = rows;
         log.report.sample_rate_hz = rate_hz;
         log.report.notes.push(format!(
-            "resampled from {old_rate_hz:.3} Hz (median) to {rate_hz} Hz: duties and unknown columns held, the rest linear"
+            "resampled from {old_rate_hz:.3} Hz to {rate_hz} Hz: duties and unknown columns held, the rest linear"
         ));
         Ok(log)
     }
@@ -163,7 +185,7 @@ impl FlightLog {
     /// force for; angles are those of the row.
     #[must_use]
     pub(crate) fn thinned(&self, factor: usize) -> Self {
-        let gap_s = GAP_FACTOR / median_rate_hz(&self.time_s);
+        let gap_s = GAP_FACTOR / usual_rate_hz(&self.time_s);
         // Rows of a run without gaps, and the kept ones in it.
         let mut runs: Vec<std::ops::Range<usize>> = Vec::new();
         let mut first = 0;
@@ -204,7 +226,7 @@ impl FlightLog {
         }
         log.time_s = kept().map(|(row, _)| self.time_s[row]).collect();
         log.report.rows = log.time_s.len();
-        log.report.sample_rate_hz = median_rate_hz(&log.time_s);
+        log.report.sample_rate_hz = usual_rate_hz(&log.time_s);
         log
     }
 }
@@ -258,6 +280,74 @@ mod tests {
         }
         // At the ends of a run, from the available samples.
         assert_eq!((rate[0], rate[5], rate[6]), (1.0, 19.5, 23.0));
+    }
+
+    /// Times whose intervals repeat, in s.
+    fn repeated(intervals_s: &[f64], rows: usize) -> Vec<f64> {
+        let mut time_s = 0.0;
+        let times = intervals_s.iter().cycle().take(rows).map(|interval| {
+            time_s += interval;
+            time_s
+        });
+        times.collect()
+    }
+
+    #[test]
+    fn val_the_rate_of_regular_rows_is_that_of_their_interval() {
+        let times = repeated(&[0.004], 2000);
+        let mut intervals: Vec<f64> = times.windows(2).map(|pair| pair[1] - pair[0]).collect();
+        // To the last bit: answers known for such logs stay.
+        assert_eq!(usual_rate_hz(&times), 1.0 / median(&mut intervals).expect("intervals"));
+        assert_eq!(usual_rate_hz(&[1.0]), 0.0);
+    }
+
+    #[test]
+    fn val_the_rate_of_intervals_of_2_and_3_ms_is_400_hz() {
+        for rows in [1000, 1001] {
+            for pattern in [&[0.002, 0.003][..], &[0.003, 0.002], &[0.002, 0.003, 0.003, 0.002]] {
+                let rate_hz = usual_rate_hz(&repeated(pattern, rows));
+                assert!((rate_hz - 400.0).abs() < 0.5, "{rows} rows, {pattern:?}: {rate_hz} Hz");
+            }
+        }
+        // With a microsecond more or less, as a clock of microseconds has them.
+        let rate_hz = usual_rate_hz(&repeated(&[0.002_002, 0.002_998, 0.001_999, 0.003_001], 1000));
+        assert!((rate_hz - 400.0).abs() < 0.5, "{rate_hz} Hz");
+    }
+
+    #[test]
+    fn val_neither_jitter_nor_rounding_nor_lost_rows_change_the_rate() {
+        let mut random = rotortwin_plant::random::NormalStream::new(7, "stamps");
+        let jittered: Vec<f64> = (0..4000)
+            .map(|k| 0.0025 * f64::from(k) + 0.0002 * random.sample())
+            .collect();
+        let rounded = |times: &[f64], unit_s: f64| -> Vec<f64> {
+            times.iter().map(|time| (time / unit_s).round() * unit_s).collect()
+        };
+        let regular = repeated(&[1.0 / 400.0], 4000);
+        let odd = repeated(&[1.0 / 1600.0], 4000);
+        let lossy: Vec<f64> = (0..4000)
+            .filter(|k| k % 7 != 3)
+            .map(|k| 0.0025 * f64::from(k))
+            .collect();
+        let gaps: Vec<f64> = repeated(&[0.002, 0.003], 4000)
+            .iter()
+            .enumerate()
+            .map(|(k, time)| time + 0.7 * (k / 300) as f64)
+            .collect();
+        for (what, times, rate_hz) in [
+            ("jitter", jittered, 400.0),
+            ("rounded to 1 µs", rounded(&regular, 1e-6), 400.0),
+            ("rounded to 1 ms", rounded(&regular, 1e-3), 400.0),
+            ("1600 Hz rounded to 1 µs", rounded(&odd, 1e-6), 1600.0),
+            ("every seventh row lost", lossy, 400.0),
+            ("2 and 3 ms with gaps", gaps, 400.0),
+        ] {
+            let found = usual_rate_hz(&times);
+            assert!(
+                (found / rate_hz - 1.0).abs() < 0.01,
+                "{what}: {found} Hz, expected {rate_hz}"
+            );
+        }
     }
 
     #[test]

@@ -1,6 +1,6 @@
 //! Time stamps that scatter while the samples behind them are regular: a logger that stamps rows when they arrive.
 //!
-//! A column x and its derivative ẋ, both of the log, tell which it is. With h the median interval, Δ the difference between rows and ẋ the mean
+//! A column x and its derivative ẋ, both of the log, tell which it is. With h the usual interval, Δ the difference between rows and ẋ the mean
 //! of two neighbours,
 //! ```text
 //! Δx − ẋ h = β ẋ (Δt − h) + noise:    β = 1 where the stamps are right, 0 where the samples are regular.
@@ -9,13 +9,13 @@
 //! not 1 and close to 0. Rows in which ẋ is near its own noise do not count: they would draw β towards 0.
 
 use super::checks::kinematics::{GRAVITY_M_S2, ned_from_body, white_noise};
-use super::resample::{median, wrapped};
+use super::resample::{median, usual_rate_hz, wrapped};
 use super::{FlightLog, names};
 use std::f64::consts::TAU;
 
-/// Scatter of the intervals over their median below which a model does not notice it.
+/// Scatter of the intervals over the usual one below which a model does not notice it.
 const LEAST_SCATTER: f64 = 0.05;
-/// Longest interval over the median that is no gap.
+/// Longest interval over the usual one that is no gap.
 const LONGEST: f64 = 2.2;
 /// ẋ over its noise from which a row counts: the noise then draws β towards 0 by a hundredth at most.
 const CLEAR: f64 = 10.0;
@@ -36,10 +36,11 @@ struct Confirmed {
 
 /// Puts rows whose stamps scatter, and whose samples do not, on the regular times that the motion shows; a note says so.
 pub(crate) fn regularise(log: &mut FlightLog) {
-    let mut intervals: Vec<f64> = log.time_s.windows(2).map(|pair| pair[1] - pair[0]).collect();
-    let Some(step_s) = median(&mut intervals).filter(|step_s| *step_s > 0.0) else {
+    let intervals: Vec<f64> = log.time_s.windows(2).map(|pair| pair[1] - pair[0]).collect();
+    let step_s = 1.0 / usual_rate_hz(&log.time_s);
+    if !(step_s > 0.0 && step_s.is_finite()) {
         return;
-    };
+    }
     let near = intervals.iter().filter(|interval| **interval < LONGEST * step_s);
     let (count, sum) = near.fold((0_usize, 0.0), |(count, sum), interval| {
         (count + 1, sum + (interval - step_s).powi(2))

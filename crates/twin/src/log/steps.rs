@@ -1,6 +1,6 @@
 //! A log as steps at a constant rate, block by block, without holding the resampled log in memory.
 
-use super::resample::{Between, at_times, median_rate_hz};
+use super::resample::{Between, at_times, usual_rate_hz};
 use super::{FlightLog, GAP_FACTOR};
 
 /// Steps of a block.
@@ -30,7 +30,7 @@ impl FlightLog {
         mut take: impl FnMut(usize, &[Vec<f64>]) -> Result<(), E>,
     ) -> Result<(), E> {
         let start_s = self.time_s.first().copied().unwrap_or(0.0);
-        let gap_s = GAP_FACTOR / median_rate_hz(&self.time_s);
+        let gap_s = GAP_FACTOR / usual_rate_hz(&self.time_s);
         let steps = self.steps(rate_hz);
         for first in (0..steps).step_by(BLOCK) {
             let times: Vec<f64> = (first..steps.min(first + BLOCK))

@@ -112,6 +112,10 @@ pub struct SlowNoise {
     pub duty: f64,
     /// Mean duty, fraction; 1 where there is none.
     pub mean_duty: f64,
+    /// Time between samples of the command, s; 0 where every row is new.
+    pub command_s: f64,
+    /// How to have it sampled faster.
+    pub faster_command: &'static str,
 }
 
 impl SlowNoise {
@@ -154,6 +158,10 @@ impl SlowNoise {
             voltage_rows: voltage.map_or(1.0, |rate| rate.rows_hz / rate.source_hz),
             duty: 0.0,
             mean_duty: 1.0,
+            command_s: command_rate(log)
+                .filter(SensorRate::is_slower)
+                .map_or(0.0, |rate| 1.0 / rate.source_hz),
+            faster_command: log.source.kind.faster_outputs(),
         };
         if slow.position > 0.0 || log.source.kind.is_of_an_estimator() {
             // An estimator's position is not the integral of its velocity: fixes correct it.
@@ -201,6 +209,14 @@ impl SlowNoise {
         }
         slow
     }
+}
+
+/// Rate of the motor outputs, of the commanded wrench without any.
+fn command_rate(log: &FlightLog) -> Option<SensorRate> {
+    let wrench = names::TORQUE_COMMAND.iter().chain([&names::THRUST_COMMAND]);
+    let rates = wrench.filter_map(|column| log.source_rate(column));
+    let fastest = || rates.max_by(|a, b| a.source_hz.total_cmp(&b.source_hz));
+    log.duty_rate().or_else(fastest)
 }
 
 /// A log on a uniform grid.

@@ -169,7 +169,10 @@ impl Flight<'_> {
         let id = fetch::text(&run, "id").to_owned();
         self.screen.line(&format!("run {id} of {}", remote.url()));
         let path = format!("/api/v1/runs/{id}");
-        let watched = task::watch(remote, &path, &|line| self.screen.line(line), &mut |event| self.show(event)).await;
+        let watched = task::watch(remote, &path, &|line| self.screen.line(line), &mut |event| {
+            self.show(event)
+        })
+        .await;
         let fetched = match watched {
             Ok(()) => self.fetch(remote, &path).await,
             Err(error) => Err(error),

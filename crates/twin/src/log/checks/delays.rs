@@ -13,7 +13,7 @@
 
 use super::kinematics::ned_from_body;
 use crate::log::report::Delay;
-use crate::log::resample::{Between, at_times, median_rate_hz};
+use crate::log::resample::{Between, at_times, usual_rate_hz};
 use crate::log::{FlightLog, GAP_FACTOR, names};
 
 /// Half length of the box filter, s.
@@ -63,7 +63,7 @@ pub(super) fn estimate(log: &FlightLog) -> Vec<Delay> {
 
 /// Rows around a grid row: half width in rows, and grid rows.
 fn grid(log: &FlightLog) -> (usize, Vec<usize>, f64) {
-    let rate_hz = median_rate_hz(&log.time_s);
+    let rate_hz = usual_rate_hz(&log.time_s);
     let half = ((HALF_WINDOW_S * rate_hz).round() as usize).max(1);
     let stride = ((FINEST_LAG_S * rate_hz).floor() as usize).max(1);
     let rows = (half..log.time_s.len().saturating_sub(half)).step_by(stride).collect();
@@ -100,7 +100,7 @@ fn signals(log: &FlightLog, difference: impl Fn(usize, usize) -> V3, value: impl
         signal.push(of(difference(first, last)));
         against.push(of([0, 1, 2].map(|axis| sums[last][axis] - sums[first][axis])));
     }
-    let rate_hz = median_rate_hz(&log.time_s);
+    let rate_hz = usual_rate_hz(&log.time_s);
     Signals {
         signal,
         against,
@@ -207,7 +207,7 @@ impl FlightLog {
     #[must_use]
     pub fn aligned(&self) -> Self {
         let mut log = self.clone();
-        let row_s = 1.0 / median_rate_hz(&self.time_s);
+        let row_s = 1.0 / usual_rate_hz(&self.time_s);
         let gap_s = GAP_FACTOR * row_s;
         let mut velocity_s = 0.0;
         for delay in &mut log.report.delays {

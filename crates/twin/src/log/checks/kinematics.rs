@@ -13,7 +13,7 @@
 //! Limits: needs motion (a stationary hover shows nothing and is reported as "not enough motion"); windows with empty
 //! cells or gaps are left out.
 
-use crate::log::resample::{median_rate_hz, wrapped};
+use crate::log::resample::{usual_rate_hz, wrapped};
 use crate::log::{FlightLog, names};
 
 /// Standard gravity is accurate enough for a check, m/s².
@@ -100,7 +100,7 @@ pub(crate) fn rotation_between(a: &M3, b: &M3) -> V3 {
 
 /// Windows of a log: (first row, last row), without gaps.
 fn windows(log: &FlightLog) -> Vec<(usize, usize)> {
-    let rate_hz = median_rate_hz(&log.time_s);
+    let rate_hz = usual_rate_hz(&log.time_s);
     let rows = FEWEST_INTERVALS.max((SHORTEST_WINDOW_S * rate_hz).round() as usize);
     let longest_s = 1.5 * rows as f64 / rate_hz;
     (0..log.time_s.len().saturating_sub(rows))
@@ -213,7 +213,7 @@ fn force_pairs(log: &FlightLog, to_world: impl Fn(V3, V3) -> V3) -> Option<Pairs
     let velocity = log.vector(names::VELOCITY)?;
     let noise = velocity.map(|column| std::f64::consts::SQRT_2 * white_noise(column).max(step(column)));
     // Vibration of the accelerometer over a window, about the same on each axis of the world.
-    let rate_hz = median_rate_hz(&log.time_s);
+    let rate_hz = usual_rate_hz(&log.time_s);
     let shakes = (accel.iter().map(|column| white_noise(column).powi(2)).sum::<f64>() / 3.0).sqrt();
     let integrated = [shakes * (SHORTEST_WINDOW_S.max(FEWEST_INTERVALS as f64 / rate_hz) / rate_hz).sqrt(); 3];
     // An accelerometer that reads +g at rest is upside down; without this, gravity would count twice and hide the rest.

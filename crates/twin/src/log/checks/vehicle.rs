@@ -11,7 +11,7 @@
 
 use super::kinematics::mean;
 use crate::log::findings::{Finding, FindingKind};
-use crate::log::resample::median_rate_hz;
+use crate::log::resample::usual_rate_hz;
 use crate::log::{FlightLog, SensorRate, names, rotor_order};
 use rotortwin_plant::vehicle::model::VehicleModel;
 
@@ -108,7 +108,7 @@ impl FlightLog {
 
     fn moments(&self, lag_s: f64) -> Option<Moments> {
         let rates = self.vector(names::RATES)?;
-        let rate_hz = median_rate_hz(&self.time_s);
+        let rate_hz = usual_rate_hz(&self.time_s);
         let rows = FEWEST_ROWS.max((WINDOW_S * rate_hz).round() as usize);
         let speeds: Vec<Vec<f64>>;
         let mut duties = self.duties();

@@ -1,7 +1,7 @@
 //! Which of several topics of one type, and of which vehicle.
 
 use super::super::{Asked, RawStream};
-use crate::log::resample::median_rate_hz;
+use crate::log::resample::usual_rate_hz;
 use std::collections::{BTreeMap, BTreeSet};
 
 /// A topic that spans less of the recording than this share of the longest of its type comes after those that span it.
@@ -17,7 +17,7 @@ fn span_s(stream: &RawStream) -> f64 {
 }
 
 fn rate_hz(stream: &RawStream) -> f64 {
-    median_rate_hz(&stream.time_s)
+    usual_rate_hz(&stream.time_s)
 }
 
 /// First part of a topic's name, and the rest: `/drone1/odom` is `drone1` and `odom`.
