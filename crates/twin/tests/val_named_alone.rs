@@ -185,7 +185,8 @@ fn val_a_heading_that_errs_with_the_current_is_named_with_its_field() {
     named_alone(
         &[
             &["current-heading:forward_share=0.12,right_share=-0.1"],
-            &["current-heading:forward_share=-0.1,right_share=0.05"],
+            // On this flight the current goes to 7.7 times that of hover: twice the field would turn the heading round.
+            &["current-heading:forward_share=-0.06,right_share=0.03"],
             &["current-heading:forward_share=0.05,right_share=0.2"],
             &["current-heading:forward_share=0.1,right_share=0.1"],
         ],
