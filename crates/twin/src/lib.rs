@@ -6,6 +6,7 @@
 //! * [`bench_fit`]: vehicle constants from test stands: thrust, battery, motor lag.
 //! * [`log`]: flight logs of several sources as one type: canonical columns, SI units, NED and FRD.
 //! * [`compare`]: models against logs: where, when and how much they disagree.
+//! * [`content_hash`]: of documents and logs.
 //! * [`model`]: versions of the model: vehicle, effects, provenance; as files.
 //! * [`predict`]: a model's prediction of a log, one step ahead, in sixteen channels.
 //! * [`estimation`]: parameters and nuisances from whitened residuals, for all of the following.
@@ -25,6 +26,7 @@
 pub mod baseline;
 pub mod bench_fit;
 pub mod compare;
+pub mod content_hash;
 pub mod diagnose;
 pub mod estimation;
 pub mod flight_picture;

@@ -13,8 +13,9 @@ use super::document::Criteria;
 use super::engine::{FlightScorer, fly_alone};
 use super::folder::{CampaignFolder, write_whole};
 use super::plan::Campaign;
-use super::record::{FlightRecord, FlightStatus};
+use super::record::{FlightRecord, FlightStatus, score_columns};
 use super::score::{DetectorScore, DetectorScorer, Verdict, WindowTruth};
+use crate::table_file::TableFile;
 use rotortwin_flight::lockstep::{FlightObserver, StopReason};
 use rotortwin_flight::sample::Sample;
 use rotortwin_scenario::Scenario;
@@ -202,6 +203,11 @@ impl OwnScores {
     pub fn of(&self, record: &FlightRecord) -> Option<&DetectorScore> {
         let line = self.flights.get(&record.flight)?;
         (line.run_hash == record.run_hash).then_some(&line.score)
+    }
+
+    /// Its columns, `own_NAME_windows` and so on, after those of the flights.
+    pub fn add_columns(&self, table: &mut TableFile, records: &[FlightRecord]) {
+        score_columns(table, records, &self.column(), &|record| self.of(record));
     }
 
     fn path(&self, folder: &CampaignFolder) -> PathBuf {

@@ -3,7 +3,6 @@
 //! A campaign resumes from its records, so they contain everything that the totals need, and no wall-clock times.
 
 use super::cell::Cell;
-use super::own::OwnScores;
 use super::plan::Axis;
 use super::score::DetectorScore;
 use crate::table_file::{TableFile, Values};
@@ -129,12 +128,8 @@ pub fn columns(records: &[FlightRecord], axes: &[Axis], levels: &[f32]) -> Table
     table
 }
 
-/// The columns of a detector of the user's own, `own_NAME_windows` and so on, after those of [`columns`].
-pub fn own_columns(table: &mut TableFile, records: &[FlightRecord], own: &OwnScores) {
-    score_columns(table, records, &own.column(), &|r| own.of(r));
-}
-
-fn score_columns<'a>(
+/// Columns of one score a flight, each with the prefix; a flight without a score has counts of 0 and no times.
+pub(super) fn score_columns<'a>(
     table: &mut TableFile,
     records: &'a [FlightRecord],
     prefix: &str,

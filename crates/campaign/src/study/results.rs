@@ -3,7 +3,7 @@
 use super::folder::{CampaignFolder, write_whole};
 use super::own::read_all;
 use super::plan::Campaign;
-use super::record::{FlightRecord, columns, own_columns};
+use super::record::{FlightRecord, columns};
 use super::report;
 use super::summary::CampaignSummary;
 use super::totals::Totals;
@@ -45,7 +45,7 @@ pub fn collect(campaign: &Campaign, folder: &CampaignFolder) -> Result<Totals, S
         }
         rows.iter().for_each(|record| totals.add_judged(record, &own));
         let mut table = columns(&rows, campaign.axes(), campaign.levels());
-        own.iter().for_each(|scores| own_columns(&mut table, &rows, scores));
+        own.iter().for_each(|scores| scores.add_columns(&mut table, &rows));
         rows.clear();
         let text = table.to_csv();
         let body = match &writer {

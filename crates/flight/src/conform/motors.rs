@@ -8,9 +8,9 @@
 //! were taken with all motors within their limits. Where integrators wind up against the stand, these conditions fail, and so does the verdict.
 
 use super::response::{Airframe, Duties, PITCH, ROLL, YAW, cosine, length};
-use super::stand::{MotorVerdict, SpinReport};
 use super::suspect::permute;
 use rotortwin_flight_core::MAX_ROTORS;
+use serde::Serialize;
 
 /// Share of the samples of a swing that must be within the limits of the motors.
 pub(super) const LEFT: f64 = 0.5;
@@ -22,7 +22,7 @@ const ANSWER: f64 = 1e-3;
 const FITS: f64 = 0.8;
 /// A mean cosine that leaves nothing unexplained. In a replica of the stand, right motors of an octorotor driven to their limits by wound-up
 /// integrators were taken for wrong ones with up to 0.96, of a quadrotor with up to 0.98, the latter with fewer free samples than [`LEFT`].
-const EXPLAINS: f64 = 0.97;
+const EXPLAINS: f64 = 0.965;
 /// Required improvement of the mean cosine before motors are reported as reversed.
 const CLEAR: f64 = 0.05;
 /// Explanations whose mean cosines differ by less are equally good. Two neighbours of an octorotor, exchanged, are 0.049 better than reversed.
@@ -31,6 +31,48 @@ const RIVAL: f64 = 0.02;
 const YAW_WEIGHT: f64 = 0.1;
 /// Advantage of the order as wired.
 const AS_WIRED: f64 = 0.02;
+
+/// One rotor of the vehicle, and how the autopilot treats its motor.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct MotorVerdict {
+    /// Our rotor number, from 1.
+    pub rotor: usize,
+    /// Autopilot output that drives it, from 1.
+    pub channel: usize,
+    /// Azimuth, degrees clockwise from the nose.
+    pub azimuth_deg: f64,
+    /// It turns counter-clockwise, seen from above.
+    pub turns_ccw: bool,
+    /// The rotor whose place the autopilot assumes for that motor, from 1.
+    pub answers_as: usize,
+    /// The autopilot assumes the opposite rotation direction.
+    pub reversed: bool,
+}
+
+impl MotorVerdict {
+    /// True if the autopilot drives it correctly.
+    pub fn is_right(&self) -> bool {
+        self.rotor == self.answers_as && !self.reversed
+    }
+}
+
+/// Result of the stand test.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct SpinReport {
+    /// Name of the autopilot.
+    pub peer: String,
+    /// By channel.
+    pub motors: Vec<MotorVerdict>,
+    /// Cosines of the shares in roll, pitch and yaw with those of the vehicle, after assigning the motors to their assumed places.
+    pub cosines: [f64; 3],
+}
+
+impl SpinReport {
+    /// Every motor is where the autopilot assumes it to be, and turns as assumed.
+    pub fn is_right(&self) -> bool {
+        self.motors.iter().all(MotorVerdict::is_right)
+    }
+}
 
 /// What was measured, by axis: roll, pitch, yaw.
 #[derive(Clone, Debug, Default)]
@@ -170,12 +212,12 @@ fn doubt(swings: &Swings, is_right: bool, mean: f64, lead: f64) -> Option<String
     let fits = mean > EXPLAINS;
     if is_right {
         return (!fits && free < LEFT).then(|| {
-            format!("all motors right fits best, with a mean cosine of {mean:.2}; more than {EXPLAINS} is needed with motors at their limits")
+            format!("all motors right fits best, with a mean cosine of {mean:.3}; more than {EXPLAINS} is needed with motors at their limits")
         });
     }
     if !fits {
         return Some(format!(
-            "the best explanation, with wrong motors, has a mean cosine of {mean:.2}; more than {EXPLAINS} is needed to blame one"
+            "the best explanation, with wrong motors, has a mean cosine of {mean:.3}; more than {EXPLAINS} is needed to blame one"
         ));
     }
     if free < LEFT {

@@ -10,6 +10,7 @@
 //! share in roll and pitch shows where the mixer places each motor, that in yaw how it assumes the motor to turn.
 
 use super::motors::{LEFT, Swings, judge};
+pub use super::motors::{MotorVerdict, SpinReport};
 use super::response::{Airframe, Duties, length};
 use crate::autopilot::sensed;
 use nalgebra::{Matrix3, Vector3};
@@ -20,7 +21,6 @@ use rotortwin_plant::sensing::instruments::{InstrumentModel, Instruments, Scene}
 use rotortwin_plant::simulation::parts::PART_NS;
 use rotortwin_scenario::Scenario;
 use rotortwin_wire::autopilot::{Autopilot, Readings, Wanted};
-use serde::Serialize;
 
 /// Simulated time within which it must hover near the first point, s.
 const CLIMB_S: f64 = 600.0;
@@ -39,48 +39,6 @@ const AT_LIMIT: f64 = 0.02;
 const REST_S: f64 = 1.5;
 /// Longest landing, s.
 const LAND_S: f64 = 60.0;
-
-/// One rotor of the vehicle, and how the autopilot treats its motor.
-#[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct MotorVerdict {
-    /// Our rotor number, from 1.
-    pub rotor: usize,
-    /// Autopilot output that drives it, from 1.
-    pub channel: usize,
-    /// Azimuth, degrees clockwise from the nose.
-    pub azimuth_deg: f64,
-    /// It turns counter-clockwise, seen from above.
-    pub turns_ccw: bool,
-    /// The rotor whose place the autopilot assumes for that motor, from 1.
-    pub answers_as: usize,
-    /// The autopilot assumes the opposite rotation direction.
-    pub reversed: bool,
-}
-
-impl MotorVerdict {
-    /// True if the autopilot drives it correctly.
-    pub fn is_right(&self) -> bool {
-        self.rotor == self.answers_as && !self.reversed
-    }
-}
-
-/// Result of the stand test.
-#[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct SpinReport {
-    /// Name of the autopilot.
-    pub peer: String,
-    /// By channel.
-    pub motors: Vec<MotorVerdict>,
-    /// Cosines of the shares in roll, pitch and yaw with those of the vehicle, after assigning the motors to their assumed places.
-    pub cosines: [f64; 3],
-}
-
-impl SpinReport {
-    /// Every motor is where the autopilot assumes it to be, and turns as assumed.
-    pub fn is_right(&self) -> bool {
-        self.motors.iter().all(MotorVerdict::is_right)
-    }
-}
 
 /// Puts an autopilot on the stand. `rotor_of_channel` is the table under test; `say` receives the autopilot's messages with the time, s.
 ///

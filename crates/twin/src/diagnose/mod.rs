@@ -25,6 +25,7 @@ mod air;
 mod apart;
 mod calibration;
 mod considered;
+mod described;
 mod findings;
 mod named;
 mod passes;

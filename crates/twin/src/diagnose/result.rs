@@ -5,8 +5,8 @@ use serde::Serialize;
 use std::collections::BTreeMap;
 use utoipa::ToSchema;
 
+pub use super::described::{Follows, FrequencyBand, Line, Remainder, RemainderOnset};
 use super::named::Quantity;
-pub use super::remainder::{Follows, FrequencyBand, Line, Remainder, RemainderOnset};
 use crate::baseline::Trim;
 use crate::estimation::parameters::FittedParameter;
 pub use crate::estimation::unseen::HeldOutError;

@@ -10,7 +10,7 @@ use std::path::Path;
 use super::findings::FindingKind;
 use super::flight_parts::PartKind;
 use super::{FlightLog, ReadOptions, checks, rotor_order};
-use crate::model::content_hash;
+use crate::content_hash::content_hash;
 
 impl FlightLog {
     /// Reads `LOG`, `LOG@FROM:TO`, `LOG@SEGMENT` or `LOG@order:N-N-…`.

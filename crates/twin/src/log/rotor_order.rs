@@ -1,7 +1,7 @@
 //! Columns of rotors put into another order.
 
 use super::{FlightLog, names};
-use crate::model::content_hash;
+use crate::content_hash::content_hash;
 
 /// How a part of a log begins that names the order of its rotors.
 pub(crate) const PREFIX: &str = "order:";

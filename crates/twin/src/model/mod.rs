@@ -28,6 +28,7 @@ pub mod store;
 
 use std::collections::BTreeMap;
 
+use crate::content_hash::content_hash;
 use rotortwin_plant::effects::{Catalogue, EffectClass, EffectDeclaration, EffectDocument, EffectInstance, Place};
 use rotortwin_plant::error::Refusal;
 use rotortwin_plant::powertrain::blades::BladeSet;
@@ -339,9 +340,4 @@ pub(crate) fn steady_wind(catalogue: &Catalogue) -> Option<&'static EffectDeclar
         .iter()
         .copied()
         .find(|declared| is_steady_wind(declared))
-}
-
-/// XXH3-128 as 32 hexadecimal digits: the content hash of every document and log of this project.
-pub fn content_hash(bytes: &[u8]) -> String {
-    format!("{:032x}", xxhash_rust::xxh3::xxh3_128(bytes))
 }

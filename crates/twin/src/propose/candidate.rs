@@ -74,7 +74,7 @@ impl Candidate {
             })
             .collect();
         // Ids are short; the hash keeps long ones apart.
-        let hash = crate::model::content_hash(id.as_bytes());
+        let hash = crate::content_hash::content_hash(id.as_bytes());
         EffectDocument {
             id: format!("term-{hash}"),
             name: self.acts().join(", "),
