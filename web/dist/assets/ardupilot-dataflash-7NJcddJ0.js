@@ -2,7 +2,7 @@ var e=`# ArduPilot DataFlash, binary (.bin) and text (.log) → canonical flight
 # Units and frames: LogStructure.h of ArduPilot (body FRD, world NED; angles in degrees).
 
 source = "ardupilot-dataflash"
-base = ["IMU", "IMU#0", "ATT"]
+base = ["IMU", "IMU#0", "ANG", "ATT"]
 
 [[column]]
 to = "rates"
@@ -14,12 +14,17 @@ to = "accel"
 from = "IMU:AccX,AccY,AccZ"
 unit = "m/s2"
 
+[[column]] # fast attitude since 4.7: a message of its own at the rate of the loop, beside ATT at 10 Hz
+to = "attitude"
+from = "ANG:Roll,Pitch,Yaw"
+unit = "deg"
+
 [[column]]
 to = "attitude"
 from = "ATT:Roll,Pitch,Yaw"
 unit = "deg"
 
-# Where ATT is not logged: what the estimators say (EKF3, EKF2, EKF1), else the second attitude that the autopilot keeps.
+# Where neither is logged: what the estimators say (EKF3, EKF2, EKF1), else the second attitude that the autopilot keeps.
 [[column]]
 to = "attitude"
 from = "XKF1:Roll,Pitch,Yaw"
