@@ -203,13 +203,11 @@ pub fn hunt(
     hunt
 }
 
+/// Flies a group: a record for each flight that can be flown; `None` after a stop.
+type Fly<'a> = dyn Fn(&[PlannedFlight]) -> Option<Vec<Option<FlightRecord>>> + Sync + 'a;
+
 /// Flies as many at a time as the engine prefers.
-fn try_all(
-    flights: Vec<PlannedFlight>,
-    threads: NonZeroUsize,
-    lanes: usize,
-    fly: &(dyn Fn(&[PlannedFlight]) -> Option<Vec<Option<FlightRecord>>> + Sync),
-) -> Vec<Tried> {
+fn try_all(flights: Vec<PlannedFlight>, threads: NonZeroUsize, lanes: usize, fly: &Fly<'_>) -> Vec<Tried> {
     let groups: Vec<&[PlannedFlight]> = flights.chunks(lanes.max(1)).collect();
     let records = map_in_order(threads, &groups, |group| fly(group), &|| ());
     let flown = groups

@@ -4,7 +4,7 @@
 //! the measured shares and those that it predicts, over roll, pitch and yaw.
 //!
 //! A verdict needs evidence: with hundreds of sets of eight motors, one of them fits any noise to a mean cosine of 0.9 or so. So a motor is
-//! blamed only where the best explanation leaves nothing over, no other explains nearly as well, and half of the samples in roll and in pitch
+//! blamed only where the best explanation leaves nothing over and half of the samples in roll and in pitch
 //! were taken with all motors within their limits. Where integrators wind up against the stand, these conditions fail, and so does the verdict.
 
 use super::response::{Airframe, Duties, PITCH, ROLL, YAW, cosine, length};
@@ -20,13 +20,13 @@ const REPORTED_AT_LIMIT: f64 = 0.1;
 const ANSWER: f64 = 1e-3;
 /// Shares match a motor order above this cosine.
 const FITS: f64 = 0.8;
-/// A mean cosine that leaves nothing unexplained. In a replica of the stand, right motors of an octorotor driven to their limits by wound-up
+/// A mean cosine that leaves nothing unexplained.
+const EXPLAINS: f64 = 0.97;
+/// A mean cosine that it takes to blame a motor. In a replica of the stand, right motors of an octorotor driven to their limits by wound-up
 /// integrators were taken for wrong ones with up to 0.96, of a quadrotor with up to 0.98, the latter with fewer free samples than [`LEFT`].
-const EXPLAINS: f64 = 0.965;
+const BLAMES: f64 = 0.965;
 /// Required improvement of the mean cosine before motors are reported as reversed.
 const CLEAR: f64 = 0.05;
-/// Explanations whose mean cosines differ by less are equally good. Two neighbours of an octorotor, exchanged, are 0.049 better than reversed.
-const RIVAL: f64 = 0.02;
 /// Weight of the yaw when motors are ordered: a reversed motor is not a swapped one.
 const YAW_WEIGHT: f64 = 0.1;
 /// Advantage of the order as wired.
@@ -114,14 +114,6 @@ impl Swings {
     }
 }
 
-/// The order that fits roll and pitch best.
-struct Order {
-    /// `rotors[i]`: our rotor that the autopilot takes for rotor i.
-    rotors: Vec<usize>,
-    /// By how much the next one fits worse, as a mean cosine of roll and pitch.
-    lead: f64,
-}
-
 /// The motors whose reversal fits all three axes best.
 #[derive(Clone, Copy)]
 struct Spins {
@@ -129,8 +121,6 @@ struct Spins {
     reversed: u32,
     /// Mean cosine.
     mean: f64,
-    /// By how much the next set fits worse.
-    lead: f64,
 }
 
 /// Identifies motors from their shares in the responses to roll, pitch and yaw.
@@ -157,13 +147,9 @@ pub(super) fn judge(
     let best = best_order(airframe, swings, &patterns);
     // Reversed motors also change the shares of a least-squares mixer in roll and pitch: if they explain everything, the order is not at fault.
     let as_wired = spins(airframe, &swings.shares, &patterns);
-    let ordered = spins(airframe, &swings.in_order(&best.rotors), &patterns);
-    let is_wired = as_wired.mean > EXPLAINS || best.rotors == wired;
-    let (order, found) = if is_wired {
-        (&wired, as_wired)
-    } else {
-        (&best.rotors, ordered)
-    };
+    let ordered = spins(airframe, &swings.in_order(&best), &patterns);
+    let is_wired = as_wired.mean > EXPLAINS || best == wired;
+    let (order, found) = if is_wired { (&wired, as_wired) } else { (&best, ordered) };
     let cosines = cosines(&swings.in_order(order), &patterns);
     if as_wired.mean <= EXPLAINS && (cosines[0] < FITS || cosines[1] < FITS) {
         return Err(swings.cannot_tell(
@@ -175,15 +161,7 @@ pub(super) fn judge(
         ));
     }
     let is_right = is_wired && found.reversed == 0;
-    let other = if is_wired { ordered } else { as_wired };
-    let lead = if best.rotors == wired {
-        found.lead
-    } else if is_wired {
-        found.lead.min(found.mean - other.mean)
-    } else {
-        best.lead.min(found.lead).min(found.mean - other.mean)
-    };
-    if let Some(reason) = doubt(swings, is_right, found.mean, lead) {
+    if let Some(reason) = doubt(swings, is_right, found.mean) {
         return Err(swings.cannot_tell(&peer, &reason));
     }
     let verdict = |(channel, &rotor): (usize, &usize)| {
@@ -204,20 +182,19 @@ pub(super) fn judge(
     })
 }
 
-/// Why the best explanation, of this mean cosine and this lead over the next, is no verdict; `None`: it is one.
+/// Why the best explanation, of this mean cosine, is no verdict; `None`: it is one.
 ///
 /// Right motors whose mixer distributes otherwise than by least squares fit less well, which is no reason for doubt within their limits.
-fn doubt(swings: &Swings, is_right: bool, mean: f64, lead: f64) -> Option<String> {
+fn doubt(swings: &Swings, is_right: bool, mean: f64) -> Option<String> {
     let free = 1.0 - swings.most_at_limit();
-    let fits = mean > EXPLAINS;
     if is_right {
-        return (!fits && free < LEFT).then(|| {
+        return (mean <= EXPLAINS && free < LEFT).then(|| {
             format!("all motors right fits best, with a mean cosine of {mean:.3}; more than {EXPLAINS} is needed with motors at their limits")
         });
     }
-    if !fits {
+    if mean <= BLAMES {
         return Some(format!(
-            "the best explanation, with wrong motors, has a mean cosine of {mean:.3}; more than {EXPLAINS} is needed to blame one"
+            "the best explanation, with wrong motors, has a mean cosine of {mean:.3}; more than {BLAMES} is needed to blame one"
         ));
     }
     if free < LEFT {
@@ -227,12 +204,7 @@ fn doubt(swings: &Swings, is_right: bool, mean: f64, lead: f64) -> Option<String
             100.0 * LEFT
         ));
     }
-    (lead < RIVAL).then(|| {
-        format!(
-            "two explanations are equally good, with mean cosines of {mean:.2} and {:.2}",
-            mean - lead
-        )
-    })
+    None
 }
 
 /// Cosines of shares with those of the vehicle.
@@ -245,27 +217,20 @@ fn mean(cosines: [f64; 3]) -> f64 {
 }
 
 /// The motor order that fits best, by exhaustive search. Ties go to the order as wired.
-fn best_order(airframe: &Airframe, swings: &Swings, patterns: &[Duties; 4]) -> Order {
+fn best_order(airframe: &Airframe, swings: &Swings, patterns: &[Duties; 4]) -> Vec<usize> {
     let worth = |order: &[usize]| {
         let [roll, pitch, yaw] = cosines(&swings.in_order(order), patterns);
         roll + pitch + YAW_WEIGHT * yaw
     };
     let mut order: Vec<usize> = (0..airframe.rotor_count()).collect();
     let mut best = (worth(&order) + AS_WIRED, order.clone());
-    let mut next = f64::NEG_INFINITY;
     permute(&mut order, 0, &mut |order| {
         let worth = worth(order);
         if worth > best.0 {
-            next = best.0;
             best = (worth, order.to_vec());
-        } else if worth > next {
-            next = worth;
         }
     });
-    Order {
-        lead: 0.5 * (best.0 - next),
-        rotors: best.1,
-    }
+    best.1
 }
 
 /// The reversed motors that fit best, by exhaustive search. With a least-squares mixer, one reversed motor changes the responses of all motors;
@@ -273,7 +238,6 @@ fn best_order(airframe: &Airframe, swings: &Swings, patterns: &[Duties; 4]) -> O
 fn spins(airframe: &Airframe, shares: &[Duties; 3], nominal: &[Duties; 4]) -> Spins {
     let of_none = mean(cosines(shares, nominal));
     let mut best = (of_none, 0);
-    let mut next = f64::NEG_INFINITY;
     for mask in 1..1_u32 << airframe.rotor_count() {
         let mut table = *nominal;
         for (rotor, share) in table[YAW].iter_mut().enumerate() {
@@ -286,10 +250,7 @@ fn spins(airframe: &Airframe, shares: &[Duties; 3], nominal: &[Duties; 4]) -> Sp
             .map_or(-1.0, |patterns| mean(cosines(shares, &patterns)));
         let worth = least_squares.max(mean(cosines(shares, &table)));
         if worth > best.0 + 1e-9 {
-            next = best.0;
             best = (worth, mask);
-        } else if worth > next {
-            next = worth;
         }
     }
     // A slightly better fit is no reason to call a motor reversed.
@@ -297,12 +258,10 @@ fn spins(airframe: &Airframe, shares: &[Duties; 3], nominal: &[Duties; 4]) -> Sp
         return Spins {
             reversed: 0,
             mean: of_none,
-            lead: of_none - next,
         };
     }
     Spins {
         reversed: best.1,
         mean: best.0,
-        lead: best.0 - next,
     }
 }
