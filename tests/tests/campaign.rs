@@ -127,7 +127,7 @@ fn regress_a_hunt_that_is_stopped_counts_only_what_was_flown() {
     let scratch = Scratch::new();
     let file = campaign(&scratch, 320, 20.0);
     let more = ["--hunt", "--hunt-budget", "100000", "--json"];
-    let mut run = call(&scratch, &file, "hunted", &more).start();
+    let run = call(&scratch, &file, "hunted", &more).start();
     let begun = wait_until(PATIENCE, || scratch.path("hunted").is_dir());
     assert!(begun.is_some(), "it does not begin");
     // Signals are caught right after the folder has been made.

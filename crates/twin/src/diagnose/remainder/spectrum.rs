@@ -489,7 +489,7 @@ mod tests {
     #[test]
     fn prop_what_one_half_alone_has_is_not_said() {
         let spectrum = of(|t| {
-            let shown = (t / BLOCK_S) as usize % 2 == 0;
+            let shown = ((t / BLOCK_S) as usize).is_multiple_of(2);
             if shown { libm::sin(TAU * 20.0 * t) } else { 0.0 }
         });
         assert_eq!((spectrum.range(), spectrum.line()), (None, None));
