@@ -800,8 +800,10 @@ def strange(browser: Browser) -> None:
     assert "max(airspeed - 2.5" in " ".join(proposal["terms"][0]["acts"]), proposal["terms"]
     card = step.locator("article.card", has=page.get_by_role("heading", name="Proposal: an effect of your own"))
     # It stands before what only looks like a part of it.
-    titles = step.locator("article.card h3").all_inner_texts()
+    titles = [title for title in step.locator("article.card h3").all_inner_texts() if title != "Left over"]
     assert titles[0] == "Proposal: an effect of your own" and len(titles) == 1 + len(diagnosis["effects"]), titles
+    left = step.locator("article.card", has=page.get_by_role("heading", name="Left over")).locator("li").all_inner_texts()
+    assert left == [f"{one['sentence']}." for one in diagnosis["remainder"] or []], (left, diagnosis["remainder"])
     assert step.locator("article.card", has_text="not to be trusted while the rest is unexplained").count() == len(diagnosis["effects"])
     terms = card.locator("pre").all_inner_texts()
     assert terms == [f"{', '.join(one['acts'])} · {one['parameter']}" for one in proposal["terms"]], (terms, proposal["terms"])
