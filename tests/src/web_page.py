@@ -65,6 +65,8 @@ FAULT = "fault=[{time_s=6.0, rotor=3, blade='c'}]"
 # renderer (SwiftShader) if allowed to. `--use-angle=swiftshader` would make it treat SwiftShader as a graphics card, and render every text and
 # line through it: 280 ms per frame instead of 11.
 OPTIONS = ["--no-sandbox", "--enable-unsafe-swiftshader"]
+# Each width and each colour scheme once. `pages` looks at every combination: what only one of them shows is in the frame around the contents.
+SCREENS = ((1600, "light"), (390, "dark"))
 
 
 def api(path: str, body: dict | None = None) -> dict:
@@ -2630,7 +2632,7 @@ def filled(browser: Browser) -> None:
         ("/library?kind=scenarios&name=short-hover", "textarea", "library"),
     ]
     found = []
-    for width, scheme in itertools.product((1600, 390), ("light", "dark")):
+    for width, scheme in SCREENS:
         page, watch = open_page(browser, width, scheme)
         for path, there, name in places:
             page.goto(f"{SERVER}{path}", wait_until="load")
@@ -2640,10 +2642,9 @@ def filled(browser: Browser) -> None:
             page.locator(there).first.wait_for()
             page.wait_for_timeout(700)
             found.extend(f"{path} at {width}, {scheme}: {one}" for one in [*too_wide_or_serious(page), *bare(page)])
-            if (width, scheme) in ((1600, "light"), (390, "dark")):
-                page.evaluate("scrollTo(0, 0)")
-                page.screenshot(path=PICTURES / f"{name}{'' if width == 1600 else f'-{width}'}.png", full_page=True)
-            if scheme == "light" and width == 1600:
+            page.evaluate("scrollTo(0, 0)")
+            page.screenshot(path=PICTURES / f"{name}{'' if width == 1600 else f'-{width}'}.png", full_page=True)
+            if width == 1600:
                 found.extend(f"{path}: by keyboard {one}" for one in unreached(page))
         watch.check()
         page.close()
@@ -2757,8 +2758,7 @@ def states(browser: Browser) -> None:
         found.extend(f"{name} at {width}, {scheme}: {one}" for one in [*too_wide_or_serious(page), *bare(page)])
         page.evaluate("scrollTo(0, 0)")
         page.screenshot(path=FOLDER / f"state-{name}-{width}-{scheme}.png", full_page=True)
-        # What has the focus differs between the schemes by its colour only.
-        if (width, scheme) == (1600, "light"):
+        if width == 1600:
             found.extend(f"{name}: by keyboard {one}" for one in unreached(page, within))
 
     # The manoeuvre is looked for once; its address is that of the answer.
@@ -2777,9 +2777,7 @@ def states(browser: Browser) -> None:
     page.close()
     flight = real_time(LONG_S)
     places.append(("in-the-air", f"/runs/{flight}", ".replay .player .num", lambda page: page.locator("figure canvas").nth(8).wait_for()))
-    # Each width and each scheme.
-    screens = tuple(itertools.product((1600, 390), ("light", "dark")))
-    for width, scheme in screens:
+    for width, scheme in SCREENS:
         for name, path, there, do in places:
             page, watch = open_page(browser, width, scheme)
             if name in refused:
@@ -2813,7 +2811,7 @@ def states(browser: Browser) -> None:
     page.context.close()
     # Last, since the server asks everybody for a token from now on.
     token = re.search(r"rtw_\w+", subprocess.run([os.environ["ROTORTWIN"], "token", "create", "first", "--data", FOLDER / "data"], check=True, capture_output=True, text=True).stdout)[0]
-    for width, scheme in screens:
+    for width, scheme in SCREENS:
         page, watch = open_page(browser, width, scheme)
         watch.expected = r"401 \(Unauthorized\)"
         page.goto(f"{SERVER}/runs", wait_until="load")

@@ -1,7 +1,7 @@
 //! Many flights at once: stepped by a caller ([`SimulationBatch`]), or from start to end in parallel vector lanes ([`fly`]).
 
 use crate::columns::{Recording, bytes, singles};
-use crate::interrupt::interruptible;
+use crate::interrupt::{in_parts, interruptible};
 use crate::refusal::{input, pickled};
 use crate::scenario::Scenario;
 use pyo3::prelude::*;
@@ -16,7 +16,7 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 /// Steps of every flight between two looks at Python's signals.
-const STEPS_UNHEARD: u32 = 500;
+const STEPS_UNHEARD: u64 = 500;
 /// Flights per thread at a time: enough to keep its lanes full for long.
 const FLIGHTS_OF_A_PART: usize = 32;
 
@@ -41,7 +41,7 @@ impl Seat {
         })
     }
 
-    fn step(&mut self, duty: Option<&[f32]>, steps: u32) {
+    fn step(&mut self, duty: Option<&[f32]>, steps: u64) {
         for _ in 0..steps {
             if self.failure.is_some() || self.flight.done() {
                 return;
@@ -153,19 +153,13 @@ impl SimulationBatch {
                 duty.len()
             )));
         }
-        let mut left = steps;
-        while left > 0 {
-            let now = left.min(STEPS_UNHEARD);
-            py.detach(|| {
-                self.seats.par_iter_mut().enumerate().for_each(|(place, seat)| {
-                    let own = duty.as_ref().map(|duty| &duty[place * rotors..(place + 1) * rotors]);
-                    seat.step(own, now);
-                });
+        in_parts(py, u64::from(steps), STEPS_UNHEARD, |now| {
+            self.seats.par_iter_mut().enumerate().for_each(|(place, seat)| {
+                let own = duty.as_ref().map(|duty| &duty[place * rotors..(place + 1) * rotors]);
+                seat.step(own, now);
             });
-            left -= now;
-            py.check_signals()?;
-        }
-        Ok(())
+            Ok(true)
+        })
     }
 
     /// The same flights at the same steps; the copies go on apart.

@@ -1,6 +1,7 @@
 //! One flight, one step at a time.
 
 use crate::columns::{Recording, bytes, singles};
+use crate::interrupt::in_parts;
 use crate::refusal::{flight, pickled};
 use crate::scenario::Scenario;
 use pyo3::prelude::*;
@@ -52,31 +53,25 @@ impl Simulation {
         if steps == 1 {
             return self.one(duty.as_deref());
         }
-        let mut left = steps;
-        while left > 0 {
-            let now = left.min(STEPS_UNHEARD);
-            py.detach(|| (0..now).try_for_each(|_| self.one(duty.as_deref())))?;
-            left -= now;
-            py.check_signals()?;
-        }
-        Ok(())
+        in_parts(py, steps, STEPS_UNHEARD, |now| {
+            (0..now).try_for_each(|_| self.one(duty.as_deref()))?;
+            Ok(true)
+        })
     }
 
     /// Continues with our controller, to the end or to a step.
     #[pyo3(signature = (until_step = None))]
     fn run(&mut self, py: Python<'_>, until_step: Option<u64>) -> PyResult<()> {
-        let until = until_step.unwrap_or(u64::MAX);
-        while !self.flight.done() && self.flight.steps() < until {
-            let now = until.min(self.flight.steps() + STEPS_UNHEARD);
-            py.detach(|| {
-                while !self.flight.done() && self.flight.steps() < now {
-                    self.one(None)?;
+        let steps = until_step.unwrap_or(u64::MAX).saturating_sub(self.flight.steps());
+        in_parts(py, steps, STEPS_UNHEARD, |now| {
+            for _ in 0..now {
+                if self.flight.done() {
+                    return Ok(false);
                 }
-                Ok::<(), PyErr>(())
-            })?;
-            py.check_signals()?;
-        }
-        Ok(())
+                self.one(None)?;
+            }
+            Ok(true)
+        })
     }
 
     /// The same flight at the same step, with what it has recorded; the two go on apart.

@@ -43,6 +43,24 @@ pub(crate) fn interruptible<T: Send>(py: Python<'_>, work: impl FnOnce(&AtomicBo
     })
 }
 
+/// Takes `steps` steps, at most `at_once` at a time without Python's lock, and raises after a signal whose handler does (Ctrl-C): what was
+/// taken until then stays. `part` takes some, and says whether there are more.
+pub(crate) fn in_parts(
+    py: Python<'_>,
+    steps: u64,
+    at_once: u64,
+    mut part: impl FnMut(u64) -> PyResult<bool> + Send,
+) -> PyResult<()> {
+    let mut left = steps;
+    while left > 0 {
+        let now = left.min(at_once);
+        let goes_on = py.detach(|| part(now))?;
+        py.check_signals()?;
+        left = if goes_on { left - now } else { 0 };
+    }
+    Ok(())
+}
+
 /// The clock of a search: seconds since it was made, and beyond [`TIME_LIMIT_S`] between any two readings once `stop` is set.
 pub(crate) struct Clock<'a> {
     start: Instant,

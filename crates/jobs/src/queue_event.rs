@@ -3,6 +3,7 @@
 use crate::status::Status;
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
+use utoipa::ToSchema;
 
 /// Kinds of events that only the queue writes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -41,7 +42,9 @@ impl QueueEventKind {
 }
 
 /// An event of the queue: its kind and its content, which is stored and sent as JSON.
-#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+///
+/// In a stream of server-sent events `event` is the field of that name, and `data` the other one's JSON.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 #[serde(tag = "event", content = "data", rename_all = "kebab-case")]
 pub enum QueueEvent {
     /// The job was accepted.

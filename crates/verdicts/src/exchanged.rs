@@ -2,8 +2,8 @@
 //!
 //! The import refuses an order of the rotors whose correlation with the motion is clearly smaller than another's. Two
 //! neighbours in a calm flight differ by less than that, and a healthy vehicle is then judged healthy, and a loss is
-//! named at the wrong rotor. So here each window is a witness. With Δu the changes of the mean duty, through the rotors'
-//! lag, from one window of T to the next, and Δω those of ω(t+T) − ω(t),
+//! named at the wrong rotor. So here each window is a witness. With the changes Δu and Δω from window to window of the
+//! duties and of what they turn ([`TurnChanges`]),
 //!
 //! ```text
 //!  e_a = Δω_a − b_a Σ_i F_a,order(i) Δu_i      b_a ≥ 0, least squares      l = −½ Σ_a (ln σ_a² + e_a²/σ_a²)     σ_a² = ⟨e_a²⟩
@@ -16,11 +16,8 @@
 //! have no phase relation with the motion that they damp.
 
 use rotortwin_plant::vehicle::model::VehicleModel;
-use rotortwin_twin::log::{FlightLog, RotorOrder, SensorRate, names};
+use rotortwin_twin::log::{FlightLog, RotorOrder, SensorRate, TurnChanges, stated_order};
 
-/// Length of a window, s, and fewest rows in one.
-const WINDOW_S: f64 = 0.08;
-const FEWEST_ROWS: usize = 4;
 /// Windows of a sample, and fewest samples.
 const WINDOWS: usize = 5;
 const FEWEST: usize = 20;
@@ -31,19 +28,16 @@ const LEAST_NATS: f64 = 25.0;
 const LEAST_HZ: f64 = 40.0;
 const AXES: usize = 3;
 
-/// Changes from window to window of the lagged duties and of the turn rates.
-struct Changes {
-    duty: Vec<Vec<f64>>,
-    turn: Vec<[f64; AXES]>,
-}
-
 /// Why a log is not judged: two duties are exchanged, one sentence.
 pub(crate) fn refusal(log: &FlightLog, vehicle: &VehicleModel) -> Option<String> {
     let is_slow = |rate: SensorRate| rate.source_hz < LEAST_HZ;
     if log.report.rotor_order == RotorOrder::Stated || log.duty_rate().is_none_or(is_slow) {
         return None;
     }
-    let changes = changes(log, vehicle.rotors.thrust_lag_s)?;
+    let changes = log.turn_changes(vehicle.rotors.thrust_lag_s)?;
+    if changes.turn.len() < WINDOWS * FEWEST {
+        return None;
+    }
     let arms: Vec<[f64; AXES]> = vehicle
         .rotors
         .layout
@@ -51,13 +45,13 @@ pub(crate) fn refusal(log: &FlightLog, vehicle: &VehicleModel) -> Option<String>
         .iter()
         .map(|rotor| rotor.torque_arm([0.0; 3], 1.0))
         .collect();
-    let as_logged = changes.likelihoods(&arms);
+    let as_logged = likelihoods(&changes, &arms);
     let mut best: Option<([usize; 2], [f64; 2])> = None;
     for first in 0..arms.len() {
         for second in first + 1..arms.len() {
             let mut exchanged = arms.clone();
             exchanged.swap(first, second);
-            let evidence = evidence(&changes.likelihoods(&exchanged), &as_logged);
+            let evidence = evidence(&likelihoods(&changes, &exchanged), &as_logged);
             if best.is_none_or(|(_, most)| evidence[0] > most[0]) {
                 best = Some(([first, second], evidence));
             }
@@ -65,24 +59,17 @@ pub(crate) fn refusal(log: &FlightLog, vehicle: &VehicleModel) -> Option<String>
     }
     let ([first, second], [z, nats]) = best?;
     (z > CERTAIN && nats > LEAST_NATS).then(|| {
-        let order = |exchange: bool| {
-            let rotor = |place: usize| match place {
-                _ if !exchange => place,
-                _ if place == first => second,
-                _ if place == second => first,
-                _ => place,
-            };
-            let numbers: Vec<String> = (0..arms.len()).map(|place| (rotor(place) + 1).to_string()).collect();
-            format!("@order:{}", numbers.join("-"))
-        };
+        let own: Vec<usize> = (0..arms.len()).collect();
+        let mut exchanged = own.clone();
+        exchanged.swap(first, second);
         format!(
             "{}: the vehicle turns as if duty_{} and duty_{} were exchanged ({z:.1} standard deviations, {nats:.0} nats), and a loss would be named \
-             at the wrong rotor; expected the duties in the order of the model's rotors: `{}` behind the log's name reads it so, `{}` as it is",
+             at the wrong rotor; expected the duties in the order of the model's rotors: `@{}` behind the log's name reads it so, `@{}` as it is",
             log.name,
             first + 1,
             second + 1,
-            order(true),
-            order(false)
+            stated_order(&exchanged),
+            stated_order(&own)
         )
     })
 }
@@ -104,84 +91,29 @@ fn evidence(exchanged: &[f64], as_logged: &[f64]) -> [f64; 2] {
     [sum / square.sqrt().max(f64::MIN_POSITIVE), sum]
 }
 
-impl Changes {
-    /// Of each window, ln likelihood up to a constant.
-    ///
-    /// * `arms`: of the rotor that each duty drives, per newton about each axis
-    fn likelihoods(&self, arms: &[[f64; AXES]]) -> Vec<f64> {
-        let mut sums = vec![0.0; self.turn.len()];
-        for axis in 0..AXES {
-            let torque = |duty: &Vec<f64>| duty.iter().zip(arms).map(|(duty, arm)| arm[axis] * duty).sum::<f64>();
-            let torques: Vec<f64> = self.duty.iter().map(torque).collect();
-            let pairs = || {
-                torques
-                    .iter()
-                    .zip(&self.turn)
-                    .map(|(torque, turn)| (*torque, turn[axis]))
-            };
-            let power: f64 = pairs().map(|(torque, _)| torque * torque).sum();
-            let cross: f64 = pairs().map(|(torque, turn)| torque * turn).sum();
-            let gain = (cross / power.max(f64::MIN_POSITIVE)).max(0.0);
-            let errors: Vec<f64> = pairs().map(|(torque, turn)| turn - gain * torque).collect();
-            let square = errors.iter().map(|e| e * e).sum::<f64>() / errors.len() as f64;
-            let square = square.max(f64::MIN_POSITIVE);
-            for (sum, e) in sums.iter_mut().zip(&errors) {
-                *sum -= 0.5 * (square.ln() + e * e / square);
-            }
-        }
-        sums
-    }
-}
-
-/// `None`: too little of a flight.
+/// Of each window, ln likelihood up to a constant.
 ///
-/// * `lag_s`: of the rotors
-fn changes(log: &FlightLog, lag_s: f64) -> Option<Changes> {
-    let rates = log.vector(names::RATES)?;
-    let rate_hz = log.sample_rate_hz();
-    let rows = FEWEST_ROWS.max((WINDOW_S * rate_hz).round() as usize);
-    let share = 1.0 - (-1.0 / (rate_hz * lag_s)).exp();
-    let lagged: Vec<Vec<f64>> = log.duties().iter().map(|duty| lagged(duty, share)).collect();
-    let starts: Vec<usize> = (0..log.time_s.len().saturating_sub(rows)).step_by(rows).collect();
-    let windows: Vec<(Vec<f64>, [f64; AXES])> = starts
-        .into_iter()
-        .map(|first| {
-            let last = first + rows;
-            let mean = |duty: &Vec<f64>| duty[first..last].iter().sum::<f64>() / rows as f64;
-            let turn = std::array::from_fn(|axis| rates[axis][last] - rates[axis][first]);
-            (lagged.iter().map(mean).collect(), turn)
-        })
-        .collect();
-    let mut changes = Changes {
-        duty: Vec::new(),
-        turn: Vec::new(),
-    };
-    for pair in windows.windows(2) {
-        let duty: Vec<f64> = pair[1]
-            .0
-            .iter()
-            .zip(&pair[0].0)
-            .map(|(now, before)| now - before)
-            .collect();
-        let turn: [f64; AXES] = std::array::from_fn(|axis| pair[1].1[axis] - pair[0].1[axis]);
-        if duty.iter().chain(&turn).all(|value| value.is_finite()) {
-            changes.duty.push(duty);
-            changes.turn.push(turn);
+/// * `arms`: of the rotor that each duty drives, per newton about each axis
+fn likelihoods(changes: &TurnChanges, arms: &[[f64; AXES]]) -> Vec<f64> {
+    let mut sums = vec![0.0; changes.turn.len()];
+    for axis in 0..AXES {
+        let torque = |duty: &Vec<f64>| duty.iter().zip(arms).map(|(duty, arm)| arm[axis] * duty).sum::<f64>();
+        let torques: Vec<f64> = changes.duty.iter().map(torque).collect();
+        let pairs = || {
+            torques
+                .iter()
+                .zip(&changes.turn)
+                .map(|(torque, turn)| (*torque, turn[axis]))
+        };
+        let power: f64 = pairs().map(|(torque, _)| torque * torque).sum();
+        let cross: f64 = pairs().map(|(torque, turn)| torque * turn).sum();
+        let gain = (cross / power.max(f64::MIN_POSITIVE)).max(0.0);
+        let errors: Vec<f64> = pairs().map(|(torque, turn)| turn - gain * torque).collect();
+        let square = errors.iter().map(|e| e * e).sum::<f64>() / errors.len() as f64;
+        let square = square.max(f64::MIN_POSITIVE);
+        for (sum, e) in sums.iter_mut().zip(&errors) {
+            *sum -= 0.5 * (square.ln() + e * e / square);
         }
     }
-    (changes.turn.len() >= WINDOWS * FEWEST).then_some(changes)
-}
-
-/// Through a first-order lag; a row without a value changes nothing.
-fn lagged(duty: &[f64], share: f64) -> Vec<f64> {
-    let mut state = duty.iter().copied().find(|value| value.is_finite()).unwrap_or(0.0);
-    duty.iter()
-        .map(|value| {
-            let now = state;
-            if value.is_finite() {
-                state += share * (value - state);
-            }
-            now
-        })
-        .collect()
+    sums
 }

@@ -14,11 +14,19 @@ import { type ResultTable, ResultTables } from "./tables";
 type Score = Schemas["BriefSummary"];
 /** Of all flights. */
 type FullScore = Narrowed<Schemas["DetectorSummary"], { confusion_truth_verdict_windows: VerdictCount[] }>;
+/** Our detectors; a report may have more, those of the user. */
 type Scores<S> = Record<"sequential" | "t_test" | "network", S>;
 type Axis = Narrowed<Schemas["AxisSummary"], { groups: Narrowed<Schemas["AxisValueSummary"], { detectors: Scores<Score> }>[] }>;
 export type CampaignResult = Narrowed<Schemas["CampaignSummary"], { detectors: Scores<FullScore>; axes: Axis[] }>;
-export type DetectorName = keyof CampaignResult["detectors"];
 export const DETECTORS = [["sequential", "sequential"], ["t_test", "T-test"], ["network", "network"]] as const;
+export type DetectorName = (typeof DETECTORS)[number][0];
+
+/** Detectors that judged, with their scores: ours, then the user's own by name. */
+function judgesOf<S extends { windows: number }>(scores: Scores<S>): { name: string; score: S }[] {
+  const own = Object.entries(scores).filter(([key]) => key.startsWith("own_")).sort(([a], [b]) => a.localeCompare(b));
+  const all = [...DETECTORS.map(([key, name]) => ({ name, score: scores[key] })), ...own.map(([key, score]) => ({ name: key.slice("own_".length), score }))];
+  return all.filter(({ score }) => score.windows > 0);
+}
 
 const verdictConfusion = (score: FullScore) => confusionOfVerdicts(score.confusion_truth_verdict_windows);
 
@@ -87,25 +95,20 @@ function ScoreTable(props: { head: string; rows: readonly { name: string; scores
         <tbody>
           <For each={props.rows}>
             {(row) => (
-              <For each={DETECTORS}>
-                {([key, name], place) => {
-                  const score = () => row.scores[key];
-                  return (
-                    <Show when={score().windows > 0}>
-                      <tr>
-                        <td>{place() === 0 ? row.name : ""}{place() === 0 && row.flights ? ` (${row.flights} flights)` : ""}</td>
-                        <td>{name}</td>
-                        <td class="r">{percent(score().right)} {score().right_95 ? `[${percent(score().right_95?.[0])}, ${percent(score().right_95?.[1])}]` : ""}</td>
-                        <td class="r">{score().isolated.flights} of {score().fault_flights}</td>
-                        <td class="r">{short(score().isolated.median_s)}</td>
-                        <td class="r">{short(score().isolated.p95_s)}</td>
-                        <td class="r">{short(score().isolated.worst_s)}</td>
-                        <td class="r">{score().false_alarm_events}</td>
-                        <td class="r">{score().healthy_h > 0 ? short(score().false_alarm_events / score().healthy_h) : "–"}</td>
-                      </tr>
-                    </Show>
-                  );
-                }}
+              <For each={judgesOf(row.scores)}>
+                {({ name, score }, place) => (
+                  <tr>
+                    <td>{place() === 0 ? row.name : ""}{place() === 0 && row.flights ? ` (${row.flights} flights)` : ""}</td>
+                    <td>{name}</td>
+                    <td class="r">{percent(score.right)} {score.right_95 ? `[${percent(score.right_95[0])}, ${percent(score.right_95[1])}]` : ""}</td>
+                    <td class="r">{score.isolated.flights} of {score.fault_flights}</td>
+                    <td class="r">{short(score.isolated.median_s)}</td>
+                    <td class="r">{short(score.isolated.p95_s)}</td>
+                    <td class="r">{short(score.isolated.worst_s)}</td>
+                    <td class="r">{score.false_alarm_events}</td>
+                    <td class="r">{score.healthy_h > 0 ? short(score.false_alarm_events / score.healthy_h) : "–"}</td>
+                  </tr>
+                )}
               </For>
             )}
           </For>
@@ -166,10 +169,10 @@ export function CampaignReportView(props: { report: CampaignReport }) {
           />
         </Panel>
       </Show>
-      <For each={DETECTORS.filter(([key]) => it().result.detectors[key].windows > 0)}>
-        {([key, name]) => (
+      <For each={judgesOf(it().result.detectors)}>
+        {({ name, score }) => (
           <Panel title={`Confusion matrix, ${name}`} note="share of the windows of each truth; row: true fault; column: verdict">
-            <ConfusionTable confusion={verdictConfusion(it().result.detectors[key])} corner="truth / verdict" shares />
+            <ConfusionTable confusion={verdictConfusion(score)} corner="truth / verdict" shares />
           </Panel>
         )}
       </For>

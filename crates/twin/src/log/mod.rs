@@ -50,6 +50,7 @@ mod units;
 mod utc;
 
 pub(crate) use checks::LEAST_TO_CONTRADICT_HZ;
+pub use checks::TurnChanges;
 pub use describe::ColumnRange;
 pub use draft::{Draft, draft};
 pub use error::LogError;
@@ -58,7 +59,7 @@ pub use report::{
     ColumnNoise, Delay, Flown, GAP_FACTOR, Gap, ImportReport, Missing, MissingCells, Stream, UnusedColumn,
 };
 pub use resample::running_mean;
-pub use rotor_order::RotorOrder;
+pub use rotor_order::{RotorOrder, stated as stated_order};
 pub use source_rates::SensorRate;
 pub use stored::ImportAccount;
 

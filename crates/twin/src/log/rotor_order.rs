@@ -74,7 +74,7 @@ impl FlightLog {
 }
 
 /// `order:2-5-6-3-1-4`, which [`FlightLog::read_part`] takes behind an `@`; rotors from 0.
-pub(crate) fn stated(order: &[usize]) -> String {
+pub fn stated(order: &[usize]) -> String {
     let numbers: Vec<String> = order.iter().map(|rotor| (rotor + 1).to_string()).collect();
     format!("{PREFIX}{}", numbers.join("-"))
 }

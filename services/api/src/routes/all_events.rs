@@ -10,8 +10,9 @@ use axum::extract::rejection::QueryRejection;
 use axum::http::HeaderMap;
 use axum::response::sse::{Event, KeepAlive, Sse};
 use axum::response::{IntoResponse as _, Response};
-use serde::Deserialize;
-use serde_json::{Value, json};
+use rotortwin_jobs::JobKind;
+use serde::{Deserialize, Serialize};
+use serde_json::Value;
 use std::collections::VecDeque;
 use std::convert::Infallible;
 use std::sync::Arc;
@@ -49,8 +50,24 @@ pub(crate) struct AnyEvent {
     id: String,
     /// Kind, such as `ended`; `open` belongs to the stream itself and gives the position at which it begins.
     event: String,
-    /// A JSON object: `job`, `collection`, `kind` of the job, `seq` and `data` as in the stream of that job.
+    /// A JSON object as [`AnyEventData`] has it; empty for `open`.
     data: String,
+}
+
+/// What an event of the stream says: the JSON object in its `data`.
+#[derive(Serialize, ToSchema)]
+pub(crate) struct AnyEventData {
+    /// Id of the job.
+    job: String,
+    /// Its collection, such as `runs`.
+    collection: &'static str,
+    /// Its kind.
+    kind: JobKind,
+    /// Number of the event in the stream of that job.
+    seq: i64,
+    /// What the event says there.
+    #[schema(value_type = Object)]
+    data: Value,
 }
 
 /// The events of all jobs of the caller as they happen (server-sent), whatever their kind.
@@ -150,14 +167,17 @@ impl Watcher {
 }
 
 fn told(event: PlacedEvent) -> Event {
-    let data: Value = serde_json::from_str(&event.event.data).unwrap_or_default();
-    let told = json!({
-        "job": event.job, "collection": event.job_kind.collection(), "kind": event.job_kind, "seq": event.event.seq, "data": data,
-    });
+    let told = AnyEventData {
+        job: event.job,
+        collection: event.job_kind.collection(),
+        kind: event.job_kind,
+        seq: event.event.seq,
+        data: serde_json::from_str(&event.event.data).unwrap_or_default(),
+    };
     Event::default()
         .id(event.place.to_string())
         .event(event.event.kind)
-        .data(told.to_string())
+        .data(serde_json::to_string(&told).unwrap_or_default())
 }
 
 fn stream_of(watcher: Watcher, opened: Option<EventPlace>) -> impl Stream<Item = Result<Event, Infallible>> {

@@ -9,8 +9,7 @@ use axum::extract::rejection::QueryRejection;
 use axum::extract::{Query, State};
 use axum::response::sse::{Event, KeepAlive, Sse};
 use axum::response::{IntoResponse as _, Response};
-use serde::Deserialize;
-use serde_json::json;
+use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use std::convert::Infallible;
 use std::sync::Arc;
@@ -40,8 +39,15 @@ pub(crate) struct SessionEvent {
     /// `open`, `session` or `closed`.
     event: String,
     /// A JSON object: all open sessions, as in `GET /fdi/sessions`; the changed one, as in `GET /fdi/sessions/ID`; or
-    /// its `id`.
+    /// a `ClosedSession`.
     data: String,
+}
+
+/// A session that was closed or that ended because it was idle.
+#[derive(Serialize, ToSchema)]
+pub(crate) struct ClosedSession {
+    /// Its id.
+    id: String,
 }
 
 /// Your FDI sessions as they change (server-sent events). The scope `read` is enough, and watching does not keep
@@ -125,8 +131,8 @@ impl Watcher {
     async fn look(&mut self) -> Result<(), Gone> {
         let found = self.app.fdi.changed_since(&self.caller, &self.told);
         for id in found.gone {
-            self.tell("closed", &json!({ "id": id })).await?;
             self.told.remove(&id);
+            self.tell("closed", &ClosedSession { id }).await?;
         }
         for (version, one) in found.changed {
             self.tell("session", &one).await?;

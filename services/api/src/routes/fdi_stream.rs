@@ -17,16 +17,26 @@ use axum::extract::{Path, State};
 use axum::response::Response;
 use prost::Message as _;
 use rotortwin_zenoh::fdi_topic::answer_message;
+use serde::Serialize;
 use std::sync::Arc;
 use tokio::sync::watch;
+use utoipa::ToSchema;
 
 /// No message is longer.
 const LARGEST_MESSAGE: usize = 2 << 20;
 
+/// A text message that was not taken; the session is as before.
+#[derive(Serialize, ToSchema)]
+pub(crate) struct FdiRefusal {
+    /// One sentence.
+    refusal: String,
+    /// Number of the step that is expected next.
+    next_step: u64,
+}
+
 /// Measurements in, verdicts out, over a WebSocket.
 ///
-/// Text: `{"first_step": N, "samples": [...]}`; the reply is that of the `measurements` route, or `{"refusal":
-/// "...", "next_step": N}`. Binary: `FdiMeasurements`; the reply is `FdiVerdicts`
+/// Text: `{"first_step": N, "samples": [...]}`; the reply is that of the `measurements` route, or an `FdiRefusal`. Binary: `FdiMeasurements`; the reply is `FdiVerdicts`
 /// (proto/rotortwin/v1/fdi_service.proto).
 #[utoipa::path(get, path = "/api/v1/fdi/sessions/{id}/stream", tag = "fdi", operation_id = "stream_fdi_session", params(("id" = String, Path)), responses(
     (status = 101, description = "WebSocket"),
@@ -114,7 +124,10 @@ fn text_answer(entry: &Entry, text: &str) -> String {
         .and_then(|chunk| entry.feed(&chunk).map_err(|(refusal, _)| refusal.to_string()));
     let json = match fed {
         Ok(answer) => serde_json::to_value(&answer),
-        Err(refusal) => Ok(serde_json::json!({ "refusal": refusal, "next_step": entry.session().next_step() })),
+        Err(refusal) => serde_json::to_value(FdiRefusal {
+            refusal,
+            next_step: entry.session().next_step(),
+        }),
     };
     json.map(|value| value.to_string()).unwrap_or_default()
 }

@@ -17,12 +17,12 @@ use axum::extract::ws::rejection::WebSocketUpgradeRejection;
 use axum::extract::ws::{Message, WebSocket, WebSocketUpgrade};
 use axum::extract::{Path, Query, State};
 use axum::response::Response;
+use rotortwin_jobs::Status;
 use rotortwin_scenario::{Documents, Scenario};
 use rotortwin_store::query::{Channel, matching};
 use rotortwin_store::telemetry_columns;
 use rotortwin_wire::events::LiveSample;
 use serde::{Deserialize, Serialize};
-use serde_json::{Value, json};
 use std::collections::BTreeMap;
 use std::sync::Arc;
 use std::time::Duration;
@@ -64,14 +64,13 @@ pub(crate) struct Subscription {
 /// Messages of the stream: JSON text, distinguished by `type`.
 #[derive(Serialize, ToSchema)]
 #[serde(tag = "type", rename_all = "lowercase")]
-#[expect(dead_code, reason = "for the OpenAPI document: the messages are written by hand")]
 pub(crate) enum LiveMessage {
     /// What will be sent; repeated after each change.
     Start {
         /// Id of the run.
         run: String,
         /// State of the run.
-        status: String,
+        status: Status,
         /// In the order of the columns of the telemetry.
         channels: Vec<LiveChannel>,
         /// Maximum samples per second of wall clock.
@@ -110,7 +109,7 @@ pub(crate) enum LiveMessage {
     /// End of the stream.
     End {
         /// State of the run.
-        status: String,
+        status: Status,
         /// Number of samples sent.
         samples: u64,
         /// Number of samples lost because the client was too slow.
@@ -167,38 +166,47 @@ impl Selection {
         Ok(())
     }
 
-    fn start(&self, run: &Job) -> Value {
+    fn start(&self, run: &Job) -> LiveMessage {
         let channels = self.picked.iter().map(|place| {
             let channel = &self.channels[*place];
-            json!({ "name": channel.name, "unit": channel.unit })
+            LiveChannel {
+                name: channel.name.clone(),
+                unit: channel.unit.clone(),
+            }
         });
-        json!({
-            "type": "start", "run": run.id, "status": run.status.as_str(),
-            "channels": channels.collect::<Vec<_>>(), "rate_hz": self.rate_hz,
-        })
+        LiveMessage::Start {
+            run: run.id.clone(),
+            status: run.status,
+            channels: channels.collect(),
+            rate_hz: self.rate_hz,
+        }
     }
 
-    fn history(&self, samples: &[Arc<LiveSample>], thinned: bool) -> Value {
+    fn history(&self, samples: &[Arc<LiveSample>], thinned: bool) -> LiveMessage {
         let values = self.picked.iter().map(|place| {
             let column = samples
                 .iter()
                 .map(|sample| sample.values.get(*place).copied().flatten());
-            (self.channels[*place].name.clone(), json!(column.collect::<Vec<_>>()))
+            (self.channels[*place].name.clone(), column.collect())
         });
-        let values: serde_json::Map<String, Value> = values.collect();
-        json!({
-            "type": "history", "time_s": samples.iter().map(|sample| sample.sim_time_s).collect::<Vec<_>>(),
-            "step": samples.iter().map(|sample| sample.step).collect::<Vec<_>>(), "values": values, "thinned": thinned,
-        })
+        LiveMessage::History {
+            time_s: samples.iter().map(|sample| sample.sim_time_s).collect(),
+            step: samples.iter().map(|sample| sample.step).collect(),
+            values: values.collect(),
+            thinned,
+        }
     }
 
-    fn sample(&self, sample: &LiveSample) -> Value {
+    fn sample(&self, sample: &LiveSample) -> LiveMessage {
         let values = self.picked.iter().map(|place| {
             let value = sample.values.get(*place).copied().flatten();
-            (self.channels[*place].name.clone(), json!(value))
+            (self.channels[*place].name.clone(), value)
         });
-        let values: serde_json::Map<String, Value> = values.collect();
-        json!({ "type": "sample", "time_s": sample.sim_time_s, "step": sample.step, "values": values })
+        LiveMessage::Sample {
+            time_s: sample.sim_time_s,
+            step: sample.step,
+            values: values.collect(),
+        }
     }
 }
 
@@ -268,15 +276,17 @@ struct Watcher {
     seen_s: Option<f64>,
 }
 
-/// The client is gone.
+/// The client is gone, or cannot be told.
 struct Gone;
 
 impl Watcher {
     async fn serve(mut self, mut socket: WebSocket, past: Past, samples: Receiver<Arc<LiveSample>>) {
         if self.tell(&mut socket, past, samples).await.is_ok() {
-            let end = json!({
-                "type": "end", "status": self.run.status.as_str(), "samples": self.sent, "lost": self.lost,
-            });
+            let end = LiveMessage::End {
+                status: self.run.status,
+                samples: self.sent,
+                lost: self.lost,
+            };
             if send(&mut socket, &end).await.is_ok() {
                 // The client hears a close, or has closed itself.
                 drop(socket.send(Message::Close(None)).await);
@@ -306,7 +316,7 @@ impl Watcher {
                     }
                     Err(RecvError::Lagged(count)) => {
                         self.lost += count;
-                        send(socket, &json!({ "type": "lost", "count": count })).await?;
+                        send(socket, &LiveMessage::Lost { count }).await?;
                     }
                     Err(RecvError::Closed) => {
                         if self.has_ended().await {
@@ -367,7 +377,7 @@ impl Watcher {
                 self.due = None;
                 send(socket, &self.selection.start(&self.run)).await
             }
-            Err(detail) => send(socket, &json!({ "type": "error", "detail": detail })).await,
+            Err(detail) => send(socket, &LiveMessage::Error { detail }).await,
         }
     }
 
@@ -388,7 +398,10 @@ impl Watcher {
     }
 }
 
-async fn send(socket: &mut WebSocket, message: &Value) -> Result<(), Gone> {
-    let sent = socket.send(Message::text(message.to_string())).await;
-    sent.map_err(|_closed| Gone)
+async fn send(socket: &mut WebSocket, message: &LiveMessage) -> Result<(), Gone> {
+    let text = serde_json::to_string(message).map_err(|error| {
+        tracing::error!(%error, "a message with live samples cannot be written");
+        Gone
+    })?;
+    socket.send(Message::text(text)).await.map_err(|_closed| Gone)
 }

@@ -102,7 +102,10 @@ const LARGEST_BODY: usize = 2 << 20;
         (name = "verifications", description = "Runs flown a second time to compare their hashes"),
         (name = "server", description = "Health, limits and metrics of the server")
     ),
-    components(schemas(rotortwin_jobs::JobFile, rotortwin_jobs::JobEvent, rotortwin_wire::events::RunEvent)),
+    components(schemas(
+        rotortwin_jobs::JobFile, rotortwin_jobs::JobEvent, rotortwin_jobs::QueueEvent, rotortwin_wire::events::RunEvent, all_events::AnyEventData,
+        fdi_events::ClosedSession, fdi_stream::FdiRefusal
+    )),
     modifiers(&SignIn),
     security((), ("token" = []), ("session" = []))
 )]

@@ -4,10 +4,12 @@ mod coverage;
 mod delays;
 mod ground;
 pub(crate) mod kinematics;
+mod turns;
 mod vehicle;
 
 pub(crate) use coverage::stands_still;
 pub(crate) use ground::{idle_current, motors_change, moves_under_power};
+pub use turns::TurnChanges;
 pub(crate) use vehicle::LEAST_TO_CONTRADICT_HZ;
 
 use super::findings::{Finding, FindingKind};

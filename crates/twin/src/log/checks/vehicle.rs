@@ -1,24 +1,14 @@
 //! Does the log belong to the vehicle file: number and order of the rotors.
 //!
-//! The torque that the duties make under the vehicle's geometry must turn the vehicle as its gyroscope says. Duties go through the
-//! vehicle's thrust lag, then both sides are taken over windows and differenced, which removes trim and slow torques:
-//!
-//! ```text
-//! Δ(ω(t+T) − ω(t))  ~  Σ_i arm_i Δ(mean duty_i over T)        per axis
-//! ```
+//! The torque that the duties make under the vehicle's geometry must turn the vehicle as its gyroscope says ([`TurnChanges`]).
 //! Every order of the rotors is tried (transpositions only, above eight rotors); another order that fits clearly better than the
 //! file's is a finding.
 
-use super::kinematics::mean;
+use super::turns::TurnChanges;
 use crate::log::findings::{Finding, FindingKind};
-use crate::log::resample::usual_rate_hz;
-use crate::log::{FlightLog, SensorRate, names, rotor_order};
+use crate::log::{FlightLog, SensorRate, rotor_order};
 use rotortwin_plant::vehicle::model::VehicleModel;
 
-/// Length of a window, s.
-const WINDOW_S: f64 = 0.08;
-/// A window has at least this many rows.
-const FEWEST_ROWS: usize = 4;
 /// Fewer windows say nothing.
 const FEWEST_WINDOWS: usize = 60;
 /// Every order is tried up to this many rotors (8! = 40 320).
@@ -73,7 +63,10 @@ impl FlightLog {
             .iter()
             .map(|rotor| rotor.torque_arm([0.0; 3], 1.0))
             .collect();
-        let Some(moments) = self.moments(vehicle.rotors.thrust_lag_s) else {
+        let Some(moments) = self
+            .turn_changes(vehicle.rotors.thrust_lag_s)
+            .and_then(|changes| Moments::of(&changes, rotors))
+        else {
             return Vec::new();
         };
         let order: Vec<usize> = (0..rotors).collect();
@@ -105,74 +98,6 @@ impl FlightLog {
             ),
         }]
     }
-
-    fn moments(&self, lag_s: f64) -> Option<Moments> {
-        let rates = self.vector(names::RATES)?;
-        let rate_hz = usual_rate_hz(&self.time_s);
-        let rows = FEWEST_ROWS.max((WINDOW_S * rate_hz).round() as usize);
-        let speeds: Vec<Vec<f64>>;
-        let mut duties = self.duties();
-        let mut share = 1.0 - (-1.0 / (rate_hz * lag_s)).exp();
-        if duties.is_empty() {
-            // Measured speeds include the lag; their squares are proportional to the thrusts.
-            speeds = (1..=self.rotor_count())
-                .map(|rotor| self.column(&names::rotor_speed(rotor)))
-                .map(|speed| Some(speed?.iter().map(|speed| speed * speed).collect()))
-                .collect::<Option<_>>()?;
-            duties = speeds.iter().map(Vec::as_slice).collect();
-            share = 1.0;
-        }
-        let lagged: Vec<Vec<f64>> = duties
-            .iter()
-            .map(|duty| {
-                let mut state = duty.iter().copied().find(|value| value.is_finite()).unwrap_or(0.0);
-                duty.iter()
-                    .map(|value| {
-                        let now = state;
-                        if value.is_finite() {
-                            state += share * (value - state);
-                        }
-                        now
-                    })
-                    .collect()
-            })
-            .collect();
-        let mut windows: Vec<(Vec<f64>, [f64; 3])> = Vec::new();
-        let mut first = 0;
-        while first + rows < self.time_s.len() {
-            let last = first + rows;
-            let input = lagged.iter().map(|duty| mean(&duty[first..last])).collect();
-            windows.push((input, [0, 1, 2].map(|axis| rates[axis][last] - rates[axis][first])));
-            first = last;
-        }
-        let count = duties.len();
-        let mut moments = Moments {
-            duty_duty: vec![vec![0.0; count]; count],
-            duty_turn: vec![[0.0; 3]; count],
-            turn_turn: [0.0; 3],
-            windows: 0,
-        };
-        for pair in windows.windows(2) {
-            let input: Vec<f64> = (0..count).map(|rotor| pair[1].0[rotor] - pair[0].0[rotor]).collect();
-            let turn = [0, 1, 2].map(|axis| pair[1].1[axis] - pair[0].1[axis]);
-            if !input.iter().chain(&turn).all(|value| value.is_finite()) {
-                continue;
-            }
-            moments.windows += 1;
-            for i in 0..count {
-                for j in 0..count {
-                    moments.duty_duty[i][j] += input[i] * input[j];
-                }
-                for axis in 0..3 {
-                    moments.duty_turn[i][axis] += input[i] * turn[axis];
-                }
-            }
-            for axis in 0..3 {
-                moments.turn_turn[axis] += turn[axis] * turn[axis];
-            }
-        }
-        (moments.windows >= FEWEST_WINDOWS).then_some(moments)
-    }
 }
 
 /// Motor outputs that come more slowly than this contradict no order of the motors. ArduPilot writes 10 Hz.
@@ -182,6 +107,31 @@ pub(crate) const LEAST_TO_CONTRADICT_HZ: f64 = 9.0;
 const LEAST_POWER: f64 = 1e-9;
 
 impl Moments {
+    /// `None`: too few windows.
+    fn of(changes: &TurnChanges, rotors: usize) -> Option<Self> {
+        let windows = changes.turn.len();
+        let mut moments = Self {
+            duty_duty: vec![vec![0.0; rotors]; rotors],
+            duty_turn: vec![[0.0; 3]; rotors],
+            turn_turn: [0.0; 3],
+            windows,
+        };
+        for (duty, turn) in changes.duty.iter().zip(&changes.turn) {
+            for i in 0..rotors {
+                for j in 0..rotors {
+                    moments.duty_duty[i][j] += duty[i] * duty[j];
+                }
+                for axis in 0..3 {
+                    moments.duty_turn[i][axis] += duty[i] * turn[axis];
+                }
+            }
+            for axis in 0..3 {
+                moments.turn_turn[axis] += turn[axis] * turn[axis];
+            }
+        }
+        (windows >= FEWEST_WINDOWS).then_some(moments)
+    }
+
     /// By how much another order must fit better.
     fn clearly(&self) -> f64 {
         (CLEARLY * (WINDOWS_OF_CLEARLY / self.windows as f64).sqrt()).clamp(CLEARLY_AT_LEAST, CLEARLY)
