@@ -384,6 +384,8 @@ pub struct FdiSession {
     learner: Option<Box<Learner>>,
     /// See [`FdiSession::by_force`].
     by_force: bool,
+    /// See [`FdiSession::duties_every`].
+    duty_interval_s: Option<f64>,
     /// The reason why the engine is not fed, and steps since it began.
     paused: Option<(Obstacle, u64)>,
     /// A sharp turn within this window.
@@ -427,6 +429,7 @@ impl FdiSession {
             corrected: None,
             learner: None,
             by_force: false,
+            duty_interval_s: None,
             paused: None,
             turning: None,
             obstacle: None,
@@ -462,6 +465,15 @@ impl FdiSession {
     pub fn by_force(mut self) -> Self {
         self.by_force = true;
         self.look = self.look.by_force(true);
+        self
+    }
+
+    /// The same for samples whose duties lie on straight lines between those of a stream with this interval, s, which is
+    /// longer than that of the samples; before the first chunk. What the duties did in between is then a white force.
+    #[must_use]
+    pub fn duties_every(mut self, interval_s: f64) -> Self {
+        self.duty_interval_s = Some(interval_s);
+        self.look = self.look.duties_every(Some(interval_s));
         self
     }
 
@@ -689,7 +701,9 @@ impl FdiSession {
         let [start, end] = self.calibration_steps.map(|steps| steps as u32);
         self.baseline = Baseline::new(start, end);
         self.check = ModelCheck::new(&config);
-        self.look = SecondLook::new(&config).by_force(self.by_force);
+        self.look = SecondLook::new(&config)
+            .by_force(self.by_force)
+            .duties_every(self.duty_interval_s);
         if let Some(evidence) = &mut self.evidence {
             evidence.restart();
         }

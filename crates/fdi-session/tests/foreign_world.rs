@@ -221,7 +221,7 @@ fn bench_classes() {
 /// The benefit of healthy flights of a vehicle for the detectors: five unknown effects, the same on three healthy days
 /// with other weather and on the day of the fault. Printed without and with what was learnt: `ROTORTWIN_FAULTS_N`
 /// vehicles of each class, `ROTORTWIN_FAULTS_SEED`, `ROTORTWIN_FAULTS_LOSS` (share; otherwise 5 to 10 %),
-/// `ROTORTWIN_FAULTS_CLASS`.
+/// `ROTORTWIN_FAULTS_CLASS`, `ROTORTWIN_FAULTS_ONLY` (indices of cases, as `ROTORTWIN_FAULTS_LIST` prints them).
 #[test]
 #[ignore = "a measurement: cargo test --release -p rotortwin-fdi-session --test foreign_world -- --ignored --nocapture bench_learnt"]
 fn bench_learnt() {
@@ -232,7 +232,10 @@ fn bench_learnt() {
     let classes = of("ROTORTWIN_FAULTS_CLASS").unwrap_or_else(|| "five-healthy,five-step".to_owned());
     for class in classes.split(',') {
         let class: Class = serde_json::from_value(json!(class)).expect("a class");
-        let all = cases(class, n, seed);
+        let mut all = cases(class, n, seed);
+        if let Some(only) = of("ROTORTWIN_FAULTS_ONLY") {
+            all.retain(|case| only.split(',').any(|index| index.parse() == Ok(case.index)));
+        }
         let cores = std::thread::available_parallelism().map_or(1, usize::from);
         let rows: Vec<[FaultRow; 2]> = std::thread::scope(|scope| {
             let parts = all.chunks(all.len().div_ceil(cores).max(1));

@@ -59,18 +59,7 @@ impl Axial {
             columns.insert((*name).to_owned(), still.clone());
         }
         columns.insert(names::VELOCITY[2].to_owned(), down);
-        let level = FlightLog {
-            name: log.name.clone(),
-            source: log.source.clone(),
-            time_s: log.time_s.clone(),
-            columns,
-            segments: Vec::new(),
-            vehicle: None,
-            origin: None,
-            licence: None,
-            parameters: BTreeMap::new(),
-            report: ImportReport::default(),
-        };
+        let level = rows_of(log, columns);
         let mut config = *config;
         let unknown = config.sequential.drag_spread.hypot(config.linear_drag / config.mass);
         config.sequential.drag_spread = unknown;
@@ -80,6 +69,22 @@ impl Axial {
             config,
             drag: Z95 as f32 * unknown * config.mass,
         })
+    }
+}
+
+/// These columns on the rows of a log, and nothing else of it.
+pub(crate) fn rows_of(log: &FlightLog, columns: BTreeMap<String, Vec<f64>>) -> FlightLog {
+    FlightLog {
+        name: log.name.clone(),
+        source: log.source.clone(),
+        time_s: log.time_s.clone(),
+        columns,
+        segments: Vec::new(),
+        vehicle: None,
+        origin: None,
+        licence: None,
+        parameters: BTreeMap::new(),
+        report: ImportReport::default(),
     }
 }
 

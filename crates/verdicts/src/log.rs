@@ -17,8 +17,12 @@
 //! ```
 //! Responses of the duties to sensor noise between rows stay unknown, and act as a white force.
 //!
+//! Duties of a stream slower than the rows lie on straight lines between its values, and what they did in between is a
+//! white force ([`FdiSession::duties_every`]); duties that are held below [`SLOWEST_CONTROL_HZ`] are samples of a faster
+//! command, too.
+//!
 //! Steps without a value in a channel that the detectors need are lost steps, handled like a gap in a session. A log
-//! without velocity or attitude, or of less than 400 Hz with a velocity slower than its rows, is judged by its
+//! without velocity or attitude, or with a velocity slower than its rows, is judged by its
 //! accelerometer ([`crate::axial`]), one without duties or a voltage by its rotor speeds if it has them
 //! ([`crate::speeds`]), otherwise one without a voltage by its duties, and one with a slow voltage by both
 //! ([`crate::voltage`]): `lacks` says what that costs.
@@ -27,7 +31,7 @@
 //! returned, which a session has to detect without the rest of the flight. A *stretch* is the part evaluated after one
 //! calibration.
 
-use crate::axial::Axial;
+use crate::axial::{Axial, rows_of};
 use crate::exchanged;
 use crate::sparse::with_voltage_in_every_row;
 use crate::speeds::BySpeed;
@@ -46,7 +50,7 @@ use rotortwin_plant::STEP_RATE_HZ;
 use rotortwin_scenario::Detectors;
 use rotortwin_twin::flight_picture::FlightPicture;
 use rotortwin_twin::log::flight_parts::{FlightPart, FlightParts, PartKind};
-use rotortwin_twin::log::{FlightLog, GAP_FACTOR, RotorOrder, names};
+use rotortwin_twin::log::{FlightLog, GAP_FACTOR, RotorOrder, SensorRate, names};
 use serde::Serialize;
 use utoipa::ToSchema;
 
@@ -66,6 +70,9 @@ const FORCE_NOISE_TIME_S: f32 = 0.15;
 const FORCE_NOISE_SAMPLES: f32 = 15.0;
 /// Minimum number of samples before the calibration: 200 for measuring the noise, and a quarter more that do not count.
 const NOISE_SAMPLES: f32 = 270.0;
+/// Duties that are held between fewer new values per second are samples of faster ones, Hz: nothing flies on commands
+/// this slow.
+const SLOWEST_CONTROL_HZ: f64 = 30.0;
 /// A median rate this close to 400 Hz counts as 400 Hz.
 const SAME_RATE_HZ: f64 = 0.5;
 
@@ -318,6 +325,67 @@ fn slow_hz(log: &FlightLog, name: &str) -> Option<f64> {
     rate.is_slower().then_some(rate.source_hz)
 }
 
+/// Rate of the duties' stream, which all rotors share: a row in which any of them has a new value is one of it.
+fn duty_rate(log: &FlightLog) -> Option<SensorRate> {
+    let duties = log.duties();
+    // No two rotors cancel, as the weights are no simple multiples of each other.
+    let weights: Vec<f64> = (0..duties.len()).map(|rotor| (rotor as f64 + 2.0).ln()).collect();
+    let together = (0..log.time_s.len()).map(|row| {
+        duties
+            .iter()
+            .zip(&weights)
+            .map(|(duty, weight)| weight * duty[row])
+            .sum()
+    });
+    let together = rows_of(log, [(names::duty(1), together.collect())].into());
+    together.source_rate(&names::duty(1))
+}
+
+/// The duties come from a stream slower than the log's rows: its rate, Hz.
+fn slow_duty_hz(log: &FlightLog) -> Option<f64> {
+    let rate = duty_rate(log).filter(SensorRate::is_slower)?;
+    (!rate.held || rate.source_hz < SLOWEST_CONTROL_HZ).then_some(rate.source_hz)
+}
+
+/// Duties that are held, but only because the log holds samples of them, as straight lines between these; `None`: they
+/// are not.
+fn with_duties_as_lines(log: &FlightLog) -> Option<FlightLog> {
+    let rate = duty_rate(log).filter(|rate| rate.is_slower() && rate.held)?;
+    if rate.source_hz >= SLOWEST_CONTROL_HZ {
+        return None;
+    }
+    let longest_s = GAP_FACTOR / rate.source_hz;
+    let mut log = log.clone();
+    let FlightLog { time_s, columns, .. } = &mut log;
+    for (_, duty) in columns.iter_mut().filter(|(name, _)| names::duty_rotor(name).is_some()) {
+        let new: Vec<usize> = (1..duty.len()).filter(|row| duty[*row] != duty[row - 1]).collect();
+        let pairs = new
+            .windows(2)
+            .filter(|pair| time_s[pair[1]] - time_s[pair[0]] <= longest_s);
+        for pair in pairs {
+            let [from, to] = [pair[0], pair[1]];
+            let [start, change] = [duty[from], duty[to] - duty[from]];
+            for row in from + 1..to {
+                duty[row] = start + change * (time_s[row] - time_s[from]) / (time_s[to] - time_s[from]);
+            }
+        }
+    }
+    Some(log)
+}
+
+/// What cannot be determined with slow duties, Hz.
+fn judged_between_duties(log: &FlightLog, rotor_count: usize, hz: f64) -> Lack {
+    Lack {
+        columns: (1..=rotor_count).map(names::duty).collect(),
+        rules_out: format!(
+            "small losses, and losses in a manoeuvre: the motor commands have {hz:.1} Hz in rows of {:.1} Hz, and what they were between two values counts as an \
+             unknown force (smallest_loss says what would be seen)",
+            log.sample_rate_hz()
+        ),
+        prevents_verdicts: false,
+    }
+}
+
 /// What cannot be determined with a slow velocity, Hz, and no accelerometer at the log's own rate.
 fn judged_by_lines(hz: f64, rate_hz: f64) -> Lack {
     Lack {
@@ -549,9 +617,12 @@ fn run(
         Some((log, note)) => (log, Some(note)),
         None => (log, None),
     };
+    let drawn = with_duties_as_lines(log);
+    let log = drawn.as_ref().unwrap_or(log);
     let rate_hz = judged_rate_hz(log);
-    let is_slow = rate_hz < STEP_RATE_HZ;
-    let slow_velocity = is_slow.then(|| slow_hz(log, names::VELOCITY[2])).flatten();
+    // Rows of 400 Hz in the mean may be uneven.
+    let is_slow = log.sample_rate_hz() < STEP_RATE_HZ - SAME_RATE_HZ;
+    let slow_velocity = slow_hz(log, names::VELOCITY[2]);
     // An accelerometer at the log's own rate is more informative than an interpolated velocity.
     let by_force = has(log, names::ACCEL[2]) && slow_hz(log, names::ACCEL[2]).is_none();
     let axial = (!without_motion(log).is_empty() || slow_velocity.is_some() && by_force)
@@ -573,15 +644,20 @@ fn run(
     if is_slow && axial.is_some() {
         config.sequential.disturbance_correlation_time = FORCE_NOISE_TIME_S.max(FORCE_NOISE_SAMPLES / rate_hz as f32);
     }
-    let mut slow = is_slow.then(|| as_steps(judged, rate_hz));
+    let mut steps = is_slow.then(|| as_steps(judged, rate_hz));
     let slow_voltage = slow_hz(log, names::BATTERY_VOLTAGE).filter(|_| speeds.is_none());
-    if let (Some(steps), Some(_)) = (&mut slow, slow_voltage) {
-        with_drops(steps, detectors, rate_hz);
+    if slow_voltage.is_some() {
+        let rows_hz = if is_slow { rate_hz } else { log.sample_rate_hz() };
+        with_drops(steps.get_or_insert_with(|| judged.clone()), detectors, rows_hz);
     }
-    let judged = slow.as_ref().unwrap_or(judged);
+    let judged = steps.as_ref().unwrap_or(judged);
     let mut lacks = lacks(judged, detectors);
-    if let Some(hz) = slow_voltage.filter(|_| is_slow) {
+    if let Some(hz) = slow_voltage {
         lacks.insert(0, judged_with_drops(hz, rate_hz));
+    }
+    let slow_duties = slow_duty_hz(log).filter(|_| speeds.is_none());
+    if let Some(hz) = slow_duties {
+        lacks.insert(0, judged_between_duties(log, rotor_count, hz));
     }
     match (&axial, slow_velocity) {
         (Some(axial), _) => lacks.insert(0, judged_by_force(log, axial, slow_velocity)),
@@ -600,6 +676,10 @@ fn run(
     }
     let session = session(&config).expect("the detectors were checked");
     let session = if axial.is_some() { session.by_force() } else { session };
+    let session = match slow_duties {
+        Some(hz) => session.duties_every(1.0 / hz),
+        None => session,
+    };
     // What is not in the air is not passed to the session.
     let known = !parts.parts.is_empty() && parts.parts.iter().all(|part| part.kind != PartKind::Unknown);
     let session = if known { session.in_the_air() } else { session };

@@ -167,7 +167,7 @@ impl JointFilter {
                 p[k * n + d] += c.iter().map(|(j, c)| c * p[k * n + j]).sum::<f64>();
             }
             let noise = &noise[axis];
-            p[d * n + d] += noise.white * block.elapsed * block.elapsed;
+            p[d * n + d] += noise.white * block.elapsed * block.elapsed + block.untold[axis];
             let g = at + GUST;
             x[g] *= noise.correlation;
             for k in 0..n {

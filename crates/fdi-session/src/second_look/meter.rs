@@ -4,6 +4,15 @@
 //! engine already knows: here a loss stays visible as long as it lasts. Axes F_z, M_x, M_y, M_z, each divided by its
 //! longest lever, so that all are thrusts at a rotor. A block is a window of the engine; means over a block are
 //! compared with those of the previous block.
+//!
+//! *Duties of a slow stream.* Between two samples Δ apart the duties went somewhere that the log does not hold. If they
+//! made their change at any moment of the interval, equally likely, the impulse along the straight line between the
+//! samples is off by a deviation of ΔF Δ/√12. With the change dF of each step dt along that line, its variance per step is
+//!
+//! ```text
+//!  dF² Δ³/(12 dt)      (over the interval: ΔF² Δ²/12)
+//! ```
+//! and acts as a white force ([`Block::untold`]): large in a manoeuvre, small in a hover.
 
 use rotortwin_flight_core::MAX_ROTORS;
 use rotortwin_flight_core::fdi::FdiConfig;
@@ -64,6 +73,8 @@ pub(crate) struct Block {
     air: [[f64; AIRS]; 2],
     /// ∫ lagged thrust of each rotor if it were healthy, N·s.
     pub thrust: [f64; MAX_ROTORS],
+    /// Variance of the impulse that slow duties leave open, (N·s)².
+    pub untold: [f64; AXES],
     /// Mean square of the difference of neighbouring defects, (N·s)²: twice the noise of a sample.
     pub roughness: [f64; AXES],
     /// Samples.
@@ -71,6 +82,11 @@ pub(crate) struct Block {
 }
 
 impl Block {
+    /// Momentum defect of an axis, N·s, and the variance of the impulse that slow duties leave open, (N·s)².
+    pub(crate) fn measured(&self, axis: usize) -> [f64; 2] {
+        [self.defect[axis], self.untold[axis]]
+    }
+
     /// ∫ of the signals with which the moment of the air about an axis changes; 0 of the other axes.
     pub(crate) fn air_of(&self, axis: usize) -> [f64; AIRS] {
         match axis {
@@ -105,6 +121,11 @@ pub(crate) struct Meter {
     end: [f64; 2],
     mean: [f64; 2],
     lag: Option<[Lag; MAX_ROTORS]>,
+    /// Δ³/(12 dt) of the duties' stream, s²; 0 if every sample has its own.
+    untold_per_square: f64,
+    /// Steady-state wrench at the last sample, over the levers, and sum of the squares of its changes, N².
+    asked: Option<[f64; AXES]>,
+    asked_changes: [f64; AXES],
     accounted: [f64; AXES],
     rate: [f64; AXES],
     last_drift: [f64; AXES],
@@ -148,6 +169,9 @@ impl Meter {
             end: [a, -x * decay],
             mean: [1.0 - a / x, (x * decay - a) / x],
             lag: None,
+            untold_per_square: 0.0,
+            asked: None,
+            asked_changes: [0.0; AXES],
             accounted: [0.0; AXES],
             rate: [0.0; AXES],
             last_drift: [0.0; AXES],
@@ -163,6 +187,11 @@ impl Meter {
         }
     }
 
+    /// The duties come from a stream with this interval, s, longer than that of the samples.
+    pub(crate) fn take_duty_interval(&mut self, interval_s: f64) {
+        self.untold_per_square = interval_s.powi(3) / (12.0 * self.period);
+    }
+
     /// Processes one sample that the engine has accepted.
     pub(crate) fn step(&mut self, input: &Measurement) {
         let n = self.config.geometry.rotor_count();
@@ -171,6 +200,7 @@ impl Meter {
         let speed = f64::from(body.vertical_speed);
         let pull = (drift[0] + f64::from(self.body.linear_drag) * speed) / f64::from(self.body.mass);
         let goal = static_thrust(&self.config.thrust_map, n, input).map(f64::from);
+        self.take_asked(&goal);
         let lag = self.lag.get_or_insert_with(|| {
             (self.accounted, self.last_drift) = (momentum, drift);
             self.coasting = [speed, pull, pull];
@@ -231,6 +261,23 @@ impl Meter {
         self.hold();
     }
 
+    /// Counts the change of the wrench that the duties ask for.
+    fn take_asked(&mut self, goal: &[f64; MAX_ROTORS]) {
+        if self.untold_per_square == 0.0 {
+            return;
+        }
+        let (f, n) = (self.config.geometry.effectiveness(), self.config.geometry.rotor_count());
+        let asked: [f64; AXES] = std::array::from_fn(|axis| {
+            let force: f64 = (0..n).map(|rotor| f64::from(f[axis][rotor]) * goal[rotor]).sum();
+            force / self.arm[axis]
+        });
+        if let Some(before) = self.asked.replace(asked) {
+            for axis in 0..AXES {
+                self.asked_changes[axis] += (asked[axis] - before[axis]).powi(2);
+            }
+        }
+    }
+
     /// The vehicle is heavier by this, kg, as of the middle of the last block, at which the next one starts. The effect
     /// of a load on the gyroscopic torque is ignored: its inertia is unknown.
     pub(crate) fn take_load(&mut self, mass: f64) {
@@ -285,12 +332,14 @@ impl Meter {
             gyroscopic: std::array::from_fn(|k| means[GYROSCOPIC + k]),
             air: std::array::from_fn(|axis| std::array::from_fn(|k| means[AIR + AIRS * axis + k])),
             thrust: std::array::from_fn(|rotor| means[THRUST + rotor]),
+            untold: self.asked_changes.map(|sum| sum * self.untold_per_square),
             roughness: self.roughness.map(|sum| sum * share),
             samples: self.samples,
         };
         self.integral_sum = [0.0; INTEGRALS];
         self.defect_sum = [0.0; AXES];
         self.roughness = [0.0; AXES];
+        self.asked_changes = [0.0; AXES];
         self.samples = 0.0;
         Some(block)
     }
@@ -310,4 +359,49 @@ fn air_of(nav: &NavState) -> [[f64; AIRS]; 2] {
     let (sin, cos) = f64::from(nav.attitude.yaw).sin_cos();
     let [p, q, _] = nav.body_rates.to_array().map(f64::from);
     [[f64::from(body.y), p, cos, sin], [f64::from(body.x), q, cos, sin]]
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use rotortwin_flight_core::signals::MotorCommand;
+    use rotortwin_scenario::{DetectorSettings, Detectors, VehicleDocuments};
+
+    #[test]
+    fn val_what_slow_duties_leave_open_is_that_of_a_change_at_any_moment_between_them() {
+        let vehicle = concat!(env!("CARGO_MANIFEST_DIR"), "/../../config/vehicles/f550.toml");
+        let documents = VehicleDocuments::load(vehicle).expect("shipped");
+        let detectors = Detectors::new(documents, &DetectorSettings::default(), None).expect("a good configuration");
+        let config = detectors.config();
+        let at = |duty: f32| Measurement {
+            command: MotorCommand {
+                duty: std::array::from_fn(|rotor| if rotor < 6 { duty } else { 0.0 }),
+            },
+            battery_voltage: 16.0,
+            ..Measurement::default()
+        };
+        let (from, to, steps) = (0.4, 0.404, 40_u8);
+        let untold = |interval_s: Option<f64>| {
+            let mut meter = Meter::new(config);
+            if let Some(interval_s) = interval_s {
+                meter.take_duty_interval(interval_s);
+            }
+            for step in 0..=steps {
+                meter.step(&at(from + (to - from) * f32::from(step) / f32::from(steps)));
+            }
+            meter.close().expect("samples").untold
+        };
+        let force = |duty: f32| -> f64 {
+            static_thrust(&config.thrust_map, 6, &at(duty))
+                .map(f64::from)
+                .iter()
+                .sum()
+        };
+        let interval_s = f64::from(config.period) * f64::from(steps);
+        let wanted = ((force(to) - force(from)) * interval_s).powi(2) / 12.0;
+        let [vertical, moments @ ..] = untold(Some(interval_s));
+        assert!((vertical - wanted).abs() < 0.01 * wanted, "{vertical} {wanted}");
+        assert!(moments.iter().all(|moment| *moment < 1e-6 * wanted), "{moments:?}");
+        assert_eq!(untold(None), [0.0; AXES]);
+    }
 }

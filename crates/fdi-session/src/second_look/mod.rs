@@ -226,6 +226,15 @@ impl SecondLook {
         self
     }
 
+    /// The same if the duties come from a stream with this interval, s, longer than that of the samples.
+    #[must_use]
+    pub(crate) fn duties_every(mut self, interval_s: Option<f64>) -> Self {
+        if let Some(interval_s) = interval_s {
+            self.meter.take_duty_interval(interval_s);
+        }
+        self
+    }
+
     /// Processes a sample that the engine has accepted.
     pub fn step(&mut self, input: &Measurement) {
         self.meter.step(input);
@@ -517,7 +526,8 @@ impl SecondLook {
             weighed = self.weighed();
         }
         let by_engine = !matches!(output.sequential, FaultVerdict::NotReady | FaultVerdict::Healthy);
-        if !by_engine && !self.has_grown(weighed.as_ref()) {
+        let is_found = by_engine || self.has_grown(weighed.as_ref()) || self.is_told();
+        if !is_found {
             if self.alarm.take().is_some() {
                 self.end_episode();
                 self.snapshots.clear();
@@ -525,16 +535,12 @@ impl SecondLook {
                 self.track.clear();
                 self.named = (0, 0);
             }
-            return Ok(report);
+            return Ok(self.with_doubt(report, weighed.as_ref()));
         }
         let Some(Weighed { value, variance, found }) = weighed else {
             return Ok(report);
         };
-        let nothing: f64 = found
-            .iter()
-            .filter(|e| e.kind == Kind::Nothing)
-            .map(|e| e.probability)
-            .sum();
+        let nothing = nothing(&found);
         let is_there = match self.alarm {
             Some(true) => nothing < OVER,
             None | Some(false) => nothing < BACK,
@@ -603,6 +609,29 @@ impl SecondLook {
         }
         let is_trusted = self.trust.is_proven() && self.trust.is_kept_before(self.load_watch.windows());
         self.load_watch.take(seen, self.weight(), is_trusted)
+    }
+
+    /// A rotor was reported in this episode. Its loss then lasts until the lost wrench is gone: the engine weighs the
+    /// change alone, and one that it has not made part of its model fades as its filters take the loss for a bias.
+    fn is_told(&self) -> bool {
+        self.alarm == Some(true) && self.settling.is_told() && (self.named.0 | self.certain) != 0
+    }
+
+    /// A healthy report whose probability is that of the lost wrench where a rotor explains it beyond doubt that has not
+    /// lost thrust for long enough to be found.
+    fn with_doubt(&self, report: FdiReport, weighed: Option<&Weighed>) -> FdiReport {
+        let Some(weighed) = weighed.filter(|weighed| report.sequential == HEALTHY && self.is_large_loss(weighed))
+        else {
+            return report;
+        };
+        FdiReport {
+            sequential_probability: report.sequential_probability.min(nothing(&weighed.found) as f32),
+            ..report
+        }
+    }
+
+    fn is_large_loss(&self, weighed: &Weighed) -> bool {
+        self.lone_rotor(weighed).is_some_and(|lone| lone.is_large)
     }
 
     /// There is a loss that has grown too slowly for the engine.
@@ -872,6 +901,12 @@ impl SecondLook {
         }
         Ok(said)
     }
+}
+
+/// Probability that nothing is lost.
+fn nothing(found: &[Explanation]) -> f64 {
+    let nothing = found.iter().filter(|e| e.kind == Kind::Nothing);
+    nothing.map(|e| e.probability).sum()
 }
 
 /// A report whose sequential detector returns only a code.

@@ -91,6 +91,11 @@ impl Settling {
         });
     }
 
+    /// The episode was reported.
+    pub(super) fn is_told(&self) -> bool {
+        self.episode.as_ref().is_some_and(|episode| episode.is_told)
+    }
+
     /// The episode needs more than usual to be reported.
     pub(super) fn is_careful(&self) -> bool {
         self.episode.as_ref().is_some_and(|episode| episode.is_careful)

@@ -89,8 +89,9 @@ impl Filter {
         Self { x: [0.0; STATES], p }
     }
 
-    /// Advances by a block and processes its defect; returns innovation and variance.
-    fn step(&mut self, phi: &[f64; STATES], noise: &Noise, walk: f64, defect: f64) -> (f64, f64) {
+    /// Advances by a block and processes its defect, with the variance of the impulse that it leaves open; returns
+    /// innovation and variance.
+    fn step(&mut self, phi: &[f64; STATES], noise: &Noise, walk: f64, [defect, untold]: [f64; 2]) -> (f64, f64) {
         let p = &mut self.p;
         p[LOST][LOST] += walk;
         let mut row = [0.0; STATES];
@@ -102,7 +103,7 @@ impl Filter {
             change += phi[j] * self.x[j];
         }
         let spread: f64 = (1..STATES).map(|j| phi[j] * row[j]).sum();
-        p[DEFECT][DEFECT] += 2.0 * row[DEFECT] + spread + noise.white * phi[BIAS] * phi[BIAS];
+        p[DEFECT][DEFECT] += 2.0 * row[DEFECT] + spread + noise.white * phi[BIAS] * phi[BIAS] + untold;
         for j in 1..STATES {
             p[DEFECT][j] += row[j];
             p[j][DEFECT] = p[DEFECT][j];
@@ -181,7 +182,7 @@ impl Vertical {
         }
     }
 
-    fn step(&mut self, phi: &[f64; STATES], noise: &Noise, hover: f64, defect: f64) {
+    fn step(&mut self, phi: &[f64; STATES], noise: &Noise, hover: f64, defect: [f64; 2]) {
         const CHANCE: [[f64; 2]; 2] = [[1.0 - AWAKES, AWAKES], [CALMS, 1.0 - CALMS]];
         let (next, share) = imm::predicted(&self.probability, |from, to| CHANCE[from][to]);
         self.modes = share.iter().map(|share| mix(self.modes.iter(), share)).collect();
@@ -317,7 +318,7 @@ impl WrenchFilter {
                     let mut log_likelihood = 0.0;
                     let mut squares = Vec::with_capacity(blocks.len());
                     for block in &blocks {
-                        let (e, s) = filter.step(&self.phi(axis, block, 0.0), &noise, 0.0, block.defect[axis]);
+                        let (e, s) = filter.step(&self.phi(axis, block, 0.0), &noise, 0.0, block.measured(axis));
                         log_likelihood += log_density(e, s);
                         squares.push(e * e / s);
                     }
@@ -354,12 +355,12 @@ impl WrenchFilter {
         for speed in 0..count {
             for axis in 0..AXES {
                 let walk = (SPEEDS[speed] * self.hover).powi(2);
-                let (e, s) = self.modes[speed][axis].step(&phis[axis], &noise[axis], walk, block.defect[axis]);
+                let (e, s) = self.modes[speed][axis].step(&phis[axis], &noise[axis], walk, block.measured(axis));
                 log_likelihood[speed] += log_density(e, s);
                 surprise[speed][axis] = e * e / s;
             }
         }
-        self.vertical.step(&phis[0], &noise[0], self.hover, block.defect[0]);
+        self.vertical.step(&phis[0], &noise[0], self.hover, block.measured(0));
         self.probability = imm::updated(&next, &log_likelihood);
         for speed in 0..count {
             for axis in 0..AXES {
@@ -437,7 +438,7 @@ impl WrenchFilter {
                     block.elapsed
                 };
                 let walk = if place < free { walk } else { 0.0 };
-                filter.step(&self.phi(axis, block, pull), &noise[axis], walk, block.defect[axis]);
+                filter.step(&self.phi(axis, block, pull), &noise[axis], walk, block.measured(axis));
             }
             let change = filter.x[LOST];
             if axis == 0 {
