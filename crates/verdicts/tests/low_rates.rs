@@ -125,8 +125,9 @@ const DEFAULT: Streams = Streams {
 };
 
 impl Streams {
-    /// The log of a flight; stamps are whole milliseconds.
+    /// The log of a flight; stamps are whole milliseconds, and lines are straight over these.
     fn read(&self, rows: &[Row]) -> FlightLog {
+        let stamp = |place: usize| (1e3 * rows[place].time + 1e-6).floor() * 1e-3;
         let places: Vec<usize> = (0..rows.len()).step_by(self.inertial).collect();
         let drawn = |every: usize, value: &dyn Fn(&Row) -> f64| -> Vec<f64> {
             places
@@ -134,7 +135,10 @@ impl Streams {
                 .map(|place| {
                     let before = place - place % every;
                     let after = (before + every).min(rows.len() - 1);
-                    let share = (place - before) as f64 / every as f64;
+                    let share = match stamp(after) - stamp(before) {
+                        0.0 => 0.0,
+                        interval => (stamp(*place) - stamp(before)) / interval,
+                    };
                     value(&rows[before]) * (1.0 - share) + value(&rows[after]) * share
                 })
                 .collect()
@@ -156,7 +160,7 @@ impl Streams {
             let duty = drawn(self.duty, &|row| row.duties[rotor].clamp(0.0, 1.0));
             columns.push((names::duty(rotor + 1), duty));
         }
-        let stamps = places.iter().map(|place| (1e3 * rows[*place].time).floor() * 1e-3);
+        let stamps = places.iter().map(|place| stamp(*place));
         FlightLog::from_columns("autopilot", stamps.collect(), columns).expect("a good log")
     }
 }

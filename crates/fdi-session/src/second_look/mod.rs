@@ -66,6 +66,8 @@ const UNKNOWN_LOSS: f64 = 0.15;
 const STILL_NAMED: f64 = 0.4;
 /// Largest probability of nothing or of unlisted causes with which sets of rotors are still reported.
 const UNCLEAR: f64 = 0.1;
+/// Windows within which a loss has to be found, 10 s.
+const SEEN_WITHIN_WINDOWS: usize = 160;
 /// A loss of this many standard deviations is found.
 const SEEN_SIGMAS: f64 = 8.0;
 /// Three rotors that make the wrench of a pair count as its alternative from this probability on; then the pair is
@@ -133,6 +135,9 @@ pub struct SecondLook {
     caution: [f64; 2],
     /// Smallest lost share of each rotor that would have been found then.
     least: Vec<f32>,
+    has_slow_duties: bool,
+    /// With these, the smallest losses of the last windows.
+    seen_before: VecDeque<Vec<f32>>,
     /// The set that was named with certainty in the present episode.
     certain: u32,
     /// Standard deviation of the slope of a thrust curve that was learnt; 0 if it comes from a model.
@@ -193,6 +198,8 @@ impl SecondLook {
             trust: Trust::default(),
             caution: [1.0, 0.0],
             least: Vec::new(),
+            has_slow_duties: false,
+            seen_before: VecDeque::new(),
             certain: 0,
             learnt_error: 0.0,
             time_s: 0.0,
@@ -231,6 +238,7 @@ impl SecondLook {
     pub(crate) fn duties_every(mut self, interval_s: Option<f64>) -> Self {
         if let Some(interval_s) = interval_s {
             self.meter.take_duty_interval(interval_s);
+            self.has_slow_duties = true;
         }
         self
     }
@@ -335,7 +343,10 @@ impl SecondLook {
         let with_drag = rotors.count_ones() == 1;
         let joint = match self.snapshots.front() {
             Some((start, _)) => {
-                let mut joint = JointFilter::new(rotors, with_drag, &start.healthy(true), 0.0, &self.column);
+                // A loss that was there before the oldest snapshot is no bias.
+                let was_healthy = self.weighed_by(start).is_none_or(|then| nothing(&then.found) > OVER);
+                let spread = if was_healthy { 0.0 } else { UNKNOWN_LOSS };
+                let mut joint = JointFilter::new(rotors, with_drag, &start.healthy(was_healthy), spread, &self.column);
                 for (filter, since) in &self.snapshots {
                     for block in since {
                         joint.step(block, &filter.phis(block), &filter.noise());
@@ -356,8 +367,8 @@ impl SecondLook {
     }
 
     /// The lost wrench over all speeds.
-    fn lost(&self) -> ([f64; AXES], [f64; AXES]) {
-        let speeds = self.filter.lost();
+    fn lost(filter: &WrenchFilter) -> ([f64; AXES], [f64; AXES]) {
+        let speeds = filter.lost();
         let mean = |of: &dyn Fn(&AtSpeed) -> f64| speeds.iter().map(|at| at.probability * of(at)).sum::<f64>();
         let value: [f64; AXES] = std::array::from_fn(|axis| mean(&|at| at.value[axis]));
         let variance =
@@ -367,7 +378,11 @@ impl SecondLook {
 
     /// The lost wrench with its explanations; nothing if it is not finite.
     fn weighed(&self) -> Option<Weighed> {
-        let (value, variance) = self.lost();
+        self.weighed_by(&self.filter)
+    }
+
+    fn weighed_by(&self, filter: &WrenchFilter) -> Option<Weighed> {
+        let (value, variance) = Self::lost(filter);
         let is_finite = value.iter().chain(&variance).all(|x| x.is_finite());
         is_finite.then(|| Weighed {
             found: sets::weigh(&self.column, self.rotor_count, &value, &variance, self.hover),
@@ -493,12 +508,35 @@ impl SecondLook {
     }
 
     /// Smallest lost share of each rotor that would be found within ten seconds now; empty without a verdict, or while
-    /// something is wrong.
+    /// something is wrong. With slow duties it is the largest of the last ten seconds: how much they leave open differs from
+    /// moment to moment, and the next ten seconds will be as the last ones.
     pub fn smallest_loss(&self) -> Vec<f32> {
+        let mut least = self.seen_from();
+        for past in &self.seen_before {
+            for (least, past) in least.iter_mut().zip(past) {
+                *least = least.max(*past);
+            }
+        }
+        least
+    }
+
+    /// The same of this window.
+    fn seen_from(&self) -> Vec<f32> {
         if !self.filter.is_ready() || self.alarm == Some(true) {
             return Vec::new();
         }
         self.found_from()
+    }
+
+    fn remember_seen_from(&mut self) {
+        let now = self.seen_from();
+        if !self.has_slow_duties || now.is_empty() {
+            return;
+        }
+        if self.seen_before.len() >= SEEN_WITHIN_WINDOWS {
+            self.seen_before.pop_front();
+        }
+        self.seen_before.push_back(now);
     }
 
     /// The same, whether or not something is wrong.
@@ -520,6 +558,7 @@ impl SecondLook {
         if !self.filter.is_ready() {
             return Ok(report);
         }
+        self.remember_seen_from();
         let mut weighed = self.weighed();
         if let Some(load) = weighed.as_ref().and_then(|weighed| self.changed_load(weighed)) {
             self.take_load(&load);
@@ -659,7 +698,7 @@ impl SecondLook {
         }
         let rotor = best.rotors.trailing_zeros() as usize;
         let lost = sets::sizes(best, &self.column, value, variance, self.hover)[0][0] / self.hover_thrust[rotor];
-        let smallest = f64::from(*self.smallest_loss().get(rotor)?);
+        let smallest = f64::from(*self.seen_from().get(rotor)?);
         Some(Lone {
             rotor: best.rotors,
             is_large: lost > smallest,
