@@ -184,7 +184,15 @@ fn parameter<'d>(document: &'d Value, path: &str, name: &str) -> &'d Value {
 }
 
 /// Schemas that do not describe their content, each with the reason.
-const SAY_NOTHING: [(&str, &str); 6] = [
+const SAY_NOTHING: [(&str, &str); 8] = [
+    (
+        "/AnyEventData/properties/data",
+        "each kind of event has its own: `QueueEvent`, `JobEvent` and `RunEvent` say which",
+    ),
+    (
+        "/QueueEvent/oneOf/0/properties/data",
+        "that a job was accepted says everything",
+    ),
     (
         "/JobView/properties/result",
         "each kind of job has its own: `JobWithResult_…` of its address says which",
