@@ -529,8 +529,11 @@ impl SecondLook {
     }
 
     fn remember_seen_from(&mut self) {
+        if !self.has_slow_duties {
+            return;
+        }
         let now = self.seen_from();
-        if !self.has_slow_duties || now.is_empty() {
+        if now.is_empty() {
             return;
         }
         if self.seen_before.len() >= SEEN_WITHIN_WINDOWS {

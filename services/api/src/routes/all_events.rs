@@ -166,7 +166,7 @@ impl Watcher {
     }
 }
 
-fn told(event: PlacedEvent) -> Event {
+fn told(event: PlacedEvent) -> Result<Event, axum::Error> {
     let told = AnyEventData {
         job: event.job,
         collection: event.job_kind.collection(),
@@ -177,7 +177,7 @@ fn told(event: PlacedEvent) -> Event {
     Event::default()
         .id(event.place.to_string())
         .event(event.event.kind)
-        .data(serde_json::to_string(&told).unwrap_or_default())
+        .json_data(&told)
 }
 
 fn stream_of(watcher: Watcher, opened: Option<EventPlace>) -> impl Stream<Item = Result<Event, Infallible>> {
@@ -196,7 +196,14 @@ fn stream_of(watcher: Watcher, opened: Option<EventPlace>) -> impl Stream<Item =
                 () = sender.closed() => None,
             };
             let Some(event) = next else { return };
-            if sender.send(Ok(told(event))).await.is_err() {
+            let event = match told(event) {
+                Ok(event) => event,
+                Err(error) => {
+                    tracing::error!(%error, "an event cannot be written; the stream is closed, the client may reconnect");
+                    return;
+                }
+            };
+            if sender.send(Ok(event)).await.is_err() {
                 return;
             }
         }
