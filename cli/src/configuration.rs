@@ -16,6 +16,7 @@ enum Folder {
     Blades,
     Effects,
     Campaigns,
+    #[value(alias = "mappings", alias = "mapping", alias = "log-mapping")]
     LogMappings,
     Classifiers,
 }
@@ -42,6 +43,7 @@ enum Written {
     Blades,
     Effect,
     Campaign,
+    #[value(alias = "mapping")]
     LogMapping,
 }
 

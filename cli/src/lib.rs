@@ -328,12 +328,19 @@ fn refuse(error: &clap::Error, words: impl Iterator<Item = OsString>) -> ExitCod
     if error.kind() == ErrorKind::DisplayHelpOnMissingArgumentOrSubcommand {
         return output::bad_input(format!("expected a command; see below\n\n{text}"));
     }
+    let (root, words): (_, Vec<OsString>) = (command(), words.skip(1).collect());
+    let names_one = words.iter().any(|word| root.find_subcommand(word).is_some());
+    let command = command_of(&root, words.into_iter());
+    let misplaced = command == "rotortwin" && names_one && error.kind() == ErrorKind::UnknownArgument;
     let lines = text
         .lines()
         .map(str::trim)
-        .take_while(|line| !line.starts_with("Usage:") && !line.starts_with("For more"));
+        .take_while(|line| !line.starts_with("Usage:") && !line.starts_with("For more"))
+        // An option of a command is like none of those before it.
+        .filter(|line| !(misplaced && line.starts_with("tip:")));
     let sentence = lines
-        .filter(|line| !line.is_empty())
+        // No command takes words that look like options: after `--` it would refuse them, too.
+        .filter(|line| !line.is_empty() && !line.contains("as a value, use '--"))
         .fold(String::new(), |sentence, line| {
             let separator = if sentence.is_empty() || sentence.ends_with(':') {
                 " "
@@ -345,8 +352,6 @@ fn refuse(error: &clap::Error, words: impl Iterator<Item = OsString>) -> ExitCod
             sentence + separator + inner.unwrap_or(line)
         });
     let sentence = sentence.trim().trim_start_matches("error: ").to_owned();
-    let command = command_of(&command(), words.skip(1));
-    let misplaced = command == "rotortwin" && error.kind() == ErrorKind::UnknownArgument;
     let tip = if misplaced {
         "; put the options of a command after its name"
     } else {

@@ -4,7 +4,7 @@ use crate::nearest::with_nearest;
 pub use crate::terminal::line;
 use rotortwin_campaign::result_table::ResultTable;
 use rotortwin_campaign::study::document::Criteria;
-use rotortwin_runner::destination::is_of_a_full_disk;
+use rotortwin_runner::destination::{is_of_a_full_disk, with_full_disk};
 use rotortwin_runner::failure::Failure;
 use rotortwin_runner::grid::{Grid, fold};
 use rotortwin_runner::text;
@@ -25,8 +25,9 @@ pub fn bad_input(sentence: impl std::fmt::Display) -> ExitCode {
     ExitCode::from(rotortwin_process::EXIT_BAD_INPUT)
 }
 
-/// Prints an error message and returns exit code 1: the run failed.
+/// Prints an error message and returns exit code 1: the run failed. A full disk is named.
 pub fn failed(sentence: impl std::fmt::Display) -> ExitCode {
+    let sentence = with_full_disk(sentence.to_string());
     eprintln!("{}", fitted(&format!("rotortwin: {sentence}")));
     ExitCode::from(rotortwin_process::EXIT_FAILED)
 }
@@ -149,7 +150,10 @@ fn verdict_table(summary: &Summary) -> Grid {
             let Some(score) = detector.scores.get(place) else {
                 continue;
             };
-            let verdict = verdict_text(score.verdict_at_end);
+            let verdict = match detector.statements.get(place) {
+                Some(statement) if !statement.text.is_empty() => statement.text.clone(),
+                _ => verdict_text(score.verdict_at_end),
+            };
             let [right, first_after, alarms] = shares(interval, score);
             let none = String::new;
             table.add_row([

@@ -142,11 +142,11 @@ const OF_THE_TESTS: [&str; 11] = [
     "ipykernel>=6",
 ];
 
-/// Installs the wheel for an interpreter and runs there what needs no server. `all`: also what depends on the interpreter least, the notebook
+/// Installs the wheel for an interpreter, in the environment of this name, and runs there what needs no server. `all`: also what depends on the interpreter least, the notebook
 /// and the detectors of scikit-learn.
-fn the_wheel_works(python: &str, all: bool) {
+fn the_wheel_works(python: &str, name: &str, all: bool) {
     let Some(folder) = packages() else { return };
-    let Some(programs) = environment_of(python, &format!("wheel-{python}"), &OF_THE_TESTS) else {
+    let Some(programs) = environment_of(python, &format!("wheel-{name}"), &OF_THE_TESTS) else {
         return;
     };
     let scratch = Scratch::new();
@@ -179,7 +179,7 @@ fn the_wheel_works(python: &str, all: bool) {
     let flown = command("fly reference-flight");
     assert!(flown.contains("Run hash") && flown.contains(FIRST_VERDICT), "{flown}");
     // NumPy and the HTTP client, which `pip` would fetch from an index, were there.
-    first_verdict_after(&format!("the wheel on {python}"), begin.elapsed());
+    first_verdict_after(&format!("the wheel on {name}"), begin.elapsed());
     command("fly short-hover --out run");
     let found = command("diagnose run --model f550");
     assert!(found.contains("The model agrees"), "{found}");
@@ -194,7 +194,7 @@ fn the_wheel_works(python: &str, all: bool) {
     assert!(scratch.path("damaged-blade.png").is_file());
 
     let tests = ["-p", "no:cacheprovider", "tests/native"].map(std::ffi::OsStr::new);
-    print!("{python}: {}", run("pytest", &tests, &client_folder()));
+    print!("{name}: {}", run("pytest", &tests, &client_folder()));
     if !all {
         return;
     }
@@ -217,22 +217,36 @@ fn the_wheel_works(python: &str, all: bool) {
 
 #[test]
 fn scenario_the_wheel_flies_and_diagnoses_without_a_server() {
-    the_wheel_works("python3", true);
+    the_wheel_works("python3", "python3", true);
 }
 
 #[test]
 fn scenario_the_wheel_works_on_the_oldest_and_a_newer_python() {
-    for python in ["python3.10", "python3.13"] {
-        if Command::new(python)
-            .arg("--version")
-            .output()
-            .is_ok_and(|said| said.status.success())
-        {
-            the_wheel_works(python, false);
-        } else {
-            skip(&format!("the wheel on {python}: there is none here"));
+    for version in ["3.10", "3.13"] {
+        match interpreter(version) {
+            Some(python) => the_wheel_works(&python, &format!("python{version}"), false),
+            None => skip(&format!("the wheel on python{version}: there is none here")),
         }
     }
+}
+
+/// An interpreter of this version: on the PATH, or one that pyenv has installed and not put there.
+fn interpreter(version: &str) -> Option<String> {
+    let name = format!("python{version}");
+    let is_one = |python: &str| {
+        let said = Command::new(python).arg("--version").output();
+        said.is_ok_and(|said| said.status.success())
+    };
+    if is_one(&name) {
+        return Some(name);
+    }
+    let home = std::env::var_os("PYENV_ROOT").map(PathBuf::from);
+    let home = home.or_else(|| Some(PathBuf::from(std::env::var_os("HOME")?).join(".pyenv")))?;
+    let folders = std::fs::read_dir(home.join("versions")).ok()?.filter_map(Result::ok);
+    folders
+        .filter(|folder| folder.file_name().to_string_lossy().starts_with(&format!("{version}.")))
+        .map(|folder| folder.path().join("bin").join(&name).to_string_lossy().into_owned())
+        .find(|python| is_one(python))
 }
 
 /// Unpacks a package into a root file system with the C library and nothing else; there it flies, diagnoses and serves.
@@ -276,13 +290,17 @@ fn works_in_an_empty_root(package: &Path, root: &Path, unpack: &str, program: &s
     assert_eq!(said.matches("Run hash").count(), 3, "{said}");
     assert!(said.contains(FIRST_VERDICT), "{said}");
     assert!(said.contains("The model agrees"), "{said}");
+    let name = package.file_name().expect("a file").to_string_lossy();
+    first_verdict_after(&name, first_verdict_of(&said));
+}
+
+/// As the scripts print it.
+fn first_verdict_of(said: &str) -> Duration {
     let taken_ms = said
         .lines()
         .find_map(|line| line.strip_prefix("First verdict: ")?.strip_suffix(" ms"))
-        .and_then(|number| number.parse().ok())
-        .unwrap_or_else(|| panic!("{said}"));
-    let name = package.file_name().expect("a file").to_string_lossy();
-    first_verdict_after(&name, Duration::from_millis(taken_ms));
+        .and_then(|number| number.parse().ok());
+    Duration::from_millis(taken_ms.unwrap_or_else(|| panic!("{said}")))
 }
 
 /// True if a package can be unpacked into a root of its own here; else a line says why not.
@@ -389,6 +407,7 @@ fn scenario_the_container_image_works_without_a_daemon() {
     if !can_have_a_root("the container image") {
         return;
     }
+    let begin = Instant::now();
     let scratch = Scratch::new();
     let (layout, root) = (scratch.path("layout"), scratch.path("root"));
     let unpack = |file: &Path, to: &Path| {
@@ -462,10 +481,13 @@ fn scenario_the_container_image_works_without_a_daemon() {
     let script = r#"
         mkdir -p "$1"/proc "$1"/dev
         exec unshare --mount --pid --fork sh -ec '
-            root=$1; user=$2; entry=$3; shift 3
+            root=$1; before=$2; user=$3; entry=$4; shift 4
+            begin=$(date +%s%3N)
             mount --rbind /dev "$root"/dev; mount -t proc proc "$root"/proc
             rotortwin() { env -i HOME=/data PATH="$PATH" chroot --userspec="$user" "$root" "$entry" "$@"; }
             cd "$root"
+            rotortwin fly reference-flight --out /data/first
+            echo "First verdict: $(( before + $(date +%s%3N) - begin )) ms"
             rotortwin fly short-hover --out /data/run
             rotortwin diagnose /data/run --model f550
             rotortwin "$@" > "$root"/tmp/said &
@@ -477,6 +499,7 @@ fn scenario_the_container_image_works_without_a_daemon() {
     let output = Command::new("sh")
         .args(["-c", script, "sh"])
         .arg(&root)
+        .arg(begin.elapsed().as_millis().to_string())
         .arg(settings["User"].as_str().expect("a user"))
         .args(line("Entrypoint"))
         .args(line("Cmd"))
@@ -484,8 +507,12 @@ fn scenario_the_container_image_works_without_a_daemon() {
         .output()
         .expect("sh starts");
     let said = words(&output);
-    assert_eq!(said.matches("Run hash").count(), 2, "{said}");
-    assert!(said.contains("The model agrees"), "{said}");
+    assert_eq!(said.matches("Run hash").count(), 3, "{said}");
+    assert!(
+        said.contains(FIRST_VERDICT) && said.contains("The model agrees"),
+        "{said}"
+    );
+    first_verdict_after("the container image, unpacked and checked", first_verdict_of(&said));
 }
 
 #[test]

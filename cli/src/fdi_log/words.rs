@@ -1,5 +1,6 @@
 //! Text output of `fdi-log` for a log: verdicts over time, what was not evaluated, counts.
 
+use rotortwin_fdi_session::{ExplanationKind, Interval, Motion, words};
 use rotortwin_runner::grid::Grid;
 use rotortwin_verdicts::log::{LogReport, NotJudgedView, StretchView};
 use rotortwin_verdicts::view::{
@@ -337,41 +338,26 @@ fn short(reason: Obstruction) -> &'static str {
     }
 }
 
-/// `10.0 % [9.8, 10.2]`.
-fn percent(share: &IntervalView) -> String {
-    format!(
-        "{:.1} % [{:.1}, {:.1}]",
-        100.0 * share.value,
-        100.0 * share.low,
-        100.0 * share.high
-    )
-}
-
 /// `rotor 3 lost 10.0 % [9.8, 10.2]`, with what else is known of it.
 fn loss_text(loss: &LossView, explanations: &[ExplanationView]) -> String {
-    let share = IntervalView {
+    let share = Interval {
         value: loss.share,
         low: loss.share_low,
         high: loss.share_high,
     };
-    let mut text = format!("rotor {} lost {}", loss.rotor, percent(&share));
-    if let Some(motion) = loss.motion.filter(|motion| motion.moves) {
-        let [value, low, high] = [motion.rate_1_s.value, motion.rate_1_s.low, motion.rate_1_s.high];
-        let (word, rate) = if value > 0.0 {
-            ("growing", IntervalView { value, low, high })
-        } else {
-            // −0 would be shown.
-            let [value, low, high] = [-value, -high, -low].map(|x| x + 0.0);
-            ("shrinking", IntervalView { value, low, high })
-        };
-        text += &format!(", {word} by {} a second", percent(&rate));
-    }
+    let motion = loss.motion.map(|motion| Motion {
+        moves: motion.moves,
+        rate_1_s: interval(&motion.rate_1_s),
+    });
     // Likelier than not: the blade drags.
     let first = explanations.iter().find(|one| one.rotors == [loss.rotor]);
-    if let Some(drag) = first.and_then(|one| one.drag.as_ref()) {
-        text += &format!(", its blade drags {} more for its lift", percent(drag));
-    }
-    text
+    let drag = first.and_then(|one| one.drag.as_ref()).map(interval);
+    words::loss(loss.rotor, &share, motion.as_ref(), drag.as_ref())
+}
+
+fn interval(view: &IntervalView) -> Interval {
+    let IntervalView { value, low, high } = *view;
+    Interval { value, low, high }
 }
 
 /// `128 g [123, 133] dropped at 24.06 s (1.00), named 3.1 s later; rotors are judged with it from then on`.
@@ -395,28 +381,15 @@ fn load_text(load: &LoadView) -> String {
 
 /// One of several explanations.
 fn explanation_text(one: &ExplanationView) -> String {
-    let each = |word: &str, more: &str| {
-        let rotors = one.rotors.iter().zip(&one.shares);
-        let texts: Vec<String> = rotors
-            .map(|(rotor, share)| format!("rotor {rotor} {word} {}{more}", percent(share)))
-            .collect();
-        texts.join(" and ")
+    let kind = match one.kind {
+        ExplanationWord::Loss => ExplanationKind::Loss,
+        ExplanationWord::LossWithDrag => ExplanationKind::LossWithDrag,
+        ExplanationWord::Gain => ExplanationKind::Gain,
+        ExplanationWord::Load => ExplanationKind::Load,
     };
-    let what = match one.kind {
-        ExplanationWord::Loss => each("lost", ""),
-        ExplanationWord::LossWithDrag => {
-            let drag = one.drag.as_ref().map(percent).unwrap_or_default();
-            format!("{} with a blade that drags {drag} more", each("lost", ""))
-        }
-        ExplanationWord::Gain => each("gives", " more"),
-        ExplanationWord::Load => {
-            let mass = one
-                .mass_kg
-                .map_or((0.0, 0.0, 0.0), |mass| (mass.value, mass.low, mass.high));
-            format!("a load of {:.2} kg [{:.2}, {:.2}]", mass.0, mass.1, mass.2)
-        }
-    };
-    format!("{what} ({:.2})", one.probability)
+    let shares: Vec<Interval> = one.shares.iter().map(interval).collect();
+    let sizes = (one.drag.as_ref().map(interval), one.mass_kg.as_ref().map(interval));
+    words::explanation(kind, &one.rotors, &shares, sizes, one.probability)
 }
 
 fn is_healthy(view: &SequentialView) -> bool {

@@ -8,6 +8,7 @@
 //! * [`validity`]: whether a verdict means anything.
 //! * [`second_look`]: the current size of a loss, and its alternative explanations.
 //! * [`evidence`]: verdicts of the improved network over time, instead of window by window.
+//! * [`words`]: a verdict in plain words.
 //! * [`learnt`]: what healthy flights reveal about the vehicle beyond its model.
 //!
 //! This crate knows no vehicle file, plant or link: a session takes the engine's configuration, as the FDI process of a
@@ -19,6 +20,7 @@ pub mod message;
 pub mod second_look;
 pub mod session;
 pub mod validity;
+pub mod words;
 
 pub use evidence::NetworkOverTime;
 pub use learnt::{Learner, Learnt};

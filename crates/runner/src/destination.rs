@@ -105,6 +105,21 @@ fn size(bytes: u64) -> String {
     }
 }
 
+/// An error of a full disk, with the disk: that of the first path in the sentence whose folder exists, otherwise of the folder one is in.
+pub fn with_full_disk(sentence: String) -> String {
+    if !is_of_a_full_disk(&sentence) || sentence.contains("the disk is full") {
+        return sentence;
+    }
+    let ends = |c: char| c.is_whitespace() || "`',;".contains(c);
+    let words = sentence.split(ends).map(|word| Path::new(word.trim_end_matches(':')));
+    let is_there = |path: &&Path| path.exists() || path.parent().is_some_and(Path::is_dir);
+    let place = words.into_iter().find(is_there).unwrap_or(Path::new("."));
+    match full_disk(place, &sentence) {
+        Some(disk) => format!("{sentence}; {disk}"),
+        None => sentence,
+    }
+}
+
 /// An error message about a full disk at `place`, if it is full, or if `sentence`, the error, says so: what was written may have been removed since.
 pub(crate) fn full_disk(place: &Path, sentence: &str) -> Option<String> {
     let place = place.ancestors().find(|place| place.exists())?.canonicalize().ok()?;
@@ -163,6 +178,34 @@ mod tests {
         assert!(refusal.contains("already exists"), "{refusal}");
         let refusal = writable_file(&place.path().join("no/such/folder")).unwrap_err();
         assert!(refusal.contains("no/such/folder: cannot be written"), "{refusal}");
+    }
+
+    #[test]
+    fn val_a_full_disk_is_named_where_a_sentence_has_its_path() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("series.parquet");
+        let mount = |sentence: &str| {
+            let (_, disk) = sentence.split_once("; the disk is full: ")?;
+            disk.split(' ').next().map(str::to_owned)
+        };
+        for sentence in [
+            format!(
+                "{}: cannot be written: No space left on device (os error 28)",
+                path.display()
+            ),
+            format!(
+                "the log cannot be stored at {}: No space left on device (os error 28)",
+                path.display()
+            ),
+            "page.html: cannot be written: No space left on device (os error 28)".to_owned(),
+        ] {
+            let said = with_full_disk(sentence.clone());
+            assert!(said.starts_with(&sentence), "{said}");
+            assert!(mount(&said).is_some_and(|mount| mount.starts_with('/')), "{said}");
+            assert_eq!(with_full_disk(said.clone()), said, "told once");
+        }
+        let other = "a.csv: permission denied (os error 13)".to_owned();
+        assert_eq!(with_full_disk(other.clone()), other);
     }
 
     #[test]

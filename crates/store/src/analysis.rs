@@ -472,8 +472,11 @@ fn is_right(verdict: i32, suspects: u64, interval: &Interval) -> bool {
         || several && verdict == AMBIGUOUS && faulty()
 }
 
+/// Sizes of the losses that a verdict names, and who is suspected.
+///
+/// * `suspects`: bit i, rotor i + 1 is or may be concerned
 /// * `losses`: N, ends, fraction, ends; of the first and the second rotor named
-fn severity(verdict: i32, suspects: u64, hypothesis_count: u32, losses: [[f64; 6]; 2]) -> Severity {
+pub fn severity(verdict: i32, suspects: u64, hypothesis_count: u32, losses: [[f64; 6]; 2]) -> Severity {
     let suspect_rotors = rotors_of(suspects);
     let named = match verdict {
         1..100 => vec![verdict.unsigned_abs()],

@@ -22,7 +22,7 @@ use crate::plots::Plots;
 use crate::query::{TIME, TelemetryFile};
 use crate::run_folder::{PartFile, write_text};
 use crate::spool::{CHUNK_ROWS, Chunk, SpoolHeader};
-use crate::summary::{Evaluator, OwnDetector, Score, Summary, load_summary, verdict_text};
+use crate::summary::{Evaluator, OwnDetector, Score, Statement, Summary, load_summary, verdict_text};
 use crate::telemetry::{Column, Kind, SENSED, telemetry_columns};
 use crate::{mcap as streams, report};
 use rotortwin_flight_core::MAX_ROTORS;
@@ -75,6 +75,10 @@ pub trait Detector {
     /// The verdict in force after this step: 0 healthy, i rotor i, 100 i + j rotors i < j, or another code of
     /// [`verdict_code`](rotortwin_flight_core::fdi::verdict_code).
     fn step(&mut self, seen: &Seen) -> i32;
+    /// What it says beyond that code; asked at the end of each evaluation window.
+    fn statement(&self) -> Option<Statement> {
+        None
+    }
 }
 
 /// A detector judges the run in this folder, which then has its verdicts and scores; returns the new summary.
@@ -83,13 +87,25 @@ pub trait Detector {
 /// No complete run of this version of the program; a name that is empty, too long or one of ours; a verdict that does not exist, or outside
 /// of the flight; files that cannot be read or written. Nothing is changed unless the detector has judged the whole flight.
 pub fn judge(run: &Path, detector: &mut dyn Detector) -> Result<Summary> {
+    judge_all(run, &mut [detector])
+}
+
+/// [`judge`] by several detectors: the run's files are read and written once.
+///
+/// # Errors
+/// As there, of any of them.
+pub fn judge_all(run: &Path, detectors: &mut [&mut dyn Detector]) -> Result<Summary> {
     let refused = |reason: String| StoreError::Judge {
         path: run.to_owned(),
         reason,
     };
-    let name = detector.name().trim().to_owned();
     let mut summary = load_summary(run)?;
-    let column = column_of(&name, &summary).map_err(refused)?;
+    let mut named = Vec::with_capacity(detectors.len());
+    for detector in detectors.iter() {
+        let name = detector.name().trim().to_owned();
+        let column = column_of(&name, &summary).map_err(refused)?;
+        named.push((name, column));
+    }
     let path = run.join(TELEMETRY_FILE);
     if !path.is_file() {
         return Err(refused(format!(
@@ -98,25 +114,36 @@ pub fn judge(run: &Path, detector: &mut dyn Detector) -> Result<Summary> {
     }
     let file = TelemetryFile::open(&path)?;
     let recorded = Recorded::of(&file).map_err(refused)?;
-    detector.check(summary.simulated_s).map_err(refused)?;
-
-    let verdicts = verdicts(&file, &path, recorded.header.rotor_count, detector)?;
-    let scores = scores(&file, &path, &summary, &verdicts)?;
-    let own = OwnDetector { name, column, scores };
-    let old = summary.own_detectors.iter().position(|known| known.name == own.name);
-    match old {
-        Some(place) => summary.own_detectors[place] = own.clone(),
-        None => summary.own_detectors.push(own.clone()),
+    for detector in detectors.iter() {
+        detector.check(summary.simulated_s).map_err(refused)?;
     }
 
-    let plots = rewrite_telemetry(run, &file, &recorded, &summary, &own, &verdicts)?;
+    let judged = said(&file, &path, recorded.header.rotor_count, &summary, detectors)?;
+    let mut columns = Vec::with_capacity(judged.len());
+    for ((name, column), judged) in named.into_iter().zip(judged) {
+        let own = OwnDetector {
+            name,
+            column,
+            scores: judged.scores,
+            statements: judged.statements,
+        };
+        match summary.own_detectors.iter_mut().find(|known| known.name == own.name) {
+            Some(known) => *known = own.clone(),
+            None => summary.own_detectors.push(own.clone()),
+        }
+        columns.push((own, judged.verdicts));
+    }
+
+    let plots = rewrite_telemetry(run, &file, &recorded, &summary, &columns)?;
     let mcap_path = run.join(MCAP_FILE);
     if mcap_path.is_file() {
-        let changes = changes(&verdicts, recorded.header.step_ns);
-        let part = PartFile::create(run, MCAP_FILE)?;
-        let topic = format!("/detectors/{}", &own.column[PREFIX.len()..]);
-        let writer = streams::with_texts(&mcap_path, part.writer()?, &topic, &own.name, &changes)?;
-        part.keep(writer)?;
+        for (own, verdicts) in &columns {
+            let changes = changes(verdicts, recorded.header.step_ns);
+            let part = PartFile::create(run, MCAP_FILE)?;
+            let topic = format!("/detectors/{}", &own.column[PREFIX.len()..]);
+            let writer = streams::with_texts(&mcap_path, part.writer()?, &topic, &own.name, &changes)?;
+            part.keep(writer)?;
+        }
     }
     write_text(run, REPORT_FILE, &report::render(&summary, Some(&plots), Some(&path))?)?;
     write_text(run, SUMMARY_FILE, &summary.to_json())?;
@@ -231,8 +258,29 @@ impl Recorded {
     }
 }
 
-/// The detector's output in each step.
-fn verdicts(file: &TelemetryFile, path: &Path, rotor_count: usize, detector: &mut dyn Detector) -> Result<Vec<i32>> {
+/// What one detector says of a run.
+#[derive(Default)]
+struct Judged {
+    /// In each step.
+    verdicts: Vec<i32>,
+    /// One for each interval of the run.
+    scores: Vec<Score>,
+    /// The last one of each interval; empty if it never says anything beyond its verdicts.
+    statements: Vec<Statement>,
+    /// Since its last window: bit i, rotor i + 1 is or may be concerned.
+    suspects: u64,
+    /// Its window before was a false alarm.
+    alarm: bool,
+}
+
+/// What each of the detectors says, in one pass.
+fn said(
+    file: &TelemetryFile,
+    path: &Path,
+    rotor_count: usize,
+    summary: &Summary,
+    detectors: &mut [&mut dyn Detector],
+) -> Result<Vec<Judged>> {
     let rotors = 1..=rotor_count;
     let fixed = [TIME].into_iter().chain(SENSED).chain(["window_end"]);
     let mut names: Vec<String> = fixed.map(ToOwned::to_owned).collect();
@@ -242,9 +290,21 @@ fn verdicts(file: &TelemetryFile, path: &Path, rotor_count: usize, detector: &mu
     names.extend(rotors.flat_map(|rotor| ["arm", "lever", "yaw"].map(|axis| format!("residual_{rotor}_{axis}_nms"))));
     let names: Vec<&str> = names.iter().map(String::as_str).collect();
 
-    let mut all = Vec::with_capacity(usize::try_from(file.rows()).unwrap_or(0));
+    let intervals = &summary.intervals;
+    let step_s = summary.simulated_s / summary.steps.max(1) as f64;
+    let refused = |reason: String| StoreError::Judge {
+        path: path.to_owned(),
+        reason,
+    };
+    let none = || Judged {
+        verdicts: Vec::with_capacity(usize::try_from(file.rows()).unwrap_or(0)),
+        scores: vec![Score::default(); intervals.len()],
+        ..Judged::default()
+    };
+    let mut all: Vec<Judged> = detectors.iter().map(|_| none()).collect();
     let mut seen = Seen::default();
-    detector.begin(rotor_count);
+    let (mut interval, mut is_first) = (0, true);
+    detectors.iter_mut().for_each(|detector| detector.begin(rotor_count));
     file.for_each_block(&names, |block| -> Result<()> {
         for row in 0..block[0].len() {
             let at = |place: usize| block[place][row];
@@ -262,23 +322,66 @@ fn verdicts(file: &TelemetryFile, path: &Path, rotor_count: usize, detector: &mu
             seen.residuals_nms.clear();
             seen.residuals_nms
                 .extend((0..rotor_count).map(|rotor| triple(residuals + 3 * rotor)));
-            let verdict = detector.step(&seen);
-            if !exists(verdict, rotor_count) {
-                return Err(StoreError::Judge {
-                    path: path.to_owned(),
-                    reason: format!(
+            // Half a step: ends of intervals are starts of steps, in another rounding.
+            while intervals
+                .get(interval)
+                .is_some_and(|open| seen.time_s + 0.5 * step_s >= open.end_s)
+            {
+                (interval, is_first) = (interval + 1, true);
+            }
+            let Some(open) = intervals.get(interval) else {
+                let reason = "it has rows after its last interval; expected the telemetry of the run in summary.json";
+                return Err(refused(reason.to_owned()));
+            };
+            for (detector, judged) in detectors.iter_mut().zip(&mut all) {
+                let verdict = detector.step(&seen);
+                if !exists(verdict, rotor_count) {
+                    return Err(refused(format!(
                         "at {} s '{}' says {verdict}; expected 0, a rotor from 1 to {rotor_count}, 100 i + j for two of them, {UNKNOWN} unknown, \
                          {NOT_READY} not ready or {AMBIGUOUS} ambiguous",
                         seen.time_s,
                         detector.name()
-                    ),
-                });
+                    )));
+                }
+                judged.take(verdict, seen.window_end.then(|| detector.statement()).flatten(), interval);
+                let said = Said {
+                    verdict,
+                    suspects: judged.suspects,
+                    is_first,
+                    window_end_s: seen.window_end.then_some(seen.time_s + step_s),
+                };
+                count(&mut judged.scores[interval], &mut judged.alarm, said, open);
             }
-            all.push(verdict);
+            is_first = false;
         }
         Ok(())
     })?;
+    for judged in &mut all {
+        for (score, interval) in judged.scores.iter_mut().zip(intervals) {
+            complete(score, interval.windows);
+        }
+        if !judged.statements.is_empty() {
+            judged.statements.resize(intervals.len(), Statement::default());
+        }
+    }
     Ok(all)
+}
+
+impl Judged {
+    /// A step in an interval. As for the score, the last statement in the air stays.
+    fn take(&mut self, verdict: i32, statement: Option<Statement>, interval: usize) {
+        self.verdicts.push(verdict);
+        let Some(statement) = statement else { return };
+        self.suspects = statement
+            .severity
+            .suspect_rotors
+            .iter()
+            .fold(0, |mask, rotor| mask | 1 << (rotor - 1));
+        if verdict != NOT_READY || self.statements.len() <= interval {
+            self.statements.resize(interval + 1, Statement::default());
+            self.statements[interval] = statement;
+        }
+    }
 }
 
 /// Whether there is such a verdict for a vehicle with this number of rotors.
@@ -294,67 +397,27 @@ pub fn exists(verdict: i32, rotor_count: usize) -> bool {
     }
 }
 
-/// One score for each interval of the run.
-fn scores(file: &TelemetryFile, path: &Path, summary: &Summary, verdicts: &[i32]) -> Result<Vec<Score>> {
-    let mut scores = vec![Score::default(); summary.intervals.len()];
-    let (mut interval, mut is_first, mut alarm, mut row) = (0, true, false, 0);
-    let step_s = summary.simulated_s / summary.steps.max(1) as f64;
-    file.for_each_block(&["time_s", "window_end"], |block| -> Result<()> {
-        for (time, window_end) in block[0].iter().zip(&block[1]) {
-            // Half a step: ends of intervals are starts of steps, in another rounding.
-            while summary
-                .intervals
-                .get(interval)
-                .is_some_and(|open| time + 0.5 * step_s >= open.end_s)
-            {
-                (interval, is_first) = (interval + 1, true);
-            }
-            let (Some(open), Some(verdict)) = (summary.intervals.get(interval), verdicts.get(row)) else {
-                return Err(StoreError::Judge {
-                    path: path.to_owned(),
-                    reason: "it has rows after its last interval; expected the telemetry of the run in summary.json"
-                        .to_owned(),
-                });
-            };
-            let said = Said {
-                verdict: *verdict,
-                suspects: 0,
-                is_first,
-                window_end_s: (*window_end > 0.5).then_some(time + step_s),
-            };
-            count(&mut scores[interval], &mut alarm, said, open);
-            (is_first, row) = (false, row + 1);
-        }
-        Ok(())
-    })?;
-    for (score, interval) in scores.iter_mut().zip(&summary.intervals) {
-        complete(score, interval.windows);
-    }
-    Ok(scores)
-}
-
-/// Rewrites `telemetry.parquet` with the detector's column; returns the data that the report plots.
+/// Rewrites `telemetry.parquet` with the detectors' columns; returns the data that the report plots.
 fn rewrite_telemetry(
     run: &Path,
     file: &TelemetryFile,
     recorded: &Recorded,
     summary: &Summary,
-    own: &OwnDetector,
-    verdicts: &[i32],
+    own: &[(OwnDetector, Vec<i32>)],
 ) -> Result<Plots> {
     let kept: Vec<Column> = recorded
         .columns
         .iter()
-        .filter(|column| column.name != own.column)
+        .filter(|column| own.iter().all(|(own, _)| column.name != own.column))
         .cloned()
         .collect();
     let mut columns = kept.clone();
-    columns.push(Column {
+    columns.extend(own.iter().map(|(own, _)| Column {
         name: own.column.clone(),
         unit: "1".to_owned(),
         kind: Kind::I32,
         description: format!("Verdict of the detector '{}', codes as verdict_t_test", own.name),
-    });
+    }));
     let part = PartFile::create(run, TELEMETRY_FILE)?;
     let mut sink = ParquetSink::new(part.writer()?, &part.target, &recorded.header, &columns, summary)?;
     let mut plots = Plots::new(&recorded.header, &columns, file.rows());
@@ -365,10 +428,10 @@ fn rewrite_telemetry(
     };
     let mut flush = |chunk: &mut Chunk| -> Result<()> {
         let first = usize::try_from(chunk.first_row).unwrap_or(usize::MAX);
-        let said = verdicts[first..first + chunk.len]
-            .iter()
-            .map(|verdict| f64::from(*verdict));
-        chunk.columns[kept.len()].extend(said);
+        for ((_, verdicts), column) in own.iter().zip(&mut chunk.columns[kept.len()..]) {
+            let said = &verdicts[first..first + chunk.len];
+            column.extend(said.iter().map(|verdict| f64::from(*verdict)));
+        }
         plots.push(chunk);
         sink.push(chunk)?;
         chunk.first_row += chunk.len as u64;
@@ -541,7 +604,7 @@ mod tests {
         summary.own_detectors.push(OwnDetector {
             name: "Yaw rate".to_owned(),
             column: "verdict_own_yaw_rate".to_owned(),
-            scores: Vec::new(),
+            ..OwnDetector::default()
         });
         assert!(column_of("Yaw rate", &summary).is_ok());
         assert!(column_of("yaw-rate", &summary).unwrap_err().contains("'Yaw rate'"));

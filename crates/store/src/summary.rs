@@ -377,6 +377,19 @@ pub struct OwnDetector {
     pub column: String,
     /// One score for each interval of the run.
     pub scores: Vec<Score>,
+    /// What it says at the end of each interval beyond its verdict; absent: nothing.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub statements: Vec<Statement>,
+}
+
+/// What a detector says beyond the code of its verdict.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, ToSchema)]
+#[schema(as = DetectorStatement)]
+pub struct Statement {
+    /// Rotors that are or may be faulty, and the sizes of what those that it names have lost.
+    pub severity: Severity,
+    /// In plain words, with sizes; empty: the verdict says all.
+    pub text: String,
 }
 
 impl OwnDetector {

@@ -38,13 +38,7 @@ pub(crate) fn refusal(log: &FlightLog, vehicle: &VehicleModel) -> Option<String>
     if changes.turn.len() < WINDOWS * FEWEST {
         return None;
     }
-    let arms: Vec<[f64; AXES]> = vehicle
-        .rotors
-        .layout
-        .placements()
-        .iter()
-        .map(|rotor| rotor.torque_arm([0.0; 3], 1.0))
-        .collect();
+    let arms = vehicle.rotors.layout.torque_arms();
     let as_logged = likelihoods(&changes, &arms);
     let mut best: Option<([usize; 2], [f64; 2])> = None;
     for first in 0..arms.len() {

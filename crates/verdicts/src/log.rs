@@ -31,7 +31,7 @@
 //! returned, which a session has to detect without the rest of the flight. A *stretch* is the part evaluated after one
 //! calibration.
 
-use crate::axial::{Axial, rows_of};
+use crate::axial::Axial;
 use crate::exchanged;
 use crate::sparse::with_voltage_in_every_row;
 use crate::speeds::BySpeed;
@@ -325,32 +325,16 @@ fn slow_hz(log: &FlightLog, name: &str) -> Option<f64> {
     rate.is_slower().then_some(rate.source_hz)
 }
 
-/// Rate of the duties' stream, which all rotors share: a row in which any of them has a new value is one of it.
-fn duty_rate(log: &FlightLog) -> Option<SensorRate> {
-    let duties = log.duties();
-    // No two rotors cancel, as the weights are no simple multiples of each other.
-    let weights: Vec<f64> = (0..duties.len()).map(|rotor| (rotor as f64 + 2.0).ln()).collect();
-    let together = (0..log.time_s.len()).map(|row| {
-        duties
-            .iter()
-            .zip(&weights)
-            .map(|(duty, weight)| weight * duty[row])
-            .sum()
-    });
-    let together = rows_of(log, [(names::duty(1), together.collect())].into());
-    together.source_rate(&names::duty(1))
-}
-
 /// The duties come from a stream slower than the log's rows: its rate, Hz.
 fn slow_duty_hz(log: &FlightLog) -> Option<f64> {
-    let rate = duty_rate(log).filter(SensorRate::is_slower)?;
+    let rate = log.duty_rate().filter(SensorRate::is_slower)?;
     (!rate.held || rate.source_hz < SLOWEST_CONTROL_HZ).then_some(rate.source_hz)
 }
 
 /// Duties that are held, but only because the log holds samples of them, as straight lines between these; `None`: they
 /// are not.
 fn with_duties_as_lines(log: &FlightLog) -> Option<FlightLog> {
-    let rate = duty_rate(log).filter(|rate| rate.is_slower() && rate.held)?;
+    let rate = log.duty_rate().filter(|rate| rate.is_slower() && rate.held)?;
     if rate.source_hz >= SLOWEST_CONTROL_HZ {
         return None;
     }

@@ -1,10 +1,10 @@
 //! Detector results as JSON. Codes and names of verdicts: `docs/conventions.md`.
 
 use rotortwin_fdi_session::validity::{CANNOT_JUDGE, Obstacle};
+use rotortwin_fdi_session::words::rotors_of;
 use rotortwin_fdi_session::{
     Answer, Calibration, Details, Explained, ExplanationKind, Interval, LoadChange, Motion, Window,
 };
-use rotortwin_flight_core::MAX_ROTORS;
 use rotortwin_flight_core::fdi::verdict_code::{AMBIGUOUS, HEALTHY, UNKNOWN};
 use rotortwin_scenario::Detectors;
 use rotortwin_wire::frames::{FdiReport, LossEstimate, MAX_HYPOTHESES};
@@ -312,13 +312,6 @@ pub struct SequentialView {
     pub explanations: Vec<ExplanationView>,
 }
 
-fn rotors_of(mask: u32) -> Vec<u32> {
-    (0..MAX_ROTORS as u32)
-        .filter(|bit| mask >> bit & 1 == 1)
-        .map(|bit| bit + 1)
-        .collect()
-}
-
 /// Probability of health below which it is not said.
 const LEAST_CLEAR: f32 = 0.5;
 
@@ -611,6 +604,5 @@ mod tests {
             let view = VerdictView::of(code);
             assert_eq!((view.verdict, view.rotors), (kind, rotors), "{code}");
         }
-        assert_eq!(rotors_of(0b10_0001), [1, 6]);
     }
 }

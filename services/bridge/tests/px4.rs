@@ -51,6 +51,8 @@ enum Act {
     Long,
     Restart,
     NotANumber,
+    /// A motor at this control.
+    Control(f32),
     Future,
 }
 
@@ -272,6 +274,7 @@ impl Peer {
         }
         match act {
             Act::NotANumber => answer.controls[2] = f32::NAN,
+            Act::Control(value) => answer.controls[2] = value,
             Act::Future => answer.time_usec += 1_000_000,
             _ => {}
         }
@@ -546,6 +549,8 @@ fn scenario_failures_name_peer_and_sample() {
     assert!(missing.ends_with("allowed are 2500 ms (--step-timeout)"), "{missing}");
     let nan = said(Act::NotANumber);
     assert!(nan.ends_with("with NaN in control 3, expected 0 to 1"), "{nan}");
+    let beyond = said(Act::Control(7.5));
+    assert!(beyond.ends_with("with 7.5 in control 3, expected 0 to 1"), "{beyond}");
     let future = said(Act::Future);
     assert!(
         future.contains("that was never sent, the latest is that of 8.8"),
@@ -580,8 +585,8 @@ fn scenario_an_answer_cut_short_is_no_disarmed_one() {
     );
 }
 
-/// Answers each sample that arrives with the payload that `answer` gives for its time, µs.
-fn answers(to: SocketAddr, answer: impl Fn(u64) -> Vec<u8>) {
+/// Answers each sample that arrives with the payload that `answer` gives for its time, µs; `None` closes the connection.
+fn answers(to: SocketAddr, answer: impl Fn(u64) -> Option<Vec<u8>>) {
     let mut stream = TcpStream::connect(to).unwrap();
     stream.set_nodelay(true).unwrap();
     let (mut decoder, mut buffer) = (Decoder::default(), [0; 4096]);
@@ -593,7 +598,10 @@ fn answers(to: SocketAddr, answer: impl Fn(u64) -> Vec<u8>) {
             let Some(sample) = HilSensor::read(&frame) else {
                 continue;
             };
-            let bytes = encode(0, 1, 1, HIL_ACTUATOR_CONTROLS, &answer(sample.time_usec));
+            let Some(payload) = answer(sample.time_usec) else {
+                return;
+            };
+            let bytes = encode(0, 1, 1, HIL_ACTUATOR_CONTROLS, &payload);
             if stream.write_all(&bytes).is_err() {
                 return;
             }
@@ -624,7 +632,7 @@ fn scenario_an_answer_without_a_mode_is_disarmed_until_one_had_a_mode() {
                     _ if zeros_at_the_end => answer.mode = 0,
                     _ => answer.controls = [0.5; 16],
                 }
-                answer.encode()
+                Some(answer.encode())
             });
         });
         let mut ask = |sample: u64| {
@@ -683,6 +691,53 @@ fn scenario_nobody_comes_or_nobody_answers() {
     let said = sentence(&outcome);
     assert!(said.contains("is connected and has answered none of "), "{said}");
     assert!(said.contains("18 bytes that are not MAVLink 2"), "{said}");
+}
+
+/// It came, answered and left before the flight, and nobody comes again.
+#[test]
+fn scenario_a_peer_that_leaves_before_the_flight_is_named() {
+    let scenario = scenario_of(HEXAROTOR, 3.0, "");
+    let map = outputs(AutopilotKind::Px4, &scenario);
+    let impatient = Patience {
+        join: Duration::from_millis(400),
+        ..patience()
+    };
+    let mut link = Px4::listen("127.0.0.1:0".parse().unwrap(), map, impatient).unwrap();
+    let to = link.local_address().unwrap();
+    let peer = std::thread::spawn(move || {
+        answers(to, |time_usec| {
+            (time_usec < 40_000).then(|| {
+                let answer = HilActuatorControls {
+                    time_usec,
+                    ..HilActuatorControls::default()
+                };
+                answer.encode()
+            })
+        });
+    });
+    let mut sample = 0;
+    let said = loop {
+        sample += 1;
+        let readings = Readings {
+            time_ns: sample * 4_000_000,
+            ..Readings::default()
+        };
+        if let Err(error) = link.exchange(&readings) {
+            break error.sentence;
+        }
+    };
+    peer.join().unwrap();
+    assert!(said.starts_with("PX4 at 127.0.0.1:"), "{said}");
+    assert!(
+        said.contains(" closed the connection after its answer to the sample of 0.036 s, "),
+        "{said}"
+    );
+    assert!(
+        said.ends_with(&format!(
+            "and no other one to TCP {to} came within 400 ms (--join-timeout)"
+        )),
+        "{said}"
+    );
 }
 
 /// On the stand, over the link: the peer with these changes.

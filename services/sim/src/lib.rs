@@ -12,12 +12,15 @@
 //! * [`events`]: those events, one JSON object per line on standard output.
 //! * [`live`]: telemetry samples among them, for live viewers.
 //! * [`network_over_time`]: the improved network over time, after the flight.
+//! * [`second_look`]: current sizes and alternative explanations, after the flight.
 //! * [`process`]: the process, with its arguments and signals.
 
 pub mod commands;
 pub mod conditions;
 pub mod live;
+mod measured;
 pub mod network_over_time;
 pub mod process;
 pub mod recorder;
+pub mod second_look;
 pub mod session;

@@ -11,9 +11,9 @@
 //! Limits: a run without a network is not judged automatically (`rotortwin judge RUN --classifier NAME` does it), nor
 //! is one for whose vehicle no self-calibrating classifier was trained.
 
-use rotortwin_fdi_session::{Chunk, FdiSession, Sample};
+use crate::measured::Measured;
+use rotortwin_fdi_session::FdiSession;
 use rotortwin_flight::run_hash::model_hash;
-use rotortwin_flight_core::MAX_ROTORS;
 use rotortwin_flight_core::fdi::verdict_code::NOT_READY;
 use rotortwin_scenario::names::{Kind, list};
 use rotortwin_scenario::{Classifier, ConfigError, Scenario};
@@ -26,8 +26,7 @@ pub const NAME: &str = "improved network over time";
 #[derive(Debug)]
 pub struct NetworkOverTime {
     session: FdiSession,
-    rotor_count: usize,
-    step: u64,
+    measured: Measured,
     said: i32,
 }
 
@@ -47,8 +46,7 @@ impl NetworkOverTime {
         let session = FdiSession::new(with_network.fdi_config(), 1).map_err(|error| error.to_string())?;
         Ok(Self {
             session,
-            rotor_count: 0,
-            step: 0,
+            measured: Measured::default(),
             said: NOT_READY,
         })
     }
@@ -85,32 +83,12 @@ impl Detector for NetworkOverTime {
         NAME
     }
 
-    fn begin(&mut self, rotor_count: usize) {
-        self.rotor_count = rotor_count;
+    fn begin(&mut self, _: usize) {
+        self.measured = Measured::default();
     }
 
     fn step(&mut self, seen: &Seen) -> i32 {
-        let narrow = |values: [f64; 3]| values.map(|value| value as f32);
-        let mut duty = [0.0; MAX_ROTORS];
-        for (to, from) in duty.iter_mut().zip(&seen.duty) {
-            *to = *from as f32;
-        }
-        let chunk = Chunk {
-            first_step: self.step,
-            after_gap: true,
-            samples: vec![Sample {
-                // The detectors do not use it.
-                position_ned_m: [0.0; 3],
-                velocity_ned_m_s: narrow(seen.velocity_ned_m_s),
-                attitude_rad: narrow(seen.attitude_rad),
-                body_rates_rad_s: narrow(seen.body_rates_rad_s),
-                duty,
-                battery_voltage_v: seen.battery_voltage_v as f32,
-                time_s: None,
-            }],
-        };
-        self.step += 1;
-        match self.session.feed(&chunk) {
+        match self.session.feed(&self.measured.next(seen)) {
             Ok(answer) => {
                 if let Some(window) = answer.windows.last() {
                     self.said = match window.obstacle {

@@ -4,6 +4,7 @@ use crate::commands::{Recorded, Recording};
 use crate::conditions::ConditionSchedule;
 use crate::network_over_time::NetworkOverTime;
 use crate::recorder::Recorder;
+use crate::second_look::SecondLook;
 use rotortwin_flight::autopilot::{self, HandOver};
 use rotortwin_flight::lateness::{Who, Why};
 use rotortwin_flight::lockstep::{self, FlightEnd, FlightOutcome, NoObserver, StopReason};
@@ -14,7 +15,7 @@ use rotortwin_plant::{STEP_NS, Simulation};
 use rotortwin_process::{StopRequest, Supervisor, priority};
 use rotortwin_scenario::Scenario;
 use rotortwin_store::StoreError;
-use rotortwin_store::own_detector::judge;
+use rotortwin_store::own_detector::{Detector, judge_all};
 use rotortwin_store::run_folder::RunFolder;
 use rotortwin_store::spool::{SpoolHeader, SpoolReader, SpoolWriter};
 use rotortwin_store::summary::{ControllerRecord, Failure, LateSteps, RealTime, ScenarioRecord, Status, Summary};
@@ -212,10 +213,12 @@ fn recorded(
         ..summary_of(scenario, config, &outcome)
     };
     let mut summary = finalise(folder, summary)?;
-    if summary.steps > 0
-        && let Some(mut detector) = NetworkOverTime::beside_the_network(scenario)
-    {
-        summary = judge(folder.path(), &mut detector)?;
+    if summary.steps > 0 {
+        let (mut again, mut network) = (SecondLook::new(scenario), NetworkOverTime::beside_the_network(scenario));
+        let mut detectors: Vec<&mut dyn Detector> = Vec::new();
+        detectors.extend(again.as_mut().map(|one| one as &mut dyn Detector));
+        detectors.extend(network.as_mut().map(|one| one as &mut dyn Detector));
+        summary = judge_all(folder.path(), &mut detectors)?;
     }
     emit(RunEvent::Finished);
     Ok(summary)

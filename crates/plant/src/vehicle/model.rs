@@ -171,6 +171,12 @@ impl RotorPlacement {
 }
 
 impl Layout {
+    /// Moments about the body axes per newton of each rotor's thrust, m, the centre of mass in the origin.
+    pub fn torque_arms(&self) -> Vec<Vector3> {
+        let placements = self.placements();
+        placements.iter().map(|rotor| rotor.torque_arm([0.0; 3], 1.0)).collect()
+    }
+
     /// The rotors in the order of their numbers.
     pub fn placements(&self) -> Vec<RotorPlacement> {
         match self {

@@ -1,6 +1,7 @@
 //! Reasons in plain words: numbers with units, why an effect was named, why a rival lost.
 
-use rotortwin_plant::effects::{EffectClass, catalogue};
+use rotortwin_plant::effects::{ChannelGroup, EffectClass, catalogue};
+use std::collections::BTreeSet;
 use std::ops::Range;
 
 use super::named::Quantity;
@@ -13,7 +14,7 @@ use crate::estimation::parameters::{FittedParameter, SMALLEST, number};
 use crate::log::names::duty_rotor;
 use crate::model::constants::Source;
 use crate::predict::NAMES;
-use crate::predict::channels::{F, KA, KV, M, V};
+use crate::predict::channels::{F, KA, KV, M, TITLES, V, group};
 
 /// The commonest reason for torques alone that nothing explains.
 const BETWEEN_ROWS: &str = " A controller that runs faster than its log leaves such an error: what its outputs did between two rows is not in it; log them \
@@ -346,10 +347,62 @@ fn apart(one: &FlightsApart) -> String {
     }
 }
 
-/// `fx, fz stay`, as what stays unexplained.
+/// What is unexplained, in words: the channels of a kind together, with their short names and the flights they are of, then whatever else.
+fn in_plain(unexplained: &[String]) -> Vec<String> {
+    // `fx`, of several logs `fx of NAME`.
+    let channel_of = |one: &String| {
+        let (name, log) = one
+            .split_once(" of ")
+            .map_or((one.as_str(), None), |(name, log)| (name, Some(log)));
+        let channel = NAMES.iter().position(|known| *known == name)?;
+        Some((channel, log.map(str::to_owned)))
+    };
+    let mut kinds: Vec<(ChannelGroup, BTreeSet<usize>, BTreeSet<String>)> = Vec::new();
+    let mut others = Vec::new();
+    for one in unexplained {
+        let Some((channel, log)) = channel_of(one) else {
+            others.push(one.clone());
+            continue;
+        };
+        let kind = group(channel);
+        let place = kinds
+            .iter()
+            .position(|(known, _, _)| *known == kind)
+            .unwrap_or_else(|| {
+                kinds.push((kind, BTreeSet::new(), BTreeSet::new()));
+                kinds.len() - 1
+            });
+        kinds[place].1.insert(channel);
+        kinds[place].2.extend(log);
+    }
+    let of_kind = |(kind, channels, logs): &(ChannelGroup, BTreeSet<usize>, BTreeSet<String>)| {
+        let short: Vec<&str> = channels.iter().map(|channel| NAMES[*channel]).collect();
+        let title = match (channels.first(), channels.len()) {
+            (Some(only), 1) => TITLES[*only],
+            _ => match kind {
+                ChannelGroup::Force => "force",
+                ChannelGroup::VelocityKinematics => "velocity",
+                ChannelGroup::Moment => "moment",
+                ChannelGroup::AttitudeKinematics => "attitude",
+                ChannelGroup::PositionKinematics => "position",
+                ChannelGroup::Voltage => "voltage",
+            },
+        };
+        let of = match (logs.first(), logs.len()) {
+            (Some(only), 1) => format!(" of {only}"),
+            (_, 0) => String::new(),
+            (_, several) => format!(" of {several} flights"),
+        };
+        format!("{title} ({}){of}", short.join(", "))
+    };
+    kinds.iter().map(of_kind).chain(others).collect()
+}
+
+/// `force (fx, fz) stays`, as what stays unexplained.
 fn stay(unexplained: &[String]) -> String {
-    let stay = if unexplained.len() == 1 { "stays" } else { "stay" };
-    format!("{} {stay}", unexplained.join(", "))
+    let plain = in_plain(unexplained);
+    let stay = if plain.len() == 1 { "stays" } else { "stay" };
+    format!("{} {stay}", plain.join(", "))
 }
 
 /// True if only channels are unexplained that compare sensors with one another, where forces and torques are compared with the model.
@@ -405,7 +458,7 @@ fn sentence(diagnosis: &Diagnosis) -> String {
                  Also compatible: {}.",
                 named(&diagnosis.effects),
                 falling.collect::<Vec<_>>().join(", "),
-                diagnosis.goodness.unexplained.join(", "),
+                in_plain(&diagnosis.goodness.unexplained).join(", "),
                 names(&rivals)
             )
         }
@@ -601,6 +654,30 @@ const HOW_TO_CALIBRATE: &str =
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    /// "kp_north of E8_log00, kp_east of E8_log00, …": twelve short names in the first sentence that a stranger read.
+    #[test]
+    fn regress_what_is_unexplained_is_told_by_kind_and_not_log_by_log() {
+        let names = [
+            "kp_north of a",
+            "kp_down of a",
+            "kp_north of b",
+            "fz of a",
+            "what nothing explains",
+        ];
+        let said = in_plain(&names.map(str::to_owned));
+        let expected = [
+            "position (kp_north, kp_down) of 2 flights",
+            "vertical force (fz) of a",
+            "what nothing explains",
+        ];
+        assert_eq!(said, expected);
+        assert_eq!(stay(&["mx".to_owned()]), "roll moment (mx) stays");
+        assert_eq!(
+            stay(&["mx".to_owned(), "fz".to_owned()]),
+            "roll moment (mx), vertical force (fz) stay"
+        );
+    }
 
     #[test]
     fn regress_an_inertia_of_a_rotor_is_no_row_of_zeros() {

@@ -68,12 +68,30 @@ impl FlightLog {
             .collect()
     }
 
-    /// Of the motor outputs, the one with the most new values; `None` where they do not move. All come in one message, and a motor at its
-    /// limit has no new values.
+    /// Of the motor outputs, noise and error of the one with the most new values, and the rate of the stream that all
+    /// share; `None` where they do not move. A row in which any of them is new is one of it: at its limit, or in a calm
+    /// hover written in whole steps, a motor repeats values.
     pub fn duty_rate(&self) -> Option<SensorRate> {
-        (1..=self.rotor_count())
+        let duties = self.duties();
+        let busiest = (1..=duties.len())
             .filter_map(|rotor| self.source_rate(&names::duty(rotor)))
-            .max_by(|a, b| a.source_hz.total_cmp(&b.source_hz))
+            .max_by(|a, b| a.source_hz.total_cmp(&b.source_hz))?;
+        // No two rotors cancel, as the weights are no simple multiples of each other.
+        let weights: Vec<f64> = (0..duties.len()).map(|rotor| (rotor as f64 + 2.0).ln()).collect();
+        let together: Vec<f64> = (0..self.time_s.len())
+            .map(|row| {
+                weights
+                    .iter()
+                    .zip(&duties)
+                    .map(|(weight, duty)| weight * duty[row])
+                    .sum()
+            })
+            .collect();
+        let stream_hz = new_values_hz(&self.time_s, &together).map_or(0.0, |hz| hz.min(busiest.rows_hz));
+        Some(SensorRate {
+            source_hz: busiest.source_hz.max(stream_hz),
+            ..busiest
+        })
     }
 
     /// Corrections that an estimator makes to its position relative to its own velocity, as a random walk, m/√s; worst
@@ -432,6 +450,24 @@ mod tests {
             let rate = log.source_rate(name).expect("a rate");
             assert!(!rate.is_slower() && rate.between == 0.0, "{rate:?}");
         }
+    }
+
+    /// Each of six motors of a calm hover, in whole microseconds of pulse, repeats its value in two of three rows.
+    #[test]
+    fn regress_outputs_in_whole_steps_do_not_slow_their_stream() {
+        let noise = |k: u64| (k.wrapping_mul(6_364_136_223_846_793_005).rotate_left(23) % 1009) as f64 / 1009.0 - 0.5;
+        let time: Vec<f64> = (0..4000).map(|k| f64::from(k) * 0.0025).collect();
+        let output = |rotor: u64| -> Vec<f64> {
+            (0..4000)
+                .map(|row| 0.5 + 0.001 * (0.45 * noise(row * 6 + rotor) + 0.45 * noise(rotor * 4000 + row)).round())
+                .collect()
+        };
+        let columns = (1..=6).map(|rotor| (names::duty(rotor), output(rotor as u64)));
+        let log = FlightLog::from_columns("calm", time, columns).expect("a log");
+        let one = log.source_rate(&names::duty(1)).expect("it moves");
+        assert!(one.is_slower(), "{one:?}");
+        let rate = log.duty_rate().expect("they move");
+        assert!(!rate.is_slower(), "{rate:?}");
     }
 
     #[test]

@@ -24,6 +24,26 @@ pub const NAMES: [&str; CHANNELS] = [
     "kp_east", "kp_down", "v",
 ];
 
+/// What each compares, in words, in order.
+pub const TITLES: [&str; CHANNELS] = [
+    "forward force",
+    "sideways force",
+    "vertical force",
+    "velocity north",
+    "velocity east",
+    "velocity down",
+    "roll moment",
+    "pitch moment",
+    "yaw moment",
+    "roll angle",
+    "pitch angle",
+    "yaw angle",
+    "position north",
+    "position east",
+    "position down",
+    "voltage",
+];
+
 /// Units of the residuals, in order.
 pub const UNITS: [&str; CHANNELS] = [
     "m/s²", "m/s²", "m/s²", "m/s²", "m/s²", "m/s²", "rad/s²", "rad/s²", "rad/s²", "rad/s", "rad/s", "rad/s", "m/s",

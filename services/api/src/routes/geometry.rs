@@ -90,7 +90,7 @@ impl VehicleGeometry {
         let vehicle = &documents.vehicle;
         let placements = vehicle.rotors.layout.placements();
         let distance = |[x, y, _]: [f64; 3]| x.hypot(y);
-        let arms: Vec<[f64; 3]> = placements.iter().map(|p| p.torque_arm([0.0; 3], 1.0)).collect();
+        let arms = vehicle.rotors.layout.torque_arms();
         let torque = |axis: usize| arms.iter().map(|arm| arm[axis]).collect();
         let rotors = placements.iter().enumerate().map(|(place, rotor)| RotorView {
             number: place + 1,

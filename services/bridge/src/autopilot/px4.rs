@@ -59,6 +59,8 @@ pub struct Px4 {
     connection: Option<Connection>,
     /// The last connected peer.
     last_peer: Option<SocketAddr>,
+    /// How the last connection was lost, one sentence.
+    last_loss: Option<String>,
     controls: HilActuatorControls,
     sequence: u8,
     samples: u64,
@@ -90,6 +92,7 @@ impl Px4 {
             patience,
             connection: None,
             last_peer: None,
+            last_loss: None,
             controls: HilActuatorControls::default(),
             sequence: 0,
             samples: 0,
@@ -135,7 +138,12 @@ impl Px4 {
                     .local_address()
                     .map_or_else(String::new, |address| address.to_string());
                 let limit = wait.limit.as_millis();
-                let sentence = format!("PX4 did not connect to TCP {address} within {limit} ms (--join-timeout)");
+                let sentence = match &self.last_loss {
+                    Some(loss) => {
+                        format!("{loss}, and no other one to TCP {address} came within {limit} ms (--join-timeout)")
+                    }
+                    None => format!("PX4 did not connect to TCP {address} within {limit} ms (--join-timeout)"),
+                };
                 return Err(AutopilotError::lost(sentence, wait.silence()));
             };
             std::thread::sleep(slice.min(Duration::from_millis(2)));
@@ -171,6 +179,7 @@ impl Px4 {
             return Err(AutopilotError::lost(sentence, Duration::ZERO));
         }
         tracing::warn!("{sentence}, before the flight");
+        self.last_loss = Some(sentence);
         Ok(())
     }
 
@@ -341,7 +350,8 @@ impl Px4 {
             return Err(AutopilotError::wrong(sentence));
         }
         let used = &controls.controls[..self.map.rotor_of_channel.len().min(16)];
-        let Some(channel) = used.iter().position(|control| !control.is_finite()) else {
+        // Below 0 is a reversed motor by the message's definition, which a motor of ours answers by standing still.
+        let Some(channel) = used.iter().position(|control| !(-1.0..=1.0).contains(control)) else {
             return Ok(());
         };
         let sentence = format!(

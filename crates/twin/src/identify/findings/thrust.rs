@@ -278,7 +278,7 @@ impl Findings<'_> {
             variance.max(0.0).sqrt(),
             lag_source,
         )
-        .how("the vehicle document has no delay: τ + d");
+        .how("the vehicle document has no delay: τ + d; the interval begins where that of τ does");
         // A delay has a different effect: without it the lag is τ.
         both.low = both.low.min(fitted.lag_s / (Z95 * lag_deviation).exp());
         values.push(both);
@@ -319,7 +319,8 @@ impl Findings<'_> {
         values.extend([
             lag.how(HOW).better("doublets at 200 Hz or more"),
             delay.how(HOW),
-            Estimate { low, ..together }.how("the vehicle document has no delay: τ + d"),
+            Estimate { low, ..together }
+                .how("the vehicle document has no delay: τ + d; the interval begins where that of τ does"),
         ]);
         both
     }

@@ -56,13 +56,7 @@ impl FlightLog {
         if rate.is_some_and(|rate| rate.source_hz < LEAST_TO_CONTRADICT_HZ) {
             return Vec::new();
         }
-        let arms: Vec<[f64; 3]> = vehicle
-            .rotors
-            .layout
-            .placements()
-            .iter()
-            .map(|rotor| rotor.torque_arm([0.0; 3], 1.0))
-            .collect();
+        let arms = vehicle.rotors.layout.torque_arms();
         let Some(moments) = self
             .turn_changes(vehicle.rotors.thrust_lag_s)
             .and_then(|changes| Moments::of(&changes, rotors))

@@ -1,0 +1,82 @@
+//! The second look of a run: sizes of losses that grow, and rotors that are healthy again, where the sequential detector takes each loss for
+//! a step.
+
+use rotortwin_tests::program::{Call, read_json};
+use rotortwin_tests::scratch::{Scratch, hover};
+use serde_json::Value;
+
+/// What the second look of a run says at the end of its last interval, and the intervals that were flown.
+fn at_the_end(scratch: &Scratch, name: &str, faults: &str) -> (Value, Value) {
+    std::fs::write(scratch.path(&format!("{name}.toml")), hover(name, 45.0, faults)).expect("written");
+    let flown = Call::new(
+        scratch,
+        ["fly", &format!("{name}.toml"), "--link", "in-process", "--out", name],
+    )
+    .run();
+    let flown = flown.expect_code(0);
+    let summary = read_json(&scratch.path(name).join("summary.json"));
+    let own = summary["own_detectors"].as_array().expect("a list");
+    let second = own
+        .iter()
+        .find(|one| one["name"] == "Second look")
+        .expect("it judged the run");
+    let statements = second["statements"].as_array().expect("a list");
+    assert_eq!(statements.len(), summary["intervals"].as_array().expect("a list").len());
+    let last = statements.last().expect("an interval").clone();
+    assert!(flown.stdout.contains("Second look"), "{}", flown.stdout);
+    (last, summary)
+}
+
+fn fault(time_s: f64, percent: f64, ramp_s: f64) -> String {
+    format!("[[fault]]\ntime_s = {time_s}\nrotor = 3\nthrust_loss_percent = {percent:?}\nramp_s = {ramp_s:?}\n")
+}
+
+/// "2.2 % [2.1, 2.4]" with certainty of a loss of 10 % that had grown for a second: the run's own detector measures steps.
+#[test]
+fn regress_the_size_of_a_loss_that_grew_is_followed() {
+    let scratch = Scratch::new();
+    for (name, percent, ramp_s, from_s) in [
+        ("fast", 10.0, 1.0, 30.0),
+        ("five", 3.0, 5.0, 30.0),
+        ("slow", 20.0, 15.0, 20.0),
+    ] {
+        let (said, summary) = at_the_end(&scratch, name, &fault(from_s, percent, ramp_s));
+        let [loss] = said["severity"]["losses"].as_array().expect("a list").as_slice() else {
+            panic!("{name}: {said}");
+        };
+        assert_eq!(loss["rotor"], 3, "{said}");
+        let [low, high] = [0, 1].map(|end| loss["interval_share"][end].as_f64().expect("a number"));
+        let truth = percent / 100.0;
+        // One interval in twenty may miss; half its width more is a wrong size.
+        let slack = 0.25 * (high - low);
+        assert!((low - slack..high + slack).contains(&truth), "{name}: {said}");
+        assert!(high - low < 0.2 * truth, "{name}: {said}");
+        assert!(
+            said["text"]
+                .as_str()
+                .is_some_and(|text| text.starts_with("rotor 3 lost ")),
+            "{said}"
+        );
+        println!(
+            "{name}: {} | sequential: {}",
+            said["text"], summary["intervals"][1]["severity"]
+        );
+    }
+}
+
+#[test]
+fn scenario_a_rotor_that_has_recovered_is_healthy_and_a_healthy_flight_has_no_alarm() {
+    let scratch = Scratch::new();
+    let pulse = fault(25.0, 10.0, 0.0) + &fault(27.0, 0.0, 0.0);
+    let (said, summary) = at_the_end(&scratch, "pulse", &pulse);
+    assert_eq!(said["text"], "healthy", "{said}");
+    let own = &summary["own_detectors"][0];
+    assert_eq!(own["column"], "verdict_own_second_look");
+    let scores = own["scores"].as_array().expect("a list");
+    assert_eq!(scores[0]["false_alarm_events"], 0, "{own}");
+    assert!(
+        scores[1]["isolated_after_s"].as_f64().is_some_and(|delay| delay < 1.0),
+        "{own}"
+    );
+    assert_eq!(scores[2]["right_at_end"], true, "{own}");
+}
