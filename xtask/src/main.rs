@@ -97,7 +97,9 @@ fn run_task() -> Result<()> {
 /// The root of the tree that the task is run in: this program may have been built in another one.
 fn root() -> Result<PathBuf> {
     let here = std::env::current_dir().context("the current directory")?;
-    let root = here.ancestors().find(|folder| folder.join("xtask/Cargo.toml").is_file());
+    let root = here
+        .ancestors()
+        .find(|folder| folder.join("xtask/Cargo.toml").is_file());
     root.map(Path::to_path_buf)
         .with_context(|| format!("{}: expected a folder in a checkout of rotortwin", here.display()))
 }

@@ -24,7 +24,7 @@ pub(super) fn modules(folder: &Path) -> Result<Graph> {
     }
     let passed_on: BTreeMap<String, String> = imports(texts.get(OWN).map_or("", String::as_str), package)
         .into_iter()
-        .filter_map(|import| Some((import.name?, import.module?)))
+        .filter_map(|import| Some((import.alias?, import.module?)))
         .collect();
     let module_of = |import: Import| {
         let first = import.module.or(import.name)?;
@@ -44,8 +44,10 @@ pub(super) fn modules(folder: &Path) -> Result<Graph> {
 struct Import {
     /// The module it is imported from; `None` for the package itself.
     module: Option<String>,
-    /// The name, under its new name if it gets one; `None` where a module is imported under its whole name.
+    /// The name there; `None` where a module is imported under its whole name.
     name: Option<String>,
+    /// The name here.
+    alias: Option<String>,
 }
 
 /// Every import from the package in a text: `from .a import b`, `from . import a`, `from package import a`, `from package.a import b`,
@@ -61,6 +63,7 @@ fn imports(text: &str, package: &str) -> Vec<Import> {
             found.extend(paths.filter_map(below).map(|path| Import {
                 module: first(path),
                 name: None,
+                alias: None,
             }));
         }
         let Some((from, names)) = words.strip_prefix("from ").and_then(|rest| rest.split_once("import")) else {
@@ -75,10 +78,12 @@ fn imports(text: &str, package: &str) -> Vec<Import> {
             },
         };
         for name in names.trim_matches([' ', '(', ')', ',']).split(',') {
-            // The last word: after `as`, if there is one.
+            let mut words = name.split_whitespace().map(str::to_owned);
+            let name = words.next();
             found.push(Import {
                 module: module.clone(),
-                name: name.split_whitespace().last().map(str::to_owned),
+                alias: words.last().or_else(|| name.clone()),
+                name,
             });
         }
     }
@@ -134,8 +139,10 @@ mod tests {
     use super::*;
 
     /// The modules that a module with this text uses, in a package `p` with modules a, b and c, which passes on `Name` of c.
-    fn used(text: &str) -> Vec<String> {
-        let folder = std::env::temp_dir().join(format!("rotortwin-rooms-python-{}", std::process::id()));
+    ///
+    /// * `test`: name of a folder of its own
+    fn used(test: &str, text: &str) -> Vec<String> {
+        let folder = std::env::temp_dir().join(format!("rotortwin-rooms-{test}-{}", std::process::id()));
         let package = folder.join("p");
         std::fs::create_dir_all(&package).unwrap();
         let own = "\"\"\"from .a import Example\"\"\"\nfrom .c import (\n    Name,\n    Other as Renamed,\n)\n";
@@ -166,7 +173,7 @@ mod tests {
             ("x = 'it\\'s'; from .a import x", "a"),
             ("x = '''\n'a'\n'''\nfrom .a import x", "a"),
         ] {
-            assert_eq!(used(text).join(" "), expected, "{text}");
+            assert_eq!(used("forms", text).join(" "), expected, "{text}");
         }
     }
 
@@ -181,7 +188,7 @@ mod tests {
             "\"\"\"Example.\n\n    from p import a\n\"\"\"",
             "x = \"import p.a\"",
         ] {
-            assert_eq!(used(text), [""; 0], "{text}");
+            assert_eq!(used("others", text), [""; 0], "{text}");
         }
     }
 }

@@ -105,7 +105,7 @@ fn why_found(finding: &Finding) -> String {
         finding.channels.join(", ")
     );
     if let (Some(minimum), Some(first)) = (finding.seen_from, finding.parameters.first()) {
-        text += &format!("; {} would have been seen", quantity(minimum, &first.unit));
+        text += &format!("; detectable from {}", quantity(minimum, &first.unit));
     }
     if let Some(onset) = finding.onset_s {
         text += &format!("; it sets in at {onset:.1} s");
@@ -545,7 +545,7 @@ impl Calibration {
         let better = if self.better.is_empty() {
             String::new()
         } else {
-            format!("; what tells it: {}", self.better)
+            format!("; determined by: {}", self.better)
         };
         let wants = format!("{} ± {}", number(self.wanted), number(self.wanted_interval_95));
         // No flight determines which part of a ratio is wrong, as long as neither has been weighed or measured.
@@ -567,7 +567,7 @@ impl Calibration {
 /// The quantity that a flight determines instead of one constant.
 struct Ratio {
     name: &'static str,
-    /// The constant stands below the line.
+    /// The constant is the denominator.
     below: bool,
     /// The condition under which the constant alone is wrong.
     others: &'static str,

@@ -244,7 +244,7 @@ pub(super) fn no_flight(log: &FlightLog, findings: &mut Vec<Finding>) {
             findings,
             FindingKind::NoFlight,
             format!(
-                "the motors are asked for up to {changes:.1} times as much and the specific force stays at {force:.1} m/s²: they do not carry the \
+                "the motors are commanded up to {changes:.1} times as much, yet the specific force stays at {force:.1} m/s²: they do not carry the \
                  vehicle (no propellers, tied down, or on a stand)"
             ),
         );
