@@ -124,7 +124,7 @@ fn unconsidered(one: &NotConsidered) -> String {
     match &one.why {
         Reason::Columns(columns) => format!("no log has {}", listed(columns)),
         Reason::SlowCommand { hz, lag_s, faster } => format!(
-            "commands have new values at {hz:.1} Hz, and a lag of {lag_s:.3} s takes {:.0} Hz; {faster}",
+            "commands have new values at {hz:.1} Hz, and a lag of {lag_s:.3} s requires {:.0} Hz; {faster}",
             (1.0 / lag_s).ceil()
         ),
         Reason::InTheModel => "already in the model; `rotortwin improve` fits its value".to_owned(),
@@ -545,7 +545,7 @@ impl Calibration {
         let better = if self.better.is_empty() {
             String::new()
         } else {
-            format!("; determined by: {}", self.better)
+            format!("; to determine it: {}", self.better)
         };
         let wants = format!("{} ± {}", number(self.wanted), number(self.wanted_interval_95));
         // No flight determines which part of a ratio is wrong, as long as neither has been weighed or measured.

@@ -262,7 +262,11 @@ impl ModelVersion {
     #[must_use]
     pub fn with_own_winds(&self) -> Self {
         let catalogue = Catalogue::default();
-        let is_wind = |id: &str| catalogue.find(id).is_some_and(|declared| declared.search.is_steady_wind);
+        let is_wind = |id: &str| {
+            catalogue
+                .find(id)
+                .is_some_and(|declared| declared.search.is_steady_wind)
+        };
         let mut next = self.clone();
         next.effect.retain(|effect| !is_wind(&effect.effect));
         next.correlation

@@ -182,9 +182,7 @@ fn forget_what_raises(diagnosis: &mut Diagnosis, doubts: &[Doubt]) {
     );
     let all = diagnosis.effects.drain(..).chain(diagnosis.sensor_or_timing.drain(..));
     let names: Vec<String> = all.map(|finding| in_sentence(&finding.label)).collect();
-    diagnosis
-        .notes
-        .push(format!("rejected: {}; {with}", names.join(", ")));
+    diagnosis.notes.push(format!("rejected: {}; {with}", names.join(", ")));
     // They are the errors of what has been rejected.
     diagnosis.held_out.clear();
 }
