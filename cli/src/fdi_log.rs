@@ -184,7 +184,7 @@ fn against_healthy(log: &FlightLog, healthy: &[FlightLog], model: &ModelVersion)
     }
     Some(match baseline::trim(std::slice::from_ref(log), healthy, model) {
         Ok(trim) => trim.sentence,
-        Err(reason) => format!("not held against the healthy flights: {reason}"),
+        Err(reason) => format!("not compared with the healthy flights: {reason}"),
     })
 }
 

@@ -76,7 +76,7 @@ fn compare(args: &Args, version: &ModelVersion) -> Result<String, String> {
     );
     let mut table = Grid::new([
         "detector",
-        "believes in",
+        "assumes",
         "right without a fault",
         "right with a fault",
         "false alarms / h",

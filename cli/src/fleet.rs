@@ -278,7 +278,7 @@ fn text_of(one: &FleetView) -> String {
             "Spread       {:.2} % of a rotor's thrust between flights, 1 σ\n",
             100.0 * spread
         ),
-        None => "Spread       unknown: it takes two flights\n".to_owned(),
+        None => "Spread       unknown: two flights are needed\n".to_owned(),
     };
     if let Some(share) = &one.common_per_flight {
         text += &format!(
@@ -287,7 +287,7 @@ fn text_of(one: &FleetView) -> String {
         );
     }
     text += &format!("\n{}\n\n{}\n", rotor_table(one), flight_table(one));
-    text += "\nBias: thrust asked of a rotor over the model's, apart from what all rotors have in common. Loss: over the flights since its propeller was replaced; ";
+    text += "\nBias: commanded thrust of a rotor over the model's, apart from what all rotors have in common. Loss: over the flights since its propeller was replaced; ";
     text += &format!(
         "named from {} flights on ({} for a trend), where it is {:.0} % or more and beyond the spread between flights. Brackets: 95 %.\n",
         LEAST_BEFORE + 1,

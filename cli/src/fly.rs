@@ -223,7 +223,7 @@ impl From<PaceArg> for Pace {
     }
 }
 
-/// A process that somebody else starts.
+/// A process that is started by hand.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, ValueEnum)]
 pub enum External {
     /// The controller

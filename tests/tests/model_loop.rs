@@ -90,7 +90,7 @@ fn scenario_commands_say_on_which_version_they_stand() {
     let said = call("improve log.parquet --model f550@again --yes", 0);
     let (label, last) = hash("f550@again");
     assert_eq!(label, "f550@v2");
-    let line = format!("Model        f550@v2, hash {last}; stands on f550@v0, hash {vehicle}");
+    let line = format!("Model        f550@v2, hash {last}; based on f550@v0, hash {vehicle}");
     assert!(said.contains(&line), "{said}");
 
     // The same findings once more.

@@ -573,7 +573,7 @@ fn scenario_a_run_of_an_external_controller_is_verified_with_a_note() {
 }
 
 #[test]
-fn val_a_database_of_the_first_version_is_copied_and_brought_forward() {
+fn val_a_database_of_the_first_version_is_copied_and_migrated() {
     let scratch = Scratch::new();
     let data = scratch.path("data");
     std::fs::create_dir_all(&data).expect("made");

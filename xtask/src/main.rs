@@ -94,12 +94,14 @@ fn run_task() -> Result<()> {
     }
 }
 
-/// The repository root, from the place of this package.
+/// The root of the tree that the task is run in: this program may have been built in another one.
 fn root() -> Result<PathBuf> {
-    Path::new(env!("CARGO_MANIFEST_DIR"))
-        .parent()
-        .map(Path::to_path_buf)
-        .context("xtask stands in the repository root")
+    let here = std::env::current_dir().context("the current directory")?;
+    let root = here
+        .ancestors()
+        .find(|folder| folder.join("xtask/Cargo.toml").is_file());
+    root.map(Path::to_path_buf)
+        .with_context(|| format!("{}: expected a folder in a checkout of rotortwin", here.display()))
 }
 
 /// Flies a scenario with seeds 1 to 100 and prints the evaluators' results.

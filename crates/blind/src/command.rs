@@ -18,7 +18,7 @@ use std::process::ExitCode;
 /// Shortest and longest flight, s.
 pub const DURATION_S: [f64; 2] = [1.0, 3600.0];
 
-/// Foreign simulator that writes flight logs with hidden effects.
+/// Independent simulator that writes flight logs with hidden effects.
 #[derive(Debug, Parser)]
 #[command(name = "rotortwin-blind", version, max_term_width = 120)]
 pub struct Cli {

@@ -118,7 +118,7 @@ pub fn improve(job: &Job, companion: &mut impl Companion, tell: Tell<'_>) -> Res
     text += &if last == base {
         format!("Model        {base}\n")
     } else {
-        format!("Model        {last}; stands on {base}\n")
+        format!("Model        {last}; based on {base}\n")
     };
     for log in logs.iter().chain(&held_out) {
         if let RotorOrder::Vehicle(note) = &log.report.rotor_order {

@@ -159,7 +159,7 @@ fn column_of(name: &str, summary: &Summary) -> std::result::Result<String, Strin
         .find(|known| known.column == column && known.name != name)
     {
         Some(other) => Err(format!(
-            "the verdicts of '{name}' would stand in the column {column} of '{}'; expected a name that differs in letters or digits",
+            "the verdicts of '{name}' would be written to column {column}, which is that of '{}'; expected a name that differs in letters or digits",
             other.name
         )),
         None => Ok(column),

@@ -6,17 +6,21 @@ use std::path::{Path, PathBuf};
 
 use rotortwin_plant::effects::catalogue;
 
-/// The modules that fit, rank and name effects. A vehicle from a log (`identify`) uses the word mass, not the effect.
-const ENGINE: [&str; 8] = [
+/// The modules that fit, rank, name and keep effects. A vehicle from a log (`identify`) uses the word mass, not the effect.
+const ENGINE: [&str; 9] = [
     "baseline",
     "compare",
     "diagnose",
     "estimation",
     "improve",
+    "model",
     "next_flight",
     "predict",
     "propose",
 ];
+
+/// Names of constants of a vehicle, in the module `model`, that are called like an effect.
+const CONSTANTS: [&str; 1] = ["mass"];
 
 /// Modules that read scenarios: what an effect needs or acts on is also in its declaration.
 const SCENARIOS: [&str; 1] = ["../../scenario/src"];
@@ -79,7 +83,10 @@ fn is_an_effect(text: &str) -> bool {
 
 #[test]
 fn val_the_engine_names_no_effect() {
-    assert_eq!(named(&ENGINE, is_an_effect), Vec::<String>::new());
+    let without_constants: Vec<&str> = ENGINE.into_iter().filter(|room| *room != "model").collect();
+    assert_eq!(named(&without_constants, is_an_effect), Vec::<String>::new());
+    let is = |text: &str| is_an_effect(text) && !CONSTANTS.contains(&text);
+    assert_eq!(named(&["model"], is), Vec::<String>::new());
 }
 
 #[test]
@@ -107,7 +114,16 @@ fn val_the_engine_asks_for_no_row_of_the_catalogue() {
             .replace("catalogue_number.is_some()", "")
             .contains("catalogue_number");
         assert!(!asks, "{}", file.display());
+        // All the places where an effect acts are a name in disguise.
+        assert!(!text.contains(".places =="), "{}", file.display());
     }
+}
+
+/// A wind of each flight's own takes the place of exactly one effect.
+#[test]
+fn val_one_effect_is_the_steady_wind() {
+    let declared = catalogue().iter().filter(|entry| entry.search.is_steady_wind);
+    assert_eq!(declared.map(|entry| entry.id).collect::<Vec<_>>(), ["wind"]);
 }
 
 #[test]

@@ -172,7 +172,7 @@ fn val_a_vehicle_without_its_intervals_is_told_so_before_anything_is_called_miss
     assert!(model.lacks_intervals());
     let found = said(flown(&vehicle, "excitation", 40.0, 72, &[]), &model);
     // Something compensates for the guesses, whether it is accepted or not.
-    let is_dropped = |note: &String| note.starts_with("not believed: ");
+    let is_dropped = |note: &String| note.starts_with("rejected: ");
     assert!(!found.effects.is_empty() || found.notes.iter().any(is_dropped));
     assert!(
         found

@@ -387,7 +387,7 @@ impl ZenohEndpoint {
             .liveliness()
             .declare_token(format!("{prefix}/alive/{}", slug(role)))
             .wait()
-            .map_err(|error| failed("telling that it is alive", error))?;
+            .map_err(|error| failed("declaring the liveliness token", error))?;
         Ok(Self {
             role,
             run_id,

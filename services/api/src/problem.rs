@@ -142,12 +142,12 @@ impl Problem {
         )
     }
 
-    /// 403: request from a foreign web page.
+    /// 403: request from a page of another web site.
     pub(crate) fn foreign_page(detail: impl Into<String>) -> Self {
         Self::new(
             StatusCode::FORBIDDEN,
             "foreign-page",
-            "Request from a foreign web page",
+            "Request from Another Web Site",
             detail,
         )
     }

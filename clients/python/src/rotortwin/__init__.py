@@ -4,7 +4,7 @@
 
     flight = rotortwin.Simulation("hover", seed=1).run()    # here: rotortwin.simulation, rotortwin.gym
     found = rotortwin.diagnose("flight.ulg", "my-vehicle.toml")    # here: rotortwin.analysis
-    from rotortwin import detectors                         # your own beside ours, on the same flights
+    from rotortwin import detectors                         # your own next to ours, on the same flights
 
     from rotortwin import Client
 

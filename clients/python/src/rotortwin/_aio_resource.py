@@ -134,7 +134,7 @@ class AsyncResource(Generic[J]):
         return await self._do(self._operations.artifact(id, path))
 
     async def download(self, id: str, path: str, target: str | Path) -> Path:
-        """A file of it to `target`; goes on where an earlier call was cut off."""
+        """A file of it to `target`; resumes where an earlier call was cut off."""
         path = self._operations.artifact_path(id, path)
         return await fetched(self._transport, Download(self._transport.settings, path, Path(target)))
 

@@ -5,7 +5,7 @@
     table = rotortwin.campaign("wide-draw")                                   # every core of this machine
     table = rotortwin.campaign("mine.toml", executor="ray", threads=2)        # every node of the Ray cluster
     table = rotortwin.campaign("mine.toml", executor=dask.distributed.Client("tcp://bench:8786"))
-    table = rotortwin.campaign("wide-draw", detectors=[Mine()])               # a detector of one's own beside ours
+    table = rotortwin.campaign("wide-draw", detectors=[Mine()])               # a detector of your own next to ours
 
 A shard of 32 flights depends on the campaign and on its number alone. Tasks fly a few shards each with the program `rotortwin` of the place
 where they run, and give their bytes; here they are put into one folder, which is that of `rotortwin campaign` on one machine, byte for byte,
@@ -62,10 +62,10 @@ def campaign(
     out: folder of the results, `report.html` among them; what is there of the same campaign is not flown again. By default nothing is kept.
     shards_per_task, threads: shards of 32 flights of a task, and processors that it takes.
     retries: how often Ray or Dask begins a task again whose node or process died; others give up, and the same call goes on.
-    resources: what a task takes beside processors, as Ray and Dask call it.
+    resources: what a task takes besides processors, as Ray and Dask call it.
     program: `rotortwin` on the nodes; by default that of the node's package, or else on its search path.
     progress: called with shards that are there and shards of all.
-    detectors: of your own (`rotortwin.detectors`); they judge the flights here, after they were flown, and have their columns and rows beside ours.
+    detectors: of your own (`rotortwin.detectors`); they judge the flights here, after they were flown, and have their columns and rows next to ours.
 
     Raises CampaignFailed: the campaign cannot be flown, or a task failed; shards that are there stay in `out`.
     """

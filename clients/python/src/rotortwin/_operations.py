@@ -439,7 +439,7 @@ def as_frame(data: bytes, columns: Sequence[str] | None) -> pandas.DataFrame:
 
 
 class Watcher:
-    """Tells of the progress of a job."""
+    """Reports the progress of a job."""
 
     def __init__(self, progress: Progress) -> None:
         self._tell: Callable[[Event], None] | None = None

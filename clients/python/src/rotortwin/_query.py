@@ -54,7 +54,7 @@ _BATCH = 256
 def query(sql: str, folder: Sources = ".", *, memory: str = MEMORY, threads: int | None = None) -> pyarrow.Table:
     """The answer to `sql` about all results below `folder`, as an Arrow table.
 
-    memory: what the query may take beside its answer, such as `"512MB"`. threads: by default one for each processor.
+    memory: what the query may take besides its answer, such as `"512MB"`. threads: by default one for each processor.
     Credentials of an object store: `AWS_ACCESS_KEY_ID`, `AWS_SECRET_ACCESS_KEY`, `AWS_REGION`, `AWS_ENDPOINT`.
     Needs `pip install 'rotortwin[query]'`.
     """

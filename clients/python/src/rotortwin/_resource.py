@@ -136,7 +136,7 @@ class Resource(Generic[J]):
         return self._do(self._operations.artifact(id, path))
 
     def download(self, id: str, path: str, target: str | Path) -> Path:
-        """A file of it to `target`; goes on where an earlier call was cut off."""
+        """A file of it to `target`; resumes where an earlier call was cut off."""
         path = self._operations.artifact_path(id, path)
         return fetched(self._transport, Download(self._transport.settings, path, Path(target)))
 

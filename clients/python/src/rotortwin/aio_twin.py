@@ -191,7 +191,7 @@ class AsyncComparisons(AsyncTwin):
         max_wall_s: int | None = None,
         idempotency_key: str | None = None,
     ) -> Job:
-        """Holds one model against flights.
+        """Compares one model with flights.
 
         The model is one of: vehicle, a name of the server's library; improvement, an id; version, a text or `Path` as `rotortwin model
         export` writes it; model, a name of `client.models`, also `NAME@v1` or `NAME@BRANCH`. label: what the result calls it. more_models: such
@@ -293,7 +293,7 @@ class AsyncImprovements(AsyncTwin):
 
 
 class AsyncNextFlights(AsyncResource[Job]):
-    """What to fly next: the manoeuvre that tells two effects apart which a flight could not."""
+    """What to fly next: the manoeuvre that distinguishes two effects which a flight could not."""
 
     _operations: NextFlightOperations
 
@@ -324,7 +324,7 @@ class AsyncNextFlights(AsyncResource[Job]):
         return await self._do(self._operations.manoeuvres(id))
 
     async def scenario(self, id: str) -> str:
-        """The best manoeuvre as a scenario (TOML). Of a version of a model, the vehicle lies beside it among the files: `download_all`."""
+        """The best manoeuvre as a scenario (TOML). Of a version of a model, the vehicle is next to it among the files: `download_all`."""
         return (await self.artifact(id, "next-flight.toml")).decode()
 
 

@@ -146,7 +146,7 @@ def _logs(logs: Log | Sequence[Log]) -> list[Any]:
 def compare(
     logs: Log | list[Log], models: str | PathLike[str] | Sequence[str | PathLike[str]], *, store: str | PathLike[str] = "models"
 ) -> Result:
-    """Holds models against logs: the error of each channel against its noise, by flight condition, with the worst moments."""
+    """Compares models with logs: the error of each channel over its noise, by flight condition, with the worst moments."""
     names = [models] if isinstance(models, (str, PathLike)) else models
     return Result(json.loads(_native.compare(_logs(logs), [fspath(name) for name in names], fspath(store))))
 
@@ -159,7 +159,7 @@ def diagnose(
     baseline: list[Log] | None = None,
     store: str | PathLike[str] = "models",
 ) -> Result:
-    """Which physical effect the model lacks, with its parameters and their intervals; or that none does, or that none can be told.
+    """Which physical effect the model lacks, with its parameters and their intervals; or that none does, or that the logs cannot show it.
 
     `effects`: documents of effects of one's own; `baseline`: three healthy flights of the same vehicle at least.
     """
@@ -277,7 +277,7 @@ def fdi_log(
     windows: bool = False,
     store: str | PathLike[str] = "models",
 ) -> JudgedLog:
-    """Has a rotor lost thrust, which, since when, how much; or why the detectors cannot tell.
+    """Has a rotor lost thrust, which, since when, how much; or why the detectors reach no verdict.
 
     `model` is what they take for healthy. `classifier`: a file, for verdicts of the network. `set`: keys of the `[fdi]` table of scenarios, such
     as `{"calibration_end_s": 5.0}`; what is damaged by the end of the calibration counts as healthy. `windows` keeps every window of 62.5 ms.

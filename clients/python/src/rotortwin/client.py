@@ -301,7 +301,7 @@ class Runs(Resource[Run]):
         """Runs of one scenario that different controllers have flown: `rows` with tracking, energy, what the fault did and what was seen of it.
 
         within_m: a vehicle has recovered when it stays so close to its reference, 0.5 m without it. `differences` says in what the runs
-        differ beside their controllers.
+        differ besides their controllers.
         """
         return self._do(self._operations.compare_controllers(ids, within_m))
 
@@ -570,7 +570,7 @@ class Client:
         """The events of all jobs of the caller as they happen, over broken connections and restarts of the server, without gaps.
 
         The first is `open`, at the place of now: what is listed after it misses nothing. after: the `place` of the last event that was seen;
-        the stream goes on behind it, without `open`. progress: with the events `progress`, the most frequent ones. wait: False ends with what
+        the stream resumes after it, without `open`. progress: with the events `progress`, the most frequent ones. wait: False ends with what
         there is now. Parts of campaigns and benches are left out. An unknown place raises `BadRequest`.
         """
         for event in followed(self._transport, FollowAll(self._transport.settings, after, progress, wait)):

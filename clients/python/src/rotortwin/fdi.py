@@ -105,7 +105,7 @@ class Fdi:
         """One's sessions as they change, whoever feeds them; watching keeps none alive, and a token that may only read is enough.
 
         It begins with `open`, all that are open. Then `session`, one that was opened or fed since, at most ten times a second, and `closed`.
-        After a broken connection it begins again, with another `open`: what was told meanwhile is in the states that it lists. wait: False
+        After a broken connection it begins again, with another `open`: what was sent in the meantime is in the states that it lists. wait: False
         ends after `open`.
         """
         for event in followed(self._transport, FollowFdi(self._transport.settings, wait)):

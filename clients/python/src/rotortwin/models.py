@@ -101,7 +101,7 @@ class Run:
     parent: str | None = None
     #: Who has or had it.
     worker: str | None = None
-    #: What it waits for in the queue, beside a free worker: its autopilot is busy or away. Not in lists.
+    #: What it waits for in the queue, besides a free worker: its autopilot is busy or away. Not in lists.
     waits_because: str | None = None
     #: Size of its files, bytes.
     bytes: int = 0

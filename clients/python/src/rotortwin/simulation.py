@@ -8,7 +8,7 @@
     print(flight.verdict)                                  # rotor 2 lost 9.8 % [9.2, 10.4] of its thrust, probability 1.0000
 
 Plant, controller and detectors are those of the `rotortwin` command, with the same bits: `flight.run_hash` is what `rotortwin fly` prints. Long calls
-end with `KeyboardInterrupt` on Ctrl-C; an interrupted flight stands where it was interrupted, and goes on from there.
+end with `KeyboardInterrupt` on Ctrl-C; an interrupted flight stays where it was interrupted and can be resumed.
 World NED, body FRD, SI units, rotors from 1 in the order of the vehicle file; a step is 2.5 ms.
 """
 

@@ -193,7 +193,7 @@ class Comparisons(Twin):
         max_wall_s: int | None = None,
         idempotency_key: str | None = None,
     ) -> Job:
-        """Holds one model against flights.
+        """Compares one model with flights.
 
         The model is one of: vehicle, a name of the server's library; improvement, an id; version, a text or `Path` as `rotortwin model
         export` writes it; model, a name of `client.models`, also `NAME@v1` or `NAME@BRANCH`. label: what the result calls it. more_models: such
@@ -295,7 +295,7 @@ class Improvements(Twin):
 
 
 class NextFlights(Resource[Job]):
-    """What to fly next: the manoeuvre that tells two effects apart which a flight could not."""
+    """What to fly next: the manoeuvre that distinguishes two effects which a flight could not."""
 
     _operations: NextFlightOperations
 
@@ -326,7 +326,7 @@ class NextFlights(Resource[Job]):
         return self._do(self._operations.manoeuvres(id))
 
     def scenario(self, id: str) -> str:
-        """The best manoeuvre as a scenario (TOML). Of a version of a model, the vehicle lies beside it among the files: `download_all`."""
+        """The best manoeuvre as a scenario (TOML). Of a version of a model, the vehicle is next to it among the files: `download_all`."""
         return (self.artifact(id, "next-flight.toml")).decode()
 
 

@@ -128,7 +128,7 @@ struct ReportRow<'a> {
 fn html(request: &Request, rows: &[Row], sheet: &Sheet) -> String {
     let lines = sheet.groups.iter().map(|group| {
         format!(
-            "{} · {} cases: right, or rightly not testable {}; false alarms {}; confidently wrong {}",
+            "{} · {} cases: right, or correctly not testable {}; false alarms {}; confidently wrong {}",
             group.name,
             group.cases,
             group.right_or_not_testable.text(),

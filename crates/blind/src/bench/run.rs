@@ -56,7 +56,7 @@ impl Request {
         let refuse = |place: &str, reason: String| Err(BlindError::input(place, reason));
         let [shortest, longest] = DURATION_S;
         if self.presets.is_empty() {
-            return refuse("presets", "there is none; expected at least one".to_owned());
+            return refuse("presets", "is empty; expected at least one".to_owned());
         }
         if self.presets.contains(&Preset::Faults) {
             return refuse(
@@ -68,7 +68,7 @@ impl Request {
             return refuse("n", "is 0; expected at least one case of each preset".to_owned());
         }
         if self.vehicles.is_empty() {
-            return refuse("vehicles", "there is none; expected at least one".to_owned());
+            return refuse("vehicles", "is empty; expected at least one".to_owned());
         }
         if !(shortest..=longest).contains(&self.duration_s) {
             return refuse(

@@ -252,12 +252,12 @@ pub fn text(sheet: &Sheet) -> String {
                 out += &format!("  {name:<34}{}\n", share.text());
             }
         };
-        line("right, or rightly not testable", &group.right_or_not_testable);
+        line("right, or correctly not testable", &group.right_or_not_testable);
         line("first name right", &group.top1);
         line("all found", &group.all_found);
         line("exactly the hidden set", &group.exact);
         line("within the named group", &group.in_group);
-        line("rightly not testable", &group.not_testable);
+        line("correctly not testable", &group.not_testable);
         line("missed", &group.missed);
         line("confidently wrong", &group.confidently_wrong);
         line("wrong, flagged", &group.wrong_flagged);

@@ -132,7 +132,7 @@ impl ChannelGroup {
 pub enum ParameterKind {
     /// How large the effect is: with every size at 0 there is no effect, bit for bit. Absent in a document: 0.
     Size,
-    /// How the effect looks (a length, a time constant, a place): cannot be told from a flight without a size. Absent in a
+    /// How the effect looks (a length, a time constant, a place): a flight does not determine it without a size. Absent in a
     /// document: its typical value.
     Shape,
 }

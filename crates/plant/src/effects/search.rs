@@ -166,6 +166,9 @@ pub struct Search {
     pub unless_guessed: &'static [&'static str],
     /// What the rows of a log leave open of its first parameter.
     pub between_rows: BetweenRows,
+    /// It is the steady wind: where each flight has a wind of its own, fitted as a nuisance, that takes its place. One effect of the
+    /// catalogue declares this.
+    pub is_steady_wind: bool,
 }
 
 impl Search {
@@ -183,6 +186,7 @@ impl Search {
             along: &[],
             unless_guessed: &[],
             between_rows: BetweenRows::Nothing,
+            is_steady_wind: false,
         }
     }
 
@@ -219,6 +223,12 @@ impl Search {
     /// The same, unless a constant is a guess that one of these is the error of.
     pub const fn unless_guessed(mut self, others: &'static [&'static str]) -> Self {
         self.unless_guessed = others;
+        self
+    }
+
+    /// The same for the steady wind.
+    pub const fn of_the_steady_wind(mut self) -> Self {
+        self.is_steady_wind = true;
         self
     }
 

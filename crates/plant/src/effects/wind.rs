@@ -34,7 +34,9 @@ pub(super) static DECLARATION: EffectDeclaration = EffectDeclaration {
     per_rotor: false,
     may_set_in: true,
     needs: &["rotor-drag", "quadratic-drag", "linear-friction"],
-    search: Search::LINEAR.requiring(&[Requirement::AirVelocity]),
+    search: Search::LINEAR
+        .requiring(&[Requirement::AirVelocity])
+        .of_the_steady_wind(),
     excited_by: "any flight outdoors; a yaw turn distinguishes it from biases that turn with the vehicle",
     confused_with: &[
         "level-offset",

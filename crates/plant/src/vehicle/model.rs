@@ -332,7 +332,7 @@ impl VehicleModel {
         if let Some(motor) = &rotors.motor {
             motor.check().map_err(|r| r.under("motor"))?;
             if rotors.reaction_s != 0.0 {
-                let reason = "expected 0 beside `motor`, whose inertia already turns the vehicle";
+                let reason = "expected 0 together with `motor`, whose inertia already turns the vehicle";
                 return Err(Refusal::new("reaction_s", reason));
             }
         }

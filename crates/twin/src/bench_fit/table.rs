@@ -444,7 +444,7 @@ impl Table {
         let turns: Vec<bool> = stands.iter().map(|stands| !stands).collect();
         table.retain(&turns);
         table.notes.push(format!(
-            "{count} of {points} points are left out: the motor stands there, from duty {first:.2} on, with less than a tenth of the current and a third \
+            "{count} of {points} points are left out: the motor does not turn there, from duty {first:.2} on, with less than a tenth of the current and a third \
              of the thrust of a lower duty"
         ));
         table

@@ -41,7 +41,7 @@ pub fn fit_thrust(tables: &[Table]) -> Result<Fit, FitError> {
     // Beside a load cell's noise about 0.
     if top <= DOWNWARDS * -bottom || top <= 0.0 {
         return refuse(format!(
-            "expected positive thrusts, got {bottom:.1} to {top:.1} N: if the load cell counts downwards, --map thrust=COLUMN:-N turns it round (or -kg, -g)"
+            "expected positive thrusts, got {bottom:.1} to {top:.1} N: if the load cell counts downwards, --map thrust=COLUMN:-N reverses it (or -kg, -g)"
         ));
     }
     let mean = voltage.iter().sum::<f64>() / voltage.len().max(1) as f64;

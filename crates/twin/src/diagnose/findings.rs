@@ -178,7 +178,7 @@ fn fared(problem: &Problem, named: &Candidate, rival: &RivalFit, too_small: bool
     }
 }
 
-/// True if the only size of an effect came out below the smallest that would have been seen.
+/// True if the only size of an effect came out below the smallest detectable size.
 fn below(entry: &Candidate, values: &[f64], minimum: f64) -> bool {
     let mut sizes = (0..values.len()).filter(|&i| entry.parameters[i].kind == ParameterKind::Size);
     let (Some(only), None) = (sizes.next(), sizes.next()) else {

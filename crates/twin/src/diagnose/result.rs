@@ -151,7 +151,7 @@ pub struct Finding {
     pub onset_s: Option<f64>,
     /// Explanation in plain words.
     pub reason: String,
-    /// Size of the first parameter that would have been seen, in its unit; `None` where that means nothing.
+    /// Smallest detectable size of the first parameter, in its unit; `None` where that means nothing.
     #[serde(skip)]
     pub(crate) seen_from: Option<f64>,
     /// The constant whose error this is, and what it should be; the sentence names it.

@@ -23,7 +23,7 @@ use super::{Options, THRESHOLD, THRESHOLD_AT_REST, remainder, words};
 use crate::estimation::candidates::Library;
 use crate::estimation::columns::LogState;
 use crate::estimation::problem::Problem;
-use crate::model::{ConstantInterval, is_steady_wind};
+use crate::model::ConstantInterval;
 use crate::predict::{CHANNELS, Nuisances, PredictError, Predictor};
 
 /// Speed and rate (root mean square about the mean) below which a flight counts as at rest.
@@ -90,7 +90,7 @@ fn begin<'a>(
     library.retain(|c| model.iter().all(|m| m.effect != c.declaration.id || m.rotor != c.rotor));
     // A wind that all flights share is one of each.
     let winds = predictors.iter().any(Predictor::has_own_wind);
-    library.retain(|c| !winds || !is_steady_wind(c.declaration));
+    library.retain(|c| !winds || !c.declaration.search.is_steady_wind);
     // Without a measured voltage Eq. 19 uses that of the model's battery: an effect that acts through it would only be a level or a drift of
     // the thrust. An airspeed or a position that nothing tells would be taken as none. Samples of a command that are further apart than its
     // lag answer before they are commanded, as they are interpolated: that would be named as too short a lag.

@@ -106,7 +106,7 @@ fn why_found(finding: &Finding) -> String {
         finding.channels.join(", ")
     );
     if let (Some(minimum), Some(first)) = (finding.seen_from, finding.parameters.first()) {
-        text += &format!("; {} would have been seen", quantity(minimum, &first.unit));
+        text += &format!("; detectable from {}", quantity(minimum, &first.unit));
     }
     if let Some(onset) = finding.onset_s {
         text += &format!("; it sets in at {onset:.1} s");
@@ -125,7 +125,7 @@ fn unconsidered(one: &NotConsidered) -> String {
     match &one.why {
         Reason::Columns(columns) => format!("no log has {}", listed(columns)),
         Reason::SlowCommand { hz, lag_s, faster } => format!(
-            "commands have new values at {hz:.1} Hz, and a lag of {lag_s:.3} s takes {:.0} Hz; {faster}",
+            "commands have new values at {hz:.1} Hz, and a lag of {lag_s:.3} s requires {:.0} Hz; {faster}",
             (1.0 / lag_s).ceil()
         ),
         Reason::InTheModel => "already in the model; `rotortwin improve` fits its value".to_owned(),
@@ -598,7 +598,7 @@ impl Calibration {
         let better = if self.better.is_empty() {
             String::new()
         } else {
-            format!("; what tells it: {}", self.better)
+            format!("; to determine it: {}", self.better)
         };
         let wants = format!("{} ± {}", number(self.wanted), number(self.wanted_interval_95));
         // No flight determines which part of a ratio is wrong, as long as neither has been weighed or measured.
@@ -620,7 +620,7 @@ impl Calibration {
 /// The quantity that a flight determines instead of one constant.
 struct Ratio {
     name: &'static str,
-    /// The constant stands below the line.
+    /// The constant is the denominator.
     below: bool,
     /// The condition under which the constant alone is wrong.
     others: &'static str,

@@ -49,7 +49,7 @@ impl Slow {
         notes.insert(
             0,
             format!(
-                "motor outputs come at {:.1} Hz, and motion of roll and pitch up to {:.0} Hz takes {:.0} Hz: inertia and motor lag cannot be known from this log, nor is an \
+                "motor outputs come at {:.1} Hz, and motion of roll and pitch up to {:.0} Hz requires {:.0} Hz: inertia and motor lag cannot be known from this log, nor is an \
                  impossible value a sign of a wrong mass, arm, frame or order of the outputs; {}",
                 self.hz,
                 self.band_hz,

@@ -6,7 +6,7 @@ use rotortwin_plant::effects::{Catalogue, EffectInstance};
 use super::{refit, stays_within, with_finding};
 use crate::diagnose::{Diagnosis, Finding};
 use crate::log::FlightLog;
-use crate::model::{ModelVersion, is_steady_wind, steady_wind};
+use crate::model::{ModelVersion, steady_wind};
 use crate::predict::PredictError;
 
 /// What a diagnosis wants added in a round.
@@ -45,7 +45,10 @@ impl Proposals {
 
     /// The same with a wind for each flight in place of one for all; `None` if there is none for all.
     pub(super) fn in_winds_of_their_own(&self, catalogue: &Catalogue) -> Option<Self> {
-        let is_wind = |finding: &&Finding| catalogue.find(&finding.instance.effect).is_some_and(is_steady_wind);
+        let is_wind = |finding: &&Finding| {
+            let declared = catalogue.find(&finding.instance.effect);
+            declared.is_some_and(|declared| declared.search.is_steady_wind)
+        };
         let others: Vec<Finding> = self.findings.iter().filter(|one| !is_wind(one)).cloned().collect();
         (!self.own_winds && others.len() < self.findings.len()).then(|| Self::with_winds(others, catalogue))
     }

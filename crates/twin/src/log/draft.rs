@@ -1439,7 +1439,7 @@ fn rotors(columns: &mut [Column], out: &mut Writer) {
             if let Some(run) = best_of(columns, &runs) {
                 let names: Vec<&str> = run.columns.iter().map(|i| columns[*i].name.as_str()).collect();
                 out.ask("rotor_speed", format!(
-                    "{}: electrical turns a minute: how many pairs of magnets has a motor? A rotor turns at this number over the pairs. With P of them \
+                    "{}: electrical revolutions per minute: how many pairs of magnets has a motor? A rotor turns at this number over the pairs. With P of them \
                      the row is: to = \"rotor_speed\", from = \"csv:{}\", unit = \"rpm\", factor = 1/P as a decimal number; none is written here",
                     names[0],
                     names.join(",")
@@ -1531,7 +1531,7 @@ fn rotors(columns: &mut [Column], out: &mut Writer) {
         {
             out.ask("duty", format!(
                 "{}: by their name these are thrusts: a mapping takes a number for the duty in proportion, and a thrust grows by about the square of the \
-                 duty: are they what the motors are asked for, or what they are thought to give?",
+                 duty: are they the thrusts that are commanded, or those that are estimated?",
                 names[0]
             ));
         }

@@ -151,7 +151,7 @@ impl SourceKind {
             Self::ArdupilotDataflash | Self::ArdupilotDataflashText => {
                 "ArduPilot writes RCOU at 10 Hz whatever LOG_BITMASK says: record SERVO_OUTPUT_RAW by telemetry (SR*_RC_CHAN 50), with LOG_BITMASK of fast attitude and fast IMU for the rest"
             }
-            Self::MavlinkTlog => "ask for SERVO_OUTPUT_RAW at 50 Hz or more (ArduPilot: SR*_RC_CHAN 50)",
+            Self::MavlinkTlog => "request SERVO_OUTPUT_RAW at 50 Hz or more (ArduPilot: SR*_RC_CHAN 50)",
             _ => "log the motor outputs as fast as the gyroscope",
         }
     }

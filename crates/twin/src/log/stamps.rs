@@ -71,7 +71,7 @@ pub(crate) fn regularise(log: &mut FlightLog) {
                 .push(format!("time stamps: {figures}; the rows were put on regular times"));
         }
         None => log.report.notes.push(format!(
-            "time stamps: {figures}; where rows are missing cannot be told from such stamps, so they stay, and errors are to be expected that nothing explains"
+            "time stamps: {figures}; such stamps do not show where rows are missing, so they are kept; expect errors that nothing explains"
         )),
     }
 }
@@ -173,7 +173,7 @@ impl Sums {
     }
 }
 
-/// Regular times of rows; `None` if it cannot be told where rows are missing.
+/// Regular times of rows; `None` if they do not show where rows are missing.
 fn regular(time_s: &[f64], step_s: f64) -> Option<Vec<f64>> {
     /// Wander of the averaged stamps about a line over the interval, below which no row is missing: one shifts them by 1.
     const NONE_MISSING: f64 = 0.3;

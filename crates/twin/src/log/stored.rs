@@ -188,7 +188,7 @@ fn refuse_a_file_as_folder(folder: &Path) -> Result<(), LogError> {
     if of_a_log && !folder.is_dir() {
         return Err(LogError::format(
             folder,
-            "--out takes a folder, in which the log becomes NAME.parquet with its account beside it; the name of a file was given",
+            "--out takes a folder, in which the log is stored as NAME.parquet with its report; got the name of a file",
         ));
     }
     Ok(())

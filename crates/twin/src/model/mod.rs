@@ -29,7 +29,7 @@ pub mod store;
 use std::collections::BTreeMap;
 
 use crate::content_hash::content_hash;
-use rotortwin_plant::effects::{Catalogue, EffectClass, EffectDeclaration, EffectDocument, EffectInstance, Place};
+use rotortwin_plant::effects::{Catalogue, EffectDeclaration, EffectDocument, EffectInstance};
 use rotortwin_plant::error::Refusal;
 use rotortwin_plant::powertrain::blades::BladeSet;
 use rotortwin_plant::vehicle::model::VehicleModel;
@@ -262,7 +262,11 @@ impl ModelVersion {
     #[must_use]
     pub fn with_own_winds(&self) -> Self {
         let catalogue = Catalogue::default();
-        let is_wind = |id: &str| catalogue.find(id).is_some_and(is_steady_wind);
+        let is_wind = |id: &str| {
+            catalogue
+                .find(id)
+                .is_some_and(|declared| declared.search.is_steady_wind)
+        };
         let mut next = self.clone();
         next.effect.retain(|effect| !is_wind(&effect.effect));
         next.correlation
@@ -328,16 +332,11 @@ impl ModelVersion {
     }
 }
 
-/// True for the effect that is one steady wind: what a wind of each flight's own takes the place of.
-pub(crate) fn is_steady_wind(declared: &EffectDeclaration) -> bool {
-    declared.catalogue_number.is_some() && declared.class == EffectClass::Physics && declared.places == [Place::Wind]
-}
-
-/// That effect in a catalogue.
+/// The steady wind of a catalogue: what a wind of each flight's own takes the place of.
 pub(crate) fn steady_wind(catalogue: &Catalogue) -> Option<&'static EffectDeclaration> {
     catalogue
         .entries()
         .iter()
         .copied()
-        .find(|declared| is_steady_wind(declared))
+        .find(|declared| declared.search.is_steady_wind)
 }

@@ -18,7 +18,7 @@ use crate::estimation::dense::Matrix;
 use crate::estimation::linearisation::accumulate;
 use crate::estimation::normal::{Normal, Posterior};
 use crate::log::FlightLog;
-use crate::model::{ModelVersion, is_steady_wind};
+use crate::model::ModelVersion;
 use crate::predict::{CHANNELS, PredictError, Predictor};
 
 /// Expected evidence from data with one of the effects in it.
@@ -65,7 +65,7 @@ impl Sensitivity {
                 .iter()
                 .all(|m| m.effect != c.declaration.id || m.rotor != c.rotor)
         });
-        library.retain(|c| !model.wind_of_each_flight || !is_steady_wind(c.declaration));
+        library.retain(|c| !model.wind_of_each_flight || !c.declaration.search.is_steady_wind);
         library.take_priors(&model.constant);
         let state = LogState::new(predictor);
         let linear = state.linearise(&library, &[], &|_| ())?;

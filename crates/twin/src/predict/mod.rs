@@ -400,7 +400,7 @@ impl Predictor {
         missing(have.position, "no position: channel KP is left out");
         missing(
             !self.forgives_the_chart,
-            "the battery's chart is a guess: slow errors of the voltage are not held against the model",
+            "the battery's chart is a guess: slow errors of the voltage do not count as errors of the model",
         );
         missing(
             have.voltage,

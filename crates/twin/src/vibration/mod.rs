@@ -361,7 +361,7 @@ fn of_sensor(
     if !from_telemetry {
         let Some(scale) = speeds::scale_of(&shaken, rate_hz) else {
             return Err(format!(
-                "the {} shows no lines at speeds that go with duty and voltage between {:.0} and {:.0} Hz",
+                "the {} shows no lines at speeds that follow duty and voltage between {:.0} and {:.0} Hz",
                 sensor.name(),
                 speeds::SLOWEST_HZ,
                 speeds::FASTEST * rate_hz

@@ -73,7 +73,7 @@ impl ListedAutopilot {
     }
 }
 
-/// The run that an autopilot flies, unless it is somebody else's.
+/// The run that an autopilot flies, unless it is another user's.
 fn seen_run(listed: &Listed, caller: &Caller) -> Option<String> {
     let (run, tenant) = listed.run.as_ref()?;
     let sees = caller.tenant_filter().is_none_or(|own| own == tenant);
@@ -100,8 +100,7 @@ pub(super) async fn waits_because(app: &App, caller: &Caller, run: &Job) -> Resu
         return Ok(Some(format!("autopilot '{name}' is no longer configured")));
     };
     if listed.run.is_some() {
-        let who =
-            seen_run(&listed, caller).map_or_else(|| "somebody else's run".to_owned(), |run| format!("run {run}"));
+        let who = seen_run(&listed, caller).map_or_else(|| "another user's run".to_owned(), |run| format!("run {run}"));
         return Ok(Some(format!("the autopilot '{name}' is busy with {who}")));
     }
     Ok((!listed.offered).then(|| {

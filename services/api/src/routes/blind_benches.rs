@@ -237,7 +237,7 @@ fn with_blades(text: &str, name: &str, path: &str) -> Result<String, Problem> {
     toml::to_string(&document).map_err(|error| Problem::internal(&error))
 }
 
-/// Whether the diagnosis and the foreign simulator, each with a reader of its own, can read a vehicle.
+/// Whether the diagnosis and the independent simulator, each with a reader of its own, can read a vehicle.
 fn readable(library: &Library, name: &str) -> Result<(), Problem> {
     library.vehicle_documents(name)?;
     Vehicle::load(&library.root().join("vehicles").join(format!("{name}.toml")))

@@ -143,7 +143,7 @@ impl Watcher {
 
     async fn tell(&self, kind: &str, data: &impl serde::Serialize) -> Result<(), Gone> {
         let event = Event::default().event(kind).json_data(data).map_err(|error| {
-            tracing::error!(%error, "a session cannot be told; its watcher is let go");
+            tracing::error!(%error, "an event of a session cannot be written; its watcher is disconnected");
             Gone
         })?;
         self.sender.send(Ok(event)).await.map_err(|_closed| Gone)

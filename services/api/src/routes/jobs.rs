@@ -145,7 +145,7 @@ impl ListQuery {
     }
 }
 
-/// What every submission can say beside its subject.
+/// What every submission can say besides its subject.
 #[derive(Debug, Clone, Copy, Default)]
 pub(super) struct Terms {
     /// Larger values run first.

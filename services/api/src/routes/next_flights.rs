@@ -28,7 +28,7 @@ super::collection!(
     "/api/v1/next-flights/{id}/artifacts/{*path}"
 );
 
-/// The best manoeuvre, among the files: a scenario, and the vehicle that it flies beside it.
+/// The best manoeuvre, among the files: a scenario, and the vehicle that it flies, next to it.
 const SCENARIO: &str = "next-flight.toml";
 /// Where no models of a folder are named.
 const MODELS: &str = "models";

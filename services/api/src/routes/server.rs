@@ -192,7 +192,7 @@ fn numbers(
             text,
             "# HELP rotortwin_ray_up Whether the Ray cluster answered the last request.\n# TYPE rotortwin_ray_up gauge\n\
              rotortwin_ray_up {up}\n\
-             # HELP rotortwin_ray_parts Parts handed to Ray and supervised by this server.\n# TYPE rotortwin_ray_parts gauge\n\
+             # HELP rotortwin_ray_parts Parts submitted to Ray and supervised by this server.\n# TYPE rotortwin_ray_parts gauge\n\
              rotortwin_ray_parts{{state=\"pending\"}} {pending}\nrotortwin_ray_parts{{state=\"running\"}} {running}"
         )?;
     }

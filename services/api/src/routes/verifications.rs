@@ -185,7 +185,7 @@ async fn compared(app: &App, run: Option<&Job>, id: &str) -> Result<Response, Pr
     .into_response())
 }
 
-/// Why a second execution of a run may differ in which somebody else's part took part, whatever that called itself.
+/// Why a second execution of a run may differ in which a third-party controller or FDI engine took part, whatever it called itself.
 fn note_of_others(run: &Job) -> Option<String> {
     let facts: runs::Facts = serde_json::from_str(&run.new.facts).unwrap_or_default();
     let who = match (facts.controller.place(), facts.fdi) {

@@ -268,7 +268,7 @@ fn table_7(reproduction: &Reproduction) -> ResultTable {
                 all.share(0, 0)
             }),
             row(
-                "windows with a fault: rotor named rightly",
+                "windows with a fault: rotor named correctly",
                 paper_fault_mean(&PAPER_TABLE_7, |rotor| rotor),
                 &Confusion::fault_recall,
             ),
@@ -384,7 +384,7 @@ fn table_9(reproduction: &Reproduction) -> ResultTable {
             all.share(0, unknown)
         }),
         row(
-            "windows with a fault: rotor named rightly",
+            "windows with a fault: rotor named correctly",
             Some(paper_fault_mean(&PAPER_TABLE_9, |rotor| rotor)),
             &Confusion::fault_recall,
         ),
@@ -508,7 +508,7 @@ fn improved(reproduction: &Reproduction) -> ResultTable {
                  Trajectories held out as before",
                 reproduction.world
             ),
-            "healthy: windows without a fault called healthy; faults: windows with a fault whose rotor is named rightly".to_owned(),
+            "healthy: windows without a fault called healthy; faults: windows with a fault whose rotor is named correctly".to_owned(),
             format!(
                 "The self-calibrated network takes off the mean residual of 2 s to 10 s and is scored after it, like the T-tests; {}, {} epochs",
                 training.optimiser.words(),

@@ -121,7 +121,7 @@ fn forget_nothing_measured(diagnosis: &mut Diagnosis) {
         let names: Vec<String> = nothing.iter().map(|finding| in_sentence(&finding.label)).collect();
         diagnosis
             .notes
-            .push(format!("not believed: {}; its interval contains 0", names.join(", ")));
+            .push(format!("rejected: {}; its interval contains 0", names.join(", ")));
     }
 }
 
@@ -158,7 +158,7 @@ fn forget_what_nothing_needs(diagnosis: &mut Diagnosis, unseen_gain: Option<f64>
         .map(|finding| in_sentence(&finding.label))
         .collect();
     diagnosis.notes.push(format!(
-        "not believed: {}; no error calls for it, and unseen blocks are predicted no better with it",
+        "rejected: {}; no error calls for it, and unseen blocks are predicted no better with it",
         names.join(", ")
     ));
 }
@@ -182,9 +182,7 @@ fn forget_what_raises(diagnosis: &mut Diagnosis, doubts: &[Doubt]) {
     );
     let all = diagnosis.effects.drain(..).chain(diagnosis.sensor_or_timing.drain(..));
     let names: Vec<String> = all.map(|finding| in_sentence(&finding.label)).collect();
-    diagnosis
-        .notes
-        .push(format!("not believed: {}; {with}", names.join(", ")));
+    diagnosis.notes.push(format!("rejected: {}; {with}", names.join(", ")));
     // They are the errors of what has been rejected.
     diagnosis.held_out.clear();
 }

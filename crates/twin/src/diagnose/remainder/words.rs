@@ -87,7 +87,7 @@ pub(super) fn sentence(one: &Remainder, several: bool) -> String {
     says.extend(one.follows.as_ref().map(follows));
     if let Some(found) = &one.size_follows {
         says.push(format!(
-            "its size goes with {} ({:.0} % of it on unseen blocks)",
+            "its size varies with {} ({:.0} % of it on unseen blocks)",
             with_article(&found.signal),
             100.0 * found.r_squared
         ));

@@ -43,11 +43,11 @@ impl Findings<'_> {
             let key = format!("body.centre_of_mass_m[{axis}]");
             let how = match self.balance {
                 Some(balance) => format!(
-                    "amid the rotors: their thrusts balance {:.1} % of the arm from there, and a battery is put back to {:.1} %",
+                    "at the centre of the rotors: their thrusts balance {:.1} % of the arm from there, and a battery is put back to {:.1} %",
                     100.0 * balance.centre[axis],
                     100.0 * CENTRE_FLOOR
                 ),
-                None => "amid the rotors, to 1 % of the arm".to_owned(),
+                None => "at the centre of the rotors, to 1 % of the arm".to_owned(),
             };
             let deviation = centre[axis] * self.request.arm_m;
             values.push(Estimate::normal(&key, name, "m", 0.0, deviation, source).how(how));

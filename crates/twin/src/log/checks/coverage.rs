@@ -35,7 +35,7 @@ pub(super) fn rows_too_far_apart(log: &FlightLog, findings: &mut Vec<Finding>) {
             findings,
             FindingKind::SlowRows,
             format!(
-                "the rows are {apart} s apart, and no motion of a vehicle can be followed so; if `time_s` holds milliseconds or microseconds, \
+                "the rows are {apart} s apart, too far to follow the motion of a vehicle; if `time_s` holds milliseconds or microseconds, \
                  `rotortwin log map` drafts a mapping that says so"
             ),
         );

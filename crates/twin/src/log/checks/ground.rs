@@ -60,7 +60,7 @@ pub(crate) struct IdleCurrent {
 /// motor is driven, or none is in the log, that of 95 % of all rows: a flight may be short compared with the time that
 /// its logger ran.
 pub(crate) fn idle_current(log: &FlightLog) -> Option<IdleCurrent> {
-    const FLYING: (usize, &str) = (75, "75 % of the rows in which its motors are asked for thrust");
+    const FLYING: (usize, &str) = (75, "75 % of the rows in which its motors are commanded to give thrust");
     const ALL: (usize, &str) = (95, "95 % of the rows");
     let current = log.column(names::BATTERY_CURRENT)?;
     let driven: Vec<f64> = mean_duties(log)
@@ -244,7 +244,7 @@ pub(super) fn no_flight(log: &FlightLog, findings: &mut Vec<Finding>) {
             findings,
             FindingKind::NoFlight,
             format!(
-                "the motors are asked for up to {changes:.1} times as much and the specific force stays at {force:.1} m/s²: they do not carry the \
+                "the motors are commanded up to {changes:.1} times as much, yet the specific force stays at {force:.1} m/s²: they do not carry the \
                  vehicle (no propellers, tied down, or on a stand)"
             ),
         );

@@ -275,7 +275,7 @@ fn body_axes(log: &FlightLog, rates: Option<&Fit>, velocity: Option<&Fit>, findi
                 findings,
                 FindingKind::BodyAxesFlu,
                 format!(
-                    "the body rates fit the attitude with y and z turned round ({share}); forward-right-down was expected"
+                    "the body rates fit the attitude with y and z reversed ({share}); forward-right-down was expected"
                 ),
             );
         } else {

@@ -333,7 +333,7 @@ pub(crate) async fn hand_on(context: &WorkerContext, ray: &Ray, done: &Ticket) -
     };
     handed.await.unwrap_or_else(|error| {
         // A claimed part is queued again when its claim expires.
-        tracing::error!(%error, "no further part can be handed to Ray");
+        tracing::error!(%error, "no further part can be submitted to Ray");
         None
     })
 }
@@ -353,7 +353,7 @@ async fn next(context: &WorkerContext, ray: &Ray) -> Result<Option<(Job, String)
         .claim(&context.name, LEASE, context.share, Takes::Parts)
         .await?;
     if let Some((job, _)) = &claimed {
-        tracing::info!(job = job.id, attempt = job.attempts, "handed to Ray");
+        tracing::info!(job = job.id, attempt = job.attempts, "submitted to Ray");
     }
     Ok(claimed)
 }
@@ -362,7 +362,7 @@ async fn attempt(context: &WorkerContext, ray: &Ray, job: &Job, token: &str) -> 
     let ticket = match &job.ticket {
         Some(text) => match Ticket::parse(text) {
             Some(ticket) if ticket.executor == ray.config.url => ticket,
-            _ => return Ended::Released("it was handed to a cluster that this server no longer uses".to_owned()),
+            _ => return Ended::Released("it was submitted to a cluster that this server no longer uses".to_owned()),
         },
         None => {
             forget_attempts_before(context, job).await;
