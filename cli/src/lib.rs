@@ -35,6 +35,7 @@ pub mod compare;
 mod configuration;
 mod conform;
 mod controllers;
+mod destinations;
 pub mod diagnose;
 mod effects;
 mod examples;
@@ -229,7 +230,7 @@ pub enum Command {
 
 /// All declarations, with the examples of every command.
 fn command() -> clap::Command {
-    examples::added_to(Cli::command())
+    examples::added_to(destinations::checked(Cli::command()))
 }
 
 /// * `words`: a whole command line, from the name of the program on

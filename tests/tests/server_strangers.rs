@@ -656,6 +656,137 @@ fn scenario_a_flight_of_a_campaign_is_planned_in_a_process_of_its_own() {
     assert_eq!(temporary, None);
 }
 
+/// A document of short lines: reading it takes much memory and time for its size.
+fn lines(bytes: usize, line: impl Fn(usize) -> String) -> String {
+    let mut text = String::new();
+    for number in 0.. {
+        if text.len() >= bytes {
+            break;
+        }
+        text += &line(number);
+    }
+    text
+}
+
+/// Requests with documents that are refused, each as (method, path, content type, body).
+fn full_of_mistakes() -> Vec<(&'static str, &'static str, &'static str, String)> {
+    let read = |path: &str| std::fs::read_to_string(repository().join("config").join(path)).expect("it is there");
+    let (hover, vehicle) = (read("scenarios/short-hover.toml"), read("vehicles/f550.toml"));
+    let text = |text: String| serde_json::json!({ "text": text }).to_string();
+    let tables = |bytes| lines(bytes, |number| format!("[a{number}]\n"));
+    let keys = |bytes| lines(bytes, |number| format!("k{number} = 1\n"));
+    let faults = lines(900_000, |_| {
+        "[[fault]]\ntime_s = 1.0\nrotor = 1\nblade = \"none\"\n".to_owned()
+    });
+    // Each table repeats the long key above it, wherever such a document is written.
+    let (long, inner) = (
+        "k".repeat(50_000),
+        lines(50_000, |number| format!("a{number} = {{}}, ")),
+    );
+    let unfolded = format!("{long} = {{ {inner} z = 1 }}");
+    // A key of a quarter of a million parts, for those who take it apart.
+    let dots = format!("\"{}\" = 1\n", "a.".repeat(250_000));
+    let (json, toml) = ("application/json", "application/toml");
+    vec![
+        ("POST", "/api/v1/runs", json, text(format!("{hover}\n{}", tables(190_000)))),
+        ("POST", "/api/v1/runs", json, text(format!("{}{hover}", keys(900_000)))),
+        ("POST", "/api/v1/runs", json, text(format!("{hover}\n{faults}"))),
+        ("POST", "/api/v1/runs", json, text(format!("{dots}{hover}"))),
+        ("POST", "/api/v1/runs", json, text(format!("{hover}\n{}", tables(1_900_000)))),
+        ("POST", "/api/v1/runs", json, text(format!("seed = \"x\"\nz.{unfolded}\n"))),
+        (
+            "POST",
+            "/api/v1/runs",
+            json,
+            serde_json::json!({ "scenario": "short-hover", "set": [unfolded] }).to_string(),
+        ),
+        (
+            "POST",
+            "/api/v1/runs",
+            json,
+            serde_json::json!({ "scenario": "short-hover", "set": [format!("a{} = 1", ".a".repeat(900_000))] }).to_string(),
+        ),
+        ("POST", "/api/v1/scenarios/validate", json, text(format!("{hover}\n{}", tables(900_000)))),
+        ("PUT", "/api/v1/vehicles/mine", toml, format!("{vehicle}\n{}", tables(250_000))),
+        (
+            "POST",
+            "/api/v1/fdi/sessions",
+            json,
+            serde_json::json!({ "vehicle_text": format!("{vehicle}\n{}", tables(900_000)) }).to_string(),
+        ),
+        (
+            "POST",
+            "/api/v1/models",
+            json,
+            serde_json::json!({ "name": "mine", "model": { "version": tables(900_000) } }).to_string(),
+        ),
+        (
+            "POST",
+            "/api/v1/blind-benches",
+            json,
+            serde_json::json!({ "n": 1, "vehicles": [{ "vehicle": "mine", "text": format!("[rotors]\n[z]\n{unfolded}"), "blades": "x = 1" }] })
+                .to_string(),
+        ),
+    ]
+}
+
+/// Documents are read by the server itself: each with bounds, and never on the threads that answer.
+#[test]
+fn scenario_documents_full_of_mistakes_delay_nobody_else() {
+    /// Longer than others may wait because of them.
+    const DELAY: Duration = Duration::from_secs(5);
+    /// Longest wait for the refusals, which have to wait for each other.
+    const PATIENCE: Duration = Duration::from_secs(300);
+    let scratch = Scratch::new();
+    let server = Server::start_at("127.0.0.1:0", &scratch.path("data"), &["--workers", "0"]);
+    let asked = || {
+        let begun = Instant::now();
+        assert_eq!(server.ask("GET", "/healthz", &[], "").status, 200);
+        begun.elapsed()
+    };
+    let before = (0..10).map(|_| asked()).max().expect("ten");
+
+    // At least as many at the same time as there are threads that answer.
+    let requests = full_of_mistakes();
+    let copies = 1 + std::thread::available_parallelism().map_or(1, usize::from) / requests.len();
+    let mut slowest = Duration::ZERO;
+    std::thread::scope(|scope| {
+        let refused = |(method, path, kind, body): &(&str, &str, &str, String)| {
+            let mut stream = server.send(method, path, &[("content-type", kind)], body);
+            stream.set_read_timeout(Some(PATIENCE)).expect("a time-out");
+            let mut answer = Vec::new();
+            stream.read_to_end(&mut answer).expect("an answer");
+            String::from_utf8_lossy(&answer).into_owned()
+        };
+        let callers: Vec<_> = std::iter::repeat_n(&requests, copies)
+            .flatten()
+            .map(|request| (request, scope.spawn(move || refused(request))))
+            .collect();
+        while callers.iter().any(|(_, caller)| !caller.is_finished()) {
+            slowest = slowest.max(asked());
+            std::thread::sleep(Duration::from_millis(50));
+        }
+        for ((_, path, _, body), caller) in callers {
+            let answer = caller.join().expect("no panic");
+            let told = format!("{path} {body:.60}: {answer:.400}");
+            let is_refused = ["HTTP/1.0 422", "HTTP/1.0 200"]
+                .iter()
+                .any(|status| answer.starts_with(status));
+            assert!(is_refused, "{told}");
+            assert!(
+                answer.starts_with("HTTP/1.0 422") || path.ends_with("/validate"),
+                "{told}"
+            );
+        }
+    });
+    assert!(slowest < before + DELAY, "{slowest:?} meanwhile, {before:?} before");
+    let peak = peak_memory(server.process().pid) >> 20;
+    assert!(peak < 900, "the server took {peak} MB");
+    assert_eq!(server.get("/api/v1/runs")["items"].as_array().map(Vec::len), Some(0));
+    let id = server.ask("POST", "/api/v1/runs", &[], HOVER);
+    assert_eq!(id.status, 202, "{}", id.json());
+}
+
 #[test]
 fn scenario_slow_clients_do_not_hold_up_the_end() {
     let scratch = Scratch::new();
@@ -707,7 +838,11 @@ fn scenario_what_the_server_keeps_is_for_its_user_alone() {
     let server = Server::start_in(&secrets, "127.0.0.1:0", &data, &["--workers", "1"]);
     let mode = |path: &Path| std::fs::metadata(path).expect("it is there").permissions().mode() & 0o777;
     assert_eq!(mode(&data), 0o700);
-    assert_eq!(mode(&data.join("rotortwin.sqlite")), 0o600);
+    // As it writes it itself: a file that was there before is for the user alone as well.
+    let alive = data.join("alive");
+    wait_until(Duration::from_secs(20), || alive.exists()).expect("it shows that it lives");
+    std::fs::set_permissions(&alive, std::fs::Permissions::from_mode(0o644)).expect("it is ours");
+    wait_until(Duration::from_secs(20), || mode(&alive) == 0o600).expect("not for others");
 
     let id = server.submit(&serde_json::json!({ "scenario": "short-hover", "pace": "real-time" }));
     let mut seen = 0;
@@ -727,6 +862,12 @@ fn scenario_what_the_server_keeps_is_for_its_user_alone() {
     })
     .expect("a flight is seen");
     assert_eq!(server.ended(&id)["status"], "done");
+    let entries = std::fs::read_dir(&data)
+        .expect("readable")
+        .flatten()
+        .map(|entry| entry.path());
+    let open: Vec<_> = entries.filter(|path| path.is_file() && mode(path) != 0o600).collect();
+    assert!(open.is_empty(), "not for the user alone: {open:?}");
 }
 
 /// Rows of docs/threat-model.md: each names a test file, and functions in it that are tests.

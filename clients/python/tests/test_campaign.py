@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import concurrent.futures
 import shutil
+import sys
+import types
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -82,6 +84,39 @@ def test_val_what_is_there_is_not_flown_again(here: tuple[Path, Path], tmp_path:
     assert threads.calls == []
 
 
+class Task:
+    """A function that a stand-in of Ray calls at once."""
+
+    def __init__(self, function: Any) -> None:
+        self._function = function
+
+    def remote(self, *args: Any) -> Any:
+        return self._function(*args)
+
+
+def test_val_ray_is_asked_for_what_a_task_takes(here: tuple[Path, Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    file, one = here
+    asked: list[dict[str, Any]] = []
+
+    def remote(**options: Any) -> Any:
+        asked.append(options)
+        return Task
+
+    ray: Any = types.SimpleNamespace(
+        is_initialized=lambda: True,
+        put=lambda value: value,
+        remote=remote,
+        wait=lambda running, num_returns: (running[:num_returns], running[num_returns:]),
+        get=lambda value: value,
+    )
+    monkeypatch.setitem(sys.modules, "ray", ray)
+    rotortwin.campaign(
+        file, executor="ray", out=tmp_path / "ray", threads=2, retries=5, memory=400 << 20, resources={"bench": 0.5}, program=program()
+    )
+    assert asked == [{"num_cpus": 2, "max_retries": 5, "memory": 400 << 20, "resources": {"bench": 0.5}}]
+    assert_same(one, tmp_path / "ray")
+
+
 def dies(*_shards: int) -> None:
     raise OSError("the node is gone")
 
@@ -106,5 +141,11 @@ def test_val_what_cannot_be_flown_is_said_in_a_sentence(here: tuple[Path, Path],
             rotortwin.campaign(other, executor=threads, shards_per_task=0, program=program())
         with pytest.raises(rotortwin.CampaignFailed, match="ThreadPoolExecutor knows none"):
             rotortwin.campaign(other, executor=threads, resources={"gpu": 1.0}, program=program())
+        with pytest.raises(rotortwin.CampaignFailed, match="ThreadPoolExecutor has no request of memory"):
+            rotortwin.campaign(other, executor=threads, memory=1 << 30, program=program())
+    with pytest.raises(rotortwin.CampaignFailed, match="at least 1, got 0"):
+        rotortwin.campaign(other, executor="ray", memory=0, program=program())
+    with pytest.raises(rotortwin.CampaignFailed, match="expected executor='ray'"):
+        rotortwin.campaign(other, memory=1 << 30, program=program())
     with pytest.raises(rotortwin.CampaignFailed, match="expected None, 'ray'"):
         rotortwin.campaign(other, executor=7, program=program())

@@ -2,10 +2,11 @@
 //!
 //! The reader is run repeatedly: each time, the value that it rejected is replaced by that of a known good document, or removed.
 //! Further errors then concern the user's other values. An error that the repair itself could have caused (the same key again) is not
-//! listed; where no repair is possible, the list ends, and more errors may appear later.
+//! listed; where no repair is possible, the list ends, and more errors may appear later. So it does when the text has been read again for
+//! two mebibytes in all: a text of 20 kB never ends its list so, one of 200 kB after about ten errors. The list then says so in a last entry.
 
 use crate::error::ConfigError;
-use crate::toml_document::{Document, at, index, join};
+use crate::toml_document::{Document, at, index, join, to_text};
 use rotortwin_plant::error::Refusal;
 use std::collections::{BTreeMap, BTreeSet};
 use toml::{Table, Value};
@@ -13,7 +14,15 @@ use toml::{Table, Value};
 /// Maximum length of the list.
 const MOST_COMPLAINTS: usize = 50;
 
-/// All errors that `check` reports about a text, in the order of checking; empty if it is valid.
+/// Maximum size of all readings of a text after the first, so that a long list costs half a second and not minutes: 50 errors of 20 kB, each read
+/// twice (repaired, and then left out).
+const MOST_REREAD_BYTES: usize = 2 << 20;
+
+/// Maximum number of parts of a key that is repaired: no document that can be read is nested deeper, but a quoted key may hold any number of dots.
+const DEEPEST_KEY: usize = 160;
+
+/// All errors that `check` reports about a text, in the order of checking; empty if it is valid. At most 50, and fewer for a text of more than
+/// 20 kB: if it is not read once more for the next, the last entry says that there may be more.
 ///
 /// `name` is the name of the text in the errors of `check`; `good` is a document of the same kind that provides replacement values.
 pub fn complaints(
@@ -25,7 +34,11 @@ pub fn complaints(
     let Err(first) = check(text) else {
         return Vec::new();
     };
-    let (Ok(original), Ok(table)) = (Document::from_text(name, text), text.parse::<Table>()) else {
+    // In this order: what is too large is not parsed.
+    let Ok(original) = Document::from_text(name, text) else {
+        return vec![first];
+    };
+    let Ok(table) = text.parse::<Table>() else {
         return vec![first];
     };
     let mut repair = Repair {
@@ -36,25 +49,40 @@ pub fn complaints(
     };
     let mut found: Vec<ConfigError> = Vec::new();
     let mut next = Some(first);
+    let mut left = MOST_REREAD_BYTES;
     while let Some(error) = next.filter(|_| found.len() < MOST_COMPLAINTS) {
         let Some(key) = error.key().filter(|_| error.file() == name) else {
             found.push(error);
             break;
         };
         let path = parts(key);
-        let written = join(&repair.as_written(&path));
+        let written = match path.len() {
+            0..=DEEPEST_KEY => join(&repair.as_written(&path)),
+            _ => key.to_owned(),
+        };
         if !found.iter().any(|other| other.key() == Some(&written)) {
             found.push(original.refuse(Refusal::new(written, error.reason())));
         }
-        if !repair.replace_or_remove(&path) {
+        if path.len() > DEEPEST_KEY || !repair.replace_or_remove(&path) {
             break;
         }
-        let Ok(changed) = toml::to_string(&repair.root) else {
+        let Some(changed) = to_text(&repair.root).filter(|changed| changed.len() <= left) else {
+            found.push(unfinished(name, text));
             break;
         };
+        left -= changed.len();
         next = check(&changed).err();
     }
     found
+}
+
+/// The last entry of a list that ends before the text is without errors.
+fn unfinished(name: &str, text: &str) -> ConfigError {
+    let reason = format!(
+        "there may be more errors, found once these are mended: a document of {} bytes is not read again for each",
+        text.len()
+    );
+    ConfigError::new(name, None, None, reason)
 }
 
 /// A document under repair.
@@ -138,7 +166,10 @@ fn parts(key: &str) -> Vec<String> {
 
 #[cfg(test)]
 mod tests {
+    use super::*;
     use crate::{Scenario, VehicleDocuments};
+    use serde::Deserialize;
+    use std::cell::Cell;
     use std::path::Path;
 
     fn config(path: &str) -> std::path::PathBuf {
@@ -203,6 +234,74 @@ mod tests {
         assert_eq!(keys.len(), 2, "{found:?}");
         assert!(keys.iter().any(|key| key.ends_with("mass_kg")), "{keys:?}");
         assert!(keys.iter().any(|key| key.ends_with("resistance_ohm")), "{keys:?}");
+    }
+
+    /// As [`super::complaints`] of `text`, whose keys are all wrong; also the bytes that were read for it.
+    fn of_wrong_keys(text: &str) -> (Vec<ConfigError>, usize) {
+        let read = Cell::new(0);
+        let found = complaints("text", text, "", |text| {
+            read.set(read.get() + text.len());
+            Document::from_text("text", text)?.parse::<Nothing>().map(drop)
+        });
+        (found, read.get())
+    }
+
+    /// A document without keys.
+    #[derive(Deserialize)]
+    #[serde(deny_unknown_fields)]
+    struct Nothing {}
+
+    fn wrong_keys(bytes: usize) -> String {
+        let keys: Vec<String> = (0..bytes / 11).map(|number| format!("k{number:05} = 1\n")).collect();
+        keys.concat()
+    }
+
+    #[test]
+    fn val_a_long_text_is_read_only_so_often() {
+        let (found, _) = of_wrong_keys(&wrong_keys(20_000));
+        assert_eq!(found.len(), MOST_COMPLAINTS);
+        assert!(found.iter().all(|error| error.key().is_some()), "{found:?}");
+        for bytes in [100_000, 300_000, 1_000_000] {
+            let text = wrong_keys(bytes);
+            let (found, read) = of_wrong_keys(&text);
+            assert!(read <= text.len() + MOST_REREAD_BYTES, "{read} bytes read of {bytes}");
+            assert_eq!(
+                found.len(),
+                2 + MOST_REREAD_BYTES / bytes,
+                "{bytes}: one error for each reading, and the last entry"
+            );
+            let last = found.last().expect("there are some");
+            assert_eq!(last.key(), None);
+            assert!(last.reason().starts_with("there may be more errors"), "{last}");
+        }
+    }
+
+    #[test]
+    fn val_a_text_that_is_too_large_is_not_parsed() {
+        let (found, read) = of_wrong_keys(&wrong_keys(1_100_000));
+        assert_eq!((found.len(), read), (1, 1_100_000));
+        assert!(found[0].reason().contains("at most 1048576 bytes"), "{}", found[0]);
+    }
+
+    /// A table under a long key is written with that key: 100 kB would become 500 MB.
+    #[test]
+    fn val_a_text_that_would_unfold_is_not_written() {
+        let tables: Vec<String> = (0..10_000).map(|number| format!("a{number}={{}}")).collect();
+        let text = format!("x = 1\n{} = {{{}}}\n", "y".repeat(50_000), tables.join(","));
+        let (found, read) = of_wrong_keys(&text);
+        assert_eq!(read, text.len(), "once");
+        let keys: Vec<Option<&str>> = found.iter().map(ConfigError::key).collect();
+        assert_eq!(keys, [Some("x"), None]);
+    }
+
+    #[test]
+    fn val_a_key_of_many_parts_is_told_and_not_taken_apart() {
+        for part in ["a.", "[0]"] {
+            let key = part.repeat(30_000);
+            let (found, _) = of_wrong_keys(&format!("\"{key}\" = 1\n"));
+            assert_eq!(found.len(), 1);
+            assert_eq!(found[0].key(), Some(key.as_str()));
+        }
     }
 
     #[test]

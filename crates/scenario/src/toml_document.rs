@@ -13,10 +13,21 @@ use crate::error::ConfigError;
 use rotortwin_plant::error::Refusal;
 
 /// Larger documents are rejected without reading: a vehicle or scenario takes a few kilobytes.
-const MAX_DOCUMENT_BYTES: u64 = 1 << 20;
+pub const MAX_DOCUMENT_BYTES: u64 = 1 << 20;
+
+/// Documents with more of `[`, `{` and `.` are rejected without reading. Each may begin a table, which takes a kilobyte or two in memory for two
+/// bytes of the text; as each is one of a number with a fraction as well, the largest classifier must stay below.
+pub const MOST_OPENINGS: usize = 100_000;
 
 /// Maximum number of keys or entries of one table or list tried one by one to locate a serde error.
 const MAX_SUSPECTS: usize = 256;
+
+/// Maximum size of all texts tried to locate one serde error, each suspect being a text of its own: 131 suspects in a document of 8 kB, one in a
+/// document of a mebibyte. Where there are more, the error is that of the table or list that holds them.
+const MAX_TRIED_BYTES: usize = 1 << 20;
+
+/// Maximum number of parts of a key that an override sets: the reader of TOML goes no deeper.
+const MAX_KEY_PARTS: usize = 80;
 
 /// A TOML text and the name that errors use for it.
 #[derive(Debug, Clone)]
@@ -31,8 +42,8 @@ impl Document {
     /// A text that errors refer to as `name`; rejected if larger than a mebibyte.
     pub fn from_text(name: impl Into<String>, text: impl Into<String>) -> Result<Self, ConfigError> {
         let (name, text) = (name.into(), text.into());
-        if text.len() as u64 > MAX_DOCUMENT_BYTES {
-            return Err(too_large(&name, text.len() as u64));
+        if let Some(reason) = too_much(&text) {
+            return Err(ConfigError::new(&name, None, None, reason));
         }
         Ok(Self {
             name,
@@ -58,7 +69,7 @@ impl Document {
             return Err(refuse("expected a TOML file, this is not a regular file".into()));
         }
         if metadata.len() > MAX_DOCUMENT_BYTES {
-            return Err(too_large(&name, metadata.len()));
+            return Err(refuse(too_large(metadata.len())));
         }
         let text = std::fs::read_to_string(path).map_err(|e| refuse(unreadable(&e)))?;
         Self::from_text(name, text)
@@ -68,6 +79,9 @@ impl Document {
     pub(crate) fn with_overrides(self, overrides: &[&str]) -> Result<Self, ConfigError> {
         if overrides.is_empty() {
             return Ok(self);
+        }
+        if let Some(reason) = too_much(&overrides.join("\n")) {
+            return Err(ConfigError::new(&self.name, None, None, format!("overrides: {reason}")));
         }
         let mut table: toml::Table = self.parse()?;
         for text in overrides {
@@ -84,6 +98,9 @@ impl Document {
                 .trim()
                 .rsplit_once('.')
                 .map_or((None, key.trim()), |(h, l)| (Some(h), l));
+            if key.split('.').count() > MAX_KEY_PARTS {
+                return Err(refuse(&format!("expected a key of at most {MAX_KEY_PARTS} parts")));
+            }
             let mut target = &mut table;
             for part in holder.iter().flat_map(|h| h.split('.')) {
                 let within = match part.strip_suffix(']').and_then(|part| part.split_once('[')) {
@@ -108,7 +125,11 @@ impl Document {
             }
             target.insert(last.to_owned(), value);
         }
-        let text = toml::to_string(&table).expect("a table that was parsed can be written");
+        let Some(text) = to_text(&toml::Value::Table(table)) else {
+            let reason =
+                format!("expected a document of at most {MAX_DOCUMENT_BYTES} bytes, with these overrides it is larger");
+            return Err(ConfigError::new(&self.name, None, None, reason));
+        };
         Ok(Self {
             name: self.name,
             text,
@@ -236,6 +257,7 @@ impl Document {
             return;
         };
         let mut root = toml::Value::Table(root);
+        let mut left = MAX_TRIED_BYTES / self.text.len().max(1);
         loop {
             let Some(holder) = at(&mut root, path) else { return };
             let parts: Vec<String> = match holder {
@@ -248,9 +270,10 @@ impl Document {
                 toml::Value::Array(items) if !whole_list => (0..items.len()).map(|i| format!("[{i}]")).collect(),
                 _ => return,
             };
-            if parts.len() > MAX_SUSPECTS {
+            if parts.len() > left.min(MAX_SUSPECTS) {
                 return;
             }
+            left -= parts.len();
             let culprit = parts.into_iter().find(|part| {
                 let mut changed = root.clone();
                 remove(at(&mut changed, path), part);
@@ -261,6 +284,46 @@ impl Document {
                 None => return,
             }
         }
+    }
+}
+
+/// Why a text is refused before anything looks into it: it would take too much time or memory to read.
+pub fn too_much(text: &str) -> Option<String> {
+    if text.len() as u64 > MAX_DOCUMENT_BYTES {
+        return Some(too_large(text.len() as u64));
+    }
+    let openings = text.bytes().filter(|byte| matches!(byte, b'[' | b'{' | b'.')).count();
+    (openings > MOST_OPENINGS).then(|| {
+        format!("expected a document with at most {MOST_OPENINGS} of `[`, `{{` and `.`, this one has {openings}")
+    })
+}
+
+/// A table that was read, as a text; `None` if that would be larger than a document may be.
+///
+/// It can be many times as long as what was read: `{ a = {}, b = {} }` under a long key repeats that in the header of each table, and `1e300`
+/// has 301 digits. So its length is estimated first.
+pub fn to_text(table: &toml::Value) -> Option<String> {
+    if unfolded_bytes(table, 0) as u64 > MAX_DOCUMENT_BYTES {
+        return None;
+    }
+    toml::to_string(table).ok().filter(|text| too_much(text).is_none())
+}
+
+/// Length of the headers of all tables and of all floating-point numbers, which may be longer than in the text that was read.
+///
+/// * `above`: length of the header of the table that holds the value
+fn unfolded_bytes(value: &toml::Value, above: usize) -> usize {
+    match value {
+        toml::Value::Table(table) => table
+            .iter()
+            .map(|(key, value)| unfolded_bytes(value, above + key.len() + 1))
+            .fold(above, usize::saturating_add),
+        toml::Value::Array(items) => items
+            .iter()
+            .map(|item| unfolded_bytes(item, above))
+            .fold(0, usize::saturating_add),
+        toml::Value::Float(number) => number.to_string().len(),
+        _ => 0,
     }
 }
 
@@ -319,9 +382,8 @@ pub(crate) fn no_file(kind: &str, path: &Path) -> String {
     format!("expected the path of a {kind} file, {found}")
 }
 
-fn too_large(name: &str, bytes: u64) -> ConfigError {
-    let reason = format!("expected a document of at most {MAX_DOCUMENT_BYTES} bytes, this one has {bytes}");
-    ConfigError::new(name, None, None, reason)
+fn too_large(bytes: u64) -> String {
+    format!("expected a document of at most {MAX_DOCUMENT_BYTES} bytes, this one has {bytes}")
 }
 
 fn unreadable(error: &std::io::Error) -> String {
@@ -479,5 +541,82 @@ fn plain_type(expected: &str) -> &str {
         "a string" => "a text",
         other if other.contains("struct ") || other.contains("enum ") || other == "a map" => "names with values",
         other => other,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use serde::{Deserialize, Deserializer};
+    use std::cell::Cell;
+
+    thread_local! {
+        static TRIED: Cell<usize> = const { Cell::new(0) };
+    }
+
+    /// Refuses everything with an error that names no key, and counts how often.
+    struct Refused;
+
+    impl<'de> Deserialize<'de> for Refused {
+        fn deserialize<D: Deserializer<'de>>(_: D) -> Result<Self, D::Error> {
+            TRIED.set(TRIED.get() + 1);
+            Err(serde::de::Error::custom("no"))
+        }
+    }
+
+    #[test]
+    fn val_an_error_is_looked_for_only_so_long() {
+        for (keys, bytes, searched) in [(100, 5_000, true), (100, 50_000, false), (300, 6_000, false)] {
+            let text: String = (0..keys)
+                .map(|number| format!("k{number:03}='{}'\n", "x".repeat(bytes / keys - 8)))
+                .collect();
+            TRIED.set(0);
+            let refused = Document::from_text("text", text).and_then(|document| document.parse::<Refused>().map(drop));
+            assert_eq!(refused.map_err(|error| error.reason().to_owned()), Err("no".to_owned()));
+            let expected = if searched { 1 + keys } else { 1 };
+            assert_eq!(TRIED.get(), expected, "{keys} keys in {bytes} bytes");
+        }
+    }
+
+    fn refusal(text: &str) -> String {
+        Document::from_text("text", text)
+            .map(drop)
+            .map_or_else(|error| error.to_string(), |()| String::new())
+    }
+
+    #[test]
+    fn val_what_would_take_too_much_is_refused_before_it_is_read() {
+        assert_eq!(refusal(&"#".repeat(1 << 20)), "");
+        assert!(refusal(&"#".repeat((1 << 20) + 1)).contains("at most 1048576 bytes, this one has 1048577"));
+        assert_eq!(refusal(&"[a]\n".repeat(MOST_OPENINGS)), "");
+        let many = refusal(&format!("x{} = 1", ".a".repeat(MOST_OPENINGS + 1)));
+        assert!(
+            many.contains("at most 100000 of `[`, `{` and `.`, this one has 100001"),
+            "{many}"
+        );
+    }
+
+    #[test]
+    fn val_overrides_are_refused_before_they_are_read() {
+        let set = |overrides: &[&str]| {
+            let document = Document::from_text("text", "a = 1\n").expect("short");
+            document
+                .with_overrides(overrides)
+                .map(|document| document.text)
+                .map_err(|error| error.to_string())
+        };
+        assert_eq!(set(&["b.c=2"]), Ok("a = 1\n\n[b]\nc = 2\n".to_owned()));
+        let parts = |parts: usize| format!("{}=1", vec!["k"; parts].join("."));
+        assert!(set(&[&parts(MAX_KEY_PARTS)]).is_ok());
+        let deep = set(&[&parts(MAX_KEY_PARTS + 1)]).unwrap_err();
+        assert!(deep.contains("expected a key of at most 80 parts"), "{deep}");
+        let long = set(&[&format!("b={}", "x".repeat(1 << 20))]).unwrap_err();
+        assert!(
+            long.contains("overrides: expected a document of at most 1048576 bytes"),
+            "{long}"
+        );
+        let tables: Vec<String> = (0..1_000).map(|number| format!("a{number}={{}}")).collect();
+        let unfolded = set(&[&format!("{}={{{}}}", "k".repeat(5_000), tables.join(","))]).unwrap_err();
+        assert!(unfolded.contains("with these overrides it is larger"), "{unfolded}");
     }
 }

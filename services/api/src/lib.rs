@@ -27,6 +27,7 @@ pub mod memory;
 mod metrics;
 mod problem;
 mod pulse;
+mod readers;
 mod routes;
 mod sessions;
 mod tls;
@@ -45,6 +46,7 @@ use crate::jobs::queue::{FairShare, Left};
 use crate::library::Library;
 use crate::metrics::Metrics;
 use crate::pulse::Pulse;
+use crate::readers::Readers;
 use crate::tls::TlsListener;
 use crate::traces::Traces;
 use crate::worker::ray::Ray;
@@ -182,6 +184,8 @@ pub(crate) struct App {
     pub(crate) metrics: Metrics,
     /// Limits concurrent SQL queries.
     pub(crate) queries: tokio::sync::Semaphore,
+    /// Limits concurrent reading of documents.
+    pub(crate) readers: Readers,
 }
 
 impl App {
@@ -402,6 +406,7 @@ impl Server {
             fdi,
             metrics: Metrics::new(),
             queries: tokio::sync::Semaphore::new(QUERIES_AT_ONCE),
+            readers: Readers::new(),
         });
         Ok(Self {
             app,

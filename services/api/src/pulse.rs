@@ -6,6 +6,10 @@
 //! A process that is frozen or whose threads are all stuck touches nothing; neither does one with a single stuck slot, so that a watchdog
 //! restarts it. An unavailable database does not count: a restart would not help.
 
+use crate::data_folder::OWN_FILE;
+use std::fs::{File, Permissions};
+use std::io::{self, Write as _};
+use std::os::unix::fs::{OpenOptionsExt as _, PermissionsExt as _};
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
@@ -79,7 +83,7 @@ impl Pulse {
         let path = data.join(FILE);
         while !*ending.borrow() {
             if self.goes_on() {
-                if let Err(error) = std::fs::write(&path, std::process::id().to_string()) {
+                if let Err(error) = touch(&path) {
                     tracing::warn!(path = %path.display(), %error, "the heartbeat file cannot be written");
                 }
             } else {
@@ -94,6 +98,19 @@ impl Pulse {
             }
         }
     }
+}
+
+/// Writes the number of this process, for its user alone.
+fn touch(path: &Path) -> io::Result<()> {
+    let mut file = File::options()
+        .create(true)
+        .truncate(true)
+        .write(true)
+        .mode(OWN_FILE)
+        .open(path)?;
+    // One that an earlier version wrote.
+    file.set_permissions(Permissions::from_mode(OWN_FILE))?;
+    file.write_all(std::process::id().to_string().as_bytes())
 }
 
 /// Whether the server or worker with this data folder has shown liveness within `silence`.

@@ -51,6 +51,7 @@ def campaign(
     threads: int = 1,
     retries: int = 3,
     resources: Mapping[str, float] | None = None,
+    memory: int | None = None,
     program: str | None = None,
     progress: Callable[[int, int], None] | None = None,
     detectors: Sequence[Detector] = (),
@@ -63,6 +64,7 @@ def campaign(
     shards_per_task, threads: shards of 32 flights of a task, and processors that it takes.
     retries: how often Ray or Dask begins a task again whose node or process died; others give up, and the same call goes on.
     resources: what a task takes besides processors, as Ray and Dask call it.
+    memory: bytes that a task takes, by which Ray schedules it; by default Ray counts none. Dask has no such request: name one in `resources`.
     program: `rotortwin` on the nodes; by default that of the node's package, or else on its search path.
     progress: called with shards that are there and shards of all.
     detectors: of your own (`rotortwin.detectors`); they judge the flights here, after they were flown, and have their columns and rows next to ours.
@@ -73,6 +75,10 @@ def campaign(
 
     if shards_per_task < 1 or threads < 1:
         raise CampaignFailed(f"shards_per_task and threads: expected at least 1, got {shards_per_task} and {threads}")
+    if memory is not None and memory < 1:
+        raise CampaignFailed(f"memory: expected bytes, at least 1, got {memory}")
+    if memory is not None and executor is None:
+        raise CampaignFailed("memory: expected executor='ray', on this machine alone nobody schedules by it")
     with contextlib.ExitStack() as ended:
         folder = Path(out) if out is not None else Path(ended.enter_context(tempfile.TemporaryDirectory(prefix="rotortwin-campaign-"))) / "campaign"
         if detectors:
@@ -80,7 +86,7 @@ def campaign(
             from .detectors import judge_campaign, told_apart
 
             told_apart(detectors)
-        _fly_into(campaign, executor, folder, shards_per_task, threads, retries, resources, program, progress)
+        _fly_into(campaign, executor, folder, shards_per_task, threads, retries, resources, memory, program, progress)
         if detectors:
             judge_campaign(campaign, detectors, folder)
         return pyarrow.parquet.read_table(folder / "campaign.parquet")
@@ -94,6 +100,7 @@ def _fly_into(
     threads: int,
     retries: int,
     resources: Mapping[str, float] | None,
+    memory: int | None,
     program: str | None,
     progress: Callable[[int, int], None] | None,
 ) -> None:
@@ -102,7 +109,7 @@ def _fly_into(
         with _Folder(out, plan) as folder:
             missing = folder.missing(shards_per_task)
             task = _Task(program, threads, plan["campaign"], {name: Path(name).read_bytes() for name in plan["files"]})
-            submit = _submitter(executor, threads, retries, resources)
+            submit = _submitter(executor, threads, retries, resources, memory)
             for shards in submit(task, missing):
                 folder.take(shards)
                 if progress is not None:
@@ -207,9 +214,13 @@ def _below(root: Path, name: str) -> Path:
 _Submitter = Callable[[_Task, list[tuple[int, int]]], Iterator[Mapping[str, bytes]]]
 
 
-def _submitter(executor: Any, threads: int, retries: int, resources: Mapping[str, float] | None) -> _Submitter:
+def _submitter(
+    executor: Any, threads: int, retries: int, resources: Mapping[str, float] | None, memory: int | None
+) -> _Submitter:
     if executor == "ray" or getattr(executor, "__name__", None) == "ray":
-        return lambda task, ranges: _by_ray(task, ranges, threads, retries, resources)
+        return lambda task, ranges: _by_ray(task, ranges, threads, retries, resources, memory)
+    if memory is not None:
+        raise CampaignFailed(f"memory: expected Ray, {type(executor).__name__} has no request of memory")
     if hasattr(executor, "get_executor"):
         executor = executor.get_executor(pure=False, retries=retries, **({"resources": dict(resources)} if resources else {}))
     elif resources:
@@ -239,7 +250,7 @@ def _by_futures(executor: Any, task: _Task, ranges: list[tuple[int, int]]) -> It
 
 
 def _by_ray(
-    task: _Task, ranges: list[tuple[int, int]], threads: int, retries: int, resources: Mapping[str, float] | None
+    task: _Task, ranges: list[tuple[int, int]], threads: int, retries: int, resources: Mapping[str, float] | None, memory: int | None
 ) -> Iterator[Mapping[str, bytes]]:
     try:
         import ray
@@ -248,7 +259,8 @@ def _by_ray(
     if not ray.is_initialized():
         ray.init()
     # Ray recovers from deaths of nodes and processes; what the program itself refuses is refused everywhere.
-    fly = ray.remote(num_cpus=threads, max_retries=retries, resources=dict(resources or {}))(_fly)
+    options: dict[str, Any] = {} if memory is None else {"memory": memory}
+    fly = ray.remote(num_cpus=threads, max_retries=retries, resources=dict(resources or {}), **options)(_fly)
     shared = ray.put(task)
     waiting, running = iter(ranges), []
     try:

@@ -44,7 +44,7 @@ def test_scenario_a_ray_node_dies_in_mid_campaign(here: tuple[Path, Path], tmp_p
                 killed.append(time.monotonic())
                 cluster.remove_node(nodes[1], allow_graceful=False)
 
-        table = rotortwin.campaign(file, executor="ray", out=tmp_path / "ray", shards_per_task=1, program=program(), progress=progress)
+        table = rotortwin.campaign(file, executor="ray", out=tmp_path / "ray", shards_per_task=1, memory=200 << 20, program=program(), progress=progress)
         assert killed, "no node was killed"
         # The head detects a death by a broken connection or by failed health checks.
         end = time.monotonic() + 60.0

@@ -12,6 +12,7 @@ use crate::problem::Problem;
 use rotortwin_plant::effects::{Catalogue, EffectDocument};
 use rotortwin_plant::error::Refusal;
 use rotortwin_scenario::complaints::complaints;
+use rotortwin_scenario::toml_document::too_much;
 use rotortwin_scenario::{Classifier, ConfigError, Scenario, VehicleDocuments, effect_documents, vehicle_documents};
 use rotortwin_twin::model::ModelVersion;
 use serde::Serialize;
@@ -143,6 +144,9 @@ impl Library {
     /// 404 for the name; 422 for an unflyable scenario, and for a path that leads out of the library.
     pub(crate) fn scenario(&self, name: &str, set: &[String]) -> Result<Scenario, Problem> {
         self.text("scenarios", name)?;
+        if let Some(reason) = too_much(&set.join("\n")) {
+            return Err(Problem::unprocessable(format!("`set`: {reason}")));
+        }
         for setting in set {
             stays_inside(setting)?;
         }
@@ -156,19 +160,14 @@ impl Library {
     /// # Errors
     /// 422.
     pub(crate) fn parse(&self, text: &str) -> Result<Scenario, Problem> {
-        // A text that is not TOML is rejected below, with the line.
-        let table = toml::from_str::<toml::Table>(text).unwrap_or_default();
-        paths_inside(DocumentKind::Scenario, &table)?;
+        paths_inside(DocumentKind::Scenario, &table_of(text))?;
         Scenario::parse(text, self.root.join("scenarios"))
             .map_err(|error| self.refused(DocumentKind::Scenario, text, &error))
     }
 
     /// All errors of a document, checked as part of the library; empty if valid.
     pub(crate) fn complaints(&self, kind: DocumentKind, text: &str) -> Vec<Complaint> {
-        // A text that is not TOML is rejected below, with the line.
-        if let Ok(table) = toml::from_str::<toml::Table>(text)
-            && let Err(problem) = paths_inside(kind, &table)
-        {
+        if let Err(problem) = paths_inside(kind, &table_of(text)) {
             return vec![Complaint {
                 key: None,
                 line: None,
@@ -247,8 +246,7 @@ impl Library {
     /// # Errors
     /// 422.
     pub(crate) fn parse_model(&self, text: &str) -> Result<ModelVersion, Problem> {
-        let table = toml::from_str::<toml::Table>(text).unwrap_or_default();
-        paths_inside(DocumentKind::Model, &table)?;
+        paths_inside(DocumentKind::Model, &table_of(text))?;
         ModelVersion::parse("version", text, &self.root.join("models"))
             .map_err(|error| self.refused(DocumentKind::Model, text, &error))
     }
@@ -354,8 +352,7 @@ impl Library {
     /// # Errors
     /// 422.
     pub(crate) fn parse_vehicle(&self, text: &str) -> Result<VehicleDocuments, Problem> {
-        let table = toml::from_str::<toml::Table>(text).unwrap_or_default();
-        paths_inside(DocumentKind::Vehicle, &table)?;
+        paths_inside(DocumentKind::Vehicle, &table_of(text))?;
         VehicleDocuments::parse(text, self.root.join("vehicles"))
             .map_err(|error| self.refused(DocumentKind::Vehicle, text, &error))
     }
@@ -384,6 +381,14 @@ impl Library {
     pub(crate) fn without_root(&self, error: &dyn std::fmt::Display) -> String {
         let root = format!("{}/", self.root.display());
         error.to_string().replace(&root, "")
+    }
+}
+
+/// The table that a text is; empty for one that is not TOML, or too much to be looked at: the reader of its kind refuses it with the reason.
+fn table_of(text: &str) -> toml::Table {
+    match too_much(text) {
+        None => toml::from_str(text).unwrap_or_default(),
+        Some(_) => toml::Table::new(),
     }
 }
 

@@ -14,6 +14,7 @@ use crate::jobs::database::Database;
 use crate::jobs::timed::Transaction;
 use crate::library::DocumentKind;
 use crate::library::own::hash_of;
+use crate::readers::Readers;
 use rotortwin_twin::model::ModelVersion;
 use rotortwin_twin::model::store::{History, MAIN};
 use sqlx::Row as _;
@@ -55,7 +56,12 @@ impl Database {
     ///
     /// # Errors
     /// The database.
-    pub(crate) async fn model(&self, tenant: &str, name: &str) -> Result<Option<StoredModel>, sqlx::Error> {
+    pub(crate) async fn model(
+        &self,
+        readers: &Readers,
+        tenant: &str,
+        name: &str,
+    ) -> Result<Option<StoredModel>, sqlx::Error> {
         // Branches first: a version created in between is then extra rather than missing.
         let branches = sqlx::query("SELECT branch, number FROM model_branch WHERE tenant = $1 AND model = $2")
             .bind(tenant)
@@ -72,22 +78,25 @@ impl Database {
         .bind(name)
         .fetch_all(&self.pool)
         .await?;
-        let mut history = History {
-            versions: BTreeMap::new(),
-            branches: BTreeMap::new(),
+        let read = || {
+            let mut history = History {
+                versions: BTreeMap::new(),
+                branches: BTreeMap::new(),
+            };
+            for row in branches {
+                history.branches.insert(row.try_get("branch")?, number_of(&row)?);
+            }
+            let mut made_ms = BTreeMap::new();
+            for row in rows {
+                let number = number_of(&row)?;
+                let text: String = row.try_get("text")?;
+                let version = ModelVersion::parse(name, &text, Path::new("")).map_err(unreadable)?;
+                history.versions.insert(number, version);
+                made_ms.insert(number, row.try_get("made_ms")?);
+            }
+            Ok(StoredModel { history, made_ms })
         };
-        for row in branches {
-            history.branches.insert(row.try_get("branch")?, number_of(&row)?);
-        }
-        let mut made_ms = BTreeMap::new();
-        for row in rows {
-            let number = number_of(&row)?;
-            let text: String = row.try_get("text")?;
-            let version = ModelVersion::parse(name, &text, Path::new("")).map_err(unreadable)?;
-            history.versions.insert(number, version);
-            made_ms.insert(number, row.try_get("made_ms")?);
-        }
-        Ok(Some(StoredModel { history, made_ms }))
+        readers.read(read).await.map(Some)
     }
 
     /// Whether a versioned model with this name exists.

@@ -118,7 +118,7 @@ pub(super) async fn model(
             Ok((path, vec![input], job.new.name))
         }
         (None, None, Some(text), None) => {
-            let version = library.parse_model(text)?;
+            let version = app.readers.read(|| library.parse_model(text)).await?;
             Ok(alone(text.clone(), &version.name))
         }
         (None, None, None, Some(name)) => {
@@ -141,7 +141,7 @@ pub(super) async fn version(app: &App, caller: &Caller, choice: &ModelChoice) ->
     }
     let library = app.library(caller).await?;
     match (&choice.vehicle, &choice.improvement, &choice.version, &choice.model) {
-        (Some(name), None, None, None) => library.first_version(name),
+        (Some(name), None, None, None) => app.readers.read(|| library.first_version(name)).await,
         (None, Some(id), None, None) => {
             let job = done(app, caller, JobKind::Improvement, id).await?;
             let file = app
@@ -150,9 +150,10 @@ pub(super) async fn version(app: &App, caller: &Caller, choice: &ModelChoice) ->
                 .await
                 .map_err(|error| Problem::of_files(&error))?
                 .ok_or_else(|| Problem::not_found(format!("the model of improvement {id} was deleted")))?;
-            ModelVersion::load(file).map_err(|error| Problem::internal(&error))
+            let version = app.readers.read(|| ModelVersion::load(file)).await;
+            version.map_err(|error| Problem::internal(&error))
         }
-        (None, None, Some(text), None) => library.parse_model(text),
+        (None, None, Some(text), None) => app.readers.read(|| library.parse_model(text)).await,
         (None, None, None, Some(name)) => named_model(app, caller, &library, name).await,
         _ => Err(one_model()),
     }
@@ -161,8 +162,10 @@ pub(super) async fn version(app: &App, caller: &Caller, choice: &ModelChoice) ->
 /// `NAME`, `NAME@v1` or `NAME@BRANCH`. A vehicle that no model was made of is its own first version, as under `/api/v1/models/NAME`.
 async fn named_model(app: &App, caller: &Caller, library: &Library, text: &str) -> Result<ModelVersion, Problem> {
     match text.split_once('@') {
-        None if !library.has("models", text) && library.has("vehicles", text) => library.first_version(text),
-        None => library.model(text),
+        None if !library.has("models", text) && library.has("vehicles", text) => {
+            app.readers.read(|| library.first_version(text)).await
+        }
+        None => app.readers.read(|| library.model(text)).await,
         Some((name, at)) => app.model_version(caller, name, at).await,
     }
 }

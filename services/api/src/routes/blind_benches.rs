@@ -15,6 +15,7 @@ use rotortwin_blind::error::BlindError;
 use rotortwin_blind::vehicle::Vehicle;
 use rotortwin_jobs::submission::{BenchVehicle, BlindBenchSubmission};
 use rotortwin_jobs::{BlindBench, Input, JobKind, StoredJob};
+use rotortwin_scenario::toml_document::{to_text, too_much};
 use std::collections::BTreeSet;
 use std::ops::Range;
 
@@ -76,7 +77,7 @@ pub(crate) async fn submit(
     let vehicles = chosen(&body.vehicles)?;
     let request = checked(&body, &vehicles, app.config.longest_flight_s)?;
     let library = app.library(&caller).await?;
-    let files = own_files(&library, &vehicles)?;
+    let files = app.readers.read(|| own_files(&library, &vehicles)).await?;
     // The folder with the vehicles that came along lives until the library has been copied.
     let (library, _folder) = if files.is_empty() {
         (library, None)
@@ -86,9 +87,11 @@ pub(crate) async fn submit(
             .map_err(|error| Problem::unwritten(&error, "the vehicles cannot be written: the disk is full"))?;
         (library, Some(folder))
     };
-    for vehicle in &vehicles {
-        readable(&library, &vehicle.vehicle)?;
-    }
+    let all_readable = || {
+        let mut names = vehicles.iter().map(|vehicle| &vehicle.vehicle);
+        names.try_for_each(|name| readable(&library, name))
+    };
+    app.readers.read(all_readable).await?;
     let input = Input {
         path: LAID_OUT.to_owned(),
         ..laid_out(&app, &library).await?
@@ -228,13 +231,20 @@ fn own_files(library: &Library, vehicles: &[BenchVehicle]) -> Result<Vec<(String
 
 /// The vehicle with another path of its blades.
 fn with_blades(text: &str, name: &str, path: &str) -> Result<String, Problem> {
+    if let Some(reason) = too_much(text) {
+        return Err(Problem::unprocessable(format!("vehicle '{name}': {reason}")));
+    }
     let mut document: toml::Table = toml::from_str(text)
         .map_err(|error| Problem::unprocessable(format!("vehicle '{name}' is not valid TOML: {}", error.message())))?;
     let rotors = document.get_mut("rotors").and_then(toml::Value::as_table_mut);
     let rotors =
         rotors.ok_or_else(|| Problem::unprocessable(format!("vehicle '{name}', key `rotors`: expected a table")))?;
     rotors.insert("blades".to_owned(), path.into());
-    toml::to_string(&document).map_err(|error| Problem::internal(&error))
+    to_text(&toml::Value::Table(document)).ok_or_else(|| {
+        Problem::unprocessable(format!(
+            "vehicle '{name}' is too large; expected shorter keys of tables"
+        ))
+    })
 }
 
 /// Whether the diagnosis and the independent simulator, each with a reader of its own, can read a vehicle.

@@ -362,8 +362,14 @@ async fn flight_of(app: &App, job: &Job, flight: u64) -> Result<(Scenario, u64),
         }
         problem
     })?;
-    let scenario = Documents::from_toml("the flight", &planned.documents)
-        .and_then(|documents| Scenario::from_documents(&documents))
+    let read = || {
+        Documents::from_toml("the flight", &planned.documents)
+            .and_then(|documents| Scenario::from_documents(&documents))
+    };
+    let scenario = app
+        .readers
+        .read(read)
+        .await
         .map_err(|error| Problem::internal(&error))?;
     let seed = planned.seed.parse().map_err(|error| Problem::internal(&error))?;
     Ok((scenario, seed))

@@ -18,6 +18,7 @@ use axum::response::Response;
 use rotortwin_campaign::study::folder::SHARD_FLIGHTS;
 use rotortwin_jobs::submission::CampaignSubmission;
 use rotortwin_jobs::{Input, JobKind, StoredJob};
+use rotortwin_scenario::toml_document::to_text;
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 use std::ffi::OsString;
@@ -73,10 +74,8 @@ pub(crate) async fn submit(
         return Ok(answer);
     }
     let library = app.library(&caller).await?;
-    let (shelf, named, given) = (library.clone(), body.campaign.clone(), body.text.clone());
-    let text = tokio::task::spawn_blocking(move || find(&shelf, named.as_deref(), given))
-        .await
-        .map_err(|error| Problem::internal(&error))??;
+    let named = || find(&library, body.campaign.as_deref(), body.text.clone());
+    let text = app.readers.read(named).await?;
     let terms = Terms {
         priority: body.priority,
         max_wall_s: body.max_wall_s,
@@ -123,7 +122,8 @@ pub(super) async fn accept(
                 .map(|text| vec![(format!("classifiers/{name}"), text)])
                 .and_then(|files| library.with_files(&app.config.work.data, &files))
                 .map_err(|error| Problem::of_files(&error))?;
-            (library, with_network(&text, &name)?, Some(folder))
+            let text = app.readers.read(|| with_network(&text, &name)).await?;
+            (library, text, Some(folder))
         }
     };
     let Checked { name, flights, seed } = check(app, &library, &document, None).await?;
@@ -176,7 +176,9 @@ fn with_network(text: &str, name: &str) -> Result<String, Problem> {
             .ok_or_else(|| Problem::unprocessable(format!("the campaign's `{key}`: expected a table")))?;
     }
     table.insert("network".to_owned(), format!("../classifiers/{name}").into());
-    toml::to_string(&document).map_err(|error| Problem::internal(&error))
+    to_text(&toml::Value::Table(document)).ok_or_else(|| {
+        Problem::unprocessable("the campaign is too large with a classifier; expected shorter keys of tables")
+    })
 }
 
 /// The text of a campaign that names nothing outside of the library.

@@ -2,8 +2,8 @@
 
 use crate::App;
 use crate::access::Caller;
+use crate::library::DocumentKind;
 use crate::library::own::{LARGEST_DOCUMENT, Precondition, Written, hash_of};
-use crate::library::{Complaint, DocumentKind, Library};
 use crate::problem::Problem;
 use axum::Json;
 use axum::http::{HeaderMap, StatusCode, header};
@@ -70,7 +70,7 @@ pub(super) async fn put(
         )));
     }
     let library = app.library(caller).await?;
-    let complaints = check(library, kind, text.to_owned()).await?;
+    let complaints = app.readers.read(|| library.complaints(kind, text)).await;
     if let Some(first) = complaints.first() {
         let all = complaints.iter().map(|complaint| complaint.sentence.clone()).collect();
         return Err(Problem::unprocessable(first.sentence.clone()).with_complaints(all));
@@ -214,16 +214,6 @@ pub(super) fn precondition(headers: &HeaderMap) -> Result<Precondition, Problem>
             "expected `If-Match: \"ETAG\"` or `If-None-Match: *`",
         )),
     }
-}
-
-/// All that is wrong with a document.
-///
-/// # Errors
-/// 500.
-pub(super) async fn check(library: Library, kind: DocumentKind, text: String) -> Result<Vec<Complaint>, Problem> {
-    tokio::task::spawn_blocking(move || library.complaints(kind, &text))
-        .await
-        .map_err(|error| Problem::internal(&error))
 }
 
 /// Makes a module with the addresses of one kind of document.

@@ -230,13 +230,11 @@ pub(crate) async fn open(
     if app.is_ending() {
         return Err(Problem::unavailable("the server is ending"));
     }
-    let detectors = detectors(
-        &app.library(&caller).await?,
-        body.vehicle.as_deref(),
-        body.vehicle_text.as_deref(),
-        body.classifier.as_deref(),
-        &body.settings.into(),
-    )?;
+    let library = app.library(&caller).await?;
+    let (vehicle, text) = (body.vehicle.as_deref(), body.vehicle_text.as_deref());
+    let (classifier, settings) = (body.classifier.as_deref(), body.settings.into());
+    let made = || detectors(&library, vehicle, text, classifier, &settings);
+    let detectors = app.readers.read(made).await?;
     if body.topic && !app.fdi.has_link() {
         return Err(Problem::unprocessable(
             "`topic` is true, but this server accepts no measurements over zenoh; start it with --fdi-link",

@@ -177,13 +177,9 @@ async fn judged(app: &App, caller: &Caller, which: &Which, body: Body, truth: &T
     let part = which.part.as_deref().map(super::asked::checked_part).transpose()?;
     let library = app.library(caller).await?;
     // Made here only to be refused: the process that judges makes its own.
-    super::fdi::detectors(
-        &library,
-        Some(&which.vehicle),
-        None,
-        which.classifier.as_deref(),
-        &settings,
-    )?;
+    let (vehicle, classifier) = (Some(which.vehicle.as_str()), which.classifier.as_deref());
+    let made = || super::fdi::detectors(&library, vehicle, None, classifier, &settings);
+    app.readers.read(made).await?;
     let file = match &which.log {
         Some(id) => Flight::Stored(stored(app, caller, id).await?),
         None => Flight::Uploaded(received(app, body).await?),

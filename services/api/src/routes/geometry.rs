@@ -8,7 +8,7 @@ use axum::extract::rejection::{PathRejection, QueryRejection};
 use axum::extract::{Path, Query};
 use rotortwin_plant::powertrain::battery::Battery;
 use rotortwin_plant::vehicle::model::{SpinDirection, geometry};
-use rotortwin_scenario::{Documents, Scenario, VehicleDocuments};
+use rotortwin_scenario::VehicleDocuments;
 use serde::{Deserialize, Serialize};
 use utoipa::{IntoParams, ToSchema};
 
@@ -154,8 +154,9 @@ pub(crate) async fn of_vehicle(
     name: Result<Path<String>, PathRejection>,
 ) -> Result<Json<VehicleGeometry>, Problem> {
     let Path(name) = name?;
-    let documents = app.library(&caller).await?.vehicle_documents(&name)?;
-    VehicleGeometry::of(&documents, FULL).map(Json)
+    let library = app.library(&caller).await?;
+    let seen = || VehicleGeometry::of(&library.vehicle_documents(&name)?, FULL);
+    app.readers.read(seen).await.map(Json)
 }
 
 /// What the vehicle of a run looks like.
@@ -171,13 +172,10 @@ pub(crate) async fn of_run(
     id: Result<Path<String>, PathRejection>,
 ) -> Result<Json<VehicleGeometry>, Problem> {
     let run = super::runs::find(&app, &caller, id).await?;
-    let scenario = Documents::from_toml("the recorded scenario", &super::runs::flight_of(&run)?.documents)
-        .and_then(|documents| Scenario::from_documents(&documents))
-        .map_err(|error| {
-            Problem::unprocessable(format!(
-                "this version cannot fly a run that another version accepted: {error}"
-            ))
-        })?;
+    let scenario = app
+        .readers
+        .read(|| super::submissions::recorded(&super::runs::flight_of(&run)?))
+        .await?;
     let documents = VehicleDocuments {
         vehicle: scenario.vehicle().clone(),
         blades: scenario.blades().clone(),

@@ -1,6 +1,5 @@
 //! Documents that submissions can name: scenarios, vehicles, blades, effects, models.
 
-use super::documents::check;
 use super::jobs::Shared;
 use super::results::DeclaredEffect;
 use crate::access::Caller;
@@ -92,18 +91,23 @@ pub(crate) async fn validate_scenario(
     let JsonObject(body) = body?;
     let library = app.library(&caller).await?;
     let (name, text) = (body.scenario.as_deref(), body.text.as_deref());
-    match super::submissions::find_scenario(&library, name, text, &body.set) {
-        Ok(scenario) => Ok(Json(Validation {
+    let read = || {
+        let scenario = super::submissions::find_scenario(&library, name, text, &body.set)?;
+        Ok::<_, Problem>(Validation {
             valid: true,
             refusal: None,
             complaints: Vec::new(),
             warnings: scenario.warnings(),
             effective: Some(scenario.documents().to_toml()),
-        })),
+        })
+    };
+    match app.readers.read(read).await {
+        Ok(validation) => Ok(Json(validation)),
         Err(problem) if problem.kind.ends_with("unprocessable") => {
-            let complaints = match body.text {
+            let complaints = match text {
                 Some(text) if body.scenario.is_none() && body.set.is_empty() => {
-                    check(library, DocumentKind::Scenario, text).await?
+                    let complaints = || library.complaints(DocumentKind::Scenario, text);
+                    app.readers.read(complaints).await
                 }
                 _ => Vec::new(),
             };
@@ -143,7 +147,8 @@ macro_rules! validation {
             body: Result<JsonObject<TextToValidate>, Problem>,
         ) -> Result<Json<Validation>, Problem> {
             let JsonObject(body) = body?;
-            let complaints = check(app.library(&caller).await?, $kind, body.text).await?;
+            let library = app.library(&caller).await?;
+            let complaints = app.readers.read(|| library.complaints($kind, &body.text)).await;
             let valid = complaints.is_empty();
             Ok(Json(Validation {
                 valid,
@@ -191,7 +196,8 @@ pub(crate) struct EffectCatalogue {
     (status = 422, description = "a document in the library is not a valid effect", body = Problem, content_type = "application/problem+json")
 ))]
 pub(crate) async fn catalogue(app: Shared, caller: Caller) -> Result<Json<EffectCatalogue>, Problem> {
-    let catalogue = app.library(&caller).await?.catalogue()?;
+    let library = app.library(&caller).await?;
+    let catalogue = app.readers.read(|| library.catalogue()).await?;
     let items = catalogue.entries().iter().map(|entry| DeclaredEffect::of(entry));
     Ok(Json(EffectCatalogue {
         items: items.collect::<Result<_, Problem>>()?,

@@ -18,7 +18,6 @@ use axum::extract::ws::{Message, WebSocket, WebSocketUpgrade};
 use axum::extract::{Path, Query, State};
 use axum::response::Response;
 use rotortwin_jobs::Status;
-use rotortwin_scenario::{Documents, Scenario};
 use rotortwin_store::query::{Channel, matching};
 use rotortwin_store::telemetry_columns;
 use rotortwin_wire::events::LiveSample;
@@ -227,7 +226,7 @@ pub(crate) async fn live(
 ) -> Result<Response, Problem> {
     let Query(wish) = wish?;
     let run = super::runs::find(&app, &caller, id).await?;
-    let mut selection = Selection::new(rotors(&run)?);
+    let mut selection = Selection::new(app.readers.read(|| rotors(&run)).await?);
     selection.change(&wish).map_err(Problem::unprocessable)?;
     let upgrade = upgrade?;
     if wish.from_s.is_some_and(f64::is_nan) {
@@ -254,14 +253,8 @@ pub(crate) async fn live(
 
 /// Rotors of the run's vehicle: they decide which channels there are.
 fn rotors(run: &Job) -> Result<usize, Problem> {
-    Documents::from_toml("the recorded scenario", &super::runs::flight_of(run)?.documents)
-        .and_then(|documents| Scenario::from_documents(&documents))
-        .map(|scenario| scenario.vehicle().rotor_count())
-        .map_err(|error| {
-            Problem::unprocessable(format!(
-                "this version cannot fly a run that another version accepted: {error}"
-            ))
-        })
+    let scenario = super::submissions::recorded(&super::runs::flight_of(run)?)?;
+    Ok(scenario.vehicle().rotor_count())
 }
 
 struct Watcher {

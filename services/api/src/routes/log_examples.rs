@@ -116,7 +116,8 @@ pub(crate) async fn generate(
     if let Some(effect) = &body.effect {
         // What the simulator would refuse is refused now.
         let refused = |error: BlindError| library.refusal(&error);
-        let vehicle = Vehicle::load(&library.root().join("vehicles").join(format!("{name}.toml"))).map_err(refused)?;
+        let path = library.root().join("vehicles").join(format!("{name}.toml"));
+        let vehicle = app.readers.read(|| Vehicle::load(&path)).await.map_err(refused)?;
         example::effect(effect, vehicle.rotors.len(), seed).map_err(refused)?;
     }
     let example = LogExample {

@@ -155,7 +155,7 @@ pub(crate) async fn create(
     {
         return Err(taken());
     }
-    check(&version)?;
+    app.readers.read(|| check(&version)).await?;
     match app.database.begin_model(&caller.tenant, name, &[&version]).await? {
         Changed::To(_) => {}
         Changed::Moved => return Err(taken()),
@@ -222,8 +222,12 @@ pub(crate) async fn add(
     check_match(&headers, &name, &branch, &head)?;
     let effects = body.effects(&app, &caller, &base.line(stands_at)).await?;
     let library = app.library(&caller).await?;
-    let next = with_documents_of(&library, effects.onto(&head, body.note))?;
-    check(&next)?;
+    let next = effects.onto(&head, body.note);
+    let checked = || {
+        let next = with_documents_of(&library, next)?;
+        check(&next).map(|()| next)
+    };
+    let next = app.readers.read(checked).await?;
     if head.has_all_of(&next) {
         return Err(Problem::unprocessable(format!(
             "{} has all of this already: nothing to add",
@@ -446,14 +450,14 @@ struct Base {
 
 impl Base {
     async fn find(app: &App, caller: &Caller, name: &str) -> Result<Self, Problem> {
-        if let Some(model) = app.database.model(&caller.tenant, name).await? {
+        if let Some(model) = app.database.model(&app.readers, &caller.tenant, name).await? {
             return Ok(Self { model, begun: true });
         }
         let library = app.library(caller).await?;
         let first = if library.has("models", name) {
-            library.model(name)?
+            app.readers.read(|| library.model(name)).await?
         } else if library.has("vehicles", name) {
-            library.first_version(name)?
+            app.readers.read(|| library.first_version(name)).await?
         } else {
             return Err(Problem::not_found(format!(
                 "model or vehicle '{name}' not found; /api/v1/models and /api/v1/vehicles list those that exist"

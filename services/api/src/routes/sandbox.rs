@@ -53,13 +53,13 @@ pub(crate) async fn picture(
 ) -> Result<Response, Problem> {
     let (Path(effect), Query(asked)) = (effect?, asked?);
     let library = app.library(&caller).await?;
-    if library.catalogue()?.find(&effect).is_none() {
+    if app.readers.read(|| library.catalogue()).await?.find(&effect).is_none() {
         return Err(Problem::not_found(format!(
             "effect '{effect}' not found in the catalogue"
         )));
     }
     // Only to be refused by name.
-    library.vehicle_documents(&asked.vehicle)?;
+    app.readers.read(|| library.vehicle_documents(&asked.vehicle)).await?;
     let named = asked
         .rotor
         .map_or_else(|| effect.clone(), |rotor| format!("{effect}#{rotor}"));

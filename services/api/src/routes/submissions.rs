@@ -64,25 +64,23 @@ async fn with_models(
     let mut notes = Vec::new();
     if let Some(choice) = &body.model {
         let version = asked::version(app, caller, choice).await?;
-        scenario = version
-            .flown_in(&scenario)
-            .map_err(|error| Problem::unprocessable(format!("with `model`: {error}")))?;
+        let flown = app.readers.read(|| version.flown_in(&scenario)).await;
+        scenario = flown.map_err(|error| Problem::unprocessable(format!("with `model`: {error}")))?;
     }
     if let Some(choice) = &body.fdi_model {
         let refused = |refusal: rotortwin_plant::error::Refusal| {
             Problem::unprocessable(format!("`fdi_model`, key `{}`: {}", refusal.key, refusal.reason))
         };
-        let vehicle = asked::version(app, caller, choice)
-            .await?
-            .for_detectors()
-            .map_err(refused)?;
+        let version = asked::version(app, caller, choice).await?;
+        let vehicle = app.readers.read(|| version.for_detectors()).await.map_err(refused)?;
         if !vehicle.not_carried.is_empty() {
             notes.push(format!(
                 "the detectors have no parameter for {}: ignored by the detectors",
                 vehicle.not_carried.join(", ")
             ));
         }
-        scenario = scenario.with_fdi_vehicle(vehicle.documents).map_err(refused)?;
+        let judged = app.readers.read(|| scenario.with_fdi_vehicle(vehicle.documents)).await;
+        scenario = judged.map_err(refused)?;
     }
     Ok((scenario, notes))
 }
@@ -93,7 +91,8 @@ async fn with_classifier(app: &App, caller: &Caller, scenario: &Scenario, id: &s
     let mut documents = scenario.documents().clone();
     documents.scenario.fdi.network = Some(super::tasks::CLASSIFIER.to_owned());
     documents.classifier = Some(classifier);
-    Scenario::from_documents(&documents).map_err(|error| Problem::unprocessable(error.to_string()))
+    let checked = app.readers.read(|| Scenario::from_documents(&documents)).await;
+    checked.map_err(|error| Problem::unprocessable(error.to_string()))
 }
 
 /// Submits a flight.
@@ -123,7 +122,8 @@ pub(crate) async fn submit(
     if let Some(answer) = jobs::before(&app, &caller, JobKind::Run, &headers, &hash, Run::from).await? {
         return Ok(answer);
     }
-    let scenario = submitted_scenario(&app.library(&caller).await?, &body)?;
+    let library = app.library(&caller).await?;
+    let scenario = app.readers.read(|| submitted_scenario(&library, &body)).await?;
     let (scenario, notes) = with_models(&app, &caller, scenario, &body).await?;
     let scenario = match &body.classifier {
         None => scenario,
@@ -174,11 +174,13 @@ async fn accept(
         )));
     }
     let seed = body.seed.unwrap_or_else(|| scenario.seed());
-    scenario
-        .simulation(seed)
-        .map_err(|error| Problem::unprocessable(error.to_string()))?;
+    let written = app
+        .readers
+        .read(|| scenario.simulation(seed).map(|_| documents.to_toml()));
     let spec = Flight {
-        documents: documents.to_toml(),
+        documents: written
+            .await
+            .map_err(|error| Problem::unprocessable(error.to_string()))?,
         seed: seed.to_string(),
         link,
         pace: body.pace,
@@ -265,12 +267,15 @@ pub(crate) async fn fork(
     }
     let run = super::runs::find(&app, &caller, Ok(Path(id))).await?;
     let spec = flight_of(&run)?;
-    let mut documents = recorded(&spec)?.documents().clone();
-    if body.healthy {
-        documents.scenario.fault.clear();
-        documents.scenario.sensor_fault.clear();
-    }
-    let scenario = Scenario::from_documents(&documents).map_err(|error| Problem::unprocessable(error.to_string()))?;
+    let changed = || {
+        let mut documents = recorded(&spec)?.documents().clone();
+        if body.healthy {
+            documents.scenario.fault.clear();
+            documents.scenario.sensor_fault.clear();
+        }
+        Scenario::from_documents(&documents).map_err(|error| Problem::unprocessable(error.to_string()))
+    };
+    let scenario = app.readers.read(changed).await?;
     let submission = RunSubmission {
         seed: Some(match body.seed {
             Some(seed) => seed,
@@ -329,7 +334,11 @@ pub(super) async fn again(
     .await
 }
 
-fn recorded(flight: &Flight) -> Result<Scenario, Problem> {
+/// The scenario of a run that was accepted.
+///
+/// # Errors
+/// 422: by another version.
+pub(super) fn recorded(flight: &Flight) -> Result<Scenario, Problem> {
     Documents::from_toml("the recorded scenario", &flight.documents)
         .and_then(|documents| Scenario::from_documents(&documents))
         .map_err(|error| {

@@ -43,13 +43,16 @@ pub(crate) async fn view(
     upgrade: Result<WebSocketUpgrade, WebSocketUpgradeRejection>,
 ) -> Result<Response, Problem> {
     let run = super::runs::find(&app, &caller, id).await?;
-    let scenario = Documents::from_toml("the recorded scenario", &super::runs::flight_of(&run)?.documents)
-        .and_then(|documents| Scenario::from_documents(&documents))
-        .map_err(|error| {
-            Problem::unprocessable(format!(
-                "this version cannot show a run that another version accepted: {error}"
-            ))
-        })?;
+    let flight = super::runs::flight_of(&run)?;
+    let recorded = || {
+        Documents::from_toml("the recorded scenario", &flight.documents)
+            .and_then(|documents| Scenario::from_documents(&documents))
+    };
+    let scenario = app.readers.read(recorded).await.map_err(|error| {
+        Problem::unprocessable(format!(
+            "this version cannot show a run that another version accepted: {error}"
+        ))
+    })?;
     let upgrade = upgrade?.protocols(SUBPROTOCOLS);
     if upgrade.selected_protocol().is_none() {
         return Err(Problem::bad_request(format!(
