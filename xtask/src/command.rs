@@ -25,10 +25,16 @@ pub(crate) fn cargo(root: &Path) -> Command {
 /// Builds programs or examples with the features of the whole workspace, as `./run` and `./test` do: with those of a single package
 /// the large dependencies would be compiled again.
 pub(crate) fn build(root: &Path, targets: &[&str]) -> Result<()> {
+    build_as(root, "release", targets)
+}
+
+/// The same with another profile of Cargo.toml.
+pub(crate) fn build_as(root: &Path, profile: &str, targets: &[&str]) -> Result<()> {
     let mut command = cargo(root);
     command.args([
         "build",
-        "--release",
+        "--profile",
+        profile,
         "--locked",
         "--quiet",
         "--workspace",

@@ -37,8 +37,9 @@ const USAGE: &str = "usage: cargo xtask TASK
                     (--check: unit tests, and whether web/dist is up to date)
   firmware [--keep] build the programs of the boards, print and check their sizes, search their steps for panics
                     (--keep: remember the sizes in firmware/sizes.txt)
-  dist              what people install who do not build, in target/packages: archive, Debian package, Python wheel,
-                    container image, list of parts
+  dist [--small]    what people install who do not build, in target/packages: archive, Debian package, Python wheel,
+                    container image, list of parts; from what is built
+                    (--small: a program a quarter smaller and as fast, which takes a build of its own)
   seeds [SCENARIO]  the evaluators over 100 seeds of a scenario: delays, false alarms, correct windows
   detector WHAT [SCENARIO] [key=value …]
                     the sequential detector: protocol, healthy, smallest, pairs, coverage, early (crates/campaign/examples/detector_study.rs)
@@ -79,7 +80,8 @@ fn run_task() -> Result<()> {
         ["firmware", "--keep"] => firmware::run(&root, true),
         ["web"] => web::write(&root),
         ["web", "--check"] => web::check(&root),
-        ["dist"] => dist::run(&root),
+        ["dist"] => dist::run(&root, dist::Build::Ordinary),
+        ["dist", "--small"] => dist::run(&root, dist::Build::Small),
         ["thumb"] => thumb::run(&root),
         ["seeds"] => seeds(&root, "config/scenarios/reference-flight.toml"),
         ["seeds", scenario] => seeds(&root, scenario),

@@ -1,4 +1,4 @@
-//! The page: `web/dist`, embedded when the server was built.
+//! The page: `web/dist`, compressed and embedded when the server was built.
 //!
 //! | Address | Content | Browser caching |
 //! |---|---|---|
@@ -8,21 +8,23 @@
 //!
 //! It reveals no user data and needs no token: a page that cannot be loaded could not ask for one.
 
+use crate::embedded::Embedded;
 use crate::problem::Problem;
-use axum::http::{HeaderMap, HeaderValue, Method, StatusCode, Uri, header};
-use axum::response::{IntoResponse as _, Response};
+use axum::body::Bytes;
+use axum::http::{HeaderMap, Method, Uri};
+use axum::response::Response;
 use include_dir::{Dir, include_dir};
 use std::collections::HashMap;
 use std::sync::LazyLock;
 
-/// The bundle, which is committed, so that building the server only needs Rust.
-static BUNDLE: Dir<'_> = include_dir!("$CARGO_MANIFEST_DIR/../../web/dist");
+/// The bundle, which is committed, so that building the server only needs Rust; `build.rs` has compressed each file.
+static BUNDLE: Dir<'_> = include_dir!("$OUT_DIR/web");
 
 /// Its files by their addresses.
 static BY_PATH: LazyLock<HashMap<String, Embedded>> = LazyLock::new(|| {
     let embedded = every_file(&BUNDLE).map(|file| {
         let path = format!("/{}", file.path().display());
-        let file = Embedded::new(&path, file.contents());
+        let file = Embedded::compressed(Bytes::from_static(file.contents()), content_type(&path));
         (path, file)
     });
     embedded.collect()
@@ -38,22 +40,6 @@ const INDEX: &str = "/index.html";
 const ASSETS: &str = "/assets/";
 /// Addresses that browsers request by themselves, which are not pages.
 const NO_PAGES: &[&str] = &["/favicon.ico", "/robots.txt"];
-
-struct Embedded {
-    bytes: &'static [u8],
-    kind: &'static str,
-    tag: String,
-}
-
-impl Embedded {
-    fn new(path: &str, bytes: &'static [u8]) -> Self {
-        Self {
-            bytes,
-            kind: content_type(path),
-            tag: format!("\"{:032x}\"", xxhash_rust::xxh3::xxh3_128(bytes)),
-        }
-    }
-}
 
 fn content_type(path: &str) -> &'static str {
     match path.rsplit('.').next().unwrap_or_default() {
@@ -96,26 +82,7 @@ pub(crate) async fn page(method: Method, uri: Uri, headers: HeaderMap) -> Result
     } else {
         "no-cache"
     };
-    let tag = HeaderValue::from_str(&file.tag).map_err(|error| Problem::internal(&error))?;
-    let about = [
-        (header::CACHE_CONTROL, HeaderValue::from_static(kept)),
-        (header::ETAG, tag),
-    ];
-    let known = headers
-        .get(header::IF_NONE_MATCH)
-        .and_then(|value| value.to_str().ok())
-        .is_some_and(|tags| has_tag(tags, &file.tag));
-    if known {
-        return Ok((StatusCode::NOT_MODIFIED, about).into_response());
-    }
-    Ok((about, [(header::CONTENT_TYPE, file.kind)], file.bytes).into_response())
-}
-
-/// Compression turns a strong tag into a weak one.
-fn has_tag(tags: &str, own: &str) -> bool {
-    tags.split(',')
-        .map(str::trim)
-        .any(|tag| tag == "*" || tag.trim_start_matches("W/") == own)
+    file.answer(&headers, kept).map_err(|error| Problem::internal(&error))
 }
 
 fn nothing_at(path: &str) -> Problem {
@@ -127,6 +94,8 @@ fn nothing_at(path: &str) -> Problem {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use axum::http::{HeaderValue, header};
+    use axum::response::IntoResponse as _;
 
     async fn ask(method: Method, path: &str, headers: &[(header::HeaderName, &str)]) -> Response {
         let mut map = HeaderMap::new();
@@ -181,7 +150,7 @@ mod tests {
             assert_eq!(answer.status(), 200, "{path}");
             let kept = answer.headers()[header::CACHE_CONTROL].to_str().expect("text");
             assert!(kept.contains("immutable"), "{path}");
-            assert!(!file.bytes.is_empty(), "{path}");
+            assert!(!file.content().expect("it is whole").is_empty(), "{path}");
             assert_ne!(content_type(path), "application/octet-stream", "{path}");
         }
     }

@@ -29,9 +29,32 @@ const SHELLS: [(&str, &str); 3] = [
     ("fish", "usr/share/fish/vendor_completions.d/rotortwin.fish"),
 ];
 
+/// How the program and the native module are compiled.
+#[derive(Clone, Copy)]
+pub(crate) enum Build {
+    /// As `./run` and `./test` have it, and from what they have built.
+    Ordinary,
+    /// For size, with link-time optimisation, which compiles everything once more: docs/decisions/0055.
+    Small,
+}
+
+impl Build {
+    /// Its profile in Cargo.toml, and its folder in `target`.
+    const fn profile(self) -> &'static str {
+        match self {
+            Self::Ordinary => "release",
+            Self::Small => "small",
+        }
+    }
+}
+
 /// Builds all packages in `target/packages`.
-pub(crate) fn run(root: &Path) -> Result<()> {
-    command::build(root, &["--bin", "rotortwin-network", "--lib"])?;
+pub(crate) fn run(root: &Path, build: Build) -> Result<()> {
+    if matches!(build, Build::Small) {
+        println!("-- compiles everything once more, in target/small: {SMALL_TAKES}");
+    }
+    command::build_as(root, build.profile(), &["--bin", "rotortwin-network", "--lib"])?;
+    let built = root.join("target").join(build.profile());
     let out = root.join("target/packages");
     if out.exists() {
         fs::remove_dir_all(&out).with_context(|| format!("emptying {}", out.display()))?;
@@ -39,11 +62,8 @@ pub(crate) fn run(root: &Path) -> Result<()> {
     let stage = out.join("stage");
     fs::create_dir_all(&stage)?;
     // It supports every command: users need no second program.
-    let program = stripped(&root.join("target/release/rotortwin-network"), &stage.join("rotortwin"))?;
-    let module = stripped(
-        &root.join("target/release/lib_native.so"),
-        &stage.join("_native.abi3.so"),
-    )?;
+    let program = stripped(&built.join("rotortwin-network"), &stage.join("rotortwin"))?;
+    let module = stripped(&built.join("lib_native.so"), &stage.join("_native.abi3.so"))?;
     let glibc = newest_glibc(&program)?.max(newest_glibc(&module)?);
     let tree = installed(root, &program, &stage.join("root"))?;
     archive(root, &tree, &out)?;

@@ -71,7 +71,6 @@ use utoipa::openapi::security::{ApiKey, ApiKeyValue, HttpAuthScheme, HttpBuilder
 use utoipa::{Modify, OpenApi};
 use utoipa_axum::router::OpenApiRouter;
 use utoipa_axum::routes;
-use utoipa_swagger_ui::{Config, SwaggerUi};
 
 /// No request is larger.
 const LARGEST_BODY: usize = 2 << 20;
@@ -249,7 +248,7 @@ pub(crate) fn router(app: Arc<App>) -> Router {
         .layer(axum::middleware::from_fn_with_state(stated, stated::hold))
         .route("/api/v1/openapi.json", axum::routing::get(server::openapi))
         .merge(parts::routes())
-        .merge(SwaggerUi::new("/api/v1/docs").config(Config::new(["/api/v1/openapi.json"])))
+        .merge(crate::manual::routes())
         .fallback(crate::web::page)
         .method_not_allowed_fallback(wrong_method)
         .layer(axum::middleware::from_fn_with_state(
