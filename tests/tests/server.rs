@@ -253,6 +253,27 @@ fn scenario_a_canceled_run_ends_and_keeps_what_it_has() {
     assert_eq!(server.ask("DELETE", &path, &[], "").status, 204);
     assert_eq!(server.ask("GET", &path, &[], "").status, 404);
     assert!(!scratch.path("data").join("jobs").join(&id).exists());
+    // In one process nothing is written before the end: what is said is how far it was.
+    let mut body = slow(60.0);
+    body["link"] = json!("in-process");
+    let id = server.submit(&body);
+    let stream = server.send("GET", &format!("/api/v1/runs/{id}/events"), &[], "");
+    let flown_s = BufReader::new(stream).lines().map_while(Result::ok).find_map(|line| {
+        let event: Value = serde_json::from_str(line.strip_prefix("data: ")?).ok()?;
+        event["sim_time_s"].as_f64().filter(|at| *at > 1.0)
+    });
+    let flown_s = flown_s.expect("it flies");
+    let cancel = format!("/api/v1/runs/{id}/cancel");
+    assert_eq!(server.ask("POST", &cancel, &[], "").status, 202);
+    let run = server.ended(&id);
+    let why = run["error"].as_str().expect("a sentence");
+    let said_s = why
+        .strip_prefix("canceled after ")
+        .and_then(|rest| rest.split_once(" s of flight"));
+    let said_s: f64 = said_s
+        .and_then(|(number, _)| number.parse().ok())
+        .unwrap_or_else(|| panic!("{why}"));
+    assert!((flown_s - 0.1..flown_s + 10.0).contains(&said_s), "{flown_s}: {why}");
 }
 
 /// Attempts of a run that is flying.

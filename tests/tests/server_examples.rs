@@ -1,6 +1,7 @@
 //! Example logs over HTTP: flown by the independent simulator, diagnosed without knowledge of the truth, which is revealed
 //! afterwards.
 
+use rotortwin_blind::example::Example;
 use rotortwin_tests::scratch::Scratch;
 use rotortwin_tests::server::Server;
 use serde_json::{Value, json};
@@ -11,49 +12,66 @@ fn generated(server: &Server, body: &Value) -> (String, Value) {
     (id, job)
 }
 
+fn diagnosed(server: &Server, model: &Value, log: &str) -> Value {
+    let body = json!({ "model": model, "flights": { "logs": [log] } });
+    server.ended_in("diagnoses", &server.submit_to("diagnoses", &body))
+}
+
+/// The first and the last of the seeds that a first visit is shown.
 #[test]
 fn scenario_each_example_of_a_first_visit_is_diagnosed_as_what_it_is() {
     let scratch = Scratch::new();
     let server = Server::start(&scratch.path("data"));
-    for (preset, verdict) in [
-        ("hidden-effect", "missing"),
-        ("damaged-blade", "missing"),
-        ("healthy", "agrees"),
+    for (example, verdict, seeds) in [
+        (Example::HiddenEffect, "missing", 2),
+        (Example::DamagedBlade, "missing", 1),
+        (Example::Healthy, "agrees", 1),
     ] {
-        let (id, job) = generated(&server, &json!({ "preset": preset, "seed": 3 }));
-        // Nothing reveals the truth before it is requested; the log looks like any other.
-        let told = job.to_string();
-        for word in ["rotor-drag", "share", "hidden", "damaged", "healthy"] {
-            assert!(!told.contains(word), "{preset}: {word}: {told}");
-        }
-        assert!(
-            job["result"]["report"]["rows"]
-                .as_u64()
-                .is_some_and(|rows| rows > 20_000),
-            "{job}"
-        );
-        let truth = server.ask("GET", &format!("/api/v1/logs/{id}/truth"), &[], "").json();
-        let hidden = truth["effects"].as_array().expect("a list");
-        assert_eq!(hidden.len(), usize::from(preset != "healthy"), "{truth}");
-        let diagnosis = server.submit_to(
-            "diagnoses",
-            &json!({ "model": { "vehicle": "f550" }, "flights": { "logs": [id] } }),
-        );
-        let job = server.ended_in("diagnoses", &diagnosis);
-        assert_eq!(
-            job["result"]["verdict"]["kind"], verdict,
-            "{preset}: {}",
-            job["result"]["sentence"]
-        );
-        if let [effect] = hidden.as_slice() {
+        let preset = example.name();
+        for seed in example.seeds().iter().rev().take(seeds) {
+            let (id, job) = generated(&server, &json!({ "preset": preset, "seed": seed }));
+            // Nothing reveals the truth before it is requested; the log looks like any other.
+            let told = job.to_string();
+            for word in ["rotor-drag", "share", "hidden", "damaged", "healthy"] {
+                assert!(!told.contains(word), "{preset}: {word}: {told}");
+            }
+            let rows = job["result"]["report"]["rows"].as_u64();
+            assert!(rows.is_some_and(|rows| rows > 20_000), "{job}");
+            let truth = server.ask("GET", &format!("/api/v1/logs/{id}/truth"), &[], "").json();
+            let hidden = truth["effects"].as_array().expect("a list");
+            assert_eq!(hidden.len(), usize::from(example != Example::Healthy), "{truth}");
+            let job = diagnosed(&server, &json!({ "vehicle": "f550" }), &id);
+            let sentence = &job["result"]["sentence"];
+            assert_eq!(job["result"]["verdict"]["kind"], verdict, "{preset} {seed}: {sentence}");
+            let [effect] = hidden.as_slice() else { continue };
             let found = &job["result"]["effects"][0]["instance"];
-            assert_eq!(found["effect"], effect["id"], "{}", job["result"]["sentence"]);
-            assert_eq!(found["rotor"], effect["rotor"]);
-        }
-        if preset == "damaged-blade" {
-            seen_by_the_detectors(&server, &id, &hidden[0], &job["result"]["effects"][0]);
+            assert_eq!(found["effect"], effect["id"], "{preset} {seed}: {sentence}");
+            assert_eq!(found["rotor"], effect["rotor"], "{preset} {seed}: {sentence}");
+            added_it_agrees(&server, &format!("{preset}-{seed}"), &id, &job);
+            if example == Example::DamagedBlade {
+                seen_by_the_detectors(&server, &id, &hidden[0], &job["result"]["effects"][0]);
+            }
         }
     }
+    // Without a seed it is one of these.
+    let (id, _) = generated(&server, &json!({ "preset": "healthy" }));
+    let truth = server.get(&format!("/api/v1/logs/{id}/truth"));
+    let drawn = truth["seed"].as_u64().expect("a number");
+    assert!(Example::Healthy.seeds().contains(&drawn), "{truth}");
+}
+
+/// What the diagnosis found, added to the model as the page does it: the comparison then agrees in every channel.
+fn added_it_agrees(server: &Server, name: &str, log: &str, diagnosis: &Value) {
+    let model = json!({ "name": name, "model": { "vehicle": "f550" } });
+    let model = server.ask("POST", "/api/v1/models", &[], &model.to_string());
+    assert_eq!(model.status, 201, "{}", model.json());
+    let add = json!({ "diagnosis": diagnosis["id"], "pick": 1 }).to_string();
+    let added = server.ask("POST", &format!("/api/v1/models/{name}/versions"), &[], &add);
+    assert_eq!(added.status, 201, "{}", added.json());
+    let body = json!({ "model": { "model": format!("{name}@v1") }, "flights": { "logs": [log] } });
+    let compared = server.ended_in("comparisons", &server.submit_to("comparisons", &body));
+    let model = &compared["result"]["logs"][0]["models"][0];
+    assert_eq!(model["agrees"], true, "{name}: {}", compared["result"]["verdict"]);
 }
 
 /// The blade breaks in mid-flight: the diagnosis dates it, and the FDI page names the rotor and the time.

@@ -2,7 +2,7 @@
 //! line.
 
 use rotortwin_tests::program::Call;
-use rotortwin_tests::scratch::Scratch;
+use rotortwin_tests::scratch::{Scratch, repository};
 use rotortwin_tests::server::{Answer, Server};
 use serde_json::{Value, json};
 
@@ -129,6 +129,99 @@ fn scenario_from_an_upload_to_an_improved_model() {
         assert_eq!(upload(&server, query, b"x").status, status, "{query}");
     }
     assert_eq!(upload(&server, "name=a.csv", b"").status, 422);
+}
+
+fn exported(server: &Server, log: &str, channels: &str) -> String {
+    let path = format!("/api/v1/logs/{log}/telemetry?channels={channels}&format=csv&points=100000");
+    let answer = server.ask("GET", &path, &[], "");
+    assert_eq!(answer.status, 200, "{}", String::from_utf8_lossy(&answer.body));
+    String::from_utf8(answer.body).expect("a CSV")
+}
+
+fn read_again(server: &Server, log: &str, mapping: &str) -> Value {
+    let body = json!({ "mapping": mapping }).to_string();
+    let answer = server.ask("POST", &format!("/api/v1/logs/{log}/import"), &[], &body);
+    assert_eq!(answer.status, 202, "{}", answer.json());
+    server.ended_in("logs", answer.json()["id"].as_str().expect("an id"))
+}
+
+/// Motor outputs in another order: no model is compared with the log before it is read again in the order of the finding. A table
+/// names its columns in that order, the log of an autopilot has `order`.
+#[test]
+fn scenario_exchanged_motors_are_found_and_read_again_in_their_order() {
+    let scratch = Scratch::new();
+    let server = Server::start(&scratch.path("data"));
+    let right = server.generated(&json!({ "preset": "healthy", "seed": 3, "duration_s": 30 }));
+    let table = exported(&server, &right, "*");
+    let exchanged = table.replacen("duty_1,duty_2,", "duty_2,duty_1,", 1);
+    assert_ne!(exchanged, table, "{}", table.lines().next().unwrap_or_default());
+    let log = upload(&server, "name=motors.csv", exchanged.as_bytes()).json()["id"].clone();
+    let log = log.as_str().expect("an id");
+    assert_eq!(server.ended_in("logs", log)["status"], "done");
+    let compared = |log: &str| {
+        let body = json!({ "model": { "vehicle": "f550" }, "flights": { "logs": [log] } });
+        server.ended_in("comparisons", &server.submit_to("comparisons", &body))
+    };
+    let refused = compared(log);
+    assert_eq!(refused["status"], "failed", "{refused}");
+    let why = refused["error"].as_str().expect("a sentence");
+    assert!(
+        why.contains("the log is at fault") && why.contains("duty_1 drives rotor 2, duty_2 drives rotor 1"),
+        "{why}"
+    );
+    let row = "source = \"canonical\"\n[[column]]\nto = \"duty\"\nunit = \"1\"\nfrom = ";
+    let mended = read_again(
+        &server,
+        log,
+        &format!("{row}\"file:duty_2,duty_1,duty_3,duty_4,duty_5,duty_6\"\n"),
+    );
+    assert_eq!(mended["status"], "done", "{mended}");
+    let again = compared(mended["id"].as_str().expect("an id"));
+    assert_eq!(
+        again["result"]["logs"][0]["models"][0]["agrees"], true,
+        "{}",
+        again["result"]["verdict"]
+    );
+    let wrong = read_again(&server, log, &format!("{row}\"file:duty_1,duty_2\"\norder = [2, 1]\n"));
+    let why = wrong["error"].as_str().expect("a sentence");
+    assert!(why.contains("name the columns in the order of the rotors"), "{why}");
+}
+
+#[test]
+fn scenario_the_log_of_an_autopilot_is_read_again_with_its_motors_in_another_order() {
+    let scratch = Scratch::new();
+    let server = Server::start(&scratch.path("data"));
+    let file = repository().join("crates/twin/tests/data/made-up.bin");
+    let bytes = std::fs::read(file).expect("it is there");
+    let headers = [("content-type", "application/octet-stream")];
+    let answer = server.ask_bytes("POST", "/api/v1/logs?name=made-up.bin", &headers, &bytes);
+    let log = answer.json()["id"].as_str().expect("an id").to_owned();
+    assert_eq!(server.ended_in("logs", &log)["status"], "done");
+    let range = "low = { parameter = [\"MOT_PWM_MIN\"], default = 1000.0 }\nhigh = { parameter = [\"MOT_PWM_MAX\"], default = 2000.0 }";
+    let again = |order: &str| {
+        let mapping = format!(
+            "source = \"ardupilot-dataflash\"\n[[column]]\nto = \"duty\"\nfrom = \"RCOU:C{{}}\"\n{range}\norder = {order}\n"
+        );
+        read_again(&server, &log, &mapping)
+    };
+    let turned = again("[2, 1, 3, 4]");
+    assert_eq!(turned["status"], "done", "{turned}");
+    // Rotor 1 has the second output, rotor 2 the first, the others their own.
+    let rows = |log: &str, channels: &str| -> Vec<String> {
+        let table = exported(&server, log, channels);
+        table.lines().skip(1).map(str::to_owned).collect()
+    };
+    let turned = turned["id"].as_str().expect("an id");
+    for (rotor, output) in [(1, 2), (2, 1), (3, 3), (4, 4)] {
+        let [here, there] = [
+            rows(turned, &format!("duty_{rotor}")),
+            rows(&log, &format!("duty_{output}")),
+        ];
+        assert!(here.len() > 100 && here == there, "rotor {rotor}");
+    }
+    assert_ne!(rows(&log, "duty_1"), rows(&log, "duty_2"));
+    let refused = again("[1, 1, 3, 4]");
+    assert_eq!(refused["status"], "failed", "{refused}");
 }
 
 /// Not a valid log.

@@ -541,7 +541,7 @@ fn scenario_two_hidden_effects_are_two_steps_down() {
 }
 
 #[test]
-fn scenario_exchanged_axes_and_a_wrong_unit_are_repaired_by_a_click() {
+fn scenario_exchanged_axes_motors_and_a_wrong_unit_are_repaired_by_a_click() {
     passes("repair", &["healthy"]);
 }
 

@@ -3,7 +3,7 @@ import crazyflie from "../../../config/log-mappings/crazyflie-usdlog.toml?raw";
 import mavlink from "../../../config/log-mappings/mavlink-tlog.toml?raw";
 import px4 from "../../../config/log-mappings/px4-ulog.toml?raw";
 import ros2 from "../../../config/log-mappings/ros2.toml?raw";
-import { AS_IS, UP_LEFT, adviceFor, axesIn, axesText, isChosen, mappingOf, orderIn, orderOf, sourceOf, suggestionOf } from "./repair";
+import { AS_IS, UP_LEFT, adviceFor, axesIn, axesText, isChosen, isOfMotors, mappingOf, motorsWithoutCommand, orderIn, orderOf, sourceOf, suggestionOf } from "./repair";
 
 describe("a log that is read again otherwise", () => {
   it("reads axes and orders from the findings", () => {
@@ -17,6 +17,13 @@ describe("a log that is read again otherwise", () => {
   it("keeps motors that are not named, and reads typed orders", () => {
     expect(orderIn("duty_1 drives rotor 2, duty_2 drives rotor 1", 4)).toEqual([2, 1, 3, 4]);
     expect(["3, 2 1", "", "1 1", "0 1", "a"].map(orderOf)).toEqual([[3, 2, 1], undefined, undefined, undefined, undefined]);
+  });
+  it("reads the order of the motors from the refusal of a comparison, which a page needs no command for", () => {
+    const refusal = "motors: the log is at fault, not the physics: swapped motors: the vehicle turns as if duty_1 drives rotor 2, duty_2 drives rotor 1 (correlation² 0.85, in the file's order 0.28); `@order:2-1-3-4` behind the log's name reads it in that order, `@order:1-2-3-4` as it is; fix it (a mapping for 'rotortwin log import' converts axes and units) and try again";
+    expect([isOfMotors(refusal), isOfMotors("swapped axes: as (y, x, z)")]).toEqual([true, false]);
+    expect(orderIn(refusal, 4)).toEqual([2, 1, 3, 4]);
+    expect(motorsWithoutCommand(refusal)).toBe("motors: the log is at fault, not the physics: swapped motors: the vehicle turns as if duty_1 drives rotor 2, duty_2 drives rotor 1 (correlation² 0.85, in the file's order 0.28). Step 2 reads it again in the order that fits.");
+    expect(motorsWithoutCommand("rotor count; fix it")).toBe("rotor count; fix it");
   });
   it("says what to do where no choice helps", () => {
     expect([adviceFor("no_flight", "px4-ulog"), adviceFor("time_scale", "px4-ulog")].every((one) => (one ?? "").length > 40)).toBe(true);

@@ -102,6 +102,13 @@ export function suggestionOf(findings: readonly Finding[], rotors = 0): Choice {
   return choice;
 }
 
+/** Whether a comparison refuses a log for the order of its motors. */
+export const isOfMotors = (refusal: string) => /swapped motors: .*drives rotor/.test(refusal);
+
+/** Such a refusal without what is for the command line: the page reads the log again by a click. */
+export const motorsWithoutCommand = (refusal: string) =>
+  isOfMotors(refusal) ? refusal.replace(/; `@order:[^;]*/, "").replace(/; fix it \(a mapping for [^)]*\) and try again$/, ". Step 2 reads it again in the order that fits.") : refusal;
+
 /** Motor order from "duty_1 drives rotor 3, duty_3 drives rotor 1"; the others stay. */
 export function orderIn(detail: string, rotors = 0): number[] | undefined {
   const moved = [...detail.matchAll(/duty_(\d+) drives rotor (\d+)/g)].map((one) => [Number(one[1]), Number(one[2])] as const);

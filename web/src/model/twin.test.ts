@@ -1,5 +1,5 @@
 import { describe, expect, it } from "vitest";
-import { type Bin, type History, evidenceWords, keyOf, lineTo, partAt, timesWithin, togetherByReason } from "./twin";
+import { type Bin, type ChannelResult, type Comparison, type Diagnosis, type History, type LogComparison, comparisonSentence, evidenceWords, keyOf, lineTo, partAt, remainderOf, timesWithin, togetherByReason } from "./twin";
 
 const version = (number: number, parent: number | null) => ({ version: number, label: `f550@v${number}`, hash: `h${number}`, parent, note: "", changed: [], effects: [], made_ms: 0 });
 
@@ -31,5 +31,38 @@ describe("versions and keys", () => {
   });
   it("calls evidence above 10 decisive", () => {
     expect([1, 3, 6, 11].map(evidenceWords)).toEqual(["weak", "moderate", "strong", "decisive"]);
+  });
+});
+
+describe("a comparison and a diagnosis of one model", () => {
+  const channel = (name: string, more: Partial<ChannelResult> = {}): ChannelResult => ({
+    channel: name, group: "torque", unit: "rad/s²", verdict: "agrees", samples: 1000, conditions: [], inputs: [], strip: [], smoothed_rms: 1, smoothed_noise: 1, low_frequency: 1, ...more,
+  });
+  const slightlyOff = channel("mx", { verdict: "fails", smoothed_rms: 1.09, low_frequency: 1.52 });
+  const compared = (channels: ChannelResult[], name = "flight"): Comparison => ({
+    models: [{ label: "f550@v0", hash: "h0", effects: [] }, { label: "f550@v1", hash: "h1", effects: ["inertia-roll"] }],
+    logs: [{ log: { name, hash: "l" }, models: [{ model: "f550@v0", agrees: false, channels: [channel("my", { verdict: "fails" })] }, { model: "f550@v1", agrees: channels.every((one) => one.verdict !== "fails"), chi2: 1, channels }] }],
+  }) as unknown as Comparison;
+  const diagnosed = (kind: string, logs = ["flight"], hash = "h1"): Diagnosis => ({ verdict: { kind }, model: { name: "f550", hash }, logs, sentence: "" }) as unknown as Diagnosis;
+
+  it("names the channel of a remainder that nothing of the catalogue explains", () => {
+    const found = compared([channel("fx"), slightlyOff]);
+    expect(remainderOf(diagnosed("agrees"), found)).toBe("roll moment (mx): error 1.09 × noise, but it lasts (means over 0.25 s: chi²/N 1.52)");
+    expect(comparisonSentence(found.logs[0] as LogComparison)).toBe("f550@v1 fails in roll moment (mx): error 1.09 × noise, but it lasts (means over 0.25 s: chi²/N 1.52).");
+  });
+  it("names the flight if there are several", () => {
+    expect(remainderOf(diagnosed("agrees", ["flight", "other"]), compared([slightlyOff], "other"))).toMatch(/^in other roll moment/);
+  });
+  it("says nothing where both agree, where the diagnosis names something, and of another model or flight", () => {
+    expect(remainderOf(diagnosed("agrees"), compared([channel("mx")]))).toBeUndefined();
+    expect(remainderOf(diagnosed("missing"), compared([slightlyOff]))).toBeUndefined();
+    expect(remainderOf(diagnosed("agrees", ["flight"], "h2"), compared([slightlyOff]))).toBeUndefined();
+    expect(remainderOf(diagnosed("agrees", ["held-out"]), compared([slightlyOff]))).toBeUndefined();
+    expect(remainderOf(diagnosed("agrees"), undefined)).toBeUndefined();
+  });
+  it("names four channels and counts the others, the worst first", () => {
+    const many = ["fx", "fy", "fz", "mx", "my"].map((name, k) => channel(name, { verdict: "fails", smoothed_rms: 3, low_frequency: 2 + k }));
+    expect(comparisonSentence(compared(many).logs[0] as LogComparison)).toMatch(/^f550@v1 fails in pitch moment \(my\): error 3\.00 × noise; .*; and 1 more\.$/);
+    expect(comparisonSentence(compared([channel("mx"), channel("fx")]).logs[0] as LogComparison)).toBe("f550@v1 agrees with this flight: 2 channels are at their noise (chi²/N 1.00).");
   });
 });

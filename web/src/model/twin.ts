@@ -1,6 +1,7 @@
 /** Answers on comparisons, diagnoses, models and imports, by their names on the page, and their texts. The server's document declares them. */
 import type { Schemas } from "../api/client";
 import type { Narrowed } from "../api/narrowed";
+import { short } from "../format";
 import type { Values } from "../plots/series";
 
 export type ImportResult = Schemas["ImportAccount"];
@@ -158,6 +159,48 @@ export function worstChannel(model: ModelOnLog): string {
   let worst = model.channels[0];
   for (const one of model.channels) if ((one.low_frequency ?? 0) > (worst?.low_frequency ?? 0)) worst = one;
   return worst?.channel ?? "fx";
+}
+
+/** Channels of which a sentence names the errors; of the others it says how many there are. */
+const NAMED = 4;
+
+/** The channels that contradict a model, worst first: `roll moment (mx): error 1.09 × noise, but it lasts (means over 0.25 s: chi²/N 1.52)`. */
+export function failuresOf(model: ModelOnLog): string {
+  const failing = model.channels.filter((one) => one.verdict === "fails").sort((a, b) => (b.low_frequency ?? 0) - (a.low_frequency ?? 0));
+  const parts = failing.slice(0, NAMED).map((one) => {
+    const ratio = (one.smoothed_rms ?? NaN) / (one.smoothed_noise ?? NaN);
+    // An error as small as the noise fails if it persists, which noise does not.
+    const lasts = ratio < 1.1 && (one.low_frequency ?? 0) > 1 ? `, but it lasts (means over 0.25 s: chi²/N ${short(one.low_frequency)})` : "";
+    const depends = one.conditions[0];
+    return `${channelTitle(one.channel)}: error ${short(ratio)} × noise${lasts}${depends && depends.explained > 0.3 ? `, ${(100 * depends.explained).toFixed(0)} % of it explained by ${depends.title}` : ""}`;
+  });
+  return `${parts.join("; ")}${failing.length > NAMED ? `; and ${failing.length - NAMED} more` : ""}`;
+}
+
+/** What a comparison says of the last model on a log. */
+export function comparisonSentence(log: LogComparison): string {
+  const model = log.models.at(-1);
+  if (!model) return "";
+  const tested = model.channels.filter((one) => one.verdict !== "not-testable");
+  if (tested.length === 0) return `Nothing of ${model.model} can be tested with this log.`;
+  if (model.agrees) return `${model.model} agrees with this flight: ${tested.length} channels are at their noise (chi²/N ${short(model.chi2)}).`;
+  return `${model.model} fails in ${failuresOf(model)}.`;
+}
+
+/**
+ * What a comparison of the diagnosed model with the diagnosed flights still sees, although the diagnosis finds nothing to add. The two ask
+ * different questions: whether a channel is at its noise, and whether an effect of the catalogue explains what is not. Undefined: nothing,
+ * or the comparison is of another model or of other flights.
+ */
+export function remainderOf(found: Diagnosis, comparison: Comparison | undefined): string | undefined {
+  if (found.verdict.kind !== "agrees" || !comparison) return undefined;
+  const place = comparison.models.findIndex((one) => one.hash === found.model.hash);
+  const parts = comparison.logs.flatMap((log) => {
+    const model = found.logs.includes(log.log.name) ? log.models[place] : undefined;
+    const failures = model ? failuresOf(model) : "";
+    return failures === "" ? [] : [found.logs.length > 1 ? `in ${log.log.name} ${failures}` : failures];
+  });
+  return parts.length === 0 ? undefined : parts.join("; ");
 }
 
 const FINDING_WORDS: Record<string, string> = {

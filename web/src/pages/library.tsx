@@ -4,7 +4,7 @@ import { type Schemas, ask, get, putDocument, text as fetchText } from "../api/c
 import { createLoad } from "../api/load";
 import { ApiError, sentenceOf } from "../api/problem";
 import { percent, short } from "../format";
-import { Figures, Loaded, Panel, Problem } from "../parts/bits";
+import { Figures, Loaded, Panel, Problem, Words } from "../parts/bits";
 import { VehiclePicture } from "../parts/vehicle-picture";
 import { Known } from "../shown/known";
 import { route, setQuery } from "../router";
@@ -28,8 +28,14 @@ export default function Library() {
           <For each={KINDS}>{([one, title]) => <button type="button" aria-pressed={kind() === one} onClick={() => setQuery({ kind: one, name: undefined, q: undefined })}>{title}</button>}</For>
         </div>
       </div>
-      <Show when={kind()} keyed>{(one) => <Documents kind={one} />}</Show>
-      <Show when={kind() === "effects"}><Catalogue /></Show>
+      <Show when={kind() === "effects"} fallback={<Show when={kind()} keyed>{(one) => <Documents kind={one} />}</Show>}>
+        {/* Few effects are documents: the catalogue is what is looked for. */}
+        <details class="panel" open={route().query.has("name")}>
+          <summary>Effects as documents: expressions that the server has, and yours</summary>
+          <Documents kind="effects" />
+        </details>
+        <Catalogue />
+      </Show>
     </>
   );
 }
@@ -55,13 +61,13 @@ function Catalogue() {
                       <thead><tr><th scope="col">parameter</th><th scope="col">meaning</th><th class="r" scope="col">typical</th><th class="r" scope="col">plausible</th></tr></thead>
                       <tbody>
                         <For each={one.parameters}>
-                          {(value) => <tr><td>{value.symbol} <code>{value.name}</code></td><td>{value.meaning}</td><td class="r">{short(value.typical)} {value.unit === "1" ? "" : value.unit}</td><td class="r">{short(value.plausible_low)} … {short(value.plausible_high)}</td></tr>}
+                          {(value) => <tr><td>{value.symbol} <code>{value.name}</code></td><td><Words text={value.meaning} /></td><td class="r">{short(value.typical)} {value.unit === "1" ? "" : value.unit}</td><td class="r">{short(value.plausible_low)} … {short(value.plausible_high)}</td></tr>}
                         </For>
                       </tbody>
                     </table>
                   </div>
                   <Show when={one.parameters.length > 0}><EffectSandbox effect={one} vehicles={vehicles.data() ?? ["f550"]} /></Show>
-                  <p class="small muted">Acts on {one.channels.join(", ")}. Excited by {one.excited_by}. <Show when={one.confused_with.length > 0}>Confused with {one.confused_with.join(", ")}. </Show>Source: {one.source}.</p>
+                  <p class="small muted">Acts on {one.channels.join(", ")}. Excited by <Words text={one.excited_by} />. <Show when={one.confused_with.length > 0}>Confused with {one.confused_with.join(", ")}. </Show>Source: <Words text={one.source} />.</p>
                 </article>
               )}
             </For>

@@ -134,7 +134,8 @@ export default function RunPage(props: { id: string }) {
         )}
       </Show>
       <Show when={flight()} keyed>{(from) => <SameAsFlight campaign={from.campaign} flight={from.flight} run={run()} />}</Show>
-      <Show when={run()?.error}><div class="say bad">{run()?.error}</div></Show>
+      {/* The summary says why a flight failed, with the peer and the step. */}
+      <Show when={summary()?.failure ? undefined : run()?.error}>{(why) => <div class={`say ${run()?.status === "canceled" ? "warn" : "bad"}`}>{why()}</div>}</Show>
       <For each={run()?.warnings ?? []}>{(warning) => <div class="say warn">{warning}</div>}</For>
       <Show when={run() && !ended()}>
         <Panel title={run()?.status === "queued" ? "Waiting in the queue" : "Flying"} note={live.lost() > 0 ? `${live.lost()} samples were not shown: this browser is too slow` : undefined}>
@@ -157,7 +158,7 @@ export default function RunPage(props: { id: string }) {
         <Problem sentence={ghost.error() && `The other run: ${ghost.error()}`} />
         <Show when={geometry.data()} keyed>
           {(vehicle) => (
-            <Show when={(flown()?.time.length ?? 0) > 0} fallback={<p class="muted">{ended() && !recorded() ? "Nothing was recorded." : "Waiting for samples …"}</p>}>
+            <Show when={(flown()?.time.length ?? 0) > 0} fallback={<p class="muted">{ended() && (!recorded() || summary()?.steps === 0) ? "Nothing was recorded." : "Waiting for samples …"}</p>}>
               <Replay geometry={vehicle} track={flown() as Samples} ghost={ghost.data()} view={view} live={!ended()} />
             </Show>
           )}

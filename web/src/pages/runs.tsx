@@ -6,6 +6,7 @@ import { newsRefusal, onNews } from "../api/news";
 import { sentenceOf } from "../api/problem";
 import { duration, moment, verdictText } from "../format";
 import { Panel, Problem, StatusTag } from "../parts/bits";
+import type { FullGeometry } from "../replay/motion";
 import { route, setQuery } from "../router";
 import { NewRun } from "./new-run";
 
@@ -35,8 +36,14 @@ export default function Runs() {
   const [next, setNext] = createSignal<string | null>();
   const [problem, setProblem] = createSignal<string>();
   const key = () => JSON.stringify(filter());
+  const library = createLoad(() => true, async (_, signal) => (await get("/api/v1/vehicles", { signal })).items);
+  /** A vehicle has a name in the library (f550), and one in its document (DJI F550), which its runs have: both are understood. */
+  const ofRuns = async (vehicle: string | undefined, signal?: AbortSignal): Promise<string | undefined> => {
+    if (vehicle === undefined || !(await get("/api/v1/vehicles", { signal })).items.includes(vehicle)) return vehicle;
+    return (await ask<FullGeometry>("GET", `/api/v1/vehicles/${encodeURIComponent(vehicle)}/geometry`, undefined, { signal })).name;
+  };
   const page = createLoad(key, async (_, signal) => {
-    const found = await get("/api/v1/runs", { query: { ...filter(), limit: PAGE }, signal });
+    const found = await get("/api/v1/runs", { query: { ...filter(), vehicle: await ofRuns(filter().vehicle, signal), limit: PAGE }, signal });
     setMore([]);
     setNext(found.next ?? null);
     return found;
@@ -44,7 +51,7 @@ export default function Runs() {
   const rows = () => [...(page.data()?.items ?? []), ...more()];
   const loadMore = async () => {
     try {
-      const found = await get("/api/v1/runs", { query: { ...filter(), limit: 500, cursor: next() ?? undefined } });
+      const found = await get("/api/v1/runs", { query: { ...filter(), vehicle: await ofRuns(filter().vehicle), limit: 500, cursor: next() ?? undefined } });
       setMore((before) => [...before, ...found.items]);
       setNext(found.next ?? null);
     } catch (error) {
@@ -114,8 +121,8 @@ export default function Runs() {
           </label>
           <label class="field">
             Vehicle
-            <input type="search" list="vehicles" value={filter().vehicle ?? ""} placeholder="exact name" onChange={(event) => setQuery({ vehicle: event.currentTarget.value.trim() || undefined })} />
-            <datalist id="vehicles"><For each={[...new Set(rows().map((run) => run.vehicle))]}>{(name) => <option value={name} />}</For></datalist>
+            <input type="search" list="vehicles" value={filter().vehicle ?? ""} placeholder="f550 or DJI F550" onChange={(event) => setQuery({ vehicle: event.currentTarget.value.trim() || undefined })} />
+            <datalist id="vehicles"><For each={[...new Set([...(library.data() ?? []), ...rows().map((run) => run.vehicle)])]}>{(name) => <option value={name} />}</For></datalist>
           </label>
           <label class="field">
             Verdict at the end

@@ -8,6 +8,11 @@ export function StatusTag(props: { status: string }) {
   return <span class={`tag ${kind()}`}>{props.status}</span>;
 }
 
+/** A text with `names` of keys and commands in backticks, as code. */
+export function Words(props: { text: string }) {
+  return <For each={props.text.split("`")}>{(part, place) => (place() % 2 === 1 ? <code>{part}</code> : <>{part}</>)}</For>;
+}
+
 /** An error message, shown where it belongs. */
 export function Problem(props: { sentence: string | undefined; complaints?: readonly string[] | undefined; retry?: () => void }) {
   return (

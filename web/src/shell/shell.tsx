@@ -1,5 +1,5 @@
 /** Elements of every page: navigation, theme, the message about an unreachable server, sign-in. */
-import { For, Show, createEffect, createSignal, type JSX, on, onCleanup } from "solid-js";
+import { For, Show, createSignal, type JSX, onCleanup } from "solid-js";
 import { away } from "../api/connection";
 import { hasSignedIn, signOut } from "../api/session";
 import { followLinks, route } from "../router";
@@ -17,9 +17,6 @@ const PAGES = [
 
 export function Shell(props: { children: JSX.Element }) {
   const current = (path: string) => (route().path === path || (path === "/twin" && route().path === "/") || route().path.startsWith(`${path}/`) ? "page" : undefined);
-  let nav: HTMLElement | undefined;
-  // On a telephone the row of pages is wider than the screen.
-  createEffect(on(route, () => queueMicrotask(() => nav?.querySelector("[aria-current]")?.scrollIntoView({ block: "nearest", inline: "nearest" }))));
   return (
     <div onClick={followLinks}>
       <a class="skip" href="#content">Skip to the content</a>
@@ -31,7 +28,7 @@ export function Shell(props: { children: JSX.Element }) {
           </svg>
           rotortwin
         </a>
-        <nav class="nav" aria-label="Pages" ref={nav}>
+        <nav class="nav" aria-label="Pages">
           <For each={PAGES}>{(page) => <a href={page.path} aria-current={current(page.path)}>{page.title}</a>}</For>
         </nav>
         <label class="row small">

@@ -2,7 +2,7 @@
 import { type Accessor, For, type JSX, Show, createEffect, createMemo, createSignal } from "solid-js";
 import type { Load } from "../api/load";
 import { percent, short } from "../format";
-import { type ChannelResult, type Comparison, type Conditions, type LogComparison, type ModelOnLog, type Series, channelStrip, channelTitle, partAt, timesWithin, worstChannel } from "../model/twin";
+import { type ChannelResult, type Comparison, type Conditions, type LogComparison, type ModelOnLog, type Series, channelStrip, channelTitle, comparisonSentence, partAt, timesWithin, worstChannel } from "../model/twin";
 import type { FlightPicture } from "../model/flight";
 import { Problem } from "../parts/bits";
 import { Chart } from "../plots/chart";
@@ -10,7 +10,7 @@ import { Heat } from "../plots/heat";
 import type { Lane } from "../plots/lanes";
 import { type View, createView } from "../plots/view";
 import { FlightLanes, FlightPlots } from "./flight";
-import { ChannelSeries } from "./series";
+import { ChannelSeries, RESIDUAL_PX } from "./series";
 
 /** Length of a cell over time, s; as in the comparison. */
 const BLOCK_S = 5;
@@ -55,7 +55,7 @@ export function ComparisonView(props: { result: Comparison; looks: Looks }) {
               <button type="button" class="plain" aria-pressed={log() === one} onClick={() => props.looks.chooseLog(place())}>{one.log.name}</button>
               {" "}
             </Show>
-            {sentence(one)}
+            {comparisonSentence(one)}
           </div>
         )}
       </For>
@@ -73,23 +73,6 @@ export function ComparisonView(props: { result: Comparison; looks: Looks }) {
       </Show>
     </>
   );
-}
-
-function sentence(log: LogComparison): string {
-  const model = log.models.at(-1);
-  if (!model) return "";
-  const tested = model.channels.filter((one) => one.verdict !== "not-testable");
-  if (tested.length === 0) return `Nothing of ${model.model} can be tested with this log.`;
-  if (model.agrees) return `${model.model} agrees with this flight: ${tested.length} channels are at their noise (chi²/N ${short(model.chi2)}).`;
-  const failing = tested.filter((one) => one.verdict === "fails").sort((a, b) => (b.low_frequency ?? 0) - (a.low_frequency ?? 0));
-  const parts = failing.slice(0, 4).map((one) => {
-    const ratio = (one.smoothed_rms ?? NaN) / (one.smoothed_noise ?? NaN);
-    // An error as small as the noise fails if it persists, which noise does not.
-    const lasts = ratio < 1.1 && (one.low_frequency ?? 0) > 1 ? `, but it lasts (means over 0.25 s: chi²/N ${short(one.low_frequency)})` : "";
-    const depends = one.conditions[0];
-    return `${channelTitle(one.channel)}: error ${short(ratio)} × noise${lasts}${depends && depends.explained > 0.3 ? `, ${(100 * depends.explained).toFixed(0)} % of it explained by ${depends.title}` : ""}`;
-  });
-  return `${model.model} fails in ${parts.join("; ")}${failing.length > 4 ? `; and ${failing.length - 4} more` : ""}.`;
 }
 
 function Where(props: { log: LogComparison; model: ModelOnLog; looks: Looks; view: View; setMet: (times: readonly (readonly [number, number])[]) => void }) {
@@ -217,8 +200,7 @@ function Where(props: { log: LogComparison; model: ModelOnLog; looks: Looks; vie
       </Show>
       <Show when={picture()}>{(flight) => <FlightLanes flight={flight()} view={props.view} more={props.looks.lanes?.(props.log.log.name) ?? []} />}</Show>
       <Show when={rows().length > 0}>
-      <div class="side">
-        <ChannelSeries looks={props.looks} channel={channel()} model={props.model.model} view={props.view} />
+      <ChannelSeries looks={props.looks} channel={channel()} model={props.model.model} view={props.view}>
         <Show when={(curve()?.bins.length ?? 0) > 1}>
           <Chart
             title={`Mean residual of ${channel()} by ${curve()?.title ?? ""}`}
@@ -229,10 +211,10 @@ function Where(props: { log: LogComparison; model: ModelOnLog; looks: Looks; vie
             bands={[{ label: "95 % of noise alone", low: curve()?.bins.map((bin) => -bin.band_95) ?? [], high: curve()?.bins.map((bin) => bin.band_95) ?? [], colour: "s3" }]}
             lines={[{ label: "residual", values: curve()?.bins.map((bin) => bin.mean) ?? [], colour: "s2", width: 2 }]}
             marks={marks()}
-            height={220}
+            height={RESIDUAL_PX}
           />
         </Show>
-      </div>
+      </ChannelSeries>
       </Show>
       <Show when={picture()}>
         {(flight) => (

@@ -27,7 +27,7 @@ export function Controllers(props: { compared: Compared; /** Of each run. */ nam
               {(line) => (
                 <tr>
                   <th scope="row">{line.name}</th>
-                  <For each={line.cells}>{(cell) => <td class={line.words ? "" : "r"}>{cell}</td>}</For>
+                  <For each={line.cells}>{(cell) => <td class={line.words ? "r long" : "r"}>{cell}</td>}</For>
                 </tr>
               )}
             </For>

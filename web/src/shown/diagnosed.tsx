@@ -14,7 +14,7 @@ export function DiagnosisReportView(props: { report: DiagnosisReport }) {
   const found = () => props.report.diagnosis;
   return (
     <>
-      <Panel title="What is missing" note={found().model.name}><div class="stack"><DiagnosisView found={found()} /></div></Panel>
+      <Panel title="What is missing" note={found().model.name}><div class="stack"><DiagnosisView found={found()} compared={props.report.over_time?.compared?.comparison} /></div></Panel>
       <Show when={props.report.over_time}>{(data) => <OverTimeView data={data()} />}</Show>
     </>
   );

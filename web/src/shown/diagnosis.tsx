@@ -1,8 +1,9 @@
 /** A diagnosis: missing effects. "Agrees", "the log is at fault", "cannot tell" and "not in the catalogue" are complete answers. */
 import { For, type JSX, Show } from "solid-js";
 import { count, percent, plusMinus, short } from "../format";
-import { type Correction, type Diagnosis, type Finding, type Proposal, channelTitle, evidenceWords, togetherByReason } from "../model/twin";
+import { type Comparison, type Correction, type Diagnosis, type Finding, type Proposal, channelTitle, evidenceWords, remainderOf, togetherByReason } from "../model/twin";
 import { adviceText } from "../model/identify";
+import { Words } from "../parts/bits";
 import { Chart } from "../plots/chart";
 
 const HEADLINES: Record<Diagnosis["verdict"]["kind"], { words: string; kind: string }> = {
@@ -16,6 +17,15 @@ const HEADLINES: Record<Diagnosis["verdict"]["kind"], { words: string; kind: str
   "log-fault": { words: "The log is at fault; the physics agrees.", kind: "bad" },
   "nothing-testable": { words: "Nothing of this log can be compared with the model.", kind: "bad" },
 };
+
+/** Nothing of the catalogue is missing, and yet a channel is not at its noise. */
+const UNEXPLAINED = { words: "No effect of the catalogue is needed, and none explains more.", kind: "warn" };
+
+/** What follows [`UNEXPLAINED`]: the remainder, and where the diagnosis finds that small errors of other constants make it. */
+function unexplained(found: Diagnosis, remainder: string): string {
+  const small = / at a size that would show\.?(.*)$/s.exec(found.sentence)?.[1] ?? "";
+  return `The comparison still sees a remainder${small === "" ? ", which no effect explains" : ""}: ${remainder}.${small}`;
+}
 
 /** The sentence without the part that the headline already says. */
 function restOf(found: Diagnosis, onPage: boolean): string {
@@ -38,8 +48,14 @@ export interface Calibrating {
   fromLog: (() => void) | undefined;
 }
 
-export function DiagnosisView(props: { found: Diagnosis; add?: AddToModel; calibrating?: Calibrating; children?: JSX.Element }) {
-  const headline = () => HEADLINES[props.found.verdict.kind];
+/** `compared`: a comparison, perhaps of the same model and flights; then the two are shown to say one thing. */
+export function DiagnosisView(props: { found: Diagnosis; compared?: Comparison | undefined; add?: AddToModel; calibrating?: Calibrating; children?: JSX.Element }) {
+  const remainder = () => remainderOf(props.found, props.compared);
+  const headline = () => (remainder() === undefined ? HEADLINES[props.found.verdict.kind] : UNEXPLAINED);
+  const following = () => {
+    const left = remainder();
+    return left === undefined ? restOf(props.found, props.calibrating !== undefined) : unexplained(props.found, left);
+  };
   const add = () => (props.found.verdict.kind !== "agrees" ? props.add : undefined);
   // While the rest is unexplained, no effect of the catalogue is to be trusted: the proposal comes first.
   const isOutside = () => props.found.verdict.kind === "outside-catalogue";
@@ -48,7 +64,7 @@ export function DiagnosisView(props: { found: Diagnosis; add?: AddToModel; calib
     <>
       <Show when={props.found.trim}>{(trim) => <TrimView trim={trim()} />}</Show>
       <div class={`say sentence ${headline().kind}`} role="status">
-        <strong>{headline().words}</strong> {restOf(props.found, props.calibrating !== undefined)}
+        <strong>{headline().words}</strong> <Words text={following()} />
       </div>
       <Show when={isOutside()}>{proposal()}</Show>
       <div class="stack">
@@ -82,7 +98,7 @@ function Apart(props: { flights: NonNullable<Diagnosis["apart"]>[number]; found:
   return (
     <section class="stack" aria-label={`Alone: ${props.flights.logs.join(", ")}`}>
       <h3>{props.flights.logs.join(", ")}</h3>
-      <Show when={props.flights.effects.length + props.flights.sensor_or_timing.length > 0} fallback={<p>{props.flights.sentence}</p>}>
+      <Show when={props.flights.effects.length + props.flights.sensor_or_timing.length > 0} fallback={<p><Words text={props.flights.sentence} /></p>}>
         <For each={[...props.flights.effects, ...props.flights.sensor_or_timing]}>{(one) => <Card finding={one} found={found()} />}</For>
         <p class="small">To add it to a model, diagnose these flights without the others.</p>
       </Show>
@@ -131,9 +147,9 @@ function NotConsidered(props: { found: Diagnosis }) {
                 {(row) => (
                   <tr>
                     <td>{row.labels.join(", ")}</td>
-                    <td>{row.reason}</td>
+                    <td><Words text={row.reason} /></td>
                     <td>
-                      <Show when={row.columns.length > 0} fallback={row.setting ?? "–"}>
+                      <Show when={row.columns.length > 0} fallback={<Words text={row.setting ?? "–"} />}>
                         {row.columns.length > 1 ? "columns of the log " : "column of the log "}<code class="break">{row.columns.join(", ")}</code>
                       </Show>
                     </td>
@@ -201,8 +217,8 @@ function Calibrate(props: { found: Diagnosis; calibrating: Calibrating | undefin
                 <td class="r">{short(one.value)} {one.unit} [{short(one.low)}, {short(one.high)}]</td>
                 <td class="r">{plusMinus(one.wanted, one.wanted_interval_95, one.unit)}</td>
                 <td class="r">{short(one.ln_bayes_factor)}</td>
-                <td>{one.how}</td>
-                <td>{props.calibrating ? adviceText(one.better) : one.better}</td>
+                <td><Words text={one.how} /></td>
+                <td><Words text={props.calibrating ? adviceText(one.better) : one.better} /></td>
               </tr>
             )}
           </For>
@@ -219,7 +235,7 @@ function Card(props: { finding: Finding; found: Diagnosis; isDoubtful?: boolean;
   return (
     <article class="card found">
       <div class="row">
-        <h3>{it().label}{it().instance.rotor ? `, rotor ${it().instance.rotor}` : ""}</h3>
+        <h3>{it().label}{it().instance.rotor && !it().label.includes(`rotor ${it().instance.rotor}`) ? `, rotor ${it().instance.rotor}` : ""}</h3>
         <span class="tag">{it().class}</span>
         <Show when={props.isDoubtful}><span class="tag warn">looks like it</span></Show>
         <Show when={typeof it().onset_s === "number"}><span class="tag warn">sets in at {short(it().onset_s)} s</span></Show>
@@ -240,8 +256,10 @@ function Card(props: { finding: Finding; found: Diagnosis; isDoubtful?: boolean;
             </For>
             <dt>Evidence</dt>
             <dd>ln Bayes factor {short(it().ln_bayes_factor)}: {evidenceWords(it().ln_bayes_factor)} (above {props.found.threshold}: named); probability {percent(it().posterior)} among the catalogue</dd>
-            <dt>Shows in</dt>
-            <dd>{it().channels.map(channelTitle).join(", ")}</dd>
+            <Show when={it().channels.length > 0}>
+              <dt>Shows in</dt>
+              <dd>{it().channels.map(channelTitle).join(", ")}</dd>
+            </Show>
             <For each={props.found.held_out.filter(hasChanged)}>
               {(one) => (
                 <>
@@ -251,7 +269,7 @@ function Card(props: { finding: Finding; found: Diagnosis; isDoubtful?: boolean;
               )}
             </For>
           </dl>
-          <p class="small muted">{it().reason}<Show when={props.isDoubtful}>. Not to be trusted while the rest is unexplained.</Show></p>
+          <p class="small muted"><Words text={it().reason} /><Show when={props.isDoubtful}>. Not to be trusted while the rest is unexplained.</Show></p>
           <Rivals finding={it()} />
         </div>
         <Show when={picture()}>
@@ -326,7 +344,7 @@ function LeftOver(props: { remainder: NonNullable<Diagnosis["remainder"]> }) {
   return (
     <article class="card">
       <h3>Left over</h3>
-      <ul class="small"><For each={props.remainder}>{(one) => <li>{one.sentence}.</li>}</For></ul>
+      <ul class="small"><For each={props.remainder}>{(one) => <li><Words text={one.sentence} />.</li>}</For></ul>
       <p class="small muted">One half of the flight chose what is said here; the other half confirmed it and has these sizes.</p>
     </article>
   );
@@ -370,7 +388,7 @@ function Rest(props: { found: Diagnosis }) {
       </div>
       <ul class="small">
         <Show when={props.found.goodness.unexplained.length > 0}><li>Unexplained: {props.found.goodness.unexplained.join(", ")}.</li></Show>
-        <For each={props.found.notes}>{(one) => <li>{one}</li>}</For>
+        <For each={props.found.notes}>{(one) => <li><Words text={one} /></li>}</For>
         <li>Assumed: every other parameter is off by 2 % of its plausible size; an effect is named above a ln Bayes factor of {short(props.found.threshold, 2)}.</li>
       </ul>
     </details>

@@ -6,6 +6,7 @@ import { Figures, Panel } from "../parts/bits";
 import { type Lane, Lanes } from "../plots/lanes";
 import type { Stretch } from "../plots/series";
 import { createView } from "../plots/view";
+import { DETECTORS } from "./campaign";
 import { FlightLanes, FlightPlots } from "./flight";
 import { type OverTime, OverTimeView } from "./over-time";
 
@@ -48,7 +49,7 @@ export function Judged(props: { report: Report }) {
       <div class="scroll" tabindex="0" role="region" aria-label="Detectors">
         <table class="small">
           <thead><tr><th scope="col">Detector</th><th class="r" scope="col">windows decided</th><th class="r" scope="col">healthy</th><th class="r" scope="col">alarms</th><th class="r" scope="col">first alarm, s</th></tr></thead>
-          <tbody><For each={it().counts}>{(one) => <tr><td>{one.detector.replaceAll("_", " ")}</td><td class="r">{one.decided}</td><td class="r">{one.healthy}</td><td class="r">{one.alarms}</td><td class="r">{short(one.first_alarm_s)}</td></tr>}</For></tbody>
+          <tbody><For each={it().counts}>{(one) => <tr><td>{DETECTORS.find(([key]) => key === one.detector)?.[1] ?? one.detector}</td><td class="r">{one.decided}</td><td class="r">{one.healthy}</td><td class="r">{one.alarms}</td><td class="r">{short(one.first_alarm_s)}</td></tr>}</For></tbody>
         </table>
       </div>
       <Show when={it().not_judged.length > 0}>

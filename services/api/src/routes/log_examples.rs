@@ -25,8 +25,6 @@ use utoipa::ToSchema;
 const TRUTH: &str = "truth.json";
 /// Taken where no vehicle is named.
 const USUAL_VEHICLE: &str = "f550";
-/// s; long enough for a diagnosis, soon flown.
-const USUAL_DURATION_S: f64 = 60.0;
 /// s.
 const DURATION_S: [f64; 2] = [10.0, 600.0];
 
@@ -61,7 +59,7 @@ pub(crate) struct ExampleSubmission {
     /// Hidden effect: an id, with size and rotor drawn from the seed, or `id:parameter=value,…`.
     #[schema(max_length = 200)]
     effect: Option<String>,
-    /// Seed of all random streams and draws; by default a new one each time.
+    /// Seed of all random streams and draws; by default a new one each time, of a preset alone one of which the diagnosis was checked.
     seed: Option<u64>,
     /// Name of one of the library's vehicles; default `f550`.
     vehicle: Option<String>,
@@ -102,7 +100,7 @@ pub(crate) async fn generate(
     if body.preset.is_some() == body.effect.is_some() {
         return Err(Problem::unprocessable("expected either `preset` or `effect`"));
     }
-    let duration_s = body.duration_s.unwrap_or(USUAL_DURATION_S);
+    let duration_s = body.duration_s.unwrap_or(example::SHOWN_S);
     if !(DURATION_S[0]..=DURATION_S[1]).contains(&duration_s) {
         return Err(Problem::unprocessable(format!(
             "`duration_s` is {duration_s}; expected {} to {}",
@@ -112,7 +110,7 @@ pub(crate) async fn generate(
     let library = app.library(&caller).await?;
     let name = body.vehicle.as_deref().unwrap_or(USUAL_VEHICLE);
     library.text("vehicles", name)?;
-    let seed = body.seed.unwrap_or_else(|| u64::from(rand::random::<u32>()));
+    let seed = body.seed.unwrap_or_else(|| a_seed(&body));
     if let Some(effect) = &body.effect {
         // What the simulator would refuse is refused now.
         let refused = |error: BlindError| library.refusal(&error);
@@ -145,6 +143,18 @@ pub(crate) async fn generate(
         terms: Terms::default(),
     };
     draft.submit(&app, &caller, &headers, &body, Vec::new()).await
+}
+
+/// A seed that was not given: of an example of a first visit one of those that were flown through the whole loop.
+fn a_seed(body: &ExampleSubmission) -> u64 {
+    let random = rand::random::<u32>();
+    let alone = body.vehicle.is_none() && body.duration_s.is_none();
+    let shown = body
+        .preset
+        .filter(|_| alone)
+        .map(|preset| Example::from(preset).seeds());
+    let one_of = |seeds: &[u64]| seeds.get(random as usize % seeds.len().max(1)).copied();
+    shown.and_then(one_of).unwrap_or(u64::from(random))
 }
 
 /// What was hidden in an example.

@@ -6,6 +6,7 @@ use crate::jobs::{Job, Outcome};
 use rotortwin_jobs::flight::{Controller, Flight, Link, Place};
 use rotortwin_jobs::{AutopilotHere, FlightHere, Here, Invitation, JobFile, SeatRole, Status, Tickets};
 use rotortwin_store::summary::{Status as FlightStatus, Summary, load_summary};
+use rotortwin_wire::events::RunEvent;
 use serde::Deserialize as _;
 use serde_json::Value;
 use std::path::Path;
@@ -30,6 +31,7 @@ pub(super) async fn fly(context: &WorkerContext, job: &Job, token: &str, spec: &
         job,
         token,
         spec,
+        flown_s: 0.0,
     };
     let end = child::watch(context, job, token, child, &mut issuer).await;
     match end.reason {
@@ -50,7 +52,7 @@ pub(super) async fn fly(context: &WorkerContext, job: &Job, token: &str, spec: &
                 folder: None,
                 bytes: 0,
                 run_hash: None,
-                error: Some("canceled before it had flown".to_owned()),
+                error: Some(canceled_without_result(issuer.flown_s)),
                 result: None,
             }),
             Reason::TooLong => Ended::Outcome(super::failed(job, too_long())),
@@ -89,6 +91,17 @@ pub(super) async fn fly(context: &WorkerContext, job: &Job, token: &str, spec: &
         outcome.run_hash = None;
     }
     Ended::Outcome(outcome)
+}
+
+/// A flight whose processes had no time to write what they had.
+///
+/// * `flown_s`: simulated time of its last progress, s
+fn canceled_without_result(flown_s: f64) -> String {
+    if flown_s > 0.0 {
+        format!("canceled after {flown_s:.1} s of flight, of which nothing is kept")
+    } else {
+        "canceled before it had flown".to_owned()
+    }
 }
 
 /// One of our own processes is gone. The loss of a third-party one is a result.
@@ -164,16 +177,22 @@ fn roles(spec: &Flight) -> impl Iterator<Item = (SeatRole, Place)> {
     controller.into_iter().chain([(SeatRole::Fdi, spec.fdi)])
 }
 
-/// Issues the tickets once the plant is waiting.
+/// Issues the tickets once the plant is waiting, and notes how far the flight is.
 struct TicketIssuer<'a> {
     context: &'a WorkerContext,
     job: &'a Job,
     token: &'a str,
     spec: &'a Flight,
+    /// Simulated time of the last progress, s.
+    flown_s: f64,
 }
 
 impl Listener for TicketIssuer<'_> {
     async fn event(&mut self, _: &str, event: &Value) {
+        if let Ok(RunEvent::Progress(progress)) = RunEvent::deserialize(event) {
+            self.flown_s = progress.sim_time_s;
+            return;
+        }
         if let Ok(Invitation::Join(tickets)) = Invitation::deserialize(event) {
             self.hand_out(event, &tickets).await;
         }

@@ -65,7 +65,7 @@ export function Drop(props: { twin: Twin }) {
     setProblem(undefined);
     setAsked(preset);
     try {
-      const job = await ask<JobView>("POST", "/api/v1/logs/generate", { preset, seed: Math.floor(Math.random() * 1_000_000) });
+      const job = await ask<JobView>("POST", "/api/v1/logs/generate", { preset });
       props.twin.choose({ logs: [job.id] });
     } catch (error) {
       setProblem(sentenceOf(error));

@@ -3,6 +3,7 @@ import { type Accessor, Show } from "solid-js";
 import { ask, get } from "../../api/client";
 import { createLoad } from "../../api/load";
 import type { FlightPicture } from "../../model/flight";
+import { isOfMotors, motorsWithoutCommand } from "../../model/repair";
 import type { Series } from "../../model/twin";
 import { Problem } from "../../parts/bits";
 import { JobProgress } from "../../parts/job";
@@ -16,6 +17,7 @@ const BUCKETS = 800;
 
 export function Fails(props: { twin: Twin }) {
   const result = () => props.twin.comparison.result();
+  const refusal = () => props.twin.comparison.error();
   const state = () => {
     if (props.twin.comparison.error()) return "problem" as const;
     if (result()) return "done" as const;
@@ -60,8 +62,8 @@ export function Fails(props: { twin: Twin }) {
   };
   return (
     <Step number={4} title="Where it fails" later="each measured channel against the model, over time and over the flight condition" state={state()} note={result() ? "each channel one step ahead, against its noise" : undefined}>
-      <JobProgress job={props.twin.comparison} what="Comparing the model with the flight" retry={props.twin.again} />
-      <OtherVehicle twin={props.twin} when={props.twin.comparison.job()?.status === "failed"} />
+      <JobProgress job={{ ...props.twin.comparison, error: () => refusal() && motorsWithoutCommand(refusal() ?? "") }} what="Comparing the model with the flight" retry={props.twin.again} />
+      <OtherVehicle twin={props.twin} when={props.twin.comparison.job()?.status === "failed" && !isOfMotors(refusal() ?? "")} />
       <Problem sentence={flight.error() && `No picture of the flight: ${flight.error()}`} retry={flight.reload} />
       <Show when={result()}>{(found) => <ComparisonView result={found()} looks={looks} />}</Show>
     </Step>

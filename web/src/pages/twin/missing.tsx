@@ -28,7 +28,7 @@ export function Missing(props: { twin: Twin }) {
       <OtherVehicle twin={props.twin} when={CALIBRATE_COMMAND.test(props.twin.diagnosis.error() ?? "")} />
       <Show when={result()}>
         {(found) => (
-          <DiagnosisView found={found()} add={(what) => void props.twin.add(what)} calibrating={{ take: (corrections) => void props.twin.calibrate(corrections), fromLog: () => props.twin.openFromLog() }}>
+          <DiagnosisView found={found()} compared={props.twin.comparison.result()} add={(what) => void props.twin.add(what)} calibrating={{ take: (corrections) => void props.twin.calibrate(corrections), fromLog: () => props.twin.openFromLog() }}>
             <Show when={["cannot-tell", "missing"].includes(found().verdict.kind) && candidatesOf(found()).length > 1 && found().effects.some((one) => one.also_compatible.length > 0)}>
               <NextFlight twin={props.twin} found={found()} />
             </Show>

@@ -2,7 +2,7 @@
 import { For, Show, createMemo, createSignal } from "solid-js";
 import type { Schemas } from "../../api/client";
 import { duration, short } from "../../format";
-import { adviceFor, isChosen, sourceOf, suggestionOfRefusal } from "../../model/repair";
+import { adviceFor, isChosen, isOfMotors, sourceOf, suggestionOfRefusal } from "../../model/repair";
 import { mayBeTable } from "../../model/table";
 import { findingBlocks, findingTitle } from "../../model/twin";
 import { Figures } from "../../parts/bits";
@@ -19,7 +19,7 @@ export function Read(props: { twin: Twin }) {
   const [otherwise, setOtherwise] = createSignal(false);
   const [columns, setColumns] = createSignal(false);
   // A consistent log may still not fit the vehicle: the comparison says so.
-  const motors = () => (/swapped motors: .*drives rotor/.test(props.twin.comparison.error() ?? "") ? props.twin.comparison.error() : undefined);
+  const motors = () => (isOfMotors(props.twin.comparison.error() ?? "") ? props.twin.comparison.error() : undefined);
   const refusal = () => (props.twin.log.job()?.status === "failed" ? props.twin.log.error() : undefined);
   const facts = () => (props.twin.log.job()?.facts ?? {}) as Partial<Schemas["UploadFacts"]>;
   // A table that was read by columns which its owner chose is read again in the same way, whatever is wrong with it.

@@ -99,7 +99,7 @@ export function Vehicle(props: { twin: Twin }) {
           <Show when={props.twin.unfit() === undefined}>
             <p class="small muted">
               The values are those of the vehicle's document (<a href={`/library?kind=vehicles&name=${encodeURIComponent(props.twin.vehicle())}`}>read it</a>).
-              The log decides what they miss.
+              Where the {flight()} contradicts them, steps 4 and 5 say so.
             </p>
             <details onToggle={(event) => setKnown(event.currentTarget.open)}>
               <summary>How well its values are known, with 95 % intervals</summary>
