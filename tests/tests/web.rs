@@ -371,7 +371,7 @@ fn reports(scratch: &Scratch) {
             "blind",
             vec!["blind", "--preset", "singles", "--n", "2", "--duration-s", "40"],
             &[("table", 5)],
-            &["right, or rightly not testable", "Every case", "ln evidence"],
+            &["right, or correctly not testable", "Every case", "ln evidence"],
             "2 cases",
         ),
         (

@@ -70,12 +70,12 @@ export interface BlindReport {
 }
 
 const SHARES: readonly (readonly [string, keyof Group & ("right_or_not_testable" | "top1" | "all_found" | "exact" | "in_group" | "not_testable" | "missed" | "confidently_wrong" | "wrong_flagged" | "false_alarms" | "flagged" | "coverage" | "onset_within_1_s")])[] = [
-  ["right, or rightly not testable", "right_or_not_testable"],
+  ["right, or correctly not testable", "right_or_not_testable"],
   ["first name right", "top1"],
   ["all hidden effects found", "all_found"],
   ["exactly the hidden set", "exact"],
   ["within the named group", "in_group"],
-  ["rightly not testable", "not_testable"],
+  ["correctly not testable", "not_testable"],
   ["missed", "missed"],
   ["confidently wrong", "confidently_wrong"],
   ["wrong, flagged as uncertain", "wrong_flagged"],
@@ -94,7 +94,7 @@ export function BlindReportView(props: { report: BlindReport }) {
       <p class="muted">
         {count(props.report.rows.length, "case")} of {it().presets.join(", ")}; seed {it().seed}; flights of {it().duration_s} s; vehicles {it().vehicles.join(", ")}; rotortwin {it().version}.
         {" "}Logs come from a simulator that shares no code with the diagnosis; the diagnosis saw the log and the nominal vehicle only. Intervals are 95 % (Wilson).
-        {" "}“Rightly not testable”: nothing was named, and the answer's own table of smallest detectable sizes says that this size would not have shown.
+        {" "}“Correctly not testable”: nothing was named, and the answer's own table of smallest detectable sizes says that this size would not have shown.
       </p>
       <For each={props.report.sheet.groups}>
         {(group) => (

@@ -87,7 +87,7 @@ function Vehicle(props: { one: FleetVehicle }) {
       </div>
       <ul class="small"><For each={it().maintenance}>{(one) => <li>Rotor {one.rotor} {DONE[one.event] ?? one.event} after flight {one.after_flight}, {day(one.date)}, by {one.by}{one.note ? `: ${one.note}` : ""}</li>}</For></ul>
       <p class="small muted">
-        Bias: thrust asked of a rotor over the model's, apart from what all rotors have in common. In the chart, a rotor that seems to gain is the one across from a rotor that loses. <Show when={it().spread}>{(spread) => <>Spread between flights: {(100 * spread()).toFixed(2)} % of a rotor's thrust, 1 σ. </>}</Show>
+        Bias: commanded thrust of a rotor over the model's, apart from what all rotors have in common. In the chart, a rotor that seems to gain is the one across from a rotor that loses. <Show when={it().spread}>{(spread) => <>Spread between flights: {(100 * spread()).toFixed(2)} % of a rotor's thrust, 1 σ. </>}</Show>
         {it().by_date ? "Flights by date." : "Flights in the order of entry: not every one has a date."}
       </p>
     </div>

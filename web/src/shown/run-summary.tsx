@@ -10,7 +10,8 @@ const KEYS = { sequential: "sequential", "T-test": "t_test", network: "network" 
 export function RunSummary(props: { summary: Summary }) {
   const it = () => props.summary;
   /** Scores of the user's own detectors in an interval. */
-  const own = (interval: number): [string, Score][] => (it().own_detectors ?? []).flatMap((one) => { const score = one.scores[interval]; return score ? [[one.name, score]] : []; });
+  const own = (interval: number): [string, Score, string?][] =>
+    (it().own_detectors ?? []).flatMap((one) => { const score = one.scores[interval]; return score ? [[one.name, score, one.statements?.[interval]?.text]] : []; });
   const absent = () => (it().intervals ?? []).every((one) => typeof one.scores.network.share_right !== "number");
   return (
     <Panel title="Summary" note={it().program_version}>
@@ -63,8 +64,8 @@ export function RunSummary(props: { summary: Summary }) {
               <tbody>
                 <For each={it().intervals}>
                   {(interval, number) => (
-                    <For each={[...OURS.map((one) => [one, interval.scores[KEYS[one]]] as const), ...own(number())]}>
-                      {([name, score], place) => (
+                    <For each={[...OURS.map((one) => [one, interval.scores[KEYS[one]], undefined] as const), ...own(number())]}>
+                      {([name, score, said], place) => (
                         <tr>
                           <td class="num">{place() === 0 ? `${short(interval.start_s)} – ${short(interval.end_s)}` : ""}</td>
                           <td>{place() === 0 ? [interval.description, ...(interval.sensor_faults ?? [])].join("; ") : ""}</td>
@@ -73,7 +74,7 @@ export function RunSummary(props: { summary: Summary }) {
                           <td class="r">{short(score.isolated_after_s)}</td>
                           <td class="r">{score.false_alarm_events}</td>
                           <td>{otherwise(interval, score)}</td>
-                          <td>{verdictText(score.verdict_at_end)}</td>
+                          <td>{said || verdictText(score.verdict_at_end)}</td>
                           <td class="num">
                             {name === "sequential"
                               ? (interval.severity?.losses ?? []).map((loss) => `rotor ${loss.rotor}: ${percent(loss.share)} [${percent(loss.interval_share[0])}, ${percent(loss.interval_share[1])}]`).join("; ")
