@@ -225,11 +225,9 @@ fn fits_of(
             ..only.clone()
         });
         if let Ok(fitted) = problem.fit(&open) {
-            let fitted = if problem.library.candidates[only.candidate].declaration.search.grows {
-                at_its_onset(problem, only.candidate, fitted)
-            } else {
-                fitted
-            };
+            let grows = problem.library.candidates[only.candidate].declaration.search.grows;
+            let span_s = if grows { GROWTH_SPAN_S } else { STEP_SPAN_S };
+            let fitted = at_its_onset(problem, only.candidate, fitted, span_s);
             tried.push(Tried {
                 opened: vec![only.candidate],
                 // The scan chose the time among all; the gain must pay for that.
@@ -241,14 +239,19 @@ fn fits_of(
     Ok(tried)
 }
 
-/// Half a span of onsets about one that a scan found, s, and how often the span may be moved.
-const ONSET_SPAN_S: f64 = 0.5;
+/// Half a span of onsets about one that a scan found, s: of an effect that grows from then on, whose rate is sensitive to
+/// it, and of one that is there at once. How often the span may be moved.
+const GROWTH_SPAN_S: f64 = 0.5;
+const STEP_SPAN_S: f64 = 0.05;
 const ONSET_MOVES: usize = 3;
 
-/// The fit of an effect that grows from its onset on, at the onset with the most evidence: the scan finds it by its
-/// straight column and to a quarter of a second, and a rate is sensitive to that. Near its maximum the evidence is a
-/// parabola in the onset.
-fn at_its_onset(problem: &Problem, candidate: usize, fitted: Fitted) -> Fitted {
+/// The fit of an effect at the onset with the most evidence. The scan cuts columns that have passed the chain off: it finds
+/// what acts before the lag of the rotors one lag late (a blade that breaks, to which the thrust falls off with the lag),
+/// and what grows to a quarter of a second. The fits here pass through the chain from their onset on. Near its maximum the
+/// evidence is taken for a parabola in the onset.
+///
+/// * `span_s`: half the span of the parabola
+fn at_its_onset(problem: &Problem, candidate: usize, fitted: Fitted, span_s: f64) -> Fitted {
     let mut best = fitted;
     for _ in 0..ONSET_MOVES {
         let place = best.active.iter().position(|a| a.candidate == candidate);
@@ -260,7 +263,7 @@ fn at_its_onset(problem: &Problem, candidate: usize, fitted: Fitted) -> Fitted {
             open[place].onset_s = Some(onset_s.max(0.0));
             problem.fit(&open).ok()
         };
-        let (Some(before), Some(after)) = (at(now - ONSET_SPAN_S), at(now + ONSET_SPAN_S)) else {
+        let (Some(before), Some(after)) = (at(now - span_s), at(now + span_s)) else {
             break;
         };
         let (fall, bend) = (
@@ -272,7 +275,7 @@ fn at_its_onset(problem: &Problem, candidate: usize, fitted: Fitted) -> Fitted {
         } else {
             2.0 * fall.signum()
         };
-        let better = [at(now + step * ONSET_SPAN_S), Some(before), Some(after)];
+        let better = [at(now + step * span_s), Some(before), Some(after)];
         let better = better.into_iter().flatten();
         let Some(next) = better.max_by(|a, b| a.log_evidence.total_cmp(&b.log_evidence)) else {
             break;
