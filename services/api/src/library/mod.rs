@@ -439,6 +439,43 @@ fn copy_all(from: &Path, to: &Path) -> io::Result<()> {
 mod tests {
     use super::*;
 
+    #[test]
+    fn val_what_would_take_too_much_is_refused_before_it_is_parsed() {
+        let config = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../config");
+        let library = Library::open(&config).expect("the project's own");
+        let long = format!("a = 1 # {}", "x".repeat(1 << 20));
+        let many = format!("a = 1\n{}", "[b]\n".repeat(100_001));
+        for (text, words) in [
+            (&long, "at most 1048576 bytes"),
+            (&many, "at most 100000 of `[`, `{` and `.`"),
+        ] {
+            assert_eq!(table_of(text), toml::Table::new());
+            let refusals = [
+                library.parse(text).map(drop),
+                library.parse_vehicle(text).map(drop),
+                library.parse_model(text).map(drop),
+            ];
+            for refusal in refusals {
+                let problem = refusal.expect_err("too much");
+                assert_eq!((problem.status, problem.complaints.len()), (422, 1), "{problem:?}");
+                assert!(problem.detail.contains(words), "{}", problem.detail);
+            }
+        }
+        let set = |setting: String| {
+            library
+                .scenario("short-hover", &[setting])
+                .map(drop)
+                .expect_err("too much")
+                .detail
+        };
+        let deep = |parts: usize| format!("a{} = 1", ".a".repeat(parts));
+        assert!(set(deep(1000)).contains("a key of at most 80 parts"));
+        assert!(set(deep(200_000)).starts_with("`set`: expected a document with at most 100000 of"));
+        assert!(
+            set(format!("vehicle = \"{}\"", "a".repeat(1 << 20))).starts_with("`set`: expected a document of at most")
+        );
+    }
+
     /// First submissions of many clients at once.
     #[tokio::test(flavor = "multi_thread", worker_threads = 4)]
     async fn regress_requests_that_copy_the_same_library_at_once_do_not_disturb_each_other() {

@@ -94,7 +94,7 @@ impl Database {
                 history.versions.insert(number, version);
                 made_ms.insert(number, row.try_get("made_ms")?);
             }
-            Ok(StoredModel { history, made_ms })
+            Ok::<_, sqlx::Error>(StoredModel { history, made_ms })
         };
         readers.read(read).await.map(Some)
     }
