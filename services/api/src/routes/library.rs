@@ -92,6 +92,11 @@ pub(crate) async fn validate_scenario(
     let library = app.library(&caller).await?;
     let (name, text) = (body.scenario.as_deref(), body.text.as_deref());
     let read = || {
+        let alone = text.filter(|_| name.is_none() && body.set.is_empty());
+        let complaints = alone.map(|text| library.complaints(DocumentKind::Scenario, text));
+        if let Some(complaints) = complaints.filter(|complaints| !complaints.is_empty()) {
+            return Ok(Validation::refused(complaints));
+        }
         let scenario = super::submissions::find_scenario(&library, name, text, &body.set)?;
         Ok::<_, Problem>(Validation {
             valid: true,
@@ -103,22 +108,11 @@ pub(crate) async fn validate_scenario(
     };
     match app.readers.read(read).await {
         Ok(validation) => Ok(Json(validation)),
-        Err(problem) if problem.kind.ends_with("unprocessable") => {
-            let complaints = match text {
-                Some(text) if body.scenario.is_none() && body.set.is_empty() => {
-                    let complaints = || library.complaints(DocumentKind::Scenario, text);
-                    app.readers.read(complaints).await
-                }
-                _ => Vec::new(),
-            };
-            let only = Complaint {
-                key: None,
-                line: None,
-                sentence: problem.detail,
-            };
-            let complaints = if complaints.is_empty() { vec![only] } else { complaints };
-            Ok(Json(Validation::refused(complaints)))
-        }
+        Err(problem) if problem.kind.ends_with("unprocessable") => Ok(Json(Validation::refused(vec![Complaint {
+            key: None,
+            line: None,
+            sentence: problem.detail,
+        }]))),
         Err(problem) => Err(problem),
     }
 }
