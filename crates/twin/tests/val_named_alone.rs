@@ -155,6 +155,27 @@ fn val_mass_that_begins_to_leave_in_flight_is_named_with_its_onset() {
     }
 }
 
+/// Dated one lag of the rotors late, such a version was called "not in the catalogue", and one size was off by 15 of its intervals.
+#[test]
+fn regress_a_blade_that_breaks_is_dated_before_the_lag_and_explains_the_flight() {
+    for (case, share) in (0..).zip([-0.06, -0.11]) {
+        let seed = first_seed() + 44 + case;
+        let effect = format!("rotor-thrust-scale:rotor=2,share={share},onset_s=24.4");
+        let found = in_motion(case, seed, &[&effect]);
+        assert_eq!(named(&found), ["rotor-thrust-scale"], "{}", found.sentence);
+        assert!(found.goodness.unexplained.is_empty(), "{}", found.sentence);
+        let finding = all(&found).next().unwrap();
+        let onset = finding.instance.onset_s.unwrap();
+        assert!((onset - 24.4).abs() < 0.01, "{onset}: {}", found.sentence);
+        let size = &finding.parameters[0];
+        assert!(
+            (size.value - share).abs() < 1.5 * size.interval_95,
+            "{}",
+            found.sentence
+        );
+    }
+}
+
 #[test]
 fn val_what_looks_like_mass_that_leaves_keeps_its_name() {
     keep_their_names(

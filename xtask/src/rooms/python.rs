@@ -82,7 +82,7 @@ fn imports(text: &str, package: &str) -> Vec<Import> {
             let name = words.next();
             found.push(Import {
                 module: module.clone(),
-                alias: words.last().or_else(|| name.clone()),
+                alias: words.next_back().or_else(|| name.clone()),
                 name,
             });
         }
