@@ -82,6 +82,10 @@ fn scenario_a_viewer_sees_live_what_is_recorded() {
     for message in mcap::MessageStream::new(&bytes).expect("it is MCAP") {
         let message = message.expect("it can be read");
         let schema = message.channel.schema.as_ref().expect("a schema");
+        // Said after the flight.
+        if message.channel.topic.starts_with("/detectors/") {
+            continue;
+        }
         let channel = &viewer.channels[&message.channel.topic];
         assert_eq!(
             (&channel.schema_name, &channel.schema[..]),

@@ -126,7 +126,9 @@ def test_a_run_gets_the_verdicts_of_a_detector_under_its_name(tmp_path: Path) ->
     assert not any(name.startswith(("true_", "fault")) for name in flight.columns)
 
     summary = detectors.judge(run, [Says(0), Counts()])
-    says, counts = summary["own_detectors"]
+    # Every run has the second look.
+    second, says, counts = summary["own_detectors"]
+    assert second["name"] == "Second look"
     assert (says["name"], says["column"]) == ("says", "verdict_own_says")
     assert says["scores"][0]["share_right"] == 1.0
     # From the end of window 241 on, which is not reached; the first step said is that of the first window's end.
@@ -135,8 +137,8 @@ def test_a_run_gets_the_verdicts_of_a_detector_under_its_name(tmp_path: Path) ->
     assert "says" in shown and "counts" in shown
 
     again = detectors.judge(run, [Says(3)])
-    assert [one["name"] for one in again["own_detectors"]] == ["says", "counts"]
-    assert again["own_detectors"][0]["scores"][0]["false_alarm_events"] == 1
+    assert [one["name"] for one in again["own_detectors"]] == ["Second look", "says", "counts"]
+    assert again["own_detectors"][1]["scores"][0]["false_alarm_events"] == 1
     with pytest.raises(InputError, match="says 7"):
         detectors.judge(run, [Says(7)])
 
