@@ -455,11 +455,17 @@ mod tests {
     /// Each of six motors of a calm hover, in whole microseconds of pulse, repeats its value in two of three rows.
     #[test]
     fn regress_outputs_in_whole_steps_do_not_slow_their_stream() {
-        let noise = |k: u64| (k.wrapping_mul(6_364_136_223_846_793_005).rotate_left(23) % 1009) as f64 / 1009.0 - 0.5;
+        // From −1 to 1.
+        let noise = |k: u64| {
+            let mixed = (k + 1).wrapping_mul(0x9e37_79b9_7f4a_7c15);
+            let mixed = (mixed ^ mixed >> 29).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+            (mixed >> 33) as f64 / f64::from(1u32 << 30) - 1.0
+        };
         let time: Vec<f64> = (0..4000).map(|k| f64::from(k) * 0.0025).collect();
+        // In whole thousandths: a third of the values are off the middle one.
         let output = |rotor: u64| -> Vec<f64> {
             (0..4000)
-                .map(|row| 0.5 + 0.001 * (0.45 * noise(row * 6 + rotor) + 0.45 * noise(rotor * 4000 + row)).round())
+                .map(|row| 0.5 + 0.001 * (0.6 * noise(rotor * 4000 + row)).round())
                 .collect()
         };
         let columns = (1..=6).map(|rotor| (names::duty(rotor), output(rotor as u64)));

@@ -297,7 +297,7 @@ mod tests {
     fn val_what_cannot_be_run_is_said_in_one_sentence() {
         for (body, words) in [
             (json!({ "n": 0 }), "`n`: is 0; expected at least one"),
-            (json!({ "n": 1, "presets": [] }), "`presets`: there is none"),
+            (json!({ "n": 1, "presets": [] }), "`presets`: is empty"),
             (
                 json!({ "n": 5001, "presets": ["null", "pairs"] }),
                 "is 10002; expected at most 10000 cases",
