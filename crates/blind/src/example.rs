@@ -57,7 +57,7 @@ impl Example {
     /// seeds nobody chooses.
     pub const fn seeds(self) -> &'static [u64] {
         match self {
-            // Two of each of [`SHOWN`].
+            // One to three of each of [`SHOWN`].
             Self::HiddenEffect => &[
                 665_845, 438_336, 438_298, 884_241, 172_962, 723_273, 226_507, 192_498, 847_096, 497_703, 831_136,
                 553_174,
@@ -145,7 +145,8 @@ mod tests {
         assert_eq!(drawn.len(), SHOWN.len(), "every kind is drawn: {drawn:?}");
         for id in SHOWN {
             let of_kind = |seed: &&u64| Example::HiddenEffect.effects(6, SHOWN_S, **seed)[0].id == id;
-            assert_eq!(Example::HiddenEffect.seeds().iter().filter(of_kind).count(), 2, "{id}");
+            let count = Example::HiddenEffect.seeds().iter().filter(of_kind).count();
+            assert!((1..=3).contains(&count), "{id}: {count}");
         }
     }
 
