@@ -1,5 +1,5 @@
 #!/usr/bin/env bash
-# A compiler for `RUSTC_WRAPPER`: compiles a crate, and lints it if it is one that was asked for. `cargo clippy` compiles the interfaces of all 600
+# A compiler for `RUSTC_WRAPPER` of `./test`: compiles a crate, and lints it if it is one that was asked for. `cargo clippy` compiles the interfaces of all 600
 # dependencies beside what a build compiles, for minutes on a cold machine; here clippy reads those of the build. What is up to date is not
 # linted again: a warm tree needs `cargo xtask check`.
 #
@@ -7,10 +7,25 @@
 set -euo pipefail
 rustc=$1
 shift
-"$rustc" "$@" || exit
+
 # Dependencies, build scripts, and questions such as `rustc -vV`.
 case "${CARGO_PRIMARY_PACKAGE:-} ${CARGO_CRATE_NAME:-}" in
-  " "* | "1 " | *" build_script_"*) exit 0 ;;
+  " "* | "1 " | *" build_script_"*) exec "$rustc" "$@" ;;
+esac
+case " $* " in
+  *"/lib.rs "*" --test "*)
+    # The unit tests of a library are all of the library once more; to optimise it again takes longer than they run.
+    case $CARGO_CRATE_NAME in
+      rotortwin_api | rotortwin_cli | rotortwin_runner | rotortwin_jobs | rotortwin_store | rotortwin_scenario) "$rustc" "$@" -C opt-level=0 || exit ;;
+      rotortwin_twin) "$rustc" "$@" -C opt-level=1 -C codegen-units=16 || exit ;;
+      *) "$rustc" "$@" || exit ;;
+    esac
+    ;;
+  *"/lib.rs "*" --crate-type lib "*)
+    # Its lints come with its unit tests; what only those use is a warning here.
+    exec "$rustc" "$@" -D warnings
+    ;;
+  *) "$rustc" "$@" || exit ;;
 esac
 
 scratch=$(mktemp -d)

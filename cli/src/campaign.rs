@@ -20,6 +20,7 @@ use rotortwin_flight::pace::Pace;
 use rotortwin_jobs::{JobEvent, Progress};
 use rotortwin_runner::campaign::{self as runner, Flown, folder_of};
 use rotortwin_runner::failure::Failure;
+use rotortwin_runner::second_look;
 use rotortwin_scenario::Scenario;
 use rotortwin_scenario::names::Kind;
 use rotortwin_sim::session::{self, SessionConfig};
@@ -102,6 +103,10 @@ pub struct FlightArgs {
     /// Fly only these shards of 32 flights, FIRST..END, without merging them; 'rotortwin campaign merge' does that
     #[arg(long, value_name = "FIRST..END", value_parser = output::range, conflicts_with_all = ["flight", "limit", "hunt", "check"])]
     shards: Option<Range<u64>>,
+    /// Fly each flight again and judge it by the second look, as single runs are: sizes of losses that grow, rotors that give more; a
+    /// flight takes some forty times as long. Flights that it has judged are not judged again
+    #[arg(long, conflicts_with_all = ["flight", "hunt", "check", "shards", "events"])]
+    second_look: bool,
     /// Print the summary as JSON, nothing else
     #[arg(long)]
     pub json: bool,
@@ -410,8 +415,33 @@ fn flown_and_printed(args: &FlightArgs, campaign: &Campaign) -> Result<ExitCode,
         return Ok(said_of_shards(args, &flown, &folder.path().display().to_string()));
     }
     let go_on = command_line(&args.campaign, args.out.as_deref());
+    let looked = !args.second_look || flown.end == RunEnd::Stopped || look_again(args, campaign, folder)?;
     summed_up(campaign, folder, &flown, args.json, &go_on)?;
+    if !looked {
+        output::say_aside("stopped: the second look has not judged all flights; the same command goes on".to_owned());
+        return Ok(ExitCode::from(rotortwin_process::EXIT_FAILED));
+    }
     Ok(exit_code(&flown))
+}
+
+/// The second look judges the flights that are there; false if it was stopped.
+fn look_again(args: &FlightArgs, campaign: &Campaign, folder: &CampaignFolder) -> Result<bool, Failure> {
+    let stop = runner::stop_flag().map_err(Failure::Failed)?;
+    let shards = (0..folder.shard_count()).filter(|shard| folder.has_shard(*shard));
+    let flights = shards.map(|shard| {
+        let range = folder.shard_range(shard);
+        range.end - range.start
+    });
+    let bar = resumed_bar(
+        "{bar:28.cyan/blue} {pos}/{len} flights, second look, {rate}, {left}",
+        args.json,
+        flights.sum(),
+        0,
+    );
+    let threads = args.threads.unwrap_or_else(available_threads);
+    let judged = second_look::judge(campaign, folder, threads, &stop, &|done| bar.set_position(done));
+    bar.finish_and_clear();
+    judged
 }
 
 /// Flies shards, passes each to its place, and reports progress.

@@ -1,6 +1,6 @@
 //! A Ray cluster on this machine: an idle head, and two nodes with one CPU each.
 
-use crate::python::{client_folder, environment};
+use crate::python::{bytecode_folder, client_folder, environment};
 use serde_json::Value;
 use std::io::{BufRead as _, BufReader, Write as _};
 use std::path::PathBuf;
@@ -57,7 +57,7 @@ impl RayCluster {
             .args(port.map(|port| port.to_string()))
             .envs(environment.iter().copied())
             .env("RAY_USAGE_STATS_ENABLED", "0")
-            .env("PYTHONDONTWRITEBYTECODE", "1")
+            .env("PYTHONPYCACHEPREFIX", bytecode_folder())
             .stdin(Stdio::piped())
             .stdout(Stdio::piped())
             .spawn()

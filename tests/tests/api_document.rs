@@ -1,7 +1,7 @@
 //! The OpenAPI document against the real server: whatever it allows to send, no status 500 and no undocumented answer.
 
 use rotortwin_tests::program::{Call, Link, read_json};
-use rotortwin_tests::python::environment;
+use rotortwin_tests::python::{bytecode_folder, environment};
 use rotortwin_tests::scratch::{Scratch, repository, shipped_scenario};
 use rotortwin_tests::server::Server;
 use serde_json::{Value, json};
@@ -52,7 +52,7 @@ fn searched(programs: &Path, seed: u64) -> u64 {
         .env("ROTORTWIN_URL", server.url())
         .env("FDI_SESSION", session)
         .env("SCHEMATHESIS_HOOKS", repository().join("tests/schemathesis/hooks.py"))
-        .env("PYTHONDONTWRITEBYTECODE", "1")
+        .env("PYTHONPYCACHEPREFIX", bytecode_folder())
         .output()
         .expect("it starts");
     let words = [&output.stdout, &output.stderr]

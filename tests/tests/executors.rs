@@ -1,7 +1,7 @@
 //! Campaigns from Python on a Ray and a Dask cluster on this machine, whose nodes die.
 
 use rotortwin_tests::program::program;
-use rotortwin_tests::python::client_folder;
+use rotortwin_tests::python::{bytecode_folder, client_folder};
 use rotortwin_tests::ray::executors_environment;
 use std::process::Command;
 
@@ -14,7 +14,7 @@ fn scenario_campaigns_survive_the_death_of_nodes() {
         .args(["-p", "no:cacheprovider", "tests/executors"])
         .current_dir(client_folder())
         .env("ROTORTWIN_PROGRAM", program())
-        .env("PYTHONDONTWRITEBYTECODE", "1")
+        .env("PYTHONPYCACHEPREFIX", bytecode_folder())
         .env("RAY_USAGE_STATS_ENABLED", "0")
         .output()
         .expect("it starts");

@@ -2,7 +2,7 @@
 
 use rotortwin_tests::process::{load_per_core, wait_until};
 use rotortwin_tests::program::PATIENCE;
-use rotortwin_tests::python::{client_folder, environment, environment_of};
+use rotortwin_tests::python::{bytecode_folder, client_folder, environment, environment_of};
 use rotortwin_tests::scratch::Scratch;
 use rotortwin_tests::skip;
 use std::fs::File;
@@ -134,7 +134,7 @@ impl Drop for Serving {
 }
 
 /// Additional packages that the wheel's tests need.
-const OF_THE_TESTS: [&str; 11] = [
+const OF_THE_TESTS: [&str; 8] = [
     "httpx>=0.27,<1",
     "numpy>=1.24",
     "gymnasium>=1.1",
@@ -143,16 +143,17 @@ const OF_THE_TESTS: [&str; 11] = [
     "pyarrow>=15",
     "matplotlib>=3.7",
     "pytest>=8",
-    "scikit-learn>=1.4",
-    "nbclient>=0.10",
-    "ipykernel>=6",
 ];
+/// Those that the notebook and the detectors of scikit-learn need as well.
+const OF_ALL_TESTS: [&str; 3] = ["scikit-learn>=1.4", "nbclient>=0.10", "ipykernel>=6"];
 
 /// Installs the wheel for an interpreter, in the environment of this name, and runs there what needs no server. `all`: also what depends on the interpreter least, the notebook
 /// and the detectors of scikit-learn.
 fn the_wheel_works(python: &str, name: &str, all: bool) {
     let Some(folder) = packages() else { return };
-    let Some(programs) = environment_of(python, &format!("wheel-{name}"), &OF_THE_TESTS) else {
+    let mut needed = OF_THE_TESTS.to_vec();
+    needed.extend(OF_ALL_TESTS.into_iter().filter(|_| all));
+    let Some(programs) = environment_of(python, &format!("wheel-{name}"), &needed) else {
         return;
     };
     let scratch = Scratch::new();
@@ -160,7 +161,7 @@ fn the_wheel_works(python: &str, name: &str, all: bool) {
         let output = Command::new(programs.join(program))
             .args(arguments)
             .current_dir(directory)
-            .env("PYTHONDONTWRITEBYTECODE", "1")
+            .env("PYTHONPYCACHEPREFIX", bytecode_folder())
             .env("MPLBACKEND", "Agg")
             .env("ROTORTWIN_PROGRAM", programs.join("rotortwin"))
             .output()

@@ -1,7 +1,7 @@
 //! The Python client: its own tests against the current build, and its types.
 
 use rotortwin_tests::program::program;
-use rotortwin_tests::python::{client_environment, client_folder, environment};
+use rotortwin_tests::python::{bytecode_folder, client_environment, client_folder, environment};
 use std::process::Command;
 
 /// Runs a program of the environment in the client's folder; panics with its output if it fails.
@@ -13,7 +13,7 @@ fn passes(name: &str, arguments: &[&str]) {
         .args(arguments)
         .current_dir(client_folder())
         .env("ROTORTWIN_PROGRAM", program())
-        .env("PYTHONDONTWRITEBYTECODE", "1")
+        .env("PYTHONPYCACHEPREFIX", bytecode_folder())
         .output()
         .expect("it starts");
     let words = [&output.stdout, &output.stderr].map(|text| String::from_utf8_lossy(text).into_owned());

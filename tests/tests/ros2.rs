@@ -3,7 +3,7 @@
 //! Needs rosbags and pyarrow, installed into a virtual environment under `target/`; reported as skipped without them.
 
 use rotortwin_tests::program::{Call, Link, program};
-use rotortwin_tests::python::environment;
+use rotortwin_tests::python::{bytecode_folder, environment};
 use rotortwin_tests::scratch::{Scratch, repository, short_flight};
 use std::process::Command;
 
@@ -25,7 +25,7 @@ fn val_a_recording_by_rosbags_is_the_flight_that_it_was_made_of() {
         .arg(program())
         .arg(scratch.path("flown"))
         .arg(scratch.path(""))
-        .env("PYTHONDONTWRITEBYTECODE", "1")
+        .env("PYTHONPYCACHEPREFIX", bytecode_folder())
         .output()
         .expect("it starts");
     let words = [&output.stdout, &output.stderr].map(|text| String::from_utf8_lossy(text).into_owned());

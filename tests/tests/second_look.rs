@@ -80,3 +80,64 @@ fn scenario_a_rotor_that_has_recovered_is_healthy_and_a_healthy_flight_has_no_al
     );
     assert_eq!(scores[2]["right_at_end"], true, "{own}");
 }
+
+/// In a campaign, too, if it is asked for: judged as a single run is, once, and with a coverage of sizes of its own.
+#[test]
+fn scenario_a_campaign_has_the_second_look_with_sizes_that_hold() {
+    let scratch = Scratch::new();
+    std::fs::write(
+        scratch.path("grown.toml"),
+        hover("grown", 40.0, &fault(25.0, 10.0, 1.0)),
+    )
+    .expect("written");
+    let campaign =
+        "name = \"grown\"\ndescription = \"losses that grow\"\nscenario = \"grown.toml\"\nseed = 9\nrepeats = 3\n";
+    std::fs::write(scratch.path("campaign.toml"), campaign).expect("written");
+    let words = ["campaign", "campaign.toml", "--second-look", "--out", "flown"];
+    let printed = Call::new(&scratch, words).run().expect_code(0).stdout;
+    assert!(printed.contains("Second look"), "{printed}");
+    let summary = read_json(&scratch.path("flown/summary.json"));
+    let held = |errors: &Value| ["interval_holds_truth", "flights"].map(|name| errors[name].as_u64());
+    let errors = &summary["own_thrust_loss_errors"]["own_second_look"];
+    assert_eq!(held(errors), [Some(3), Some(3)], "{summary:#}");
+    // The sequential detector takes what has grown for a step.
+    assert_eq!(held(&summary["thrust_loss_error"]), [Some(0), Some(3)], "{summary:#}");
+
+    // One of these flights as a run has the same verdicts.
+    let words = ["campaign", "campaign.toml", "--flight", "1", "--out", "one"];
+    Call::new(&scratch, words).run().expect_code(0);
+    let run = read_json(&scratch.path("one/summary.json"));
+    let own = &run["own_detectors"][0];
+    assert_eq!(own["name"], "Second look", "{own}");
+    let lines = std::fs::read_to_string(scratch.path("flown/own/second_look.jsonl")).expect("written");
+    let line: Value = serde_json::from_str(lines.lines().nth(2).expect("a head and three flights")).expect("JSON");
+    assert_eq!(line["flight"], 1, "{line}");
+    let last = own["statements"]
+        .as_array()
+        .and_then(|all| all.last())
+        .expect("statements");
+    assert_eq!(
+        line["loss"]["loss_n"], last["severity"]["losses"][0]["loss_n"],
+        "{line} {last}"
+    );
+
+    // What it has judged is not judged again.
+    let kept = std::fs::metadata(scratch.path("flown/own/second_look.jsonl"))
+        .expect("there")
+        .len();
+    let again = Call::new(
+        &scratch,
+        ["campaign", "campaign.toml", "--second-look", "--out", "flown"],
+    )
+    .run();
+    assert_eq!(
+        again.expect_code(0).stdout.matches("Second look").count(),
+        printed.matches("Second look").count()
+    );
+    assert_eq!(
+        std::fs::metadata(scratch.path("flown/own/second_look.jsonl"))
+            .expect("there")
+            .len(),
+        kept
+    );
+}

@@ -6,7 +6,7 @@
 
 use rotortwin_tests::disk::Disk;
 use rotortwin_tests::program::program;
-use rotortwin_tests::python::{client_folder, environment};
+use rotortwin_tests::python::{bytecode_folder, client_folder, environment};
 use rotortwin_tests::scratch::{Scratch, repository, short_flight};
 use rotortwin_tests::server::Server;
 use rotortwin_tests::skip;
@@ -124,7 +124,7 @@ fn passes(scenario: &str, wanted: &[&str]) {
         .arg(chromium)
         .arg(scratch.path(""))
         .arg(scenario)
-        .env("PYTHONDONTWRITEBYTECODE", "1")
+        .env("PYTHONPYCACHEPREFIX", bytecode_folder())
         .env("ROTORTWIN", program())
         .env_remove("DATABASE_URL")
         .output()
@@ -410,7 +410,7 @@ fn scenario_every_report_opens_from_the_disk_and_prints() {
         .arg(repository().join("tests/src/report_page.py"))
         .arg(chromium)
         .arg(scratch.path(""))
-        .env("PYTHONDONTWRITEBYTECODE", "1")
+        .env("PYTHONPYCACHEPREFIX", bytecode_folder())
         .output()
         .expect("it starts");
     let words = [&output.stdout, &output.stderr].map(|text| String::from_utf8_lossy(text).into_owned());

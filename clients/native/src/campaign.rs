@@ -109,7 +109,7 @@ impl CampaignFlights {
         let score = shown
             .score(&verdicts)
             .map_err(|reason| input(format!("{}: {reason}", scores.name)))?;
-        scores.add(&shown.record, score);
+        scores.add(&shown.record, score, None);
         Ok(())
     }
 

@@ -26,6 +26,7 @@ pub mod named;
 pub mod next_flight;
 pub mod result;
 pub mod sandbox;
+pub mod second_look;
 pub mod text;
 pub mod training;
 pub mod verification;

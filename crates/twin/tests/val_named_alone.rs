@@ -99,10 +99,10 @@ fn check(found: &Diagnosis, effects: &[&str], (held, sizes): (&mut u64, &mut u64
     }
 }
 
-/// Cases of effects that change from case to case, each checked; nearly all intervals hold the truth.
+/// Cases of effects that change from case to case, the first half if no other number is asked for, each checked; nearly all intervals hold the truth.
 fn named_alone(cases: &[&[&str]], seed: u64) {
     let (mut held, mut sizes) = (0, 0);
-    for case in 0..setting("NAMED_CASES", cases.len() as u64) {
+    for case in 0..setting("NAMED_CASES", cases.len() as u64 / 2) {
         let effects = cases[(case % cases.len() as u64) as usize];
         let found = in_motion(case, seed + case, effects);
         check(&found, effects, (&mut held, &mut sizes));

@@ -1,4 +1,4 @@
-//! Detectors of the user's own over a whole campaign: each judges the flights that are there, and then has its rows, columns and scores beside
+//! Detectors of the user's own, and the second look, over a whole campaign: each judges the flights that are there, and then has its rows, columns and scores beside
 //! ours, counted in the same way ([`super::score`]).
 //!
 //! ```text
@@ -13,7 +13,7 @@ use super::document::Criteria;
 use super::engine::{FlightScorer, fly_alone};
 use super::folder::{CampaignFolder, write_whole};
 use super::plan::Campaign;
-use super::record::{FlightRecord, FlightStatus, score_columns};
+use super::record::{FlightRecord, FlightStatus, LossAtEnd, score_columns};
 use super::score::{DetectorScore, DetectorScorer, Verdict, WindowTruth};
 use crate::table_file::TableFile;
 use rotortwin_flight::lockstep::{FlightObserver, StopReason};
@@ -153,6 +153,9 @@ struct Line {
     flight: u64,
     run_hash: String,
     score: DetectorScore,
+    /// Of detectors that give a size.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    loss: Option<LossAtEnd>,
 }
 
 /// First line of the file.
@@ -189,20 +192,30 @@ impl OwnScores {
         format!("own_{}", self.plain)
     }
 
-    /// Adds the score of a flight.
-    pub fn add(&mut self, record: &FlightRecord, score: DetectorScore) {
+    /// Adds the score of a flight, and the loss that the detector names at its end, if it gives sizes.
+    pub fn add(&mut self, record: &FlightRecord, score: DetectorScore, loss: Option<LossAtEnd>) {
         let line = Line {
             flight: record.flight,
             run_hash: record.run_hash.clone(),
             score,
+            loss,
         };
         self.flights.insert(record.flight, line);
     }
 
     /// Of a flight, if it was judged as it is recorded.
     pub fn of(&self, record: &FlightRecord) -> Option<&DetectorScore> {
+        self.line(record).map(|line| &line.score)
+    }
+
+    /// The loss at the end of such a flight.
+    pub fn loss_of(&self, record: &FlightRecord) -> Option<LossAtEnd> {
+        self.line(record)?.loss
+    }
+
+    fn line(&self, record: &FlightRecord) -> Option<&Line> {
         let line = self.flights.get(&record.flight)?;
-        (line.run_hash == record.run_hash).then_some(&line.score)
+        (line.run_hash == record.run_hash).then_some(line)
     }
 
     /// Its columns, `own_NAME_windows` and so on, after those of the flights.
@@ -337,7 +350,7 @@ mod tests {
             assert_eq!(again.score(&again.recorded.sequential).expect("scored"), *sequential);
             let score = again.score(&again.recorded.t_test).expect("scored");
             assert_eq!(score, *t_test);
-            scores.add(record, score);
+            scores.add(record, score, None);
         }
         scores.write(&folder).expect("written");
         assert_eq!(read_all(&folder).expect("read"), [scores]);
@@ -408,7 +421,7 @@ mod tests {
         let mut scores = OwnScores::new("half").expect("a good name");
         for record in &records[..2] {
             let again = again(&campaign, record);
-            scores.add(record, again.score(&again.recorded.t_test).expect("scored"));
+            scores.add(record, again.score(&again.recorded.t_test).expect("scored"), None);
         }
         scores.write(&folder).expect("written");
         let totals = results::collect(&campaign, &folder).expect("summed up");

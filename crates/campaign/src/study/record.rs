@@ -76,7 +76,26 @@ pub struct FlightRecord {
     pub curve: Vec<DetectorScore>,
 }
 
+/// The loss of thrust that a detector names at the end of a flight, with its interval of 95 %.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct LossAtEnd {
+    /// At hover, N.
+    pub loss_n: f64,
+    /// Ends of its interval, N.
+    pub interval_n: [f64; 2],
+}
+
 impl FlightRecord {
+    /// What the sequential detector names at the end.
+    pub fn loss_at_end(&self) -> Option<LossAtEnd> {
+        let loss_n = self.thrust_loss_n?;
+        let end = |end: Option<f64>| end.unwrap_or(loss_n);
+        Some(LossAtEnd {
+            loss_n,
+            interval_n: [end(self.thrust_loss_low_n), end(self.thrust_loss_high_n)],
+        })
+    }
+
     /// Lossless JSON.
     pub fn to_json(&self) -> String {
         serde_json::to_string(self).expect("a record of numbers and texts is JSON")

@@ -49,6 +49,9 @@ pub struct CampaignSummary {
     axes: Vec<AxisSummary>,
     /// Estimated minus true loss of thrust at the end, where the correct rotor is named.
     thrust_loss_error: Option<LossErrorSummary>,
+    /// The same of further detectors that give sizes, by name as in `detectors`.
+    #[serde(skip_serializing_if = "BTreeMap::is_empty")]
+    own_thrust_loss_errors: BTreeMap<String, LossErrorSummary>,
 }
 
 /// One detector over a set of flights.
@@ -234,6 +237,11 @@ impl CampaignSummary {
                 .map(|axis| AxisSummary::new(axis, totals, criteria))
                 .collect(),
             thrust_loss_error: LossErrorSummary::new(&totals.loss_error),
+            own_thrust_loss_errors: totals
+                .own
+                .iter()
+                .filter_map(|own| Some((own.column.clone(), LossErrorSummary::new(&own.loss_error)?)))
+                .collect(),
         }
     }
 

@@ -167,14 +167,17 @@ fn faults(totals: &Totals, criteria: &Criteria) -> ResultTable {
          right from then on to the end"
             .to_owned(),
     ];
-    if let Some((count, mean, rms)) = totals.loss_error.summary() {
-        notes.push(format!(
-            "Lost thrust at the end, estimate of the sequential detector less truth, {count} flights with the right rotor named: mean \
-             {:+.1} mN, rms {:.1} mN; its interval of 95 % holds the truth in {}",
-            1e3 * mean,
-            1e3 * rms,
-            proportion(totals.loss_error.covered(), count)
-        ));
+    let own = totals.own.iter().map(|own| (own.name.as_str(), &own.loss_error));
+    for (name, errors) in [("the sequential detector", &totals.loss_error)].into_iter().chain(own) {
+        if let Some((count, mean, rms)) = errors.summary() {
+            notes.push(format!(
+                "Lost thrust at the end, estimate of {name} less truth, {count} flights with the right rotor named: mean {:+.1} mN, rms \
+                 {:.1} mN; its interval of 95 % holds the truth in {}",
+                1e3 * mean,
+                1e3 * rms,
+                proportion(errors.covered(), count)
+            ));
+        }
     }
     ResultTable {
         key: "faults",

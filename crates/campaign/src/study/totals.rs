@@ -7,7 +7,7 @@ use super::cell::Cell;
 use super::intervals::ClusterSums;
 use super::own::OwnScores;
 use super::plan::{Axis, Campaign};
-use super::record::{DETECTORS, FlightRecord, FlightStatus};
+use super::record::{DETECTORS, FlightRecord, FlightStatus, LossAtEnd};
 use super::score::{DetectorScore, SEVERITY_BINS, Verdict, severity_bin};
 use rotortwin_flight_core::fdi::verdict_code::NOT_READY;
 use rotortwin_plant::STEP_S;
@@ -174,6 +174,16 @@ impl LossError {
         self.count += 1;
         self.sum += units;
         self.squares += u128::from(units.unsigned_abs()) * u128::from(units.unsigned_abs());
+    }
+
+    /// Adds a flight at whose end a detector names the faulty rotors, no other, and a size.
+    fn add_if_right(&mut self, record: &FlightRecord, score: Option<&DetectorScore>, loss: Option<LossAtEnd>) {
+        let verdict = score.map_or(NOT_READY, |score| score.final_verdict);
+        let right = verdict > 0 && Verdict::of_code(verdict).named_rotors() == record.faulty_rotors;
+        if let (Some(loss), Some(truth), true) = (loss, record.true_thrust_loss_n, right) {
+            let [low, high] = loss.interval_n;
+            self.add(loss.loss_n - truth, low <= truth && truth <= high);
+        }
     }
 
     /// Flights whose 95 % interval contains the truth.
@@ -366,6 +376,8 @@ pub struct OwnTotals {
     pub not_judged: u64,
     /// Over those that it has.
     pub totals: DetectorTotals,
+    /// Estimated minus true loss of thrust at the end, where it names the correct rotor and a size.
+    pub loss_error: LossError,
 }
 
 /// Totals of a campaign.
@@ -459,20 +471,19 @@ impl Totals {
         }
         for (detector, scores) in self.own.iter_mut().zip(own) {
             match scores.of(record) {
-                Some(score) => detector.totals.add(record, score),
+                Some(score) => {
+                    detector.totals.add(record, score);
+                    let loss = scores.loss_of(record);
+                    detector.loss_error.add_if_right(record, Some(score), loss);
+                }
                 None => detector.not_judged += u64::from(record.status != FlightStatus::Refused),
             }
         }
         for (axis, (_, cell)) in self.axes.iter_mut().zip(&record.parameters) {
             axis.add(cell, record, own);
         }
-        let verdict = record.detectors.first().map_or(NOT_READY, |score| score.final_verdict);
-        let right = Verdict::of_code(verdict).named_rotors() == record.faulty_rotors && verdict > 0;
-        if let (Some(estimate), Some(truth), true) = (record.thrust_loss_n, record.true_thrust_loss_n, right) {
-            let ends = [record.thrust_loss_low_n, record.thrust_loss_high_n].map(|end| end.unwrap_or(estimate));
-            self.loss_error
-                .add(estimate - truth, ends[0] <= truth && truth <= ends[1]);
-        }
+        self.loss_error
+            .add_if_right(record, record.detectors.first(), record.loss_at_end());
         let listed = Listed::of(record);
         if record.status != FlightStatus::Done {
             if self.unfinished.len() < LISTED {

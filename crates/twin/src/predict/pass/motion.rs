@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use rotortwin_flight_core::MAX_ROTORS;
 use rotortwin_plant::Vector3;
-use rotortwin_plant::effects::{EffectSet, Hooks, Readings};
+use rotortwin_plant::effects::{EffectSet, Hooks, Moment, Readings};
 
 use super::{Plant, Source, When, sensors_may_err};
 use crate::predict::series::{Drive, Kinematics, Vectors, shifted};
@@ -90,6 +90,7 @@ impl Plant {
             };
             let mut truth = read;
             if effects.hooks().uses(Hooks::READINGS) {
+                let still = self.moment(When::Sample(k), motion, &c, &nothing[..n], &nothing[..n], &nothing[..n]);
                 for _ in 0..FIXED_POINT_STEPS {
                     let before = truth;
                     let mut again = truth;
@@ -97,7 +98,10 @@ impl Plant {
                     // The rotors' thrust comes later in the chain; the specific force gives their sum.
                     let each = (-c.mass_kg * truth.specific_force[2] / n as f64).max(0.0);
                     let thrust = [each; MAX_ROTORS];
-                    let at = self.moment(When::Sample(k), motion, &c, &thrust[..n], &nothing[..n], &nothing[..n]);
+                    let at = Moment {
+                        rotor_thrust: &thrust[..n],
+                        ..still
+                    };
                     effects.readings(&at, &mut again);
                     for i in 0..3 {
                         truth.position_ned[i] += read.position_ned[i] - again.position_ned[i];
