@@ -3,7 +3,7 @@
 //!
 //! One pass over the rows; the summary, the report and every other table take their numbers from here.
 //!
-//! * **Interval**: a maximal stretch in which `fault_label`, all `rotor_condition_i` and `sensor_faults` are constant.
+//! * **Interval**: a maximal stretch in which `fault_label`, all `rotor_condition_i` and `sensor_faults` are constant and no load is dropped.
 //! * **Window**: verdicts are counted where `window_end` is 1; between window ends they are held and not counted. A window that
 //!   straddles the onset of a fault counts in the interval in which it ends, although part of its samples are older.
 //! * **False alarm**: a window with a fault verdict (a rotor or "unknown") that ends while no rotor is faulty. Consecutive windows
@@ -88,6 +88,8 @@ struct Key {
     label: i32,
     conditions: Vec<i32>,
     sensor_faults: u64,
+    /// Number of loads dropped so far.
+    dropped: usize,
 }
 
 /// The interval being read.
@@ -196,8 +198,10 @@ impl Analysis {
         let rotors = self.header.rotor_count;
         let time = at(self.places.time);
 
+        let dropped = self.dropped_by(time);
         let same = self.open.as_ref().is_some_and(|open| {
             open.key.label == at(self.places.label) as i32
+                && open.key.dropped == dropped
                 && open.key.sensor_faults == at(self.places.sensor_faults) as u64
                 && (0..rotors).all(|i| open.key.conditions[i] == at(self.places.conditions + i) as i32)
         });
@@ -207,6 +211,7 @@ impl Analysis {
                 label: at(self.places.label) as i32,
                 conditions: (0..rotors).map(|i| at(self.places.conditions + i) as i32).collect(),
                 sensor_faults: at(self.places.sensor_faults) as u64,
+                dropped,
             };
             self.open = Some(self.begin(key, at(self.places.faulty) as u64, time));
         }
@@ -299,6 +304,15 @@ impl Analysis {
         }
     }
 
+    /// Number of loads dropped by the step at `time`, s.
+    fn dropped_by(&self, time: f64) -> usize {
+        let loads = &self.header.dropped_loads;
+        loads
+            .iter()
+            .take_while(|load| load.time_s <= time + 0.5 * self.step_s)
+            .count()
+    }
+
     fn sensor_faults(&self, mask: u64) -> Vec<String> {
         let name = |bit: usize| match self.header.sensor_faults.get(bit) {
             Some(name) => name.clone(),
@@ -324,10 +338,11 @@ impl Analysis {
             parts.push(format!("rotor {}: {condition}", i + 1));
         }
         if parts.is_empty() {
-            "healthy".to_owned()
-        } else {
-            parts.join(", ")
+            parts.push("healthy".to_owned());
         }
+        let loads = &self.header.dropped_loads[..key.dropped];
+        parts.extend(loads.iter().map(|load| format!("{} kg dropped", load.mass_kg)));
+        parts.join(", ")
     }
 
     /// Ends the open interval at `end_s`.
@@ -525,6 +540,7 @@ mod tests {
             sensor_faults: vec!["gyro stuck".to_owned()],
             rotor_positions_body_m: Vec::new(),
             hover_thrust_n: 0.0,
+            dropped_loads: Vec::new(),
         };
         let mut writer = SpoolWriter::create(&path, &header).unwrap();
         rows.iter().for_each(|row| writer.push(row).unwrap());
