@@ -54,7 +54,10 @@ impl SecondLook {
         };
         self.statement = Some(Statement {
             severity: severity(self.said, suspects, report.hypothesis_count, losses),
-            text: words::verdict(window),
+            text: match &window.load {
+                Some(load) => format!("{}; {load}", words::verdict(window)),
+                None => words::verdict(window),
+            },
         });
     }
 }
