@@ -411,7 +411,7 @@ impl EffectFlight {
     /// Drops the loads of `step`: the state becomes that of what remains. Returns how far the centre of mass has moved, m, body; `None`
     /// if nothing is dropped.
     pub(crate) fn drop_loads(&mut self, step: u64, state: &mut PlantState) -> Option<Vector3> {
-        let mut moved = None;
+        let mut moved: Option<Vector3> = None;
         while let Some((at, after)) = self.loads.bases.get(self.loads.gone).filter(|(at, _)| *at <= step) {
             debug_assert_eq!(*at, step, "every step is asked for");
             let (before, after) = (self.set.nominal().centre_of_mass_m, *after);
@@ -427,7 +427,7 @@ impl EffectFlight {
             let measured = self.loads.measured_from_centre.unwrap_or_default();
             self.loads.measured_from_centre = Some([0, 1, 2].map(|i| measured[i] - shift[i]));
             let so_far = moved.unwrap_or_default();
-            moved = Some([0, 1, 2].map(|i: usize| so_far[i] + shift[i]));
+            moved = Some([0, 1, 2].map(|i| so_far[i] + shift[i]));
             self.set.set_nominal(&after);
             self.take_constants();
         }

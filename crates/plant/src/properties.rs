@@ -630,7 +630,7 @@ fn val_gain_and_torque_are_those_of_the_effects() {
     // In the step with effects, too.
     let with_effect = truth_with(std::slice::from_ref(&entry), |config| {
         perfect(config);
-        config.effects = vec![EffectInstance::new("rotor-reaction", &[("reaction_s", 0.0)])];
+        config.effects = vec![EffectInstance::new("rotor-reaction", &[("inertia_kg_m2", 0.0)])];
     });
     assert!(difference(&by_fault, &with_effect) < ROUNDING);
     let healthy = truth_with(&[], perfect);

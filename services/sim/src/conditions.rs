@@ -52,38 +52,35 @@ impl RotorChange {
     }
 }
 
-/// One of a rotor's quantities in words.
+/// One of a rotor's quantities in words; `None`: as on a healthy rotor.
 #[derive(Clone, Default)]
 struct Words {
     /// What lasts.
     settled: Option<String>,
     /// What comes and goes in its place.
-    intermittent: Option<(u64, Cycle, String)>,
+    intermittent: Option<(u64, Cycle, Option<String>)>,
 }
 
 impl Words {
-    /// Takes a change in percent from an entry.
+    /// Takes a change from an entry.
     fn take(&mut self, entry: &FaultEntry, words: Option<String>) {
-        match entry.cycle().zip(words.clone()) {
-            Some((cycle, words)) => {
-                let [period, on] = [entry.period_s, entry.on_s].map(Option::unwrap_or_default);
-                let words = format!("{words} for {on} s in every {period} s");
-                self.intermittent = Some((nearest_step(entry.time_s), cycle, words));
-            }
-            None => {
-                let ramp = entry.ramp_s.filter(|ramp| *ramp > 0.0);
-                let ramp = ramp.map(|ramp| format!(" over {ramp} s")).unwrap_or_default();
-                *self = Self {
-                    settled: words.map(|words| words + &ramp),
-                    intermittent: None,
-                };
-            }
+        if let Some(cycle) = entry.cycle() {
+            let [period, on] = [entry.period_s, entry.on_s].map(Option::unwrap_or_default);
+            let words = words.map(|words| format!("{words} for {on} s in every {period} s"));
+            self.intermittent = Some((nearest_step(entry.time_s), cycle, words));
+            return;
         }
+        let ramp = entry.ramp_s.filter(|ramp| *ramp > 0.0);
+        let ramp = ramp.map(|ramp| format!(" over {ramp} s")).unwrap_or_default();
+        *self = Self {
+            settled: words.map(|words| words + &ramp),
+            intermittent: None,
+        };
     }
 
     fn now(&self, rests: bool) -> Option<&str> {
         match &self.intermittent {
-            Some((.., words)) if !rests => Some(words),
+            Some((.., words)) if !rests => words.as_deref(),
             _ => self.settled.as_deref(),
         }
     }
@@ -95,11 +92,8 @@ impl Words {
 
 /// "−5 %", "+5 %"; `None`: nothing is changed.
 fn signed(percent: f64) -> Option<String> {
-    match percent {
-        0.0 => None,
-        _ if percent > 0.0 => Some(format!("+{percent} %")),
-        _ => Some(format!("−{} %", -percent)),
-    }
+    let sign = if percent > 0.0 { '+' } else { '−' };
+    (percent != 0.0).then(|| format!("{sign}{} %", percent.abs()))
 }
 
 impl ConditionSchedule {
@@ -131,25 +125,27 @@ impl ConditionSchedule {
             if entry.rotor_lost == Some(true) {
                 thrust.take(entry, Some("lost".to_owned()));
             }
+            let cycles = [thrust.cycle(), torque.cycle()];
             let mut codes = [0; 4];
             for (place, code) in codes.iter_mut().enumerate() {
+                let rests = [place & 2 != 0, place & 1 != 0];
+                if rests
+                    .iter()
+                    .zip(&cycles)
+                    .any(|(rests, cycle)| *rests && cycle.is_none())
+                {
+                    continue;
+                }
                 let words: Vec<String> = blade
                     .iter()
                     .map(|name| format!("blade {name}"))
-                    .chain(thrust.now(place & 2 != 0).map(str::to_owned))
-                    .chain(torque.now(place & 1 != 0).map(str::to_owned))
+                    .chain(thrust.now(rests[0]).map(str::to_owned))
+                    .chain(torque.now(rests[1]).map(str::to_owned))
                     .collect();
                 if !words.is_empty() {
                     *code = number + count * place as i32;
                     descriptions.insert(*code, words.join(", "));
                 }
-            }
-            let cycles = [thrust.cycle(), torque.cycle()];
-            for place in (1..4usize)
-                .filter(|place| place >> 1 & 1 == 1 && cycles[0].is_none() || place & 1 == 1 && cycles[1].is_none())
-            {
-                // Without a pause there is only the first.
-                descriptions.remove(&std::mem::take(&mut codes[place]));
             }
             rotor_changes.push(RotorChange {
                 first_step: nearest_step(entry.time_s),
