@@ -35,11 +35,14 @@ fn scenario_a_rotor_that_gives_more_is_called_that() {
     let scratch = Scratch::new();
     let fault = "[[fault]]\ntime_s = 20.0\nrotor = 2\nthrust_loss_percent = -8.0\n";
     let (intervals, _) = flown(&scratch, "gain", fault);
-    let [(_, before, _), (interval, after, _)] = intervals.as_slice() else {
+    let [(_, before, _), (interval, after, score)] = intervals.as_slice() else {
         panic!("{intervals:#?}");
     };
     assert_eq!(before["text"], "healthy");
-    assert_eq!(interval["fault_label"], 2);
+    assert_eq!(
+        (&interval["fault_label"], &score["right_at_end"]),
+        (&2.into(), &true.into())
+    );
     assert_eq!(interval["description"], "rotor 2: +8 % thrust");
     let said = text(after, "/text");
     assert!(

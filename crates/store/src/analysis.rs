@@ -288,7 +288,7 @@ impl Analysis {
                 .filter(|i| faulty >> i & 1 == 1)
                 .map(|i| i + 1)
                 .collect(),
-            description: self.describe(&key, faulty),
+            description: self.describe(&key, faulty, start_s),
             sensor_faults: self.sensor_faults(key.sensor_faults),
             expected_verdict: key.label,
             ..Interval::default()
@@ -324,7 +324,8 @@ impl Analysis {
             .collect()
     }
 
-    fn describe(&self, key: &Key, faulty: u64) -> String {
+    /// Rotors that are not healthy, and the loads dropped as the interval begins.
+    fn describe(&self, key: &Key, faulty: u64, start_s: f64) -> String {
         let mut parts = Vec::new();
         for (i, code) in key.conditions.iter().enumerate() {
             if *code == 0 && faulty >> i & 1 == 0 {
@@ -340,8 +341,9 @@ impl Analysis {
         if parts.is_empty() {
             parts.push("healthy".to_owned());
         }
-        let loads = &self.header.dropped_loads[..key.dropped];
-        parts.extend(loads.iter().map(|load| format!("{} kg dropped", load.mass_kg)));
+        let loads = self.header.dropped_loads.iter();
+        let now = loads.filter(|load| (load.time_s - start_s).abs() < 0.5 * self.step_s);
+        parts.extend(now.map(|load| format!("{} kg dropped", load.mass_kg)));
         parts.join(", ")
     }
 
@@ -472,8 +474,8 @@ fn pair_code(faulty_rotors: &[u32]) -> i32 {
     }
 }
 
-/// True for the expected verdict, for both names of two faulty rotors, and for an ambiguous verdict whose suspects include all of several
-/// faulty rotors.
+/// True for the expected verdict, for both names of two faulty rotors, for an ambiguous verdict whose suspects include all of several
+/// faulty rotors, and for one that suspects the one faulty rotor only: a rotor that gives more has no code.
 fn is_right(verdict: i32, suspects: u64, interval: &Interval) -> bool {
     let several = interval.fault_label == UNKNOWN;
     let faulty = || {
@@ -485,6 +487,7 @@ fn is_right(verdict: i32, suspects: u64, interval: &Interval) -> bool {
     verdict == interval.expected_verdict
         || several && verdict == pair_code(&interval.faulty_rotors)
         || several && verdict == AMBIGUOUS && faulty()
+        || interval.fault_label > 0 && verdict == AMBIGUOUS && suspects == 1 << (interval.fault_label - 1)
 }
 
 /// Sizes of the losses that a verdict names, and who is suspected.

@@ -11,7 +11,7 @@
 
 use crate::measured::Measured;
 use rotortwin_fdi_session::{FdiSession, Window, words};
-use rotortwin_flight_core::fdi::verdict_code::NOT_READY;
+use rotortwin_flight_core::fdi::verdict_code::{HEALTHY, NOT_READY};
 use rotortwin_scenario::Scenario;
 use rotortwin_store::analysis::severity;
 use rotortwin_store::own_detector::{Detector, Seen};
@@ -55,8 +55,9 @@ impl SecondLook {
         self.statement = Some(Statement {
             severity: severity(self.said, suspects, report.hypothesis_count, losses),
             text: match &window.load {
-                Some(load) => format!("{}; {load}", words::verdict(window)),
-                None => words::verdict(window),
+                // What is said of rotors allows for the load already.
+                Some(load) if self.said == HEALTHY => format!("{}; {load}", words::verdict(window)),
+                _ => words::verdict(window),
             },
         });
     }
