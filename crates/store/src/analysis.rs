@@ -671,6 +671,22 @@ mod tests {
     }
 
     #[test]
+    fn val_a_gain_that_is_named_without_a_code_counts() {
+        let interval = |fault_label: i32, faulty_rotors: &[u32]| Interval {
+            fault_label,
+            expected_verdict: fault_label,
+            faulty_rotors: faulty_rotors.to_vec(),
+            ..Interval::default()
+        };
+        let right = |suspects: u64, interval: &Interval| is_right(AMBIGUOUS, suspects, interval);
+        assert!(right(0b10, &interval(2, &[2])));
+        assert!(!right(0b110, &interval(2, &[2])), "two suspects");
+        assert!(!right(0b100, &interval(2, &[2])), "another rotor");
+        assert!(!right(0b10, &interval(0, &[])), "a healthy vehicle");
+        assert!(right(0b110, &interval(UNKNOWN, &[2, 3])));
+    }
+
+    #[test]
     fn val_alarm_across_two_healthy_intervals_is_one_event() {
         let mut rows = rows(&[(UNKNOWN, 0), (UNKNOWN, 0)]);
         rows[4..].iter_mut().for_each(|row| row.sensor_faults = 1);
