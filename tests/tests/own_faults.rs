@@ -27,7 +27,7 @@ fn flown(scratch: &Scratch, name: &str, sections: &str) -> (Vec<(Value, Value, V
     assert_eq!((statements.len(), scores.len()), (intervals.len(), intervals.len()));
     let all = intervals.into_iter().zip(statements).zip(scores);
     let all = all.map(|((interval, statement), score)| (interval, statement, score));
-    (all.collect(), ended.stdout)
+    (all.collect(), ended.stderr.join("\n"))
 }
 
 #[test]
