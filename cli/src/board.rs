@@ -198,7 +198,7 @@ fn boot_loader(address: &BoardAddress) -> Result<ExitCode, Trouble> {
     Ok(ExitCode::SUCCESS)
 }
 
-/// The scenario; if cut to a duration, faults after its end are omitted.
+/// The scenario; if it is cut to a duration that its faults or dropped loads exceed, without them.
 fn load(path: &Path, duration: Option<f64>) -> Result<Scenario, Trouble> {
     let input = |error: rotortwin_scenario::ConfigError| Trouble::Input(error.to_string());
     let Some(duration) = duration else {
@@ -206,7 +206,7 @@ fn load(path: &Path, duration: Option<f64>) -> Result<Scenario, Trouble> {
     };
     let duration = format!("duration_s={duration:?}");
     Scenario::load_with(path, &[&duration])
-        .or_else(|_| Scenario::load_with(path, &[&duration, "fault=[]"]))
+        .or_else(|_| Scenario::load_with(path, &[&duration, "fault=[]", "load_drop=[]"]))
         .map_err(input)
 }
 

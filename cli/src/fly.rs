@@ -760,6 +760,9 @@ fn change_line(change: &Change) -> Option<String> {
             "t {sim_time_s:7.3} s  truth       {}",
             truth_text(*fault_label)
         )),
+        Change::Load { sim_time_s, mass_kg } => Some(format!(
+            "t {sim_time_s:7.3} s  truth       drops a load of {mass_kg} kg"
+        )),
         Change::Verdict { sequential: -2, .. } => None,
         Change::Verdict {
             sim_time_s,

@@ -96,7 +96,7 @@ impl GroundStation {
         let severity = match change {
             Change::Verdict { sequential: 0 | -2, .. } | Change::HandOver { .. } => NOTICE,
             Change::Verdict { .. } | Change::Ground { .. } => CRITICAL,
-            Change::Truth { .. } | Change::Words { .. } | Change::Severity { .. } => WARNING,
+            Change::Truth { .. } | Change::Load { .. } | Change::Words { .. } | Change::Severity { .. } => WARNING,
         };
         let words = line.split_whitespace().collect::<Vec<_>>().join(" ");
         self.broadcast.say(severity, &words);

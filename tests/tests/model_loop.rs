@@ -135,7 +135,7 @@ fn healthy() -> Vec<Shipped> {
 fn as_its_document(folder: &Path, path: PathBuf) -> Option<Shipped> {
     let text = std::fs::read_to_string(&path).expect("a scenario");
     let document: toml::Table = toml::from_str(&text).expect("TOML");
-    let other = ["wind", "mismatch", "effect", "sensor_fault"];
+    let other = ["wind", "mismatch", "effect", "load_drop", "sensor_fault"];
     let vehicle = document["vehicle"].as_str().expect("a vehicle");
     other.iter().all(|key| !document.contains_key(*key)).then(|| Shipped {
         name: path.file_stem().expect("a name").to_string_lossy().into_owned(),

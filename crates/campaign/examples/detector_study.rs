@@ -81,10 +81,8 @@ fn loss(rotor: usize, time_s: f64, percent: f64) -> FaultEntry {
     FaultEntry {
         time_s,
         rotor: u32::try_from(rotor + 1).expect("at most 16 rotors"),
-        blade: None,
         thrust_loss_percent: Some(percent),
-        ramp_s: None,
-        rotor_lost: None,
+        ..FaultEntry::default()
     }
 }
 

@@ -5,7 +5,9 @@ use rotortwin_flight::lockstep::{self, FlightEnd, FlightObserver, NoObserver, St
 use rotortwin_flight::pace::Pace;
 use rotortwin_flight::sample::Sample;
 use rotortwin_flight::setup;
+use rotortwin_plant::powertrain::faults::FaultEntry;
 use rotortwin_plant::vector_units::{Dispatch, VectorUnit};
+use rotortwin_plant::vehicle::load::LoadDrop;
 use rotortwin_scenario::{Documents, Scenario};
 use rotortwin_wire::link::in_process::InProcessLink;
 use rotortwin_wire::peers::{FdiEnginePeer, PidPeer};
@@ -19,6 +21,14 @@ fn changed(name: &str, change: impl FnOnce(&mut Documents)) -> Scenario {
     let mut documents = shipped(name).documents().clone();
     change(&mut documents);
     Scenario::from_documents(&documents).expect("a good scenario")
+}
+
+fn fault(time_s: f64, rotor: u32) -> FaultEntry {
+    FaultEntry {
+        time_s,
+        rotor,
+        ..FaultEntry::default()
+    }
 }
 
 /// Run hash, steps and end of one flight in the single-flight loop.
@@ -45,6 +55,40 @@ fn scenario_mixed_flights_have_the_hashes_of_single_ones() {
         // Falls.
         shipped("rotor-failure"),
         shipped("motors-off"),
+        // A rotor that gives more, one that comes and goes, blades that drag.
+        changed("hover", |documents| {
+            documents.scenario.duration_s = 15.0;
+            let blade = documents.blades.blade.get_mut("b").expect("blade b");
+            blade.moment_ratio_factor = 1.2;
+            documents.scenario.fault = vec![
+                FaultEntry {
+                    thrust_loss_percent: Some(-8.0),
+                    moment_ratio_change_percent: Some(15.0),
+                    ramp_s: Some(0.5),
+                    ..fault(2.0, 1)
+                },
+                FaultEntry {
+                    thrust_loss_percent: Some(12.0),
+                    moment_ratio_change_percent: Some(-10.0),
+                    period_s: Some(2.0),
+                    on_s: Some(0.5),
+                    ..fault(3.0, 4)
+                },
+                FaultEntry {
+                    blade: Some("b".to_owned()),
+                    ..fault(8.0, 5)
+                },
+            ];
+        }),
+        // Drops a load: not in lanes.
+        changed("hover", |documents| {
+            documents.scenario.duration_s = 5.0;
+            documents.scenario.load_drop = vec![LoadDrop {
+                time_s: 2.0,
+                mass_kg: 0.15,
+                position_body_m: [0.03, -0.02, 0.05],
+            }];
+        }),
         // Has a sensor fault: not in lanes.
         shipped("gyro-bias"),
         // The battery runs empty in flight: not in lanes.
@@ -81,7 +125,8 @@ fn scenario_mixed_flights_have_the_hashes_of_single_ones() {
             Some(&3),
             "the three with a small battery"
         );
-        assert_eq!(report.alone.len(), 2, "{report:?}");
+        assert_eq!(report.alone.len(), 3, "{report:?}");
+        assert_eq!(report.alone.get(&Alone::Effects), Some(&3), "the three with a load");
         assert!(report.alone.get(&Alone::SensorFaults) == Some(&3), "{report:?}");
     }
 }

@@ -11,6 +11,7 @@ use crate::powertrain::faults::FaultPlan;
 use crate::sensing::faults::SensorFaultPlan;
 use crate::sensing::sensors::SensorModel;
 use crate::trajectory::Trajectory;
+use crate::vehicle::load::LoadPlan;
 use crate::vehicle::mismatch::MismatchModel;
 use crate::vehicle::model::VehicleModel;
 
@@ -45,6 +46,8 @@ pub struct SimulationConfig {
     pub starts_on_ground: bool,
     /// Propeller faults and failures.
     pub faults: FaultPlan,
+    /// Loads dropped in flight, which the vehicle's mass includes.
+    pub loads: LoadPlan,
     /// Sensor faults.
     pub sensor_faults: SensorFaultPlan,
     /// The effects that [`SimulationConfig::effects`] may name.

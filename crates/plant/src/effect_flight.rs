@@ -11,6 +11,9 @@
 //! Same integrator and step as the flight without effects; hooks of lift, thrust and wrench act at every stage, the own states of
 //! effects move once a step. Accelerations that hooks see are those of the stage before. Full inertia tensor.
 //!
+//! A load that is dropped changes the vehicle on which the effects act. The sensors stay where they are: they measure the place that was
+//! the centre of mass when the flight began.
+//!
 //! A flight in parts of 0.5 ms (an autopilot of its own clock) takes duties part by part, and everything that a step holds, wind, onsets
 //! and the own states of effects, still once a step: five parts of the same duty are a step.
 
@@ -25,6 +28,7 @@ use crate::powertrain::held::sum_of_powers;
 use crate::powertrain::rotors::RotorTruth;
 use crate::state::PlantState;
 use crate::vector::{Vector3, cross};
+use crate::vehicle::load::{LoadPlan, MassProperties};
 use crate::{PART_S, PARTS_PER_STEP, STEP_S};
 
 /// How far delays reach back, s: the longest accepted.
@@ -175,6 +179,9 @@ impl Context {
 #[derive(Debug, Clone)]
 pub(crate) struct EffectFlight {
     set: EffectSet,
+    loads: Loads,
+    /// What faults have made of each rotor's c_D/c_L: a factor.
+    moment_ratio_factor: [f64; MAX_ROTORS],
     context: Context,
     per_inertia: [Vector3; 3],
     /// v₁ of the RC pair, V.
@@ -188,6 +195,56 @@ pub(crate) struct EffectFlight {
     readings: Ring<Readings>,
     /// What a step in parts began with, between its first part and its last.
     begun: Option<Box<Begun>>,
+}
+
+/// The loads of a flight.
+#[derive(Debug, Clone, Default)]
+pub(crate) struct Loads {
+    /// Step of each drop, and the nominal vehicle from then on.
+    bases: Vec<(u64, Constants)>,
+    /// Drops so far.
+    gone: usize,
+    /// The place that the sensors measure, m, body, from the centre of mass; `None` until a load goes: the centre itself.
+    measured_from_centre: Option<Vector3>,
+}
+
+impl Loads {
+    /// Of a plan, on a vehicle that is `whole` before the first drop.
+    pub(crate) fn new(plan: &LoadPlan, whole: &Constants) -> Self {
+        let mut remaining = *whole;
+        let mut bases = Vec::with_capacity(plan.drops().len());
+        for drop in plan.drops() {
+            remaining = without(&remaining, drop.mass, drop.position);
+            bases.push((drop.step, remaining));
+        }
+        Self {
+            bases,
+            ..Self::default()
+        }
+    }
+
+    /// The nominal vehicle after each drop, in the order of the plan.
+    pub(crate) fn bases(&self) -> impl Iterator<Item = &Constants> {
+        self.bases.iter().map(|(_, base)| base)
+    }
+}
+
+/// A vehicle without a load of `mass` kg at `position`, m, body. The accelerometer stays in its place.
+fn without(constants: &Constants, mass: f64, position: Vector3) -> Constants {
+    let centre = constants.centre_of_mass_m;
+    let before = MassProperties {
+        mass: constants.mass_kg,
+        centre,
+        inertia: constants.inertia_body_kg_m2,
+    };
+    let after = before.without(mass, position);
+    Constants {
+        mass_kg: after.mass,
+        centre_of_mass_m: after.centre,
+        inertia_body_kg_m2: after.inertia,
+        imu_lever_arm_m: [0, 1, 2].map(|i| constants.imu_lever_arm_m[i] + centre[i] - after.centre[i]),
+        ..*constants
+    }
 }
 
 /// What own states of effects move with: the instant that a step began at.
@@ -257,7 +314,7 @@ impl<T: Copy> Ring<T> {
 
 impl EffectFlight {
     /// A flight with `set` over a ground at `ground_down` m, NED; infinite for none.
-    pub(crate) fn new(set: EffectSet, motors: Option<Motors>, ground_down: f64) -> Self {
+    pub(crate) fn new(set: EffectSet, loads: Loads, motors: Option<Motors>, ground_down: f64) -> Self {
         let zero = [0.0; MAX_ROTORS];
         let mut flight = Self {
             context: Context {
@@ -279,6 +336,8 @@ impl EffectFlight {
                 battery: BatteryOutput::default(),
             },
             set,
+            loads,
+            moment_ratio_factor: [1.0; MAX_ROTORS],
             per_inertia: [[0.0; 3]; 3],
             rc_voltage: 0.0,
             thrust_rate: zero,
@@ -293,6 +352,15 @@ impl EffectFlight {
 
     fn take_constants(&mut self) {
         self.context.constants = *self.set.constants();
+        for (ratio, factor) in self
+            .context
+            .constants
+            .moment_ratio_m
+            .iter_mut()
+            .zip(self.moment_ratio_factor)
+        {
+            *ratio *= factor;
+        }
         let inertia = &self.context.constants.inertia_body_kg_m2;
         let j = nalgebra::Matrix3::from_fn(|row, column| inertia[row][column]);
         let inverse = j
@@ -314,9 +382,56 @@ impl EffectFlight {
         self.context.held.wind_ned
     }
 
-    /// Specific force at the centre of mass, m/s², body, of the latest instant.
-    pub(crate) fn specific_force(&self) -> Vector3 {
-        self.context.specific_force
+    /// Specific force where it is measured, m/s², body, of the latest instant.
+    pub(crate) fn specific_force(&self, body_rates: Vector3) -> Vector3 {
+        let mut force = self.context.specific_force;
+        if let Some(place) = self.loads.measured_from_centre {
+            let turning = cross(self.context.angular_acceleration, place);
+            let inwards = cross(body_rates, cross(body_rates, place));
+            for i in 0..3 {
+                force[i] += turning[i] + inwards[i];
+            }
+        }
+        force
+    }
+
+    /// Position, m, and velocity, m/s, NED, of the place that the sensors measure: until a load goes, the centre of mass.
+    pub(crate) fn measured_motion(&self, body: &RigidBodyState) -> (Vector3, Vector3) {
+        let Some(place) = self.loads.measured_from_centre else {
+            return (body.position_ned, body.velocity_ned);
+        };
+        let away = body.ned_from_body.ned_from_body(place);
+        let turning = body.ned_from_body.ned_from_body(cross(body.body_rates, place));
+        (
+            [0, 1, 2].map(|i| body.position_ned[i] + away[i]),
+            [0, 1, 2].map(|i| body.velocity_ned[i] + turning[i]),
+        )
+    }
+
+    /// Drops the loads of `step`: the state becomes that of what remains. Returns how far the centre of mass has moved, m, body; `None`
+    /// if nothing is dropped.
+    pub(crate) fn drop_loads(&mut self, step: u64, state: &mut PlantState) -> Option<Vector3> {
+        let mut moved: Option<Vector3> = None;
+        while let Some((at, after)) = self.loads.bases.get(self.loads.gone).filter(|(at, _)| *at <= step) {
+            debug_assert_eq!(*at, step, "every step is asked for");
+            let (before, after) = (self.set.nominal().centre_of_mass_m, *after);
+            self.loads.gone += 1;
+            let shift = [0, 1, 2].map(|i| after.centre_of_mass_m[i] - before[i]);
+            let body = &mut state.body;
+            let away = body.ned_from_body.ned_from_body(shift);
+            let turning = body.ned_from_body.ned_from_body(cross(body.body_rates, shift));
+            for i in 0..3 {
+                body.position_ned[i] += away[i];
+                body.velocity_ned[i] += turning[i];
+            }
+            let measured = self.loads.measured_from_centre.unwrap_or_default();
+            self.loads.measured_from_centre = Some([0, 1, 2].map(|i| measured[i] - shift[i]));
+            let so_far = moved.unwrap_or_default();
+            moved = Some([0, 1, 2].map(|i| so_far[i] + shift[i]));
+            self.set.set_nominal(&after);
+            self.take_constants();
+        }
+        moved
     }
 
     /// Before the first step: the duty has always been `duty`.
@@ -359,7 +474,13 @@ impl EffectFlight {
         duty: &[f64; MAX_ROTORS],
         samples: u32,
     ) {
-        if self.set.begin(time_s) {
+        let mut changed = self.set.begin(time_s);
+        for (factor, rotor) in self.moment_ratio_factor.iter_mut().zip(plant.rotors) {
+            let now = rotor.moment_ratio_factor();
+            changed |= *factor != now;
+            *factor = now;
+        }
+        if changed {
             self.take_constants();
         }
         self.context.held.time_s = time_s;
@@ -631,7 +752,8 @@ impl EffectFlight {
             .advance(&begun.context.moment(&begun.body, &begun.thrust, &view), STEP_S);
     }
 
-    fn observe_on(&mut self, state: &PlantState, air: &Plant<'_>, contact: Option<&Contact>) {
+    /// Looks at the state on the ground of the flight, if there is one.
+    pub(crate) fn observe_on(&mut self, state: &PlantState, air: &Plant<'_>, contact: Option<&Contact>) {
         self.observe(state, &Plant { contact, ..*air });
     }
 
@@ -681,9 +803,10 @@ impl EffectFlight {
 
     /// Readings of perfect sensors now.
     fn true_readings(&self, state: &PlantState) -> Readings {
+        let (position_ned, velocity_ned) = self.measured_motion(&state.body);
         Readings {
-            position_ned: state.body.position_ned,
-            velocity_ned: state.body.velocity_ned,
+            position_ned,
+            velocity_ned,
             attitude: state.body.ned_from_body.to_euler(),
             body_rates: state.body.body_rates,
             specific_force: self.context.specific_force,

@@ -7,6 +7,7 @@ use rotortwin_flight_core::signals::MotorCommand;
 use crate::body::environment::WindModel;
 use crate::body::rigid_body::{Quaternion, RigidBodyState};
 use crate::config::SimulationConfig;
+use crate::effects::EffectInstance;
 use crate::error::SimulationError;
 use crate::nearest_step;
 use crate::powertrain::faults::FaultEntry;
@@ -18,6 +19,7 @@ use crate::simulation::{SensedSample, Simulation, TruthSample};
 use crate::state::PlantState;
 use crate::testing::{faults, hover, preset};
 use crate::vector::{Vector3, cross};
+use crate::vehicle::load::{LoadDrop, LoadPlan};
 use crate::vehicle::mismatch::MismatchPreset;
 
 /// Relative drift over 1 s of a tumbling body at up to 6 rad/s: the fourth-order error of 400 steps of 2.5 ms.
@@ -44,10 +46,7 @@ fn fault(time_s: f64, rotor: u32) -> FaultEntry {
     FaultEntry {
         time_s,
         rotor,
-        blade: None,
-        thrust_loss_percent: None,
-        ramp_s: None,
-        rotor_lost: None,
+        ..FaultEntry::default()
     }
 }
 
@@ -516,4 +515,287 @@ fn val_sensor_faults_do_what_they_say() {
     }
     // 200 samples at one half: 100 ± 4 standard deviations of 7.
     assert!((72..=128).contains(&lost), "{lost} samples lost");
+}
+
+/// Truth of the whole flight with these faults, in open loop.
+fn truth_with(entries: &[FaultEntry], change: impl FnOnce(&mut SimulationConfig)) -> Vec<TruthSample> {
+    let mut sim = simulation(
+        |config| {
+            change(config);
+            config.faults = faults(config, entries);
+        },
+        1,
+    );
+    let steps = nearest_step(5.0) as usize;
+    fly(&mut sim, steps).into_iter().map(|(_, truth)| truth).collect()
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(12))]
+
+    #[test]
+    fn prop_an_intermittent_fault_is_its_list_of_steps(
+        onset in 0..1200u64, period in 2..900u64, on in 0.0..1.0f64, loss in -20.0..60.0f64, torque in -30.0..80.0f64, motors in any::<bool>()
+    ) {
+        let on = ((on * period as f64) as u64).clamp(1, period - 1);
+        let s = |steps: u64| steps as f64 / 400.0;
+        let changed = |time_s: f64, loss: f64, torque: f64| FaultEntry {
+            thrust_loss_percent: Some(loss),
+            moment_ratio_change_percent: Some(torque),
+            ..fault(time_s, 3)
+        };
+        // It has lost something before: between the bursts it is as it was.
+        let before = FaultEntry { thrust_loss_percent: Some(7.0), ..fault(0.0, 3) };
+        // From 4 s on, something else.
+        let after = changed(4.0, 30.0, 0.0);
+        let onset = onset + 1;
+        let intermittent = FaultEntry { period_s: Some(s(period)), on_s: Some(s(on)), ..changed(s(onset), loss, torque) };
+        let mut list = vec![before.clone()];
+        let mut begin = onset;
+        while begin < 1600 {
+            list.push(changed(s(begin), loss, torque));
+            if begin + on < 1600 {
+                list.push(changed(s(begin + on), 7.0, 0.0));
+            }
+            begin += period;
+        }
+        // A list that ends in what comes anyway would be refused.
+        let torque_at_end = FaultEntry { moment_ratio_change_percent: None, ..after.clone() };
+        let acts_at_end = (1599 - onset) % period < on;
+        list.push(if acts_at_end { after.clone() } else { torque_at_end });
+        let with_motors = |config: &mut SimulationConfig| if motors { config.vehicle = crate::testing::vehicle("f550-motors") };
+        let intermittent = truth_with(&[before, intermittent, after], with_motors);
+        prop_assert_eq!(intermittent, truth_with(&list, with_motors));
+    }
+}
+
+#[test]
+fn val_an_intermittent_fault_is_labelled_while_it_acts() {
+    let entry = FaultEntry {
+        thrust_loss_percent: Some(10.0),
+        period_s: Some(2.0),
+        on_s: Some(0.5),
+        ..fault(1.0, 2)
+    };
+    let truth = truth_with(&[entry], as_it_is);
+    for (step, sample) in truth.iter().enumerate() {
+        let acts = step >= 400 && (step - 400) % 800 < 200;
+        let expected = if acts { (2, 0.1) } else { (0, 0.0) };
+        assert_eq!(
+            (sample.fault_label, sample.rotor_thrust_loss[1]),
+            expected,
+            "step {step}"
+        );
+    }
+}
+
+/// Plain and extended step round differently.
+const ROUNDING: f64 = 1e-9;
+
+/// Largest difference of motions and thrusts.
+fn difference(one: &[TruthSample], other: &[TruthSample]) -> f64 {
+    let of = |a: &TruthSample, b: &TruthSample| {
+        let motion = a.motion().into_iter().zip(b.motion());
+        let thrust = a.rotor_thrust_n.into_iter().zip(b.rotor_thrust_n);
+        motion.chain(thrust).map(|(x, y)| (x - y).abs()).fold(0.0, f64::max)
+    };
+    one.iter().zip(other).map(|(a, b)| of(a, b)).fold(0.0, f64::max)
+}
+
+#[test]
+fn val_gain_and_torque_are_those_of_the_effects() {
+    let perfect = |config: &mut SimulationConfig| config.mismatch = preset(MismatchPreset::None);
+    let entry = FaultEntry {
+        thrust_loss_percent: Some(-12.5),
+        moment_ratio_change_percent: Some(20.0),
+        ..fault(0.5, 2)
+    };
+    let by_fault = truth_with(std::slice::from_ref(&entry), perfect);
+    assert_eq!((by_fault[199].fault_label, by_fault[200].fault_label), (0, 2));
+    assert_eq!(by_fault[200].rotor_thrust_loss[1], -0.125);
+    let effect = |id: &str, share: f64| {
+        let mut effect = EffectInstance::new(id, &[("share", share)]).on_rotor(2);
+        effect.onset_s = Some(0.5);
+        effect
+    };
+    let by_effects = truth_with(&[], |config| {
+        perfect(config);
+        config.effects = vec![effect("rotor-thrust-scale", 0.125), effect("rotor-moment-ratio", 0.2)];
+    });
+    assert!(
+        difference(&by_fault, &by_effects) < ROUNDING,
+        "{}",
+        difference(&by_fault, &by_effects)
+    );
+    // In the step with effects, too.
+    let with_effect = truth_with(std::slice::from_ref(&entry), |config| {
+        perfect(config);
+        config.effects = vec![EffectInstance::new("rotor-reaction", &[("inertia_kg_m2", 0.0)])];
+    });
+    assert!(difference(&by_fault, &with_effect) < ROUNDING);
+    let healthy = truth_with(&[], perfect);
+    let yaw = |truth: &[TruthSample]| truth[240].body_rates_rad_s[2];
+    assert!(
+        (yaw(&by_fault) - yaw(&healthy)).abs() > 0.05,
+        "the torque turns the vehicle"
+    );
+}
+
+#[test]
+fn val_a_blade_that_drags_is_a_change_of_the_torque() {
+    let blade = |config: &mut SimulationConfig, factor: f64| {
+        let mut blades = crate::testing::blades(&config.vehicle);
+        let mut mounted = blades.blade["a"];
+        mounted.moment_ratio_factor = factor;
+        blades.blade.insert("z".to_owned(), mounted);
+        let entry = FaultEntry {
+            blade: Some("z".to_owned()),
+            ..fault(0.5, 5)
+        };
+        config.faults =
+            crate::powertrain::faults::FaultPlan::new(&[entry], 6, &blades, "a", config.duration_steps).unwrap();
+    };
+    let mounted = |factor| {
+        let mut sim = simulation(|config| blade(config, factor), 1);
+        fly(&mut sim, 800)
+            .into_iter()
+            .map(|(_, truth)| truth.motion())
+            .collect::<Vec<_>>()
+    };
+    let changed = truth_with(
+        &[FaultEntry {
+            moment_ratio_change_percent: Some(25.0),
+            ..fault(0.5, 5)
+        }],
+        as_it_is,
+    );
+    let of_fault: Vec<_> = changed[..800].iter().map(TruthSample::motion).collect();
+    assert_eq!(mounted(1.25), of_fault, "to the last bit");
+    assert_ne!(mounted(1.0), of_fault);
+}
+
+/// A load that goes at 0.5 s.
+fn load(mass_kg: f64, position_body_m: Vector3) -> LoadDrop {
+    LoadDrop {
+        time_s: 0.5,
+        mass_kg,
+        position_body_m,
+    }
+}
+
+#[test]
+fn val_a_dropped_load_leaves_a_lighter_vehicle() {
+    let (mass, place) = (0.15, [0.04, -0.03, 0.05]);
+    let mut sim = simulation(
+        |config| {
+            config.mismatch = preset(MismatchPreset::None);
+            config.sensors = SensorModel::exact();
+            config.loads = LoadPlan::new(&[load(mass, place)], &config.vehicle, config.duration_steps).unwrap();
+        },
+        1,
+    );
+    let duty = [sim.hover_duty(); MAX_ROTORS];
+    let mut samples = Vec::new();
+    while sim.step() < 202 {
+        samples.push((sim.sense(), *sim.truth()));
+        sim.advance(&MotorCommand { duty }).unwrap();
+    }
+    let (sensed, truth) = samples[200];
+    let before = samples[199].1;
+    // The centre of mass moves away from the load by Δ/m' of its distance, and the sensors stay.
+    let share = mass / (1.55 - mass);
+    for (axis, place) in place.into_iter().enumerate() {
+        let jump = truth.position_ned_m[axis] - before.position_ned_m[axis];
+        assert!((jump + share * place).abs() < 2e-5, "axis {axis}: {jump}");
+        let read = f64::from(sensed.nav.position_ned.to_array()[axis]);
+        assert!((read - before.position_ned_m[axis]).abs() < 2e-5, "axis {axis}: {read}");
+    }
+    assert_eq!((truth.fault_label, truth.faulty_rotors), (0, 0), "no rotor is faulty");
+    // Hover thrust lifts what is left; the arm of the shifted weight turns it: τ = Σ (l_i − c') × f_i.
+    let next = samples[201].1;
+    let rate = |i: usize| (next.velocity_ned_m_s[i] - truth.velocity_ned_m_s[i]) / 0.0025;
+    assert!((rate(2) + 9.81 * share).abs() < 5e-3, "{}", rate(2));
+    let weight = 1.55 * 9.81;
+    let shift = place.map(|p| -share * p);
+    let torque = [shift[1] * weight, -shift[0] * weight, 0.0];
+    let square: f64 = place.iter().map(|p| p * p).sum();
+    let reduced = 1.55 * share;
+    let inertia = nalgebra::Matrix3::from_fn(|row, column| {
+        let document = if row == column {
+            [0.0266, 0.0266, 0.0498][row]
+        } else {
+            0.0
+        };
+        let diagonal = if row == column { square } else { 0.0 };
+        document - reduced * (diagonal - place[row] * place[column])
+    });
+    let expected = inertia.try_inverse().unwrap() * nalgebra::Vector3::from(torque);
+    for axis in 0..3 {
+        let turned = (next.body_rates_rad_s[axis] - truth.body_rates_rad_s[axis]) / 0.0025;
+        assert!(
+            (turned - expected[axis]).abs() < 2e-2,
+            "axis {axis}: {turned} {}",
+            expected[axis]
+        );
+    }
+}
+
+#[test]
+fn prop_a_drop_in_flight_takes_no_energy_from_what_remains() {
+    // Tumbling without thrust: what remains goes on as it was, its energy and momentum apart from those of the load.
+    let (mass, place) = (0.15, [0.04, -0.03, 0.05]);
+    let mut sim = simulation(
+        |config| {
+            config.mismatch = preset(MismatchPreset::None);
+            config.starts_trimmed = false;
+            config.loads = LoadPlan::new(&[load(mass, place)], &config.vehicle, config.duration_steps).unwrap();
+        },
+        1,
+    );
+    sim.set_state(PlantState {
+        body: RigidBodyState {
+            position_ned: [0.0, 0.0, -50.0],
+            velocity_ned: [2.0, -1.0, 0.5],
+            ned_from_body: Quaternion::from_euler([0.3, -0.2, 0.5]),
+            body_rates: [3.0, -2.0, 4.0],
+        },
+        thrust: [0.0; MAX_ROTORS],
+        state_of_charge: 0.9,
+    });
+    while sim.step() < 199 {
+        sim.advance(&MotorCommand::default()).unwrap();
+    }
+    let load_of = |body: &RigidBodyState| {
+        let (away, turning) = (
+            rotated(body.ned_from_body, place),
+            rotated(body.ned_from_body, cross(body.body_rates, place)),
+        );
+        (
+            [0, 1, 2].map(|i| body.position_ned[i] + away[i]),
+            [0, 1, 2].map(|i| body.velocity_ned[i] + turning[i]),
+        )
+    };
+    let whole = sim.state().body;
+    let (_, mut speed) = load_of(&whole);
+    sim.advance(&MotorCommand::default()).unwrap();
+    let rest = sim.state().body;
+    // The load, released a step later, falls as its place of the whole would have moved: to the order of ω² h.
+    speed[2] += 9.81 * 0.0025;
+    let total = |v: Vector3, w: Vector3| [0, 1, 2].map(|i| (1.55 - mass) * v[i] + mass * w[i]);
+    let momentum = total(rest.velocity_ned, speed);
+    for i in 0..3 {
+        let fallen = if i == 2 { 1.55 * 9.81 * 0.0025 } else { 0.0 };
+        let expected = 1.55 * whole.velocity_ned[i] + fallen;
+        assert!((momentum[i] - expected).abs() < 0.15 * 30.0 * 0.07 * 0.0025, "axis {i}");
+    }
+    // From then on what remains conserves its own.
+    let energy = |body: &RigidBodyState| {
+        let v: f64 = body.velocity_ned.iter().map(|v| v * v).sum();
+        0.5 * v - 9.81 * body.position_ned[2]
+    };
+    let start = energy(&sim.state().body);
+    for _ in 0..400 {
+        sim.advance(&MotorCommand::default()).unwrap();
+    }
+    assert!((energy(&sim.state().body) - start).abs() < CONSERVATION_TOLERANCE * start.abs());
 }

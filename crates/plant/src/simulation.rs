@@ -28,7 +28,7 @@ use crate::body::dynamics::{DynamicState, Dynamics};
 use crate::body::environment::Environment;
 use crate::body::rigid_body::{Quaternion, RigidBody, RigidBodyState};
 use crate::config::SimulationConfig;
-use crate::effect_flight::{EffectFlight, Plant};
+use crate::effect_flight::{EffectFlight, Loads, Plant};
 use crate::effects::{Constants, EffectInstance, EffectSet};
 use crate::error::{Refusal, SimulationError};
 use crate::motors::Motors;
@@ -72,7 +72,7 @@ pub struct TruthSample {
     pub step: u64,
     /// Simulated time, ns.
     pub sim_time_ns: u64,
-    /// p_F, m, NED.
+    /// p_F of the centre of mass, m, NED.
     pub position_ned_m: [f64; 3],
     /// ṗ_F, m/s, NED.
     pub velocity_ned_m_s: [f64; 3],
@@ -98,7 +98,7 @@ pub struct TruthSample {
     pub fault_label: i32,
     /// Mounted blade: 0 nominal, otherwise 1 + its place in the alphabetical order of names.
     pub rotor_blade: [i32; MAX_ROTORS],
-    /// Lost share of the thrust, fraction; 1 is a lost rotor.
+    /// Lost share of the thrust, fraction; 1 is a lost rotor, negative a rotor that gives more.
     pub rotor_thrust_loss: [f64; MAX_ROTORS],
 }
 
@@ -126,9 +126,10 @@ fn effects(
     extra_linear_drag: f64,
     seed: u64,
 ) -> Result<Option<Box<EffectFlight>>, Refusal> {
-    // The document's inertia and drag of the rotors act through the same hooks.
+    // The document's inertia and drag of the rotors act through the same hooks; what remains without a load has products of inertia.
     let rotors = &config.vehicle.rotors;
-    let plain = rotors.reaction_s == 0.0 && rotors.drag_kg_s == 0.0 && rotors.motor.is_none();
+    let plain =
+        rotors.reaction_s == 0.0 && rotors.drag_kg_s == 0.0 && rotors.motor.is_none() && config.loads.is_empty();
     if config.effects.is_empty() && plain {
         return Ok(None);
     }
@@ -152,8 +153,13 @@ fn effects(
         refuse_other_lags(config, &constants, seed)?;
     }
     let set = EffectSet::new(&config.catalogue, &config.effects, &constants, seed)?;
+    let loads = Loads::new(&config.loads, &constants);
+    for (base, drop) in loads.bases().zip(config.loads.drops()) {
+        EffectSet::new(&config.catalogue, &config.effects, base, seed)
+            .map_err(|refusal| Refusal::new(format!("load_drop[{}]", drop.index), refusal.reason))?;
+    }
     let ground = config.ground_down_m.unwrap_or(f64::INFINITY);
-    Ok(Some(Box::new(EffectFlight::new(set, motors, ground))))
+    Ok(Some(Box::new(EffectFlight::new(set, loads, motors, ground))))
 }
 
 /// Rejects effects on quantities that a motor does not have: a lag that differs with its direction, or one of the
@@ -227,6 +233,7 @@ impl Simulation {
                 gain: mismatch.rotor_gain[i],
                 bias: mismatch.rotor_bias_n[i],
                 thrust_loss: 0.0,
+                moment_ratio_change: 0.0,
                 torque_arm: placement.torque_arm(mismatch.centre_of_mass_m, mismatch.moment_ratio),
             })
             .collect();
@@ -304,10 +311,11 @@ impl Simulation {
         self.accelerometer = Some(Accelerometer::new(sensors, seed));
     }
 
-    /// Specific force at the centre of mass, m/s², body, as a perfect accelerometer there has it.
+    /// Specific force at the centre of mass, m/s², body, as a perfect accelerometer there has it; where a load has been dropped, at the
+    /// place that was the centre of mass with it.
     pub fn specific_force(&self) -> Vector3 {
         if let Some(effects) = &self.effects {
-            return effects.specific_force();
+            return effects.specific_force(self.state.body.body_rates);
         }
         let (total, torque) = self.powertrain.held().wrench(&self.state.thrust);
         let mut rate = self.body.rate(&self.state.body, total, torque, &self.around()).velocity;
@@ -430,6 +438,25 @@ impl Simulation {
         Ok(limited)
     }
 
+    /// Drops the loads of `step`.
+    #[inline]
+    fn drop_loads(&mut self, step: u64) {
+        let Some(effects) = &mut self.effects else { return };
+        let Some(shift) = effects.drop_loads(step, &mut self.state) else {
+            return;
+        };
+        if let Some(contact) = &mut self.contact {
+            contact.move_centre(shift);
+        }
+        let air = Plant {
+            rotors: self.powertrain.rotors(),
+            battery: &self.battery,
+            around: self.environment.now(),
+            contact: None,
+        };
+        effects.observe_on(&self.state, &air, self.contact.as_deref());
+    }
+
     #[inline]
     fn cut_off_if_empty(&mut self) {
         if self.state.state_of_charge <= 0.0 {
@@ -447,6 +474,7 @@ impl Simulation {
         if self.faults.apply(step, &mut self.powertrain) {
             self.record_faults();
         }
+        self.drop_loads(step);
         self.reference.advance(step);
         self.record_truth(step);
         Ok(())
@@ -505,7 +533,7 @@ impl Simulation {
     #[cfg(test)]
     pub(crate) fn set_rotor_bias(&mut self, bias: &[f64]) {
         for (i, &bias) in bias.iter().enumerate() {
-            self.powertrain.rotor_mut(i).bias = bias;
+            self.powertrain.change(i, |rotor| rotor.bias = bias);
         }
     }
 

@@ -12,6 +12,7 @@ use crate::powertrain::faults::{FaultEntry, FaultPlan};
 use crate::sensing::faults::SensorFaultPlan;
 use crate::sensing::sensors::SensorModel;
 use crate::trajectory::Trajectory;
+use crate::vehicle::load::LoadPlan;
 use crate::vehicle::mismatch::{MismatchModel, MismatchPreset};
 use crate::vehicle::model::VehicleModel;
 
@@ -84,6 +85,7 @@ pub(crate) fn hover() -> SimulationConfig {
         ground_contact: None,
         starts_on_ground: false,
         faults: FaultPlan::default(),
+        loads: LoadPlan::default(),
         sensor_faults: SensorFaultPlan::default(),
         catalogue: Catalogue::built_in(),
         effects: Vec::new(),

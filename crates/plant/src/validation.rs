@@ -31,9 +31,7 @@ fn flight(substeps: u32) -> SimulationConfig {
         time_s: 1.0,
         rotor: 3,
         blade: Some("b".to_owned()),
-        thrust_loss_percent: None,
-        ramp_s: None,
-        rotor_lost: None,
+        ..FaultEntry::default()
     };
     config.faults = faults(&config, &[blade]);
     config

@@ -15,6 +15,7 @@ use rotortwin_plant::powertrain::blades::{Blade, BladeSet};
 use rotortwin_plant::powertrain::faults::FaultPlan;
 use rotortwin_plant::sensing::faults::SensorFaultPlan;
 use rotortwin_plant::trim::trim;
+use rotortwin_plant::vehicle::load::LoadPlan;
 use rotortwin_plant::vehicle::model::VehicleModel;
 use rotortwin_plant::{Simulation, SimulationConfig};
 use serde::{Deserialize, Serialize};
@@ -220,6 +221,7 @@ impl Scenario {
         effect_check::check(document, &documents.vehicle, &catalogue).map_err(refuse)?;
         let faults =
             FaultPlan::new(&document.fault, rotor_count, &documents.blades, nominal, duration_steps).map_err(refuse)?;
+        let loads = LoadPlan::new(&document.load_drop, &documents.vehicle, duration_steps).map_err(refuse)?;
         let sensor_faults = SensorFaultPlan::new(&document.sensor_fault, duration_steps).map_err(refuse)?;
         let simulation = SimulationConfig {
             vehicle: documents.vehicle.clone(),
@@ -236,6 +238,7 @@ impl Scenario {
             ground_contact: document.ground.as_ref().and_then(|ground| ground.contact.clone()),
             starts_on_ground: document.initial.start == Start::OnGround,
             faults,
+            loads,
             sensor_faults,
             catalogue,
             effects: document.effect.clone(),
@@ -277,6 +280,18 @@ impl Scenario {
                 "fault[{index}].time_s: rotor {} is damaged at {} s, before the calibration of the detectors ends at {end_s} s \
                  (fdi.calibration_end_s): they regard damage present by then as healthy",
                 fault.rotor, fault.time_s
+            ));
+        }
+        for (index, drop) in document
+            .load_drop
+            .iter()
+            .enumerate()
+            .filter(|(_, drop)| drop.time_s < end_s)
+        {
+            warnings.push(format!(
+                "load_drop[{index}].time_s: a load is dropped at {} s, before the calibration of the detectors ends at {end_s} s \
+                 (fdi.calibration_end_s): they calibrate partly with it",
+                drop.time_s
             ));
         }
         warnings

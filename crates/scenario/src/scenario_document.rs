@@ -9,6 +9,7 @@ use rotortwin_plant::sensing::faults::SensorFaultEntry;
 use rotortwin_plant::sensing::instruments::InstrumentModel;
 use rotortwin_plant::sensing::sensors::SensorModel;
 use rotortwin_plant::trajectory::Trajectory;
+use rotortwin_plant::vehicle::load::LoadDrop;
 use rotortwin_plant::vehicle::mismatch::{MismatchModel, Size};
 use rotortwin_plant::vehicle::model::VehicleModel;
 use rotortwin_plant::{STEP_S, nearest_step};
@@ -73,6 +74,9 @@ pub struct ScenarioDocument {
     /// Propeller faults and failures.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub fault: Vec<FaultEntry>,
+    /// Loads dropped in flight, which the vehicle's mass and inertia include.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub load_drop: Vec<LoadDrop>,
     /// Sensor faults.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub sensor_fault: Vec<SensorFaultEntry>,

@@ -202,12 +202,13 @@ fn val_faults_without_effect() {
     );
     assert_eq!(
         with_fault("time_s = 1.0\nrotor = 1"),
-        "scenario, line 8, key `fault[0]`: expected exactly one of blade, thrust_loss_percent, rotor_lost"
+        "scenario, line 8, key `fault[0]`: expected blade, rotor_lost, or thrust_loss_percent and moment_ratio_change_percent (one of \
+         them or both)"
     );
     assert_eq!(
         with_fault("time_s = 1.0\nrotor = 1\nblade = 'b'\nramp_s = 1.0"),
-        "scenario, line 12, key `fault[0].ramp_s`: a ramp needs thrust_loss_percent: a blade is changed and a rotor is lost at \
-         once"
+        "scenario, line 12, key `fault[0].ramp_s`: a ramp needs thrust_loss_percent or moment_ratio_change_percent: a blade \
+         is changed and a rotor is lost at once"
     );
     assert_eq!(
         with_fault("time_s = 1.0\nrotor = 1\nthrust_loss_percent = 0"),
@@ -228,6 +229,127 @@ fn val_faults_without_effect() {
         with_fault("time_s = 1.0\nrotor = 1\nblade = 'c'\n[[fault]]\ntime_s = 1.0\nrotor = 1\nblade = 'b'"),
         "scenario, line 12, key `fault[1]`: this rotor has another fault of the same kind at the same time: only one can act"
     );
+}
+
+#[test]
+fn val_changes_in_percent_and_their_periods() {
+    let refused = |lines: &str| with_fault(&format!("time_s = 1.0\nrotor = 1\n{lines}"));
+    for (lines, line, key, reason) in [
+        (
+            "thrust_loss_percent = -31",
+            11,
+            "thrust_loss_percent",
+            "expected a number from -30 to 100 %, got -31",
+        ),
+        (
+            "moment_ratio_change_percent = -60",
+            11,
+            "moment_ratio_change_percent",
+            "expected a number from -50 to 200 %, got -60",
+        ),
+        (
+            "moment_ratio_change_percent = 0",
+            11,
+            "moment_ratio_change_percent",
+            "this fault cannot have an effect: rotor 1 already has a change of its moment ratio of 0 %",
+        ),
+        (
+            "thrust_loss_percent = 5\nperiod_s = 2",
+            12,
+            "period_s",
+            "an intermittent fault needs on_s with it, s in each period",
+        ),
+        (
+            "thrust_loss_percent = 5\non_s = 2",
+            12,
+            "on_s",
+            "an intermittent fault needs period_s with it, s",
+        ),
+        (
+            "thrust_loss_percent = 5\nperiod_s = 1\non_s = 1",
+            13,
+            "on_s",
+            "expected less than period_s, 1 s, got 1 s: without a pause the fault is not intermittent",
+        ),
+        (
+            "thrust_loss_percent = 5\nperiod_s = 1\non_s = nan",
+            13,
+            "on_s",
+            "expected a number from 0.0025 to 1000000 s, got NaN",
+        ),
+        (
+            "thrust_loss_percent = 5\nperiod_s = 1\non_s = 0.5\nramp_s = 1",
+            14,
+            "ramp_s",
+            "an intermittent fault sets in and ends at once: expected ramp_s or period_s, not both",
+        ),
+        (
+            "rotor_lost = true\nperiod_s = 1\non_s = 0.5",
+            12,
+            "period_s",
+            "a period needs thrust_loss_percent or moment_ratio_change_percent: a blade is changed and a rotor is lost at once",
+        ),
+    ] {
+        assert_eq!(
+            refused(lines),
+            format!("scenario, line {line}, key `fault[0].{key}`: {reason}")
+        );
+    }
+    assert_eq!(
+        refused("blade = 'b'\nmoment_ratio_change_percent = 5"),
+        "scenario, line 8, key `fault[0]`: expected blade, rotor_lost, or thrust_loss_percent and moment_ratio_change_percent (one of \
+         them or both)"
+    );
+}
+
+#[test]
+fn val_loads_that_cannot_be_dropped() {
+    let refused = |lines: &str| with(&format!("[[load_drop]]\n{lines}"));
+    for (lines, line, key, reason) in [
+        (
+            "time_s = 10\nmass_kg = 0.1",
+            9,
+            ".time_s",
+            "this load cannot have an effect: it is dropped at 10 s, the flight ends at 10 s",
+        ),
+        (
+            "time_s = 0\nmass_kg = 0.1",
+            9,
+            ".time_s",
+            "expected a number from 0.0025 to 1000000 s, got 0",
+        ),
+        (
+            "time_s = 1\nmass_kg = -0.1",
+            10,
+            ".mass_kg",
+            "expected a number from 0.0001 to 100 kg, got -0.1",
+        ),
+        (
+            "time_s = 1\nmass_kg = 1.0",
+            10,
+            ".mass_kg",
+            "expected loads of at most 0.775 kg together, 50 % of the vehicle's mass, which includes them; got 1 kg",
+        ),
+        (
+            "time_s = 1\nmass_kg = 0.3\nposition_body_m = [0, 0, 0.3]",
+            11,
+            ".position_body_m",
+            "expected a place nearer to the centre of mass: the vehicle's inertia includes the load, and 0.3 kg there have more of it \
+             than the vehicle",
+        ),
+        (
+            "time_s = 1\nmass_g = 300",
+            10,
+            ".mass_g",
+            "unknown key, expected `mass_kg` (units are part of the names)",
+        ),
+        ("time_s = 1", 8, ".mass_kg", "missing key"),
+    ] {
+        assert_eq!(
+            refused(lines),
+            format!("scenario, line {line}, key `load_drop[0]{key}`: {reason}")
+        );
+    }
 }
 
 #[test]

@@ -3,7 +3,7 @@
 //!
 //! One pass over the rows; the summary, the report and every other table take their numbers from here.
 //!
-//! * **Interval**: a maximal stretch in which `fault_label`, all `rotor_condition_i` and `sensor_faults` are constant.
+//! * **Interval**: a maximal stretch in which `fault_label`, all `rotor_condition_i` and `sensor_faults` are constant and no load is dropped.
 //! * **Window**: verdicts are counted where `window_end` is 1; between window ends they are held and not counted. A window that
 //!   straddles the onset of a fault counts in the interval in which it ends, although part of its samples are older.
 //! * **False alarm**: a window with a fault verdict (a rotor or "unknown") that ends while no rotor is faulty. Consecutive windows
@@ -88,6 +88,8 @@ struct Key {
     label: i32,
     conditions: Vec<i32>,
     sensor_faults: u64,
+    /// Number of loads dropped so far.
+    dropped: usize,
 }
 
 /// The interval being read.
@@ -196,8 +198,10 @@ impl Analysis {
         let rotors = self.header.rotor_count;
         let time = at(self.places.time);
 
+        let dropped = self.dropped_by(time);
         let same = self.open.as_ref().is_some_and(|open| {
             open.key.label == at(self.places.label) as i32
+                && open.key.dropped == dropped
                 && open.key.sensor_faults == at(self.places.sensor_faults) as u64
                 && (0..rotors).all(|i| open.key.conditions[i] == at(self.places.conditions + i) as i32)
         });
@@ -207,6 +211,7 @@ impl Analysis {
                 label: at(self.places.label) as i32,
                 conditions: (0..rotors).map(|i| at(self.places.conditions + i) as i32).collect(),
                 sensor_faults: at(self.places.sensor_faults) as u64,
+                dropped,
             };
             self.open = Some(self.begin(key, at(self.places.faulty) as u64, time));
         }
@@ -283,7 +288,7 @@ impl Analysis {
                 .filter(|i| faulty >> i & 1 == 1)
                 .map(|i| i + 1)
                 .collect(),
-            description: self.describe(&key, faulty),
+            description: self.describe(&key, faulty, start_s),
             sensor_faults: self.sensor_faults(key.sensor_faults),
             expected_verdict: key.label,
             ..Interval::default()
@@ -299,6 +304,15 @@ impl Analysis {
         }
     }
 
+    /// Number of loads dropped by the step at `time`, s.
+    fn dropped_by(&self, time: f64) -> usize {
+        let loads = &self.header.dropped_loads;
+        loads
+            .iter()
+            .take_while(|load| load.time_s <= time + 0.5 * self.step_s)
+            .count()
+    }
+
     fn sensor_faults(&self, mask: u64) -> Vec<String> {
         let name = |bit: usize| match self.header.sensor_faults.get(bit) {
             Some(name) => name.clone(),
@@ -310,7 +324,8 @@ impl Analysis {
             .collect()
     }
 
-    fn describe(&self, key: &Key, faulty: u64) -> String {
+    /// Rotors that are not healthy, and the loads dropped as the interval begins.
+    fn describe(&self, key: &Key, faulty: u64, start_s: f64) -> String {
         let mut parts = Vec::new();
         for (i, code) in key.conditions.iter().enumerate() {
             if *code == 0 && faulty >> i & 1 == 0 {
@@ -324,10 +339,12 @@ impl Analysis {
             parts.push(format!("rotor {}: {condition}", i + 1));
         }
         if parts.is_empty() {
-            "healthy".to_owned()
-        } else {
-            parts.join(", ")
+            parts.push("healthy".to_owned());
         }
+        let loads = self.header.dropped_loads.iter();
+        let now = loads.filter(|load| (load.time_s - start_s).abs() < 0.5 * self.step_s);
+        parts.extend(now.map(|load| format!("{} kg dropped", load.mass_kg)));
+        parts.join(", ")
     }
 
     /// Ends the open interval at `end_s`.
@@ -457,8 +474,8 @@ fn pair_code(faulty_rotors: &[u32]) -> i32 {
     }
 }
 
-/// True for the expected verdict, for both names of two faulty rotors, and for an ambiguous verdict whose suspects include all of several
-/// faulty rotors.
+/// True for the expected verdict, for both names of two faulty rotors, for an ambiguous verdict whose suspects include all of several
+/// faulty rotors, and for one that suspects the one faulty rotor only: a rotor that gives more has no code.
 fn is_right(verdict: i32, suspects: u64, interval: &Interval) -> bool {
     let several = interval.fault_label == UNKNOWN;
     let faulty = || {
@@ -470,6 +487,7 @@ fn is_right(verdict: i32, suspects: u64, interval: &Interval) -> bool {
     verdict == interval.expected_verdict
         || several && verdict == pair_code(&interval.faulty_rotors)
         || several && verdict == AMBIGUOUS && faulty()
+        || interval.fault_label > 0 && verdict == AMBIGUOUS && suspects == 1 << (interval.fault_label - 1)
 }
 
 /// Sizes of the losses that a verdict names, and who is suspected.
@@ -525,6 +543,7 @@ mod tests {
             sensor_faults: vec!["gyro stuck".to_owned()],
             rotor_positions_body_m: Vec::new(),
             hover_thrust_n: 0.0,
+            dropped_loads: Vec::new(),
         };
         let mut writer = SpoolWriter::create(&path, &header).unwrap();
         rows.iter().for_each(|row| writer.push(row).unwrap());
@@ -649,6 +668,22 @@ mod tests {
             (1, 1)
         );
         assert!((after.end_s - 0.56).abs() < TOLERANCE);
+    }
+
+    #[test]
+    fn val_a_gain_that_is_named_without_a_code_counts() {
+        let interval = |fault_label: i32, faulty_rotors: &[u32]| Interval {
+            fault_label,
+            expected_verdict: fault_label,
+            faulty_rotors: faulty_rotors.to_vec(),
+            ..Interval::default()
+        };
+        let right = |suspects: u64, interval: &Interval| is_right(AMBIGUOUS, suspects, interval);
+        assert!(right(0b10, &interval(2, &[2])));
+        assert!(!right(0b110, &interval(2, &[2])), "two suspects");
+        assert!(!right(0b100, &interval(2, &[2])), "another rotor");
+        assert!(!right(0b10, &interval(0, &[])), "a healthy vehicle");
+        assert!(right(0b110, &interval(UNKNOWN, &[2, 3])));
     }
 
     #[test]

@@ -232,6 +232,7 @@ impl Recorded {
             sensor_faults: serde_json::from_str(&json("sensor_faults")?).map_err(damaged)?,
             rotor_positions_body_m: Vec::new(),
             hover_thrust_n: 0.0,
+            dropped_loads: Vec::new(),
         };
         let mut columns = telemetry_columns(rotor_count);
         let names: Vec<&str> = file.channels().iter().map(|channel| channel.name.as_str()).collect();

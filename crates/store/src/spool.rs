@@ -53,6 +53,18 @@ pub struct SpoolHeader {
     /// Hover thrust of a rotor, N: scales the arrows. 0: unknown.
     #[serde(default)]
     pub hover_thrust_n: f64,
+    /// Loads dropped in flight, in the order of time.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub dropped_loads: Vec<DroppedLoad>,
+}
+
+/// A load that the vehicle drops.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct DroppedLoad {
+    /// s; the step that begins then is the first without it.
+    pub time_s: f64,
+    /// kg.
+    pub mass_kg: f64,
 }
 
 /// The header as stored in the file.

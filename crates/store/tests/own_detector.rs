@@ -23,6 +23,7 @@ fn fly(path: &Path, steps: u64) {
         sensor_faults: Vec::new(),
         rotor_positions_body_m: vec![[0.25, 0.0, 0.0]; synthetic::ROTORS],
         hover_thrust_n: 2.5,
+        dropped_loads: Vec::new(),
     };
     let mut spool = SpoolWriter::create(&folder.spool_path(), &header).unwrap();
     (0..steps).for_each(|step| spool.push(&synthetic::row(step)).unwrap());

@@ -71,6 +71,13 @@ pub enum Change {
         /// 0 no fault, i rotor i, −1 several.
         fault_label: i32,
     },
+    /// A load was dropped.
+    Load {
+        /// s.
+        sim_time_s: f64,
+        /// kg.
+        mass_kg: f64,
+    },
     /// The sequential detector changed its verdict.
     Verdict {
         /// s.

@@ -79,6 +79,9 @@ impl<'a> Recorder<'a> {
 
     fn report_changes(&mut self, sample: &Sample) {
         let sim_time_s = sample.sensors.stamp.sim_time_ns as f64 * 1e-9;
+        while let Some(mass_kg) = self.conditions.next_load(sample.sensors.stamp.step) {
+            (self.emit)(RunEvent::Change(Change::Load { sim_time_s, mass_kg }));
+        }
         let label = sample.truth.fault_label;
         if label != self.last_label {
             self.last_label = label;

@@ -11,7 +11,7 @@
 
 use crate::measured::Measured;
 use rotortwin_fdi_session::{FdiSession, Window, words};
-use rotortwin_flight_core::fdi::verdict_code::NOT_READY;
+use rotortwin_flight_core::fdi::verdict_code::{HEALTHY, NOT_READY};
 use rotortwin_scenario::Scenario;
 use rotortwin_store::analysis::severity;
 use rotortwin_store::own_detector::{Detector, Seen};
@@ -54,7 +54,11 @@ impl SecondLook {
         };
         self.statement = Some(Statement {
             severity: severity(self.said, suspects, report.hypothesis_count, losses),
-            text: words::verdict(window),
+            text: match &window.load {
+                // What is said of rotors allows for the load already.
+                Some(load) if self.said == HEALTHY => format!("{}; {load}", words::verdict(window)),
+                _ => words::verdict(window),
+            },
         });
     }
 }

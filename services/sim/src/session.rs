@@ -174,6 +174,7 @@ fn header_of(scenario: &Scenario, conditions: &ConditionSchedule) -> SpoolHeader
         sensor_faults: conditions.sensor_fault_names().to_vec(),
         rotor_positions_body_m: placements.iter().map(|rotor| rotor.position_body).collect(),
         hover_thrust_n: weight_n / placements.len() as f64,
+        dropped_loads: conditions.dropped_loads(),
     }
 }
 

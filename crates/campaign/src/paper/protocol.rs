@@ -164,15 +164,14 @@ pub fn flight_scenario(base: &Scenario, conduct: Conduct, plan: &FlightPlan) -> 
     scenario.initial.start = conduct.start;
     scenario.controller.thrust_to_duty = conduct.thrust_to_duty;
     scenario.sensor_fault.clear();
+    scenario.load_drop.clear();
     scenario.fault = FAULTS
         .iter()
         .map(|(time_s, blade)| FaultEntry {
             time_s: *time_s,
             rotor: u32::try_from(plan.rotor + 1).expect("at most 16 rotors"),
             blade: Some((*blade).to_owned()),
-            thrust_loss_percent: None,
-            ramp_s: None,
-            rotor_lost: None,
+            ..FaultEntry::default()
         })
         .collect();
     Scenario::from_documents(&documents)

@@ -231,7 +231,7 @@ impl FlightScorer {
                 .unwrap_or(1.0);
             1.0 - given * (1.0 - loss[rotor])
         };
-        (0..self.rotor_count).map(share).fold(0.0, f64::max)
+        (0..self.rotor_count).map(share).fold(0.0, larger)
     }
 
     fn window(&mut self, sample: &Sample) {
@@ -375,7 +375,13 @@ fn blade_shares(scenario: &Scenario, voltage: f64) -> Vec<f64> {
     std::iter::once(1.0).chain(shares).collect()
 }
 
-/// Fractional loss of the worst of the first faults, once fully developed.
+/// The larger of two losses, whichever sign they have: a rotor that gives more has a negative one.
+fn larger(one: f64, other: f64) -> f64 {
+    if other.abs() > one.abs() { other } else { one }
+}
+
+/// Fractional loss of the worst of the first faults, once fully developed; negative for a rotor that gives more, 0 for one whose thrust
+/// stays.
 fn first_loss(scenario: &Scenario, blade_share: &[f64]) -> f64 {
     let faults = &scenario.document().fault;
     let first = faults.iter().map(|fault| nearest_step(fault.time_s)).min();
@@ -391,9 +397,10 @@ fn first_loss(scenario: &Scenario, blade_share: &[f64]) -> f64 {
                 1.0 - code.and_then(|code| blade_share.get(code)).copied().unwrap_or(1.0)
             }
             (None, Some(percent)) => percent / 100.0,
-            (None, None) => 1.0,
+            (None, None) if fault.rotor_lost == Some(true) => 1.0,
+            (None, None) => 0.0,
         })
-        .fold(0.0, f64::max)
+        .fold(0.0, larger)
 }
 
 fn blank(planned: &PlannedFlight) -> FlightRecord {

@@ -21,11 +21,11 @@ use utoipa::ToSchema;
 /// Upper ends of the severity bins, fraction of the hover thrust lost by the worst rotor. Blades b and d lose 3.1 to 3.7 %, c 7.6 to 8 %.
 pub const SEVERITY_BINS: [f64; 11] = [0.005, 0.01, 0.02, 0.03, 0.04, 0.05, 0.075, 0.1, 0.2, 0.5, 1.0];
 
-/// Index of a fraction in [`SEVERITY_BINS`].
+/// Index of a fraction in [`SEVERITY_BINS`], by its size: a gain counts as a loss of the same size.
 pub fn severity_bin(share: f64) -> usize {
     SEVERITY_BINS
         .iter()
-        .position(|upper| share <= *upper)
+        .position(|upper| share.abs() <= *upper)
         .unwrap_or(SEVERITY_BINS.len() - 1)
 }
 

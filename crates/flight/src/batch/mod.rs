@@ -55,7 +55,7 @@ pub enum Alone {
     InverseMap,
     /// It has sensor faults.
     SensorFaults,
-    /// Its scenario has effects.
+    /// Its scenario has effects or dropped loads.
     Effects,
     /// Too few flights share its configurations: empty lanes cost as much as full ones.
     Few,
@@ -70,7 +70,7 @@ impl Alone {
             Self::RotorCount => "rotor count without lanes",
             Self::InverseMap => "inverse thrust map in the controller",
             Self::SensorFaults => "sensor faults",
-            Self::Effects => "effects",
+            Self::Effects => "effects or dropped loads",
             Self::Few => "few flights of its configuration",
             Self::Left => "left what lanes can do",
         }

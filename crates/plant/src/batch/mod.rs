@@ -35,7 +35,7 @@ pub enum NoLane {
     Substeps,
     /// It has sensor faults.
     SensorFaults,
-    /// Its scenario has effects or ground contact, or it records an accelerometer.
+    /// Its scenario has effects, dropped loads or ground contact, or it records an accelerometer.
     Effects,
     /// It has already begun.
     Begun,
@@ -347,8 +347,8 @@ impl<const N: usize> BatchSimulation<N> {
             p.gain[i][lane] = rotor.gain;
             p.bias[i][lane] = rotor.bias;
             p.health[i][lane] = 1.0 - rotor.thrust_loss;
-            for axis in 0..3 {
-                p.torque_arm[axis][i][lane] = rotor.torque_arm[axis];
+            for (axis, entry) in rotor.acting_torque_arm().into_iter().enumerate() {
+                p.torque_arm[axis][i][lane] = entry;
             }
         }
     }

@@ -118,6 +118,15 @@ impl Contact {
         std::mem::replace(&mut self.friction, friction)
     }
 
+    /// The centre of mass moves by `shift`, m, body, within the vehicle.
+    pub(crate) fn move_centre(&mut self, shift: Vector3) {
+        for point in &mut self.points {
+            point.place = [0, 1, 2].map(|i| point.place[i] - shift[i]);
+        }
+        self.reach += length(shift);
+        self.rest_height -= shift[2];
+    }
+
     /// Distance to the ground along a direction, m; infinite if it points away.
     pub(crate) fn distance(&self, position_ned: Vector3, direction_ned: Vector3) -> f64 {
         let n = self.plane.normal;

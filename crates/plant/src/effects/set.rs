@@ -131,14 +131,24 @@ impl EffectSet {
         }
         let changed = sets_in || self.hooks.uses(Hooks::VARYING_CONSTANTS);
         if changed {
-            self.constants = self.nominal;
-            for member in &self.members {
-                if member.active {
-                    member.effect.constants(&mut self.constants);
-                }
-            }
+            self.take_constants();
         }
         changed
+    }
+
+    fn take_constants(&mut self) {
+        self.constants = self.nominal;
+        for member in &self.members {
+            if member.active {
+                member.effect.constants(&mut self.constants);
+            }
+        }
+    }
+
+    /// From now on the same effects act on another nominal vehicle.
+    pub(crate) fn set_nominal(&mut self, nominal: &Constants) {
+        self.nominal = *nominal;
+        self.take_constants();
     }
 
     /// Before a flight: from now on only effects without an onset act, until [`EffectSet::release_onsets`].

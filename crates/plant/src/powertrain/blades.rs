@@ -1,13 +1,17 @@
 //! Blades: the lift polynomial of Eq. 19 for each propeller that can be mounted (Table 1).
 //!
-//! A blade set is a document of its own (`config/blades/*.toml`), shared by vehicles. The drag-to-lift ratio is that of the rotor,
-//! the same for every blade: the paper gives none for damaged ones.
+//! A blade set is a document of its own (`config/blades/*.toml`), shared by vehicles. The torque-to-lift ratio c_D/c_L of a rotor is the
+//! vehicle's, times a factor of the mounted blade: 1 unless its document says otherwise, as the paper gives none for damaged blades.
 
 use std::collections::BTreeMap;
 
 use serde::{Deserialize, Serialize};
 
 use crate::error::{Refusal, in_range};
+
+/// A blade that needs less or more torque for its lift than this, over the nominal one, is a slip of the pen.
+const SMALLEST_MOMENT_RATIO_FACTOR: f64 = 0.5;
+const LARGEST_MOMENT_RATIO_FACTOR: f64 = 3.0;
 
 /// Lift of one blade type, static and at steady state.
 ///
@@ -23,6 +27,18 @@ pub struct Blade {
     pub coefficients: [f64; 4],
     /// v₀, V.
     pub voltage_offset_v: f64,
+    /// Torque-to-lift ratio c_D/c_L with this blade, over that with the vehicle's nominal blade: 1 if it is not known to differ.
+    #[serde(default = "same", skip_serializing_if = "is_same")]
+    #[doc(alias = "torque ratio")]
+    pub moment_ratio_factor: f64,
+}
+
+fn same() -> f64 {
+    1.0
+}
+
+fn is_same(factor: &f64) -> bool {
+    *factor == same()
 }
 
 impl Blade {
@@ -112,6 +128,13 @@ impl BladeSet {
                 -50.0,
                 50.0,
                 "V",
+            )?;
+            in_range(
+                &format!("blade.{name}.moment_ratio_factor"),
+                blade.moment_ratio_factor,
+                SMALLEST_MOMENT_RATIO_FACTOR,
+                LARGEST_MOMENT_RATIO_FACTOR,
+                "",
             )?;
             let rising = (10..=100).all(|percent| {
                 let duty = f64::from(percent) / 100.0;

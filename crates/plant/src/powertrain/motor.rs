@@ -132,11 +132,11 @@ impl MotorModel {
         (speed > 0.0).then_some(speed)
     }
 
-    /// c_L, N·s², with which the steady lift at this duty and voltage is that of the blade's Eq. 19, for a drag-to-lift ratio c_D/c_L in
-    /// m; `None` where the motor cannot turn so.
+    /// c_L, N·s², with which the steady lift at this duty and voltage is that of the blade's Eq. 19; `None` where the motor cannot turn so.
+    /// `moment_ratio` is c_D/c_L of the rotor with its nominal blade, m.
     pub fn lift_coefficient(&self, blade: &Blade, duty: f64, voltage: f64, moment_ratio: f64) -> Option<f64> {
         let lift = blade.lift(duty, voltage);
-        let speed = self.speed_under(duty, voltage, moment_ratio * lift)?;
+        let speed = self.speed_under(duty, voltage, moment_ratio * blade.moment_ratio_factor * lift)?;
         (lift > 0.0).then(|| lift / (speed * speed))
     }
 
@@ -174,6 +174,7 @@ mod tests {
         Blade {
             coefficients: [-1.4310e-2, 4.6339e-3, 1.0350e-4, -1.7318e-7],
             voltage_offset_v: 5.2859,
+            moment_ratio_factor: 1.0,
         }
     }
 

@@ -3,7 +3,9 @@
 //! g_i = (1 − loss_i) · max(0, gain_i · Eq. 19(u_i, V; blade_i) + bias_i [u_i > 0]),   f_i' = (g_i − f_i)/τ
 //!
 //! The polynomial of the duty is evaluated once per step, when the command is taken; only the voltage varies within the step.
-//! Gain and bias are the rotor's own error, unknown to controller and detector; the loss is a fault. A thrust is never negative.
+//! Gain and bias are the rotor's own error, unknown to controller and detector; the loss, negative for a gain, is a fault. A thrust is
+//! never negative. The torque that a rotor's drag exerts on the vehicle is κ_i f_i, with κ_i = c_D/c_L of the vehicle times
+//! [`RotorTruth::moment_ratio_factor`].
 
 use rotortwin_flight_core::MAX_ROTORS;
 
@@ -20,10 +22,27 @@ pub struct RotorTruth {
     pub gain: f64,
     /// Added to the static lift while the duty is above 0, N.
     pub bias: f64,
-    /// Lost share of the thrust: 0 healthy, 1 lost rotor.
+    /// Lost share of the thrust: 0 healthy, 1 lost rotor, negative for a rotor that gives more.
     pub thrust_loss: f64,
-    /// Torque about the true centre of mass per newton of thrust, m, body: column of F in Eq. 6.
+    /// Change of c_D/c_L by a fault, fraction of the mounted blade's.
+    pub moment_ratio_change: f64,
+    /// Torque about the true centre of mass per newton of thrust of the healthy rotor, m, body: column of F in Eq. 6.
     pub torque_arm: Vector3,
+}
+
+impl RotorTruth {
+    /// c_D/c_L over that of the healthy rotor with its nominal blade: the mounted blade's factor, and the change by a fault.
+    #[inline]
+    pub fn moment_ratio_factor(&self) -> f64 {
+        self.blade.moment_ratio_factor * (1.0 + self.moment_ratio_change)
+    }
+
+    /// [`Self::torque_arm`] with the rotor's faults.
+    #[inline]
+    pub(crate) fn acting_torque_arm(&self) -> Vector3 {
+        let [roll, pitch, yaw] = self.torque_arm;
+        [roll, pitch, yaw * self.moment_ratio_factor()]
+    }
 }
 
 /// All rotors. Arrays are padded with rotors that never turn.
@@ -42,21 +61,25 @@ pub struct Powertrain {
 impl Powertrain {
     /// Rotors of the true vehicle with a common lag τ in s.
     pub(crate) fn new(rotors: Vec<RotorTruth>, lag: f64) -> Self {
-        let mut torque_arm = [[0.0; MAX_ROTORS]; 3];
-        for (i, rotor) in rotors.iter().enumerate() {
-            for (row, &entry) in torque_arm.iter_mut().zip(&rotor.torque_arm) {
-                row[i] = entry;
-            }
-        }
         let zero = [0.0; MAX_ROTORS];
-        Self {
+        let mut powertrain = Self {
             rotors,
             lift_per_volt: zero,
             voltage_offset: zero,
             bias: zero,
             health: zero,
-            torque_arm,
+            torque_arm: [zero; 3],
             per_lag: 1.0 / lag,
+        };
+        for rotor in 0..powertrain.rotors.len() {
+            powertrain.take_torque_arm(rotor);
+        }
+        powertrain
+    }
+
+    fn take_torque_arm(&mut self, rotor: usize) {
+        for (row, entry) in self.torque_arm.iter_mut().zip(self.rotors[rotor].acting_torque_arm()) {
+            row[rotor] = entry;
         }
     }
 
@@ -65,8 +88,10 @@ impl Powertrain {
         &self.rotors
     }
 
-    pub(crate) fn rotor_mut(&mut self, rotor: usize) -> &mut RotorTruth {
-        &mut self.rotors[rotor]
+    /// Makes another rotor of one.
+    pub(crate) fn change(&mut self, rotor: usize, change: impl FnOnce(&mut RotorTruth)) {
+        change(&mut self.rotors[rotor]);
+        self.take_torque_arm(rotor);
     }
 
     /// Takes the duties (fractions in \[0, 1\]) that are held over the coming step.

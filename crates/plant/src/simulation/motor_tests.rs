@@ -57,10 +57,8 @@ fn val_a_rotor_that_breaks_lifts_less_at_once_and_then_turns_faster() {
     let entry = FaultEntry {
         time_s: 0.5,
         rotor: 2,
-        blade: None,
         thrust_loss_percent: Some(20.0),
-        ramp_s: None,
-        rotor_lost: None,
+        ..FaultEntry::default()
     };
     let config = SimulationConfig {
         faults: faults(&base, &[entry]),

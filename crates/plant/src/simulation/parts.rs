@@ -140,10 +140,14 @@ impl Simulation {
     pub fn measure(&self, instruments: &mut Instruments) -> InstrumentSample {
         let body = &self.state.body;
         let down = body.ned_from_body.down_axis();
+        let (position_ned, velocity_ned) = match &self.effects {
+            Some(effects) => effects.measured_motion(body),
+            None => (body.position_ned, body.velocity_ned),
+        };
         instruments.measure(&Scene {
             time_ns: self.elapsed_ns(),
-            position_ned: body.position_ned,
-            velocity_ned: body.velocity_ned,
+            position_ned,
+            velocity_ned,
             body_rates: body.body_rates,
             specific_force: self.specific_force(),
             magnetic_field: body.ned_from_body.body_from_ned(instruments.magnetic_field_ned()),
@@ -204,10 +208,8 @@ mod tests {
         let entry = FaultEntry {
             time_s: 1.0,
             rotor: 2,
-            blade: None,
             thrust_loss_percent: Some(50.0),
-            ramp_s: None,
-            rotor_lost: None,
+            ..FaultEntry::default()
         };
         config.faults = faults(&config, &[entry]);
         let mut sim = Simulation::new(&config, 1).unwrap();

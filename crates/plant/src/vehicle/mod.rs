@@ -1,4 +1,5 @@
-//! The nominal vehicle, and how far a true one may be from it.
+//! The nominal vehicle, how far a true one may be from it, and what it drops.
 
+pub mod load;
 pub mod mismatch;
 pub mod model;

@@ -342,6 +342,14 @@ impl VehicleModel {
             let reason = format!("expected one of the blades {names}, got {}", rotors.nominal_blade);
             return Err(Refusal::new("nominal_blade", reason));
         }
+        let factor = blades.blade[&rotors.nominal_blade].moment_ratio_factor;
+        if factor != 1.0 {
+            let reason = format!(
+                "expected a blade with a moment_ratio_factor of 1, because moment_ratio_m is the ratio with the nominal blade; {} has {factor}",
+                rotors.nominal_blade
+            );
+            return Err(Refusal::new("nominal_blade", reason));
+        }
         geometry(&rotors.layout.placements()).map_err(|reason| Refusal::new("layout", reason))?;
         Ok(())
     }

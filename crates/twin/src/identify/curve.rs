@@ -90,6 +90,7 @@ impl Curve {
                 per_volt * cube / percent.powi(3),
             ],
             voltage_offset_v: offset,
+            moment_ratio_factor: 1.0,
         }
     }
 }

@@ -274,6 +274,7 @@ fn fit(windows: &[[f64; 3]]) -> Option<Identified> {
         blade: Blade {
             coefficients: at(voltage_offset_v)?.1,
             voltage_offset_v,
+            moment_ratio_factor: 1.0,
         },
         windows: windows.len(),
         duty: range(0)?,
