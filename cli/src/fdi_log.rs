@@ -10,7 +10,7 @@ pub use words::verdict_text;
 
 use crate::fdi_service::DetectorArgs;
 use crate::output::{bad_input, failed, fitted, line};
-use judged::JudgedLog;
+use judged::{AgainstHealthy, JudgedLog, ReportAlone};
 use rotortwin_campaign::study::log_score::LogScore;
 use rotortwin_fdi_session::Learnt;
 use rotortwin_page::Report;
@@ -153,7 +153,9 @@ fn judge_all(args: &LogArgs) -> Result<Vec<JudgedLog>, String> {
             .map_err(|refusal| format!("{}: {refusal}", path.display()))?;
         // Within a flight, damage before the calibration counts as healthy: only other flights reveal it.
         let against = against_healthy(&log, &healthy, &model);
-        report.notes.splice(0..0, against.clone());
+        report
+            .notes
+            .splice(0..0, against.as_ref().map(|against| against.sentence.clone()));
         report.notes.extend(learnt_notes.clone());
         report.notes.extend(note.clone());
         report.flight = args.flight.then(|| FlightPicture::of(&log));
@@ -176,15 +178,14 @@ fn judge_all(args: &LogArgs) -> Result<Vec<JudgedLog>, String> {
     args.logs.iter().map(judged).collect()
 }
 
-/// The commanded thrust of the rotors of a flight compared with healthy flights, in a sentence, if there are enough of
-/// those.
-fn against_healthy(log: &FlightLog, healthy: &[FlightLog], model: &ModelVersion) -> Option<String> {
+/// The commanded thrust of the rotors of a flight compared with healthy flights, if there are enough of those.
+fn against_healthy(log: &FlightLog, healthy: &[FlightLog], model: &ModelVersion) -> Option<AgainstHealthy> {
     if healthy.len() < LEAST_BASELINE {
         return None;
     }
     Some(match baseline::trim(std::slice::from_ref(log), healthy, model) {
-        Ok(trim) => trim.sentence,
-        Err(reason) => format!("not compared with the healthy flights: {reason}"),
+        Ok(trim) => AgainstHealthy::of(&trim),
+        Err(reason) => AgainstHealthy::not_compared(reason),
     })
 }
 
@@ -218,7 +219,10 @@ fn whole(path: &Path) -> &Path {
 /// A single log without a score as its report alone, otherwise objects.
 fn json_of(logs: &[JudgedLog]) -> serde_json::Result<String> {
     match logs {
-        [log] if log.score.is_none() => serde_json::to_string_pretty(&log.report),
+        [log] if log.score.is_none() => serde_json::to_string_pretty(&ReportAlone {
+            report: &log.report,
+            against_healthy: log.against.as_ref(),
+        }),
         [log] => serde_json::to_string_pretty(log),
         several => serde_json::to_string_pretty(several),
     }
@@ -228,7 +232,7 @@ fn print(logs: &[JudgedLog]) {
     if logs.len() > 1 {
         line(&format!(
             "{}\n",
-            overview(logs.iter().map(|log| (Path::new(&log.file), &log.report)))
+            overview(logs)
         ));
     }
     for log in logs {
@@ -236,7 +240,7 @@ fn print(logs: &[JudgedLog]) {
             line(&format!("{}\n", log.file));
         }
         if log.report.final_window.is_some() || !log.report.not_judged.is_empty() {
-            line(&fitted(&text_of(&log.report, log.against.as_deref())));
+            line(&fitted(&text_of(&log.report, log.against.as_ref())));
         }
         if logs.len() > 1 {
             line("");
@@ -253,7 +257,8 @@ fn score_text(logs: &[JudgedLog]) -> Option<String> {
     let names: Vec<String> = logs.iter().map(|log| words::file_name(Path::new(&log.file))).collect();
     (!scores.is_empty()).then(|| {
         format!(
-            "Against the truth, sequential detector\n{}\n\nAgainst the truth, all detectors over all logs\n{}",
+            "Against the truth, sequential detector\n{}\n\nAgainst the truth, all detectors over all logs\n{}\n\nJudged: of all windows of the log. Correct: of the judged \
+             ones.",
             score::by_log(&names, &scores),
             score::by_detector(&scores)
         )
@@ -264,7 +269,7 @@ fn score_text(logs: &[JudgedLog]) -> Option<String> {
 fn page_of(logs: &[JudgedLog]) -> String {
     let mut words: Vec<String> = logs
         .iter()
-        .map(|log| format!("{}\n{}", log.file, text_of(&log.report, log.against.as_deref())))
+        .map(|log| format!("{}\n{}", log.file, text_of(&log.report, log.against.as_ref())))
         .collect();
     words.extend(score_text(logs));
     let names: Vec<&str> = logs.iter().map(|log| log.file.as_str()).collect();

@@ -1,6 +1,7 @@
 //! Accuracy of the detectors on logs with known truth, by the definitions of campaigns ([`rotortwin_campaign::study::score`]).
 //!
-//! The truth of a window is that at its middle. Windows that cannot be evaluated are excluded. *Inside*: of the windows in which the
+//! The truth of a window is that at its middle. *Judged*: the share of all windows of a log that have a verdict; *correct* counts only those, so both belong
+//! together: a detector that judges little can be correct in all of it. *Inside*: of the windows in which the
 //! sequential detector names the correct rotors while the loss is constant and of known size, those in which every loss is inside its 95 %
 //! interval.
 
@@ -52,7 +53,7 @@ pub(super) fn score_of(report: &LogReport, truth: &Truth) -> LogScore {
             }));
         }
     }
-    let named = DETECTORS.into_iter().zip(scorers).map(|(detector, scorer)| {
+    let named: Vec<NamedScore> = DETECTORS.into_iter().zip(scorers).map(|(detector, scorer)| {
         let mut score = scorer.finish();
         if !sizes_are_known {
             score.by_severity.clear();
@@ -61,13 +62,24 @@ pub(super) fn score_of(report: &LogReport, truth: &Truth) -> LogScore {
             detector: detector.to_owned(),
             score,
         }
-    });
+    }).collect();
     LogScore {
         onset_s: truth.onset_s(),
-        detectors: named.collect(),
+        windows: windows_in(report, window_s).max(judged_by_most(&named)),
+        detectors: named,
         inside,
         inside_of,
     }
+}
+
+/// Whole windows between the first row of a log and the end of its last one, whose row is one more step.
+fn windows_in(report: &LogReport, window_s: f64) -> u64 {
+    ((report.log.duration_s + 1.0 / report.judged_rate_hz) / window_s + 1e-6).floor() as u64
+}
+
+/// Windows of the detector that judged most of them: where several stretches begin within a window, there are more than fit side by side.
+fn judged_by_most(scores: &[NamedScore]) -> u64 {
+    scores.iter().map(|named| named.score.windows).max().unwrap_or(0)
 }
 
 /// Steps from the onset to the end of a window; `None` if no step of the window is after it: an alarm in such a window
@@ -99,6 +111,7 @@ pub(super) fn by_log(names: &[String], scores: &[&LogScore]) -> Grid {
     let mut table = Grid::new([
         "log",
         "windows",
+        "judged",
         "correct",
         "isolated",
         "settled",
@@ -110,7 +123,8 @@ pub(super) fn by_log(names: &[String], scores: &[&LogScore]) -> Grid {
         let score = &log.detectors[SEQUENTIAL].score;
         table.add_row([
             name.clone(),
-            score.windows.to_string(),
+            log.windows.to_string(),
+            share(score.windows, log.windows),
             share(score.right, score.windows),
             delay(log, score.isolated_after_s()),
             delay(log, score.settled_after_s()),
@@ -126,6 +140,7 @@ pub(super) fn by_detector(scores: &[&LogScore]) -> Grid {
     let mut table = Grid::new([
         "detector",
         "windows",
+        "judged",
         "correct",
         "isolated",
         "settled",
@@ -133,6 +148,7 @@ pub(super) fn by_detector(scores: &[&LogScore]) -> Grid {
     ])
     .numbers_from(1);
     let damaged = scores.iter().filter(|score| score.onset_s.is_some()).count();
+    let all = scores.iter().map(|log| log.windows).sum::<u64>();
     for (index, detector) in DETECTORS.iter().enumerate() {
         let of = |number: fn(&DetectorScore) -> u64| {
             scores
@@ -167,7 +183,8 @@ pub(super) fn by_detector(scores: &[&LogScore]) -> Grid {
         );
         table.add_row([
             (*detector).to_owned(),
-            windows.to_string(),
+            all.to_string(),
+            share(windows, all),
             share(of(|score| score.right), windows),
             delays(DetectorScore::isolated_after_s),
             delays(DetectorScore::settled_after_s),
