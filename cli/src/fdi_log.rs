@@ -230,10 +230,7 @@ fn json_of(logs: &[JudgedLog]) -> serde_json::Result<String> {
 
 fn print(logs: &[JudgedLog]) {
     if logs.len() > 1 {
-        line(&format!(
-            "{}\n",
-            overview(logs)
-        ));
+        line(&format!("{}\n", overview(logs)));
     }
     for log in logs {
         if logs.len() > 1 {

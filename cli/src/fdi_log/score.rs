@@ -53,16 +53,20 @@ pub(super) fn score_of(report: &LogReport, truth: &Truth) -> LogScore {
             }));
         }
     }
-    let named: Vec<NamedScore> = DETECTORS.into_iter().zip(scorers).map(|(detector, scorer)| {
-        let mut score = scorer.finish();
-        if !sizes_are_known {
-            score.by_severity.clear();
-        }
-        NamedScore {
-            detector: detector.to_owned(),
-            score,
-        }
-    }).collect();
+    let named: Vec<NamedScore> = DETECTORS
+        .into_iter()
+        .zip(scorers)
+        .map(|(detector, scorer)| {
+            let mut score = scorer.finish();
+            if !sizes_are_known {
+                score.by_severity.clear();
+            }
+            NamedScore {
+                detector: detector.to_owned(),
+                score,
+            }
+        })
+        .collect();
     LogScore {
         onset_s: truth.onset_s(),
         windows: windows_in(report, window_s).max(judged_by_most(&named)),
