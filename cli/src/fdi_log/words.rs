@@ -1,8 +1,8 @@
 //! Text output of `fdi-log` for a log: verdicts over time, what was not evaluated, counts.
 
-use super::judged::{AgainstHealthy, JudgedLog};
 use rotortwin_fdi_session::{ExplanationKind, Interval, Motion, words};
 use rotortwin_runner::grid::Grid;
+use rotortwin_runner::log_verdict::judged::{AgainstHealthy, JudgedLog};
 use rotortwin_verdicts::log::{LogReport, NotJudgedView, StretchView};
 use rotortwin_verdicts::view::{
     ExplanationView, ExplanationWord, IntervalView, LoadView, LossView, ObstacleView, Obstruction, SequentialView,
