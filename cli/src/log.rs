@@ -1,8 +1,10 @@
 //! `rotortwin log import`, `rotortwin log show`, `rotortwin log map` and `rotortwin log example`.
 
 use crate::output::{self, bad_input, failed};
+use rotortwin_jobs::MappingDraft;
 use rotortwin_runner::grid::Grid;
 use rotortwin_runner::log_import::{self, Imported, import as import_one, unique_names};
+use rotortwin_runner::question;
 use rotortwin_twin::flight_picture::FlightPicture;
 use rotortwin_twin::identify::known_rotor_places;
 use rotortwin_twin::log::FlightLog;
