@@ -5,7 +5,7 @@ use crate::progress::{Lines, resumed_bar};
 use clap::{Args as ClapArgs, Parser, Subcommand};
 use indicatif::ProgressBar;
 use rotortwin_blind::bench::cases::Preset;
-use rotortwin_blind::bench::faults::FaultBench;
+use rotortwin_blind::bench::faults::{End, FaultBench};
 use rotortwin_blind::bench::faults_sheet;
 use rotortwin_blind::bench::merge;
 use rotortwin_blind::bench::run::Request;
@@ -207,9 +207,11 @@ fn faults(args: &BenchArgs) -> anyhow::Result<()> {
         keep_logs: args.keep_logs,
     };
     let cases = bench.cases()?;
-    let bar = progress_bar(args.json, cases.len() as u64, 0);
+    // On standard error, so that --json does not need it hidden.
+    let bar = progress_bar(false, cases.len() as u64, bench.present(&cases) as u64);
     let rows = bench.run(&cases, &mut |row| {
-        bar.set_message(row.case.class.words());
+        let end = row.end.map_or("no verdict", End::words);
+        bar.set_message(format!("{} → {end}", row.case.class.words()));
         bar.inc(1);
     })?;
     bar.finish_and_clear();

@@ -2,13 +2,11 @@
 
 use crate::output;
 use clap::{Parser, Subcommand};
+use rotortwin_jobs::EffectPicture as Question;
 use rotortwin_plant::effects::{Catalogue, EffectDeclaration, EffectDocument, ParameterKind, page};
 use rotortwin_runner::grid::{Grid, fold};
-use rotortwin_runner::next_flight::catalogue_of;
 use rotortwin_runner::{sandbox, text};
 use rotortwin_scenario::{ConfigError, effect_documents};
-use rotortwin_twin::model::ModelStore;
-use rotortwin_twin::next_flight::Rival;
 use rotortwin_twin::sandbox::EffectPicture;
 use std::path::PathBuf;
 use std::process::ExitCode;
@@ -88,7 +86,7 @@ pub(crate) fn run(args: &Args) -> ExitCode {
                 catalogue.nearest(id)
             )),
         },
-        Some(Command::Plot(plot)) => match picture(plot, &args.effects) {
+        Some(Command::Plot(plot)) => match plot.question(&args.effects).and_then(|question| sandbox::of(&question)) {
             Ok(picture) if args.json => print_json(serde_json::to_string(&picture)),
             Ok(picture) => {
                 print!("{}", output::fitted(&picture_text(&picture)));
@@ -114,24 +112,27 @@ fn print_json(text: serde_json::Result<String>) -> ExitCode {
     }
 }
 
-/// The effect at its typical values, with overrides, on a flight of the vehicle.
-fn picture(args: &PlotArgs, files: &[PathBuf]) -> Result<EffectPicture, String> {
-    let found = ModelStore::new(&args.models).find(&args.model);
-    let version = found.map_err(|error| error.to_string())?.version;
-    let documents: Result<Vec<EffectDocument>, ConfigError> = files.iter().map(effect_documents::load).collect();
-    let version = version.with_documents(&documents.map_err(|error| error.to_string())?);
-    let catalogue = catalogue_of(&version)?;
-    let mut effect = Rival::parse(&args.id, &catalogue)?.typical(&catalogue)?;
-    for setting in &args.set {
-        let (name, value) = setting
-            .split_once('=')
-            .ok_or_else(|| format!("--set {setting}: expected NAME=VALUE"))?;
-        let number: f64 = value
-            .parse()
-            .map_err(|_not_a_number| format!("--set {setting}: expected a number, got `{value}`"))?;
-        effect.parameters.insert(name.to_owned(), number);
+impl PlotArgs {
+    /// The question that they ask.
+    fn question(&self, files: &[PathBuf]) -> Result<Question, String> {
+        let pair = |setting: &String| {
+            let (name, value) = setting
+                .split_once('=')
+                .ok_or_else(|| format!("--set {setting}: expected NAME=VALUE"))?;
+            let number: f64 = value
+                .parse()
+                .map_err(|_not_a_number| format!("--set {setting}: expected a number, got `{value}`"))?;
+            Ok((name.to_owned(), number))
+        };
+        Ok(Question {
+            effect: self.id.clone(),
+            model: self.model.clone(),
+            models: self.models.clone(),
+            parameters: self.set.iter().map(pair).collect::<Result<_, String>>()?,
+            flight: self.flight.clone(),
+            effects: files.to_vec(),
+        })
     }
-    sandbox::picture(&version, &catalogue, &effect, args.flight.as_deref())
 }
 
 /// Each channel versus the condition that explains most of it.

@@ -35,6 +35,16 @@ impl DetectorArgs {
         &self.models
     }
 
+    /// File of the classifier.
+    pub(crate) fn classifier(&self) -> Option<&Path> {
+        self.classifier.as_deref()
+    }
+
+    /// `KEY=VALUE` of the [fdi] table.
+    pub(crate) fn settings(&self) -> &[String] {
+        &self.set
+    }
+
     /// The detectors, and the parts of the model that they ignore.
     pub fn detectors(&self) -> Result<(Detectors, Option<String>), String> {
         let choice = DetectorChoice {

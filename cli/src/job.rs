@@ -1,13 +1,14 @@
 //! `rotortwin job`: one job of any kind, from a file.
 
 use crate::progress::Lines;
-use crate::{fly, output};
+use crate::{fly, output, query};
 use clap::Parser;
 use rotortwin_jobs::flight::{Flight, Link};
-use rotortwin_jobs::{FlightHere, Job, JobFile};
+use rotortwin_jobs::{FlightHere, Job, JobFile, Question};
 use rotortwin_runner::failure::Failure;
-use rotortwin_runner::flight;
 use rotortwin_runner::result::perform;
+use rotortwin_runner::{flight, question};
+use std::io::Read;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
@@ -19,10 +20,14 @@ pub struct Args {
     file: PathBuf,
 }
 
+/// Instead of a file: a question ([`Question`]) on standard input, as a server asks one.
+const STANDARD_INPUT: &str = "-";
+
 impl Args {
     /// True for a flight over zenoh. An unreadable file is rejected later.
     pub(crate) fn is_over_zenoh(&self) -> bool {
-        matches!(read(&self.file), Ok(JobFile { job: Job::Run(flight), .. }) if flight.link == Link::Zenoh)
+        self.file != Path::new(STANDARD_INPUT)
+            && matches!(read(&self.file), Ok(JobFile { job: Job::Run(flight), .. }) if flight.link == Link::Zenoh)
     }
 }
 
@@ -30,6 +35,9 @@ impl Args {
 /// bad input.
 pub(crate) fn run(args: &Args) -> ExitCode {
     rotortwin_process::start_logging();
+    if args.file == Path::new(STANDARD_INPUT) {
+        return answer(std::io::stdin());
+    }
     let JobFile { job, here } = match read(&args.file) {
         Ok(file) => file,
         Err(failure) => return output::told(&failure),
@@ -52,6 +60,42 @@ pub(crate) fn run(args: &Args) -> ExitCode {
         }
     };
     done.unwrap_or_else(|failure| output::told(&failure))
+}
+
+/// Answers the question with JSON.
+fn answer(input: impl Read) -> ExitCode {
+    let question = match asked(input) {
+        Ok(question) => question,
+        Err(failure) => return output::told(&failure),
+    };
+    let answer = match &question {
+        Question::Sql(sql) => return query::print_json(sql),
+        Question::LogVerdict(logs) => question::log_verdict(logs),
+        Question::EffectPicture(effect) => question::effect_picture(effect),
+        Question::MappingDraft(table) => question::mapping_draft(table)
+            .and_then(|draft| serde_json::to_string_pretty(&draft).map_err(Failure::failed)),
+    };
+    match answer {
+        Ok(json) => {
+            println!("{json}");
+            ExitCode::SUCCESS
+        }
+        Err(failure) => output::told(&failure),
+    }
+}
+
+fn asked(mut input: impl Read) -> Result<Question, Failure> {
+    let bad = |error: &dyn std::fmt::Display| Failure::input(format!("standard input: {error}"));
+    let mut text = String::new();
+    input.read_to_string(&mut text).map_err(|error| bad(&error))?;
+    match Question::parse(&text) {
+        Some(question) => {
+            question.map_err(|error| bad(&format!("this version does not understand the question: {error}")))
+        }
+        None => Err(bad(
+            &"expected a question as JSON, with the key `question`; a job is given as a file",
+        )),
+    }
 }
 
 fn fly_one(job: &Flight, here: &FlightHere) -> Result<ExitCode, Failure> {

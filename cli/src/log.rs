@@ -1,11 +1,13 @@
 //! `rotortwin log import`, `rotortwin log show`, `rotortwin log map` and `rotortwin log example`.
 
 use crate::output::{self, bad_input, failed};
+use rotortwin_jobs::MappingDraft;
 use rotortwin_runner::grid::Grid;
 use rotortwin_runner::log_import::{self, Imported, import as import_one, unique_names};
+use rotortwin_runner::question;
 use rotortwin_twin::flight_picture::FlightPicture;
 use rotortwin_twin::identify::known_rotor_places;
-use rotortwin_twin::log::{FlightLog, draft};
+use rotortwin_twin::log::FlightLog;
 use rotortwin_verdicts::fleet::journal;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
@@ -170,12 +172,12 @@ pub(crate) fn run(args: &Args) -> ExitCode {
 
 /// The mapping goes to the file or to standard output, the questions to standard error.
 fn map(args: &MapArgs) -> ExitCode {
-    let drafted = std::fs::read(&args.file)
-        .map_err(|error| format!("{}: cannot read the log: {error}", args.file.display()))
-        .and_then(|bytes| draft(&args.file, &bytes).map_err(|refusal| refusal.to_string()));
-    let drafted = match drafted {
+    let question = MappingDraft {
+        file: args.file.clone(),
+    };
+    let drafted = match question::mapping_draft(&question) {
         Ok(drafted) => drafted,
-        Err(refusal) => return bad_input(refusal),
+        Err(failure) => return output::told(&failure),
     };
     if args.json {
         return printed(&drafted);

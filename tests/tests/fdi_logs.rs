@@ -349,6 +349,10 @@ fn scenario_verdicts_are_scored_against_the_truth() {
         (&0.into(), &Value::Null)
     );
     assert_eq!(calm["right"], calm["windows"]);
+    // 30 s of windows of 62.5 ms, of which those of the calibration have no verdict.
+    assert_eq!(score["windows"], 480);
+    let decided = number(&sequential["windows"]);
+    assert!((300.0..460.0).contains(&decided), "{sequential}");
 
     // The series has every window of both logs, and gives the same count.
     let text = std::fs::read_to_string(&series).expect("it was written");
@@ -373,7 +377,18 @@ fn scenario_verdicts_are_scored_against_the_truth() {
     .run()
     .expect_code(0);
     assert!(
-        table.stdout.contains("Against the truth, sequential detector"),
+        table.stdout.contains("Against the truth, sequential detector")
+            && table.stdout.contains("Judged: of all windows of the log."),
+        "{}",
+        table.stdout
+    );
+    let judged = format!("{:.1} %", 100.0 * decided / 480.0);
+    let row = table
+        .stdout
+        .lines()
+        .find(|line| line.trim_start().starts_with("damaged"));
+    assert!(
+        row.is_some_and(|row| row.contains("480") && row.contains(&judged)),
         "{}",
         table.stdout
     );
@@ -748,6 +763,65 @@ fn val_healthy_flights_teach_the_command_what_the_model_lacks() {
     .run()
     .expect_code(2);
     says(&refused, "none.parquet");
+}
+
+/// A propeller that was chipped before take-off is healthy within the flight; the verdict said so, above a comparison that said it is not.
+#[test]
+fn regress_the_verdict_agrees_with_the_comparison_with_healthy_flights() {
+    let scratch = Scratch::new();
+    let generated = |seed: &str, effect: Option<&str>, name: &str| {
+        let mut words = vec![
+            "blind",
+            "generate",
+            "--flight",
+            "hover",
+            "--duration-s",
+            "40",
+            "--seed",
+            seed,
+        ];
+        words.extend(effect.into_iter().flat_map(|effect| ["--effect", effect]));
+        words.extend(["--out", name]);
+        Call::new(&scratch, words.into_iter().map(OsString::from))
+            .run()
+            .expect_code(0);
+    };
+    let healthy = ["mon.parquet", "tue.parquet", "wed.parquet"];
+    for (seed, name) in ["61", "62", "63"].into_iter().zip(healthy) {
+        generated(seed, None, name);
+    }
+    generated("64", None, "thu.parquet");
+    generated("65", Some("rotor-thrust-scale:share=-0.15,rotor=2"), "fri.parquet");
+    let told = |words: &[&str]| {
+        let mut call = vec!["fdi-log"];
+        call.extend(words);
+        call.extend(["--model", "f550", "--healthy"]);
+        call.extend(healthy);
+        Call::new(&scratch, call.into_iter().map(OsString::from))
+            .run()
+            .expect_code(0)
+            .stdout
+    };
+    let begins = |text: &str, words: &str| assert!(text.starts_with(&format!("Verdict      {words}")), "{text}");
+    begins(&told(&["thu.parquet"]), "healthy");
+    let text = told(&["fri.parquet", "--report", "fri.html"]);
+    begins(&text, "changed since the healthy flights; within this flight: healthy");
+    assert!(
+        text.contains("Flights      Against 3 healthy flights changed: thrust of rotor 2"),
+        "{text}"
+    );
+    let page = std::fs::read_to_string(scratch.path("fri.html")).expect("it was written");
+    assert!(page.contains(r#""against_healthy":{"outcome":"changed""#));
+    let report: Value = serde_json::from_str(&told(&["fri.parquet", "--json"])).expect("JSON");
+    assert_eq!(report["against_healthy"]["outcome"], "changed", "{report}");
+    assert_eq!(report["final_window"]["sequential"]["verdict"], "healthy", "{report}");
+    let both = told(&["thu.parquet", "fri.parquet"]);
+    let row = |name: &str| both.lines().find(|line| line.contains(name)).expect("a row").to_owned();
+    assert!(both.contains("against the healthy flights"), "{both}");
+    assert!(
+        row("thu.parquet").contains("no change") && row("fri.parquet").contains("changed"),
+        "{both}"
+    );
 }
 
 /// Kinds, sizes and rates reach the text, JSON and the series of the command.

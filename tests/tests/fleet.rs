@@ -26,6 +26,17 @@ impl Draw {
 
 /// Logs of one hexarotor whose rotors differ by 3 % (1 σ); `worn` (from 1) loses another share of its thrust in every flight after the first.
 fn flights(scratch: &Scratch, seed: u64, count: usize, worn: Option<(usize, f64)>) -> Vec<PathBuf> {
+    let worn = worn.map(|(rotor, share)| (rotor, move |flight: usize| share * flight as f64));
+    flights_with(scratch, seed, count, worn)
+}
+
+/// The same with a rotor (from 1) that lacks a share of its thrust in each flight, from 0.
+fn flights_with(
+    scratch: &Scratch,
+    seed: u64,
+    count: usize,
+    damaged: Option<(usize, impl Fn(usize) -> f64)>,
+) -> Vec<PathBuf> {
     let mut draw = Draw(seed);
     let spread: Vec<f64> = (0..6).map(|_| 0.03 * draw.normal()).collect();
     (0..count)
@@ -37,9 +48,8 @@ fn flights(scratch: &Scratch, seed: u64, count: usize, worn: Option<(usize, f64)
             words.push(["hover", "waypoint", "helix"][flight % 3].to_owned());
             words.extend(["--seed".to_owned(), (1000 * seed + flight as u64).to_string()]);
             for (rotor, spread) in spread.iter().enumerate() {
-                let lost = worn
-                    .filter(|worn| worn.0 == rotor + 1)
-                    .map_or(0.0, |worn| worn.1 * flight as f64);
+                let damaged = damaged.as_ref().filter(|damaged| damaged.0 == rotor + 1);
+                let lost = damaged.map_or(0.0, |damaged| damaged.1(flight));
                 let share = (1.0 + spread) * (1.0 - lost) - 1.0;
                 words.extend([
                     "--effect".to_owned(),
@@ -143,6 +153,32 @@ fn val_a_rotor_that_wears_is_named_acknowledged_and_begins_anew() {
     assert_eq!(status(&view)[3], "too_few_flights");
     assert_eq!(view["flights"].as_array().map(Vec::len), Some(9), "nothing is deleted");
     assert_eq!(view["maintenance"].as_array().map(Vec::len), Some(2));
+}
+
+/// Chipped before the last of five flights: nothing within it shows that.
+#[test]
+fn regress_a_loss_that_only_the_last_of_five_flights_shows_is_named() {
+    let scratch = Scratch::new();
+    for (seed, rotor) in [(8341, 2), (8342, 5)] {
+        let lost = |flight: usize| if flight == 4 { 0.08 } else { 0.0 };
+        let logs = flights_with(&scratch, seed, 5, Some((rotor, lost)));
+        let name = format!("chipped-{seed}");
+        add(&scratch, &name, &logs).run().expect_code(0);
+        let view = shown(&scratch, &name);
+        let loss = &view["rotors"][rotor - 1]["loss"];
+        assert_eq!(
+            (&loss["course"], &loss["from_flight"]),
+            (&"step".into(), &5.into()),
+            "{view:#}"
+        );
+        let share = &loss["lost"];
+        assert!(number(&share["low"]) < 0.08 && 0.08 < number(&share["high"]), "{share}");
+        let others = (1..=6).filter(|other| *other != rotor);
+        assert!(
+            others.into_iter().all(|other| status(&view)[other - 1] == "ok"),
+            "{view:#}"
+        );
+    }
 }
 
 #[test]

@@ -220,6 +220,12 @@ fn scenario_the_log_of_an_autopilot_is_read_again_with_its_motors_in_another_ord
         assert!(here.len() > 100 && here == there, "rotor {rotor}");
     }
     assert_ne!(rows(&log, "duty_1"), rows(&log, "duty_2"));
+    let twice = again("[1, 1, 3, 4]");
+    let why = twice["error"].as_str().expect("a sentence");
+    assert!(
+        why.contains("order = [1, 1, 3, 4] names field 1 for rotors 1 and 2"),
+        "{why}"
+    );
 }
 
 /// Not a valid log.

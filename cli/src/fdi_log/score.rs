@@ -1,104 +1,17 @@
-//! Accuracy of the detectors on logs with known truth, by the definitions of campaigns ([`rotortwin_campaign::study::score`]).
-//!
-//! The truth of a window is that at its middle. Windows that cannot be evaluated are excluded. *Inside*: of the windows in which the
-//! sequential detector names the correct rotors while the loss is constant and of known size, those in which every loss is inside its 95 %
-//! interval.
+//! Tables of the accuracy of the detectors on logs with known truth ([`rotortwin_runner::log_verdict::score`]).
 
-use super::truth::Truth;
 use rotortwin_campaign::study::intervals::poisson_rate;
-use rotortwin_campaign::study::log_score::{LogScore, NamedScore};
-use rotortwin_campaign::study::score::{DetectorScore, DetectorScorer, Verdict, WindowTruth};
-use rotortwin_fdi_session::validity::CANNOT_JUDGE;
-use rotortwin_plant::STEP_S;
+use rotortwin_campaign::study::log_score::LogScore;
+use rotortwin_campaign::study::score::DetectorScore;
 use rotortwin_runner::grid::Grid;
-use rotortwin_verdicts::log::{LogReport, NETWORK_OVER_TIME};
-use rotortwin_verdicts::view::WindowView;
-
-/// Detectors, in the order of a report.
-const DETECTORS: [&str; 4] = ["t_test", "network", "sequential", NETWORK_OVER_TIME];
-/// Place of the sequential detector.
-const SEQUENTIAL: usize = 2;
-
-/// From a report with all its windows.
-pub(super) fn score_of(report: &LogReport, truth: &Truth) -> LogScore {
-    let window_s = f64::from(report.detectors.window_samples) / report.judged_rate_hz;
-    let window_steps = (window_s / STEP_S).round() as u64;
-    let mut scorers = DETECTORS.map(|_| DetectorScorer::new(window_steps));
-    let (mut inside, mut inside_of) = (0, 0);
-    let mut sizes_are_known = true;
-    for window in &report.windows {
-        let end_s = report.log.start_s + window.time_s + 1.0 / report.judged_rate_hz;
-        let begin_s = end_s - window_s;
-        let damage = truth.at(end_s - 0.5 * window_s);
-        sizes_are_known &= damage.worst().is_finite();
-        let known = WindowTruth {
-            label: damage.label(),
-            faulty_rotors: damage.rotors,
-            touched: truth.touches(begin_s, end_s),
-            loss_share: Some(damage.worst()).filter(|share| share.is_finite()).unwrap_or(0.0),
-            after_onset_steps: truth.onset_s().and_then(|onset_s| after_onset_steps(onset_s, end_s)),
-        };
-        for (scorer, verdict) in scorers.iter_mut().zip(verdicts(window)) {
-            if verdict.code != CANNOT_JUDGE {
-                scorer.window(&known, verdict);
-            }
-        }
-        let rightly = !window.sequential.thrust_loss.is_empty() && known.is_right(verdicts(window)[SEQUENTIAL]);
-        if rightly && truth.stands_still(begin_s, end_s) && damage.worst().is_finite() {
-            inside_of += 1;
-            inside += u64::from(window.sequential.thrust_loss.iter().all(|loss| {
-                let share = damage.loss[loss.rotor as usize - 1];
-                (f64::from(loss.share_low)..=f64::from(loss.share_high)).contains(&share)
-            }));
-        }
-    }
-    let named = DETECTORS.into_iter().zip(scorers).map(|(detector, scorer)| {
-        let mut score = scorer.finish();
-        if !sizes_are_known {
-            score.by_severity.clear();
-        }
-        NamedScore {
-            detector: detector.to_owned(),
-            score,
-        }
-    });
-    LogScore {
-        onset_s: truth.onset_s(),
-        detectors: named.collect(),
-        inside,
-        inside_of,
-    }
-}
-
-/// Steps from the onset to the end of a window; `None` if no step of the window is after it: an alarm in such a window
-/// is not caused by the damage, and is not a detection after 0 s.
-fn after_onset_steps(onset_s: f64, end_s: f64) -> Option<u64> {
-    let steps = ((end_s - onset_s) / STEP_S).round();
-    (steps >= 1.0).then_some(steps as u64)
-}
-
-fn verdicts(window: &WindowView) -> [Verdict; 4] {
-    let suspects = window
-        .sequential
-        .suspect_rotors
-        .iter()
-        .fold(0, |mask: u32, rotor| mask | 1 << (rotor - 1));
-    [
-        Verdict::of_code(window.t_test.code),
-        Verdict::of_code(window.network.verdict.code),
-        Verdict {
-            code: window.sequential.verdict.code,
-            suspect_rotors: suspects,
-        },
-        Verdict::of_code(window.network_over_time.verdict.code),
-    ]
-}
+use rotortwin_runner::log_verdict::score::{DETECTORS, SEQUENTIAL};
 
 /// The sequential detector, one line per log.
 pub(super) fn by_log(names: &[String], scores: &[&LogScore]) -> Grid {
     let mut table = Grid::new([
         "log",
         "windows",
+        "judged",
         "correct",
         "isolated",
         "settled",
@@ -110,7 +23,8 @@ pub(super) fn by_log(names: &[String], scores: &[&LogScore]) -> Grid {
         let score = &log.detectors[SEQUENTIAL].score;
         table.add_row([
             name.clone(),
-            score.windows.to_string(),
+            log.windows.to_string(),
+            share(score.windows, log.windows),
             share(score.right, score.windows),
             delay(log, score.isolated_after_s()),
             delay(log, score.settled_after_s()),
@@ -126,6 +40,7 @@ pub(super) fn by_detector(scores: &[&LogScore]) -> Grid {
     let mut table = Grid::new([
         "detector",
         "windows",
+        "judged",
         "correct",
         "isolated",
         "settled",
@@ -133,6 +48,7 @@ pub(super) fn by_detector(scores: &[&LogScore]) -> Grid {
     ])
     .numbers_from(1);
     let damaged = scores.iter().filter(|score| score.onset_s.is_some()).count();
+    let all = scores.iter().map(|log| log.windows).sum::<u64>();
     for (index, detector) in DETECTORS.iter().enumerate() {
         let of = |number: fn(&DetectorScore) -> u64| {
             scores
@@ -167,7 +83,8 @@ pub(super) fn by_detector(scores: &[&LogScore]) -> Grid {
         );
         table.add_row([
             (*detector).to_owned(),
-            windows.to_string(),
+            all.to_string(),
+            share(windows, all),
             share(of(|score| score.right), windows),
             delays(DetectorScore::isolated_after_s),
             delays(DetectorScore::settled_after_s),
@@ -200,21 +117,5 @@ fn delay(log: &LogScore, delay_s: Option<f64>) -> String {
         (None, _) => "–".to_owned(),
         (Some(_), None) => "never".to_owned(),
         (Some(_), Some(delay_s)) => format!("{delay_s:.2} s"),
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn regress_a_window_that_ends_with_the_onset_has_not_seen_it() {
-        // 38 s is the end of a window of 62.5 ms; sums of steps are not exact.
-        let window_s = 25.0 * STEP_S;
-        let end_s = 0.1 + 0.2 + 37.7;
-        assert_eq!(after_onset_steps(38.0, end_s), None);
-        assert_eq!(after_onset_steps(38.0, end_s + window_s), Some(25));
-        assert_eq!(after_onset_steps(38.0, end_s + STEP_S), Some(1));
-        assert_eq!(after_onset_steps(38.0, 20.0), None);
     }
 }

@@ -1,7 +1,7 @@
 //! Every window of every detector as a table: Parquet, or CSV, by file extension.
 
-use super::judged::JudgedLog;
 use rotortwin_campaign::table_file::{TableFile, Values};
+use rotortwin_runner::log_verdict::judged::JudgedLog;
 use rotortwin_verdicts::view::{ExplanationView, ExplanationWord, LossView, WindowView};
 use std::path::Path;
 

@@ -2,6 +2,7 @@
 
 use rotortwin_fdi_session::{ExplanationKind, Interval, Motion, words};
 use rotortwin_runner::grid::Grid;
+use rotortwin_runner::log_verdict::judged::{AgainstHealthy, JudgedLog};
 use rotortwin_verdicts::log::{LogReport, NotJudgedView, StretchView};
 use rotortwin_verdicts::view::{
     ExplanationView, ExplanationWord, IntervalView, LoadView, LossView, ObstacleView, Obstruction, SequentialView,
@@ -22,16 +23,20 @@ pub(super) fn file_name(path: &Path) -> String {
 }
 
 /// One line per log.
-pub(super) fn overview<'a>(logs: impl Iterator<Item = (&'a Path, &'a LogReport)>) -> Grid {
-    let mut table = Grid::new(["log", "judged", "alarms", "last verdict of each stretch"]).numbers([1, 2]);
-    for (path, report) in logs {
+pub(super) fn overview(logs: &[JudgedLog]) -> Grid {
+    let compared = logs.iter().any(|log| log.against.is_some());
+    let mut header = vec!["log", "judged", "alarms", "last verdict of each stretch"];
+    header.extend(compared.then_some("against the healthy flights"));
+    let mut table = Grid::new(header).numbers([1, 2]);
+    for log in logs {
+        let report = &log.report;
         let verdicts: Vec<String> = report
             .stretches
             .iter()
             .map(|stretch| verdict_text(&stretch.sequential))
             .collect();
-        table.add_row([
-            file_name(path),
+        let mut cells = vec![
+            file_name(Path::new(&log.file)),
             format!("{:.0} of {:.0} s", report.decided_s, report.log.duration_s),
             report.counts[2].alarms.to_string(),
             if verdicts.is_empty() {
@@ -39,13 +44,18 @@ pub(super) fn overview<'a>(logs: impl Iterator<Item = (&'a Path, &'a LogReport)>
             } else {
                 verdicts.join("; ")
             },
-        ]);
+        ];
+        if compared {
+            let word = log.against.as_ref().map_or("–", AgainstHealthy::word);
+            cells.push(word.to_owned());
+        }
+        table.add_row(cells);
     }
     table
 }
 
 /// One log. `against`: commanded thrust of its rotors compared with healthy flights.
-pub(super) fn text_of(report: &LogReport, against: Option<&str>) -> String {
+pub(super) fn text_of(report: &LogReport, against: Option<&AgainstHealthy>) -> String {
     let mut text = headline(report, against);
     text += &format!("{}\n\n", timeline(report));
     text += &not_judged(report);
@@ -60,20 +70,37 @@ pub(super) fn text_of(report: &LogReport, against: Option<&str>) -> String {
     for suspicion in &report.suspicions {
         text += &format!("\nSuspicious   {}", suspicion.finding);
     }
-    for note in report.notes.iter().filter(|note| Some(note.as_str()) != against) {
+    let is_told = |note: &String| against.is_some_and(|against| against.sentence == *note);
+    for note in report.notes.iter().filter(|note| !is_told(note)) {
         text += &format!("\nNote         {note}");
     }
     text.trim_end().to_owned()
 }
 
 /// The verdict, and what it stands on.
-fn headline(report: &LogReport, against: Option<&str>) -> String {
+fn headline(report: &LogReport, against: Option<&AgainstHealthy>) -> String {
     let detectors = &report.detectors;
+    let names_a_fault = report.stretches.iter().any(|stretch| {
+        let said = stretch.sequential.verdict.verdict;
+        !matches!(
+            said,
+            VerdictKind::Healthy | VerdictKind::NotReady | VerdictKind::CannotJudge
+        )
+    });
+    // Healthy within the flight is not healthy where the vehicle has changed since the healthy flights.
+    let verdict = match against.filter(|against| against.is_changed() && !names_a_fault) {
+        Some(against) => format!(
+            "{} since the healthy flights; within this flight: {}",
+            against.word(),
+            answer(report)
+        ),
+        None => answer(report),
+    };
     let mut text = format!(
         "Verdict      {}\n{}Log          {} rows, {:.2} s at {:.1} Hz\nVehicle      {} ({} rotors), classifier {}\nCalibration  {} s in the air; what is damaged by \
          then counts as healthy\nSteps        {} taken, {} lost, {} rejected\nJudged       {:.1} of {:.1} s\n\n",
-        answer(report),
-        against.map_or_else(String::new, |sentence| format!("Flights      {sentence}\n")),
+        verdict,
+        against.map_or_else(String::new, |against| format!("Flights      {}\n", against.sentence)),
         report.log.rows,
         report.log.duration_s,
         report.log.rate_hz,

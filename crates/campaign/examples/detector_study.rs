@@ -19,6 +19,7 @@ use rotortwin_campaign::parallel;
 use rotortwin_flight::lockstep::{self, FlightEnd, FlightObserver, StopReason};
 use rotortwin_flight::pace::Pace;
 use rotortwin_flight::sample::Sample;
+use rotortwin_flight_core::fdi::verdict_code::of_pair;
 use rotortwin_plant::STEP_S;
 use rotortwin_plant::powertrain::faults::FaultEntry;
 use rotortwin_plant::random::RandomStream;
@@ -413,7 +414,7 @@ const CONFIDENT: f32 = 0.95;
 
 fn outcome(w: &Window, pair: [usize; 2]) -> Outcome {
     let truth = 1u32 << pair[0] | 1 << pair[1];
-    let code = 100 * (pair[0] as i32 + 1) + pair[1] as i32 + 1;
+    let code = of_pair(pair[0] as i32 + 1, pair[1] as i32 + 1);
     match w.report.sequential {
         c if c == code => Outcome::Named,
         0 | -2 => Outcome::Missed,

@@ -3,7 +3,7 @@
 use crate::second_look::{ExplanationKind, Interval, Motion};
 use crate::session::Window;
 use rotortwin_flight_core::MAX_ROTORS;
-use rotortwin_flight_core::fdi::verdict_code::{AMBIGUOUS, HEALTHY, NOT_READY, UNKNOWN};
+use rotortwin_flight_core::fdi::verdict_code::{AMBIGUOUS, HEALTHY, NOT_READY, UNKNOWN, named_rotors};
 
 /// `10.0 % [9.8, 10.2]` of a fraction.
 pub fn percent(share: &Interval) -> String {
@@ -100,23 +100,15 @@ pub fn verdict(window: &Window) -> String {
             }
         }
         code => {
-            let named = match code {
-                1..100 => vec![code.unsigned_abs()],
-                _ => vec![code.unsigned_abs() / 100, code.unsigned_abs() % 100],
-            };
             let losses = [&report.thrust_loss, &report.second_thrust_loss];
-            let texts: Vec<String> = named
-                .iter()
+            let texts: Vec<String> = named_rotors(code)
                 .zip(losses)
                 .enumerate()
                 .map(|(place, (rotor, size))| {
                     let [_, _, _, value, low, high] = size.values();
-                    let first = details
-                        .explanations
-                        .iter()
-                        .find(|one| rotors_of(one.rotors) == [*rotor]);
+                    let first = details.explanations.iter().find(|one| rotors_of(one.rotors) == [rotor]);
                     let drag = first.and_then(|one| one.drag.as_ref());
-                    loss(*rotor, &Interval { value, low, high }, details.motion.get(place), drag)
+                    loss(rotor, &Interval { value, low, high }, details.motion.get(place), drag)
                 })
                 .collect();
             texts.join(", ")

@@ -1,13 +1,31 @@
 //! Effect of a catalogue entry on a flight of a vehicle: the flight that shows it best, simulated.
 
-use crate::next_flight::{fly, with_companions};
-use rotortwin_plant::effects::{Catalogue, EffectClass, EffectInstance};
-use rotortwin_twin::model::ModelVersion;
+use crate::next_flight::{catalogue_of, fly, with_companions};
+use rotortwin_jobs::EffectPicture as Question;
+use rotortwin_plant::effects::{Catalogue, EffectClass, EffectDocument, EffectInstance};
+use rotortwin_scenario::{ConfigError, effect_documents};
+use rotortwin_twin::model::{ModelStore, ModelVersion};
 use rotortwin_twin::next_flight::{MANOEUVRES, Manoeuvre, Rival};
 use rotortwin_twin::sandbox::{EffectPicture, MovedChannel, left, moved};
 
 /// Fixed seed, for reproducible results.
 const SEED: u64 = 1;
+
+/// The picture that a question asks for: the effect at its typical values, with those of the question.
+///
+/// # Errors
+/// The model or an effect document cannot be used; see [`picture`].
+pub fn of(question: &Question) -> Result<EffectPicture, String> {
+    let found = ModelStore::new(&question.models).find(&question.model);
+    let version = found.map_err(|error| error.to_string())?.version;
+    let documents: Result<Vec<EffectDocument>, ConfigError> =
+        question.effects.iter().map(effect_documents::load).collect();
+    let version = version.with_documents(&documents.map_err(|error| error.to_string())?);
+    let catalogue = catalogue_of(&version)?;
+    let mut effect = Rival::parse(&question.effect, &catalogue)?.typical(&catalogue)?;
+    effect.parameters.extend(question.parameters.clone());
+    picture(&version, &catalogue, &effect, question.flight.as_deref())
+}
 
 /// The picture of an effect on a vehicle.
 ///

@@ -12,7 +12,7 @@
 use crate::spool::{Chunk, SpoolHeader};
 use crate::summary::{BatteryUse, Evaluator, Interval, LossRecord, Score, Severity, Tracking};
 use crate::telemetry::Column;
-use rotortwin_flight_core::fdi::verdict_code::{AMBIGUOUS, HEALTHY, NOT_READY, UNKNOWN};
+use rotortwin_flight_core::fdi::verdict_code::{AMBIGUOUS, HEALTHY, NOT_READY, UNKNOWN, named_rotors};
 
 /// After this time, observers with the paper's gain of 5 /s have forgotten their initial state, s.
 const SETTLE_S: f64 = 1.0;
@@ -496,13 +496,7 @@ fn is_right(verdict: i32, suspects: u64, interval: &Interval) -> bool {
 /// * `losses`: N, ends, fraction, ends; of the first and the second rotor named
 pub fn severity(verdict: i32, suspects: u64, hypothesis_count: u32, losses: [[f64; 6]; 2]) -> Severity {
     let suspect_rotors = rotors_of(suspects);
-    let named = match verdict {
-        1..100 => vec![verdict.unsigned_abs()],
-        100.. => vec![verdict.unsigned_abs() / 100, verdict.unsigned_abs() % 100],
-        _ => Vec::new(),
-    };
-    let losses = named
-        .into_iter()
+    let losses = named_rotors(verdict)
         .zip(losses)
         .map(
             |(rotor, [loss_n, low_n, high_n, share, share_low, share_high])| LossRecord {

@@ -26,7 +26,8 @@ use crate::summary::{Evaluator, OwnDetector, Score, Statement, Summary, load_sum
 use crate::telemetry::{Column, Kind, SENSED, telemetry_columns};
 use crate::{mcap as streams, report};
 use rotortwin_flight_core::MAX_ROTORS;
-use rotortwin_flight_core::fdi::verdict_code::{AMBIGUOUS, NOT_READY, UNKNOWN};
+use rotortwin_flight_core::fdi::FaultVerdict;
+use rotortwin_flight_core::fdi::verdict_code::{AMBIGUOUS, NOT_READY, UNKNOWN, named_rotors};
 use std::path::Path;
 
 /// Longest name of a detector, characters.
@@ -387,15 +388,7 @@ impl Judged {
 
 /// Whether there is such a verdict for a vehicle with this number of rotors.
 pub fn exists(verdict: i32, rotor_count: usize) -> bool {
-    let most = i32::try_from(rotor_count).unwrap_or(i32::MAX);
-    match verdict {
-        AMBIGUOUS..=0 => true,
-        1..100 => verdict <= most,
-        _ => {
-            let (first, second) = (verdict / 100, verdict % 100);
-            first >= 1 && first < second && second <= most
-        }
-    }
+    FaultVerdict::of_code(verdict).is_some() && named_rotors(verdict).all(|rotor| rotor as usize <= rotor_count)
 }
 
 /// Rewrites `telemetry.parquet` with the detectors' columns; returns the data that the report plots.

@@ -10,7 +10,8 @@ use crate::analysis::column;
 use crate::spool::{Chunk, SpoolHeader};
 use crate::summary::Evaluator;
 use crate::telemetry::Column;
-use rotortwin_flight_core::fdi::verdict_code::{AMBIGUOUS, HEALTHY, NOT_READY, UNKNOWN};
+use rotortwin_flight_core::fdi::FaultVerdict;
+use rotortwin_flight_core::fdi::verdict_code::{HEALTHY, NOT_READY, UNKNOWN};
 
 /// Buckets of the full-width plots: at most twice this many points.
 const WIDE_BUCKETS: u64 = 1950;
@@ -399,14 +400,14 @@ impl Plots {
             }
             for verdicts in &mut self.verdicts {
                 let code = chunk.columns[verdicts.place][row] as i32;
-                let marks = match code {
-                    AMBIGUOUS => [UNKNOWN; 2],
-                    100.. => [code / 100, code % 100],
-                    _ => [code; 2],
+                let bit = |mark: i32| 1 << (mark.clamp(NOT_READY, 29) - NOT_READY);
+                verdicts.open |= match FaultVerdict::of_code(code) {
+                    Some(FaultVerdict::Ambiguous) => bit(UNKNOWN),
+                    Some(FaultVerdict::FaultyPair { first, second }) => {
+                        bit(i32::from(first) + 1) | bit(i32::from(second) + 1)
+                    }
+                    _ => bit(code),
                 };
-                for mark in marks {
-                    verdicts.open |= 1 << (mark.clamp(NOT_READY, 29) - NOT_READY);
-                }
             }
             self.in_bucket += 1;
             self.end_s = time + self.step_s;

@@ -9,7 +9,7 @@
 
 use crate::error::{Result, StoreError, io};
 use crate::files::{SPOOL_FILE, SUMMARY_FILE};
-use rotortwin_flight_core::fdi::verdict_code::{AMBIGUOUS, HEALTHY, NOT_READY, UNKNOWN};
+use rotortwin_flight_core::fdi::FaultVerdict;
 use serde::{Deserialize, Deserializer, Serialize};
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -536,13 +536,16 @@ impl Summary {
 
 /// A verdict code in words.
 pub fn verdict_text(code: i32) -> String {
-    match code {
-        NOT_READY => "not ready".to_owned(),
-        UNKNOWN => "unknown fault".to_owned(),
-        HEALTHY => "healthy".to_owned(),
-        AMBIGUOUS => "ambiguous".to_owned(),
-        100.. => format!("rotors {} and {}", code / 100, code % 100),
-        rotor => format!("rotor {rotor}"),
+    match FaultVerdict::of_code(code) {
+        Some(FaultVerdict::NotReady) => "not ready".to_owned(),
+        Some(FaultVerdict::Unknown) => "unknown fault".to_owned(),
+        Some(FaultVerdict::Healthy) => "healthy".to_owned(),
+        Some(FaultVerdict::Ambiguous) => "ambiguous".to_owned(),
+        Some(FaultVerdict::Faulty { rotor }) => format!("rotor {}", u32::from(rotor) + 1),
+        Some(FaultVerdict::FaultyPair { first, second }) => {
+            format!("rotors {} and {}", u32::from(first) + 1, u32::from(second) + 1)
+        }
+        None => format!("verdict {code}"),
     }
 }
 

@@ -232,6 +232,10 @@ fn val_a_mapping_that_does_not_fit_a_canonical_file_is_refused() {
             row("duty", "file:accel_x_m_s2", "order = [1]\n"),
             "low, high, order and valid are for",
         ),
+        (
+            row("duty", "file:accel_x_m_s2,accel_y_m_s2,accel_x_m_s2", ""),
+            "names accel_x_m_s2 in places 1 and 3; expected another field for each rotor",
+        ),
     ] {
         let sentence = remapped(text, &rows).expect_err(&rows);
         assert!(sentence.contains(expected), "{sentence}");

@@ -158,7 +158,26 @@ fn val_a_mapping_overrides_one_row() {
         turned.column("roll_rate_rad_s"),
         "the other rows stay"
     );
+    let rotors = |more: &str| format!("source = \"crazyflie-usdlog\"\n{more}");
+    let twice = order.replace("[4, 3, 2, 1]", "[1, 1, 3, 4]");
+    let (field_twice, row_twice) = (
+        rotors(
+            "[[column]]\nto = \"duty\"\nfrom = \"fixedFrequency:motor.m1,motor.m2,motor.m1,motor.m4\"\nhigh = 65535.0\n",
+        ),
+        rotors(
+            "[[column]]\nto = \"duty_1\"\nfrom = \"fixedFrequency:motor.m1\"\n[[column]]\nto = \"duty_2\"\nfrom = \"fixedFrequency:motor.m1\"\n",
+        ),
+    );
     for (text, expected) in [
+        (
+            twice.as_str(),
+            "column 1 ('duty'): order = [1, 1, 3, 4] names field 1 for rotors 1 and 2; expected another field for each rotor",
+        ),
+        (field_twice.as_str(), "names motor.m1 in places 1 and 3"),
+        (
+            row_twice.as_str(),
+            "'duty_1' and 'duty_2' are both read from \"fixedFrequency:motor.m1\"",
+        ),
         ("source = \"px4-ulog\"\n", "the mapping is for source = \"px4-ulog\""),
         (
             "source = \"crazyflie-usdlog\"\n[[column]]\nto = \"accel\"\nfrom = \"fixedFrequency:acc.x,acc.y,acc.z\"\nunit = \"deg\"\n",

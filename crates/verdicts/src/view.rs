@@ -5,7 +5,8 @@ use rotortwin_fdi_session::words::rotors_of;
 use rotortwin_fdi_session::{
     Answer, Calibration, Details, Explained, ExplanationKind, Interval, LoadChange, Motion, Window,
 };
-use rotortwin_flight_core::fdi::verdict_code::{AMBIGUOUS, HEALTHY, UNKNOWN};
+use rotortwin_flight_core::fdi::FaultVerdict;
+use rotortwin_flight_core::fdi::verdict_code::named_rotors;
 use rotortwin_scenario::Detectors;
 use rotortwin_wire::frames::{FdiReport, LossEstimate, MAX_HYPOTHESES};
 use serde::Serialize;
@@ -122,17 +123,20 @@ pub struct VerdictView {
 impl VerdictView {
     /// From a verdict code.
     pub fn of(code: i32) -> Self {
-        let number = code.unsigned_abs();
-        let (verdict, rotors) = match code {
-            HEALTHY => (VerdictKind::Healthy, Vec::new()),
-            UNKNOWN => (VerdictKind::Unknown, Vec::new()),
-            AMBIGUOUS => (VerdictKind::Ambiguous, Vec::new()),
-            1..100 => (VerdictKind::Faulty, vec![number]),
-            100.. => (VerdictKind::FaultyPair, vec![number / 100, number % 100]),
-            CANNOT_JUDGE => (VerdictKind::CannotJudge, Vec::new()),
-            _ => (VerdictKind::NotReady, Vec::new()),
+        let verdict = match FaultVerdict::of_code(code) {
+            Some(FaultVerdict::Healthy) => VerdictKind::Healthy,
+            Some(FaultVerdict::Unknown) => VerdictKind::Unknown,
+            Some(FaultVerdict::Ambiguous) => VerdictKind::Ambiguous,
+            Some(FaultVerdict::Faulty { .. }) => VerdictKind::Faulty,
+            Some(FaultVerdict::FaultyPair { .. }) => VerdictKind::FaultyPair,
+            None if code == CANNOT_JUDGE => VerdictKind::CannotJudge,
+            Some(FaultVerdict::NotReady) | None => VerdictKind::NotReady,
         };
-        Self { verdict, code, rotors }
+        Self {
+            verdict,
+            code,
+            rotors: named_rotors(code).collect(),
+        }
     }
 }
 

@@ -8,7 +8,8 @@
 
 use crate::frames::{CommandFrame, FdiReport, LossEstimate, MAX_HYPOTHESES, SensorFrame, Stamp};
 use rotortwin_flight_core::MAX_ROTORS;
-use rotortwin_flight_core::fdi::verdict_code::{AMBIGUOUS, HEALTHY, NOT_READY, UNKNOWN};
+use rotortwin_flight_core::fdi::FaultVerdict;
+use rotortwin_flight_core::fdi::verdict_code::{AMBIGUOUS, HEALTHY, NOT_READY, UNKNOWN, named_rotors, of_pair};
 use rotortwin_proto::{self as proto, verdict::Kind};
 
 /// Why a message was rejected.
@@ -143,9 +144,8 @@ pub fn check_report(frame: &FdiReport, rotor_count: usize) -> Result<(), Convert
         }
     }
     let code = frame.sequential;
-    let (first, second) = (code / 100, code % 100);
-    let pair = first >= 1 && first < second && second <= highest;
-    if !pair && !(AMBIGUOUS..=highest).contains(&code) {
+    let is_of_the_vehicle = |rotor: u32| rotor <= highest.unsigned_abs();
+    if FaultVerdict::of_code(code).is_none() || !named_rotors(code).all(is_of_the_vehicle) {
         return Err(ConvertError::OutOfRange {
             field: "FdiReport.sequential".to_owned(),
             value: f64::from(code),
@@ -382,19 +382,20 @@ impl CommandFrame {
 
 /// The message of a verdict code; an unknown code becomes "unspecified", which every receiver rejects.
 pub fn verdict_to_proto(code: i32) -> proto::Verdict {
-    let (kind, rotor, second_rotor) = match code {
-        AMBIGUOUS => (Kind::Ambiguous, 0, 0),
-        NOT_READY => (Kind::NotReady, 0, 0),
-        UNKNOWN => (Kind::Unknown, 0, 0),
-        HEALTHY => (Kind::Healthy, 0, 0),
-        1..100 => (Kind::Faulty, code.unsigned_abs(), 0),
-        100.. => (Kind::FaultyPair, code.unsigned_abs() / 100, code.unsigned_abs() % 100),
-        _ => (Kind::Unspecified, 0, 0),
+    let kind = match FaultVerdict::of_code(code) {
+        Some(FaultVerdict::Ambiguous) => Kind::Ambiguous,
+        Some(FaultVerdict::NotReady) => Kind::NotReady,
+        Some(FaultVerdict::Unknown) => Kind::Unknown,
+        Some(FaultVerdict::Healthy) => Kind::Healthy,
+        Some(FaultVerdict::Faulty { .. }) => Kind::Faulty,
+        Some(FaultVerdict::FaultyPair { .. }) => Kind::FaultyPair,
+        None => Kind::Unspecified,
     };
+    let mut named = named_rotors(code);
     proto::Verdict {
         kind: kind.into(),
-        rotor,
-        second_rotor,
+        rotor: named.next().unwrap_or(0),
+        second_rotor: named.next().unwrap_or(0),
     }
 }
 
@@ -406,7 +407,7 @@ pub fn verdict_from_proto(verdict: &Option<proto::Verdict>, field: &'static str)
     if verdict.kind() == Kind::FaultyPair {
         let small = |rotor: u32| i32::try_from(rotor).ok().filter(|rotor| (1..100).contains(rotor));
         return match (small(verdict.rotor), small(verdict.second_rotor)) {
-            (Some(first), Some(second)) if first < second => Ok(100 * first + second),
+            (Some(first), Some(second)) if first < second => Ok(of_pair(first, second)),
             _ => Err(ConvertError::OutOfRange {
                 field: format!("{field}.second_rotor"),
                 value: f64::from(verdict.second_rotor),

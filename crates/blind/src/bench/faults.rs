@@ -317,6 +317,19 @@ pub enum End {
     Wrong,
 }
 
+impl End {
+    /// In progress.
+    pub const fn words(self) -> &'static str {
+        match self {
+            Self::Right => "correct",
+            Self::InSet => "ambiguous",
+            Self::Open => "open",
+            Self::Missed => "missed",
+            Self::Wrong => "wrong",
+        }
+    }
+}
+
 /// Windows in which the truth lay inside of the intervals, of all with intervals of the right rotors.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 pub struct WindowCount {
@@ -762,7 +775,23 @@ impl FaultBench {
         ))
     }
 
-    /// Flies and scores every case that has no row yet.
+    /// The row of a case that was scored before.
+    fn row_of(&self, case: &FaultCase) -> Option<FaultRow> {
+        let text = std::fs::read_to_string(self.path_of(case)).ok()?;
+        let row: FaultRow = serde_json::from_str(&text).ok()?;
+        (row.case == *case).then_some(row)
+    }
+
+    fn path_of(&self, case: &FaultCase) -> PathBuf {
+        self.folder.join(format!("rows/fault-{:05}.json", case.index))
+    }
+
+    /// Number of cases that have a row.
+    pub fn present(&self, cases: &[FaultCase]) -> usize {
+        cases.iter().filter(|case| self.row_of(case).is_some()).count()
+    }
+
+    /// Flies and scores every case that has no row yet; `progress` is called after each with its row.
     ///
     /// # Errors
     /// The folder cannot be written, or belongs to another request.
@@ -773,22 +802,18 @@ impl FaultBench {
         }
         let mut rows = Vec::with_capacity(cases.len());
         for case in cases {
-            let path = self.folder.join(format!("rows/fault-{:05}.json", case.index));
-            let there = std::fs::read_to_string(&path)
-                .ok()
-                .and_then(|text| serde_json::from_str::<FaultRow>(&text).ok())
-                .filter(|row| row.case == *case);
-            let row = match there {
+            let row = match self.row_of(case) {
                 Some(row) => row,
                 None => {
+                    let path = self.path_of(case);
                     let row = self.judged(case)?;
                     let text = serde_json::to_string_pretty(&row)
                         .map_err(|error| BlindError::input(path.display().to_string(), error.to_string()))?;
                     std::fs::write(&path, text + "\n").map_err(|source| BlindError::file("writing", &path, source))?;
+                    progress(&row);
                     row
                 }
             };
-            progress(&row);
             rows.push(row);
         }
         Ok(rows)

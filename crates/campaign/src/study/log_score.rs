@@ -11,6 +11,9 @@ use utoipa::ToSchema;
 pub struct LogScore {
     /// First damage, s of the log's time.
     pub onset_s: Option<f64>,
+    /// Windows that the log's duration holds, judged or not: those of a detector that have a verdict are its `windows`, the rest is
+    /// on the ground, in a calibration or could not be judged.
+    pub windows: u64,
     /// Each detector.
     pub detectors: Vec<NamedScore>,
     /// Windows of the sequential detector that name the correct rotors while the loss is constant, with each loss inside its 95 % interval.

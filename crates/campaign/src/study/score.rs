@@ -12,7 +12,7 @@
 //!
 //! Delays are stored in steps of 2.5 ms: integers, so that totals do not depend on the order of addition.
 
-use rotortwin_flight_core::fdi::verdict_code::{AMBIGUOUS, NOT_READY, UNKNOWN};
+use rotortwin_flight_core::fdi::verdict_code::{AMBIGUOUS, NOT_READY, UNKNOWN, named_rotors};
 use rotortwin_plant::STEP_S;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
@@ -133,17 +133,9 @@ impl Verdict {
 
     /// Rotors that it names: bit 0 is rotor 1.
     pub fn named_rotors(&self) -> u32 {
-        let bit = |rotor: i32| {
-            if (1..=32).contains(&rotor) {
-                1u32 << (rotor - 1)
-            } else {
-                0
-            }
-        };
-        match self.code {
-            code if code >= 100 => bit(code / 100) | bit(code % 100),
-            code => bit(code),
-        }
+        named_rotors(self.code)
+            .filter(|rotor| *rotor <= u32::BITS)
+            .fold(0, |mask, rotor| mask | 1 << (rotor - 1))
     }
 }
 

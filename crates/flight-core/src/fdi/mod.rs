@@ -79,22 +79,6 @@ pub enum FaultVerdict {
     Ambiguous,
 }
 
-impl FaultVerdict {
-    /// The paper's number: 0 healthy, i rotor i (from 1), −1 unknown fault; beyond the paper −2 not ready, −3 ambiguous, and
-    /// 100 i + j the rotors i and j.
-    #[inline]
-    pub const fn code(self) -> i32 {
-        match self {
-            Self::NotReady => verdict_code::NOT_READY,
-            Self::Unknown => verdict_code::UNKNOWN,
-            Self::Healthy => verdict_code::HEALTHY,
-            Self::Faulty { rotor } => rotor as i32 + 1,
-            Self::FaultyPair { first, second } => 100 * (first as i32 + 1) + second as i32 + 1,
-            Self::Ambiguous => verdict_code::AMBIGUOUS,
-        }
-    }
-}
-
 /// Model of the healthy vehicle and tuning of the FDI engine.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct FdiConfig {

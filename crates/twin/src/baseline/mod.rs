@@ -67,6 +67,18 @@ pub struct Change {
     pub parameters: Vec<FittedParameter>,
 }
 
+/// Whether a vehicle is still that of the healthy flights.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Outcome {
+    /// No change is the likeliest.
+    NoChange,
+    /// A change is likelier than none, and not certain enough to be named.
+    ProbablyChanged,
+    /// A change is named, or several that the flights cannot distinguish.
+    Changed,
+}
+
 /// The answer.
 #[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]
 pub struct Trim {
@@ -538,6 +550,17 @@ fn smallest_loss(spread: &Spread, balance: &Balance<'_>, all: &[Candidate]) -> O
     Some(seen as f64 * LOSS_STEP)
 }
 
+impl Trim {
+    /// What [`Self::sentence`] says, in a word.
+    pub fn outcome(&self) -> Outcome {
+        match self.named.as_slice() {
+            [] if self.unchanged > 0.5 => Outcome::NoChange,
+            [] => Outcome::ProbablyChanged,
+            _ => Outcome::Changed,
+        }
+    }
+}
+
 fn sentence(trim: &Trim) -> String {
     let count = trim.baseline.len();
     let told = |one: &Change| {
@@ -553,7 +576,7 @@ fn sentence(trim: &Trim) -> String {
         format!("{} ({})", one.label, values.join(", "))
     };
     match trim.named.as_slice() {
-        [] if trim.unchanged > 0.5 => format!(
+        [] if trim.outcome() == Outcome::NoChange => format!(
             "Against {count} healthy flights nothing has changed for certain (probability of no change {:.0} %).",
             100.0 * trim.unchanged
         ),

@@ -328,13 +328,51 @@ impl Row {
         if !fits {
             return Err(format!("frame = {:?} does not fit '{}'", self.frame, self.to));
         }
-        if let Some(order) = &self.order
-            && (order.is_empty() || order.len() > MAX_ROTORS || order.contains(&0))
+        if let Some(order) = &self.order {
+            if order.is_empty() || order.len() > MAX_ROTORS || order.contains(&0) {
+                return Err("order must name fields of the source, from 1".to_owned());
+            }
+            if let Some((field, first, second)) = named_twice(order) {
+                return Err(format!(
+                    "order = {order:?} names field {field} for rotors {first} and {second}; expected another field for each rotor"
+                ));
+            }
+        }
+        // Two rotors with the same values are one rotor counted twice.
+        if let Some(place) = self.place()
+            && matches!(target, Target::Duty | Target::RotorSpeed)
+            && let Some((field, first, second)) = named_twice(&place.fields)
         {
-            return Err("order must name fields of the source, from 1".to_owned());
+            return Err(format!(
+                "from = \"{}\" names {field} in places {first} and {second}; expected another field for each rotor",
+                self.from
+            ));
         }
         Ok(())
     }
+}
+
+/// The first entry of a list that is in it before, with both places, from 1.
+fn named_twice<T: PartialEq>(list: &[T]) -> Option<(&T, usize, usize)> {
+    list.iter().enumerate().find_map(|(later, entry)| {
+        let first = list[..later].iter().position(|known| known == entry)?;
+        Some((entry, first + 1, later + 1))
+    })
+}
+
+/// Two rows that read the duties, or the speeds, of different rotors from one field: both targets and the field.
+fn rotors_of_one_field(rows: &[Row]) -> Option<(&str, &str, &str)> {
+    for rotor_of in [names::duty_rotor, names::speed_rotor] {
+        let of_a_rotor = |row: &&Row| row.place().is_some() && rotor_of(&row.to).is_some();
+        let mut known: Vec<&Row> = Vec::new();
+        for row in rows.iter().filter(of_a_rotor) {
+            if let Some(other) = known.iter().find(|other| other.from == row.from && other.to != row.to) {
+                return Some((&other.to, &row.to, &row.from));
+            }
+            known.push(row);
+        }
+    }
+    None
 }
 
 /// Built-in mapping files.
@@ -376,6 +414,12 @@ fn parse(path: &Path, text: &str) -> Result<MappingFile, LogError> {
     for (index, row) in mapping.rows.iter().enumerate() {
         row.check()
             .map_err(|reason| LogError::format(path, format!("column {} ('{}'): {reason}", index + 1, row.to)))?;
+    }
+    if let Some((first, second, from)) = rotors_of_one_field(&mapping.rows) {
+        return Err(LogError::format(
+            path,
+            format!("'{first}' and '{second}' are both read from \"{from}\"; expected another field for each rotor"),
+        ));
     }
     let fits = (mapping.source == SourceName::Csv) == mapping.csv.is_some();
     let layout = mapping.csv.as_ref().map_or(Ok(()), Layout::check);

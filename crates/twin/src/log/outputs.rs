@@ -52,7 +52,7 @@ pub(super) fn rotors(duties: &[Vec<f64>], parameters: &BTreeMap<String, f64>) ->
     if functions.len() >= FEWEST {
         return Rotors {
             outputs: functions,
-            why: "SERVOn_FUNCTION is not that of a motor",
+            why: "SERVOn_FUNCTION is not that of a motor, or of one that a lower output drives, too",
         };
     }
     if let Some(count) = by_count(duties, parameters) {
@@ -99,6 +99,8 @@ fn by_function(count: usize, parameters: &BTreeMap<String, f64>) -> Vec<usize> {
         })
         .collect();
     motors.sort_unstable();
+    // Outputs with one function carry one signal: they are one rotor.
+    motors.dedup_by_key(|(motor, _)| *motor);
     motors.into_iter().map(|(_, output)| output).collect()
 }
 
@@ -314,6 +316,18 @@ mod tests {
             .collect();
         let found = rotors(&vec![flown(0.0, 0.5); 6], &parameters);
         assert_eq!(found.outputs, [3, 2, 1, 0]);
+    }
+
+    /// Motor 2 on two outputs, as for a spare connector: a quadrotor, not five rotors.
+    #[test]
+    fn regress_a_motor_on_two_outputs_is_one_rotor() {
+        let parameters: BTreeMap<String, f64> = [33.0, 34.0, 35.0, 36.0, 34.0]
+            .into_iter()
+            .enumerate()
+            .map(|(output, function)| (format!("SERVO{}_FUNCTION", output + 1), function))
+            .collect();
+        let found = rotors(&vec![flown(0.0, 0.5); 5], &parameters);
+        assert_eq!(found.outputs, [0, 1, 2, 3]);
     }
 
     #[test]

@@ -170,15 +170,20 @@ impl SlowNoise {
         if slow.attitude > 0.0 || slow.rates > 0.0 || log.source.kind.is_of_an_estimator() {
             slow.turns = log.attitude_corrections(air);
         }
-        if let Some(rate) = log.duty_rate().filter(SensorRate::is_slower) {
+        if let Some(rate) = log.duty_rate().filter(|rate| rate.is_slower() && rate.between > 0.0) {
             // An error that persists for n rows has √n times the effect over many rows of one that is new on each.
             slow.duty = rate.between * (rate.rows_hz / rate.source_hz).sqrt();
+            // On the ground they idle: the thrust per duty there is not that of hover.
+            let flies: Vec<bool> = (log.time_s.iter())
+                .map(|time| air.is_empty() || air.iter().any(|(from, to)| (from..=to).contains(&time)))
+                .collect();
             let duties = log.duties();
             let values = || {
                 duties
                     .iter()
-                    .flat_map(|duty| duty.iter())
-                    .filter(|value| value.is_finite())
+                    .flat_map(|duty| duty.iter().zip(&flies))
+                    .filter(|(value, flies)| **flies && value.is_finite())
+                    .map(|(value, _)| *value)
             };
             slow.mean_duty = values().sum::<f64>() / values().count().max(1) as f64;
             told.push(format!(

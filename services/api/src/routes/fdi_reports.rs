@@ -4,7 +4,7 @@ use super::uploads::Upload;
 use crate::App;
 use crate::access::Caller;
 use crate::problem::Problem;
-use crate::worker::answer::{answered, json};
+use crate::worker::answer::{answered_question, json};
 use axum::Json;
 use axum::body::Body;
 use axum::extract::rejection::QueryRejection;
@@ -12,12 +12,10 @@ use axum::extract::{Query, RawQuery, State};
 use axum::http::Uri;
 use axum::response::Response;
 use rotortwin_campaign::study::log_score::LogScore;
-use rotortwin_jobs::JobKind;
+use rotortwin_jobs::{JobKind, LogTruth, LogVerdict, Question};
 use rotortwin_scenario::DetectorSettings;
 use rotortwin_verdicts::log::LogReport;
 use serde::{Deserialize, Serialize};
-use std::ffi::OsString;
-use std::io::Write as _;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::Duration;
@@ -78,7 +76,7 @@ pub(crate) async fn judge(
     body: Body,
 ) -> Result<Response, Problem> {
     let Query(which) = which?;
-    judged(&app, &caller, &which, body, &Truth::Unknown).await.map(json)
+    judged(&app, &caller, &which, body, None).await.map(json)
 }
 
 /// What is true; the rest of the query is [`Which`].
@@ -127,8 +125,8 @@ pub(crate) async fn score(
 ) -> Result<Json<ScoredReport>, Problem> {
     let (which, known) = split(query.as_deref().unwrap_or_default())?;
     let truth = match (known.truth, known.truth_column) {
-        (Some(rows), None) => Truth::Rows(rows),
-        (None, Some(column)) => Truth::Column(column),
+        (Some(rows), None) => LogTruth::Rows(format!("time_s,rotor,loss\n{}\n", rows.replace(';', "\n"))),
+        (None, Some(column)) => LogTruth::Column(column),
         (rows, _) => {
             return Err(Problem::unprocessable(format!(
                 "expected `truth` (rows time_s,rotor,loss with `;` between them) or `truth_column` (a column of the log), got {}",
@@ -136,7 +134,7 @@ pub(crate) async fn score(
             )));
         }
     };
-    let text = judged(&app, &caller, &which, body, &truth).await?;
+    let text = judged(&app, &caller, &which, body, Some(truth)).await?;
     // The name of the file, which is the server's matter, is left out.
     serde_json::from_str(&text)
         .map(Json)
@@ -160,15 +158,14 @@ fn part_of<T: serde::de::DeserializeOwned>(pairs: &[&str]) -> Result<T, Problem>
     Ok(part)
 }
 
-/// What is known of the truth.
-enum Truth {
-    Unknown,
-    Rows(String),
-    Column(String),
-}
-
 /// What `rotortwin fdi-log` says of a log.
-async fn judged(app: &App, caller: &Caller, which: &Which, body: Body, truth: &Truth) -> Result<String, Problem> {
+async fn judged(
+    app: &App,
+    caller: &Caller,
+    which: &Which,
+    body: Body,
+    truth: Option<LogTruth>,
+) -> Result<String, Problem> {
     let settings = DetectorSettings {
         calibration_start_s: which.calibration_start_s,
         calibration_end_s: which.calibration_end_s,
@@ -188,51 +185,30 @@ async fn judged(app: &App, caller: &Caller, which: &Which, body: Body, truth: &T
     if let Some(part) = part {
         log.push(format!("@{part}"));
     }
-    let mut words: Vec<OsString> = vec!["fdi-log".into(), log, "--json".into()];
-    if which.flight {
-        words.push("--flight".into());
-    }
-    words.extend(["--most-cells".into(), MOST_CELLS.to_string().into()]);
-    words.extend([
-        "--model".into(),
-        library.file("vehicles", &which.vehicle, "toml").into(),
-    ]);
-    if let Some(classifier) = &which.classifier {
-        words.extend([
-            "--classifier".into(),
-            library.file("classifiers", classifier, "json").into(),
-        ]);
-    }
     let set = [
         ("calibration_start_s", which.calibration_start_s),
         ("calibration_end_s", which.calibration_end_s),
     ];
-    for (key, value) in set {
-        if let Some(value) = value {
-            words.extend(["--set".into(), format!("{key}={value:?}").into()]);
-        }
-    }
-    // Gone when this function ends.
-    let rows = match truth {
-        Truth::Rows(rows) => Some(rows_file(app, rows)?),
-        _ => None,
-    };
-    match (truth, &rows) {
-        (Truth::Column(column), _) => words.push(format!("--truth-column={column}").into()),
-        (_, Some(rows)) => words.extend(["--truth".into(), rows.path().into()]),
-        _ => {}
-    }
+    let set = set.into_iter().filter_map(|(key, value)| Some((key, value?)));
+    let classifier = which.classifier.as_ref();
+    let question = Question::LogVerdict(LogVerdict {
+        logs: vec![log.into()],
+        model: library.file("vehicles", &which.vehicle, "toml").display().to_string(),
+        models: "models".into(),
+        classifier: classifier.map(|name| library.file("classifiers", name, "json")),
+        settings: set.map(|(key, value)| format!("{key}={value:?}")).collect(),
+        truth,
+        flight: which.flight,
+        most_cells: Some(MOST_CELLS),
+        ..LogVerdict::default()
+    });
     let path = file.path().display().to_string();
     // Under the name of an upload's file nobody knows it.
     let stem = match &file {
         Flight::Uploaded(file) => file.path().file_stem().map(|stem| format!("{}: ", stem.display())),
         Flight::Stored(_) => None,
     };
-    let truth = rows.as_ref().map(|rows| format!("{}: ", rows.path().display()));
     let for_callers = |sentence: &str| {
-        let sentence = truth
-            .as_ref()
-            .map_or_else(|| sentence.to_owned(), |truth| sentence.replace(truth, "the truth: "));
         let sentence = library
             .without_root(&sentence)
             .replace(&format!("{path}: the log "), "the log ")
@@ -243,21 +219,7 @@ async fn judged(app: &App, caller: &Caller, which: &Which, body: Body, truth: &T
             None => sentence,
         }
     };
-    answered(app, words, LONGEST, for_callers).await
-}
-
-/// Rows of the truth as the file that the command reads.
-fn rows_file(app: &App, rows: &str) -> Result<tempfile::NamedTempFile, Problem> {
-    let full = "the truth cannot be kept while the log is judged: the disk of the data folder is full";
-    let written = tempfile::Builder::new()
-        .prefix(crate::incoming::JUDGED)
-        .tempfile_in(&app.config.work.data)
-        .and_then(|mut file| {
-            writeln!(file, "time_s,rotor,loss")?;
-            rows.split(';').try_for_each(|row| writeln!(file, "{row}"))?;
-            Ok(file)
-        });
-    written.map_err(|error| Problem::unwritten(&error, full))
+    answered_question(app, &question, LONGEST, for_callers).await
 }
 
 /// Where the log is.

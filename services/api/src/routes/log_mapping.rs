@@ -6,13 +6,12 @@ use super::jobs::{self, Shared};
 use super::logs::file_name;
 use crate::access::Caller;
 use crate::problem::Problem;
-use crate::worker::answer::{answered, json};
+use crate::worker::answer::{answered_question, json};
 use axum::extract::Path;
 use axum::extract::rejection::PathRejection;
 use axum::response::Response;
-use rotortwin_jobs::JobKind;
+use rotortwin_jobs::{JobKind, MappingDraft, Question};
 use rotortwin_twin::log::Draft;
-use std::ffi::OsString;
 use std::time::Duration;
 
 /// Longest time that a table takes.
@@ -39,10 +38,10 @@ pub(crate) async fn draft(
     let facts = UploadFacts::of(&log.new.facts).ok_or_else(gone)?;
     let file = app.artifacts.file(&facts.upload, &file_name(&facts.file)?).await;
     let file = file.map_err(|error| Problem::of_files(&error))?.ok_or_else(gone)?;
-    let words: [OsString; 4] = ["log".into(), "map".into(), file.as_os_str().to_owned(), "--json".into()];
     // Its owner knows the file by the name that it was sent under.
     let path = file.display().to_string();
+    let question = Question::MappingDraft(MappingDraft { file });
     let for_callers = |text: &str| text.replace(&path, &facts.file);
-    let text = answered(&app, words, ANSWER_TIMEOUT, for_callers).await?;
+    let text = answered_question(&app, &question, ANSWER_TIMEOUT, for_callers).await?;
     Ok(json(for_callers(&text)))
 }

@@ -8,10 +8,9 @@ use crate::json_object::JsonObject;
 use crate::problem::Problem;
 use crate::worker::answer::{Patience, Said, json};
 use axum::response::Response;
-use rotortwin_jobs::JobKind;
+use rotortwin_jobs::{JobKind, Question, SqlQuestion};
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
-use std::ffi::OsString;
 use std::time::Duration;
 use utoipa::ToSchema;
 
@@ -32,6 +31,8 @@ const QUEUE_TIMEOUT: Duration = Duration::from_secs(30);
 const MOST_SPILLED_MB: u64 = 4000;
 /// Memory that a query may use in addition to Python's own, MB, if jobs may use four times as much.
 const MEMORY_MB: u64 = 512;
+/// Threads of a query.
+const THREADS: u16 = 2;
 /// How the sentence begins that says that this host has no engine (`MISSING` of the command).
 const NO_ENGINE: &str = "SQL over results needs";
 /// How the sentences begin that say that it took too long, or more memory than it may.
@@ -116,22 +117,17 @@ pub(crate) async fn query(
         return Err(Problem::unavailable("too many queries at the same time; retry later"));
     };
     let longest = app.config.query_time;
-    // What begins with a dash is SQL, too.
-    let mut words: Vec<OsString> = vec!["query".into(), "--json".into(), "--jobs".into(), "2".into()];
     let memory = MEMORY_MB.min(app.config.work.job_memory / 4_000_000).max(16);
-    for (name, value) in [
-        ("--rows", u64::from(rows)),
-        ("--most-bytes", LONGEST_ANSWER),
-        ("--time", longest.as_secs()),
-        ("--memory", memory),
-        ("--most-spilled", MOST_SPILLED_MB),
-    ] {
-        words.extend([name.into(), value.to_string().into()]);
-    }
-    for (id, folder) in folders {
-        words.extend(["--named".into(), format!("{id}={folder}").into()]);
-    }
-    words.extend(["--".into(), query.sql.into()]);
+    let question = Question::Sql(SqlQuestion {
+        sql: query.sql,
+        sources: folders,
+        rows: Some(u64::from(rows)),
+        most_bytes: Some(LONGEST_ANSWER),
+        memory_mb: memory,
+        most_spilled_mb: MOST_SPILLED_MB,
+        time_s: longest.as_secs(),
+        threads: Some(THREADS),
+    });
     let patience = Patience {
         memory: app.config.work.job_memory,
         // The command itself says it first.
@@ -139,7 +135,7 @@ pub(crate) async fn query(
     };
     // Below the root, where paths are keys: the engine's messages about files reveal nothing about this host.
     let root = app.artifacts.place("");
-    let said = Said::by(&app.config.work.program, words, patience, Some(&root)).await?;
+    let said = Said::to(&app.config.work.program, &question, patience, Some(&root)).await?;
     let complaint = said.complaint();
     if complaint.starts_with(NO_ENGINE) {
         return Err(Problem::not_implemented(format!("on this server: {complaint}")));

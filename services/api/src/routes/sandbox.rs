@@ -3,13 +3,14 @@
 use super::jobs::Shared;
 use crate::access::Caller;
 use crate::problem::Problem;
-use crate::worker::answer::{answered, json};
+use crate::worker::answer::{answered_question, json};
 use axum::extract::rejection::{PathRejection, QueryRejection};
 use axum::extract::{Path, Query};
 use axum::response::Response;
+use rotortwin_jobs::{EffectPicture as EffectQuestion, Question};
 use rotortwin_twin::sandbox::EffectPicture;
 use serde::Deserialize;
-use std::ffi::OsString;
+use std::collections::BTreeMap;
 use std::time::Duration;
 use utoipa::IntoParams;
 
@@ -63,25 +64,31 @@ pub(crate) async fn picture(
     let named = asked
         .rotor
         .map_or_else(|| effect.clone(), |rotor| format!("{effect}#{rotor}"));
-    let mut words: Vec<OsString> = vec![
-        "effects".into(),
-        "plot".into(),
-        named.into(),
-        "--json".into(),
-        "--model".into(),
-        library.file("vehicles", &asked.vehicle, "toml").into(),
-    ];
-    let pairs = asked.parameters.iter().flat_map(|pairs| pairs.split(','));
-    for (name, value) in pairs.filter_map(|pair| pair.split_once(':')) {
-        words.push(format!("--set={name}={value}").into());
-    }
-    if let Some(flight) = &asked.flight {
-        words.push(format!("--flight={flight}").into());
-    }
-    for name in library.names("effects") {
-        words.push("--effects".into());
-        words.push(library.file("effects", &name, "toml").into());
-    }
+    let documents = library.names("effects").into_iter();
+    let question = Question::EffectPicture(EffectQuestion {
+        effect: named,
+        model: library.file("vehicles", &asked.vehicle, "toml").display().to_string(),
+        models: "models".into(),
+        parameters: parameters(asked.parameters.as_deref().unwrap_or_default())?,
+        flight: asked.flight,
+        effects: documents.map(|name| library.file("effects", &name, "toml")).collect(),
+    });
     let for_callers = |sentence: &str| library.without_root(&sentence);
-    answered(&app, words, ANSWER_TIMEOUT, for_callers).await.map(json)
+    answered_question(&app, &question, ANSWER_TIMEOUT, for_callers)
+        .await
+        .map(json)
+}
+
+/// `name:value,…`; what is no such pair is passed over.
+fn parameters(text: &str) -> Result<BTreeMap<String, f64>, Problem> {
+    let pairs = text.split(',').filter_map(|pair| pair.split_once(':'));
+    pairs
+        .map(|(name, value)| {
+            let number = value.parse().ok().filter(|number: &f64| number.is_finite());
+            let number = number.ok_or_else(|| {
+                Problem::unprocessable(format!("`parameters`, {name}: expected a number, got `{value}`"))
+            })?;
+            Ok((name.to_owned(), number))
+        })
+        .collect()
 }

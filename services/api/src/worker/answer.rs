@@ -5,10 +5,12 @@ use crate::App;
 use crate::problem::Problem;
 use axum::http::header::CONTENT_TYPE;
 use axum::response::{IntoResponse as _, Response};
+use rotortwin_jobs::Question;
 use std::ffi::OsStr;
 use std::path::Path;
 use std::process::{Output, Stdio};
 use std::time::Duration;
+use tokio::io::AsyncWriteExt as _;
 use tokio::process::Command;
 
 /// Limits of a command.
@@ -49,6 +51,26 @@ pub(crate) async fn answered<W: AsRef<OsStr>>(
     answered_within(app, words, patience, for_callers).await
 }
 
+/// Asks a process of its own a question when its turn has come, and answers with the JSON that it writes.
+///
+/// Arguments and errors as of [`answered`].
+///
+/// # Errors
+/// As there.
+pub(crate) async fn answered_question(
+    app: &App,
+    question: &Question,
+    wall: Duration,
+    for_callers: impl Fn(&str) -> String,
+) -> Result<String, Problem> {
+    let patience = Patience {
+        memory: app.config.work.job_memory,
+        wall,
+    };
+    let asked = async { Said::to(&app.config.work.program, question, patience, None).await };
+    in_turn(app, asked, patience, for_callers).await
+}
+
 /// As [`answered`], within these limits.
 ///
 /// # Errors
@@ -59,17 +81,28 @@ pub(crate) async fn answered_within<W: AsRef<OsStr>>(
     patience: Patience,
     for_callers: impl Fn(&str) -> String,
 ) -> Result<String, Problem> {
+    let said = Said::by(&app.config.work.program, words, patience);
+    in_turn(app, said, patience, for_callers).await
+}
+
+async fn in_turn(
+    app: &App,
+    said: impl Future<Output = Result<Said, Problem>>,
+    patience: Patience,
+    for_callers: impl Fn(&str) -> String,
+) -> Result<String, Problem> {
     let turn = tokio::time::timeout(QUEUE, app.fdi.reports.acquire()).await;
     let Ok(Ok(_turn)) = turn else {
         return Err(Problem::unavailable(
             "too many logs, effects and campaigns are being processed; retry later",
         ));
     };
-    let said = Said::by(&app.config.work.program, words, patience, None).await;
-    said.and_then(|said| said.answer(patience)).map_err(|mut problem| {
-        problem.detail = for_callers(&problem.detail);
-        problem
-    })
+    said.await
+        .and_then(|said| said.answer(patience))
+        .map_err(|mut problem| {
+            problem.detail = for_callers(&problem.detail);
+            problem
+        })
 }
 
 /// JSON as a response.
@@ -81,15 +114,38 @@ pub(crate) fn json(text: String) -> Response {
 pub(crate) struct Said(Output);
 
 impl Said {
-    /// Runs `program WORDS…`, optionally in a folder.
+    /// Runs `program WORDS…`.
     ///
     /// # Errors
     /// 422 if it takes too long; 500 if it cannot be run.
-    pub(crate) async fn by<W: AsRef<OsStr>>(
+    async fn by<W: AsRef<OsStr>>(
+        program: &Path,
+        words: impl IntoIterator<Item = W>,
+        patience: Patience,
+    ) -> Result<Self, Problem> {
+        Self::run(program, words, patience, None, None).await
+    }
+
+    /// Asks `program job -` a question, optionally in a folder.
+    ///
+    /// # Errors
+    /// 422 if it takes too long; 500 if it cannot be run.
+    pub(crate) async fn to(
+        program: &Path,
+        question: &Question,
+        patience: Patience,
+        folder: Option<&Path>,
+    ) -> Result<Self, Problem> {
+        let text = question.to_json().map_err(|error| Problem::internal(&error))?;
+        Self::run(program, ["job", "-"], patience, folder, Some(text)).await
+    }
+
+    async fn run<W: AsRef<OsStr>>(
         program: &Path,
         words: impl IntoIterator<Item = W>,
         patience: Patience,
         folder: Option<&Path>,
+        input: Option<String>,
     ) -> Result<Self, Problem> {
         let mut command = Command::new(program);
         if let Some(folder) = folder {
@@ -97,17 +153,21 @@ impl Said {
         }
         command
             .args(words)
-            .stdin(Stdio::null())
+            .stdin(if input.is_some() { Stdio::piped() } else { Stdio::null() })
             .stdout(Stdio::piped())
             .stderr(Stdio::piped())
             .kill_on_drop(true);
         child::without_secrets(&mut command);
-        let started = command.spawn().map_err(|error| Problem::internal(&error))?;
+        let mut started = command.spawn().map_err(|error| Problem::internal(&error))?;
         let limits = Limits {
             memory: patience.memory,
             cpu_s: 2 * patience.wall.as_secs(),
         };
         limits.hold(&started).map_err(|error| Problem::internal(&error))?;
+        if let Some((text, mut stdin)) = input.zip(started.stdin.take()) {
+            // More than a pipe holds is written while the process reads it; one that ends without reading says why.
+            tokio::spawn(async move { stdin.write_all(text.as_bytes()).await });
+        }
         let ended = tokio::time::timeout(patience.wall, started.wait_with_output()).await;
         let Ok(output) = ended else {
             return Err(Problem::unprocessable(format!(

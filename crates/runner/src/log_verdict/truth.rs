@@ -9,28 +9,31 @@
 
 use rotortwin_flight_core::MAX_ROTORS;
 use rotortwin_flight_core::fdi::verdict_code::UNKNOWN;
+use rotortwin_jobs::LogTruth;
 use rotortwin_twin::log::FlightLog;
-use std::path::{Path, PathBuf};
+use std::fs::File;
+use std::io::Read;
+use std::path::Path;
 
 /// Mask of the damaged rotors for a label column.
 const MASK_COLUMN: &str = "faulty_rotors";
 
 /// Damaged rotors from a given time on.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub(super) struct Damage {
+pub struct Damage {
     /// From this time of the log on, s.
-    pub(super) from_s: f64,
+    pub from_s: f64,
     /// Damaged rotors: bit 0 is rotor 1. 0 for several unspecified rotors, see `several`.
-    pub(super) rotors: u32,
+    pub rotors: u32,
     /// Several rotors are damaged, which the log does not specify.
-    pub(super) several: bool,
+    pub several: bool,
     /// Fractional thrust loss of each; NaN if unknown.
-    pub(super) loss: [f64; MAX_ROTORS],
+    pub loss: [f64; MAX_ROTORS],
 }
 
 impl Damage {
     /// 0 healthy, the rotor from 1, −1 several.
-    pub(super) fn label(&self) -> i32 {
+    pub fn label(&self) -> i32 {
         match self.rotors.count_ones() {
             _ if self.several => UNKNOWN,
             0 => 0,
@@ -40,7 +43,7 @@ impl Damage {
     }
 
     /// Largest fractional loss; NaN if one is unknown.
-    pub(super) fn worst(&self) -> f64 {
+    pub fn worst(&self) -> f64 {
         let damaged = (0..MAX_ROTORS).filter(|rotor| self.rotors >> rotor & 1 == 1);
         let losses = damaged.map(|rotor| self.loss[rotor]);
         losses.fold(0.0, |worst: f64, loss| {
@@ -55,11 +58,11 @@ impl Damage {
 
 /// Damage over the time of one log, earliest first; healthy before the first.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub(super) struct Truth(Vec<Damage>);
+pub struct Truth(Vec<Damage>);
 
 impl Truth {
     /// Damage at a time of the log.
-    pub(super) fn at(&self, time_s: f64) -> Damage {
+    pub fn at(&self, time_s: f64) -> Damage {
         let after = self.0.partition_point(|damage| damage.from_s <= time_s);
         after
             .checked_sub(1)
@@ -67,13 +70,13 @@ impl Truth {
     }
 
     /// Whether a rotor is damaged at any time in an interval.
-    pub(super) fn touches(&self, from_s: f64, to_s: f64) -> bool {
+    pub fn touches(&self, from_s: f64, to_s: f64) -> bool {
         let within = |damage: &&Damage| damage.from_s >= from_s && damage.from_s < to_s;
         self.at(from_s).label() != 0 || self.0.iter().filter(within).any(|damage| damage.label() != 0)
     }
 
     /// Whether the damage is constant over an interval.
-    pub(super) fn stands_still(&self, from_s: f64, to_s: f64) -> bool {
+    pub fn stands_still(&self, from_s: f64, to_s: f64) -> bool {
         !self
             .0
             .iter()
@@ -81,7 +84,7 @@ impl Truth {
     }
 
     /// First damage, s of the log's time.
-    pub(super) fn onset_s(&self) -> Option<f64> {
+    pub fn onset_s(&self) -> Option<f64> {
         self.0
             .iter()
             .find(|damage| damage.label() != 0)
@@ -122,17 +125,34 @@ impl Truth {
     }
 }
 
-/// Source of the truth.
+/// Source of the truth, read.
 pub(super) enum TruthSource {
     /// Rows of a side file.
-    File {
-        /// The file.
-        path: PathBuf,
+    Rows {
+        /// Its name.
+        place: String,
         /// Its rows.
         rows: Vec<Row>,
     },
     /// A column of each log.
     Column(String),
+}
+
+/// A file if one with this name exists, otherwise the name of a column.
+///
+/// # Errors
+/// It can be neither.
+pub fn named(text: &Path) -> Result<LogTruth, String> {
+    if text.exists() {
+        return Ok(LogTruth::File(text.to_path_buf()));
+    }
+    match text.to_str().filter(|name| !name.contains(['/', '.'])) {
+        Some(name) => Ok(LogTruth::Column(name.to_owned())),
+        None => Err(format!(
+            "{}: file not found; expected a CSV file with the columns time_s,rotor,loss, or the name of a column of the log",
+            text.display()
+        )),
+    }
 }
 
 /// One row of a side file.
@@ -148,52 +168,49 @@ pub(super) struct Row {
 }
 
 impl TruthSource {
-    /// A file if one with this name exists, otherwise the name of a column.
+    /// Reads it.
     ///
     /// # Errors
     /// An invalid row; the message names the file and the row.
-    pub(super) fn read(text: &Path, rotor_count: usize) -> Result<Self, String> {
-        if !text.exists() {
-            return match text.to_str().filter(|name| !name.contains(['/', '.'])) {
-                Some(name) => Ok(Self::Column(name.to_owned())),
-                None => Err(format!(
-                    "{}: file not found; expected a CSV file with the columns time_s,rotor,loss, or the name of a column of the log",
-                    text.display()
-                )),
-            };
+    pub(super) fn read(truth: &LogTruth, rotor_count: usize) -> Result<Self, String> {
+        match truth {
+            LogTruth::Column(name) => Ok(Self::Column(name.clone())),
+            LogTruth::Rows(text) => Self::of_rows("the truth", text.as_bytes(), rotor_count),
+            LogTruth::File(path) => {
+                let place = path.display().to_string();
+                let file = File::open(path).map_err(|error| format!("{place}: cannot be read: {error}"))?;
+                Self::of_rows(&place, file, rotor_count)
+            }
         }
+    }
+
+    fn of_rows(place: &str, text: impl Read, rotor_count: usize) -> Result<Self, String> {
         let refused = |error: &dyn std::fmt::Display| {
-            format!(
-                "{}: {error}; expected the columns time_s,rotor,loss and, for several logs, log",
-                text.display()
-            )
+            format!("{place}: {error}; expected the columns time_s,rotor,loss and, for several logs, log")
         };
         let mut reader = csv::ReaderBuilder::new()
             .trim(csv::Trim::All)
             .comment(Some(b'#'))
-            .from_path(text)
-            .map_err(|error| refused(&error))?;
+            .from_reader(text);
         let mut rows = Vec::new();
         for (index, row) in reader.deserialize::<Row>().enumerate() {
             let row = row.map_err(|error| refused(&error))?;
             let number = index + 1;
             if row.rotor > rotor_count {
                 return Err(format!(
-                    "{}: row {number} names rotor {}, expected 1 to {rotor_count}, or 0 for a healthy log",
-                    text.display(),
+                    "{place}: row {number} names rotor {}, expected 1 to {rotor_count}, or 0 for a healthy log",
                     row.rotor
                 ));
             }
             if !row.time_s.is_finite() || row.loss.is_some_and(|loss| !(-1.0..=1.0).contains(&loss)) {
                 return Err(format!(
-                    "{}: row {number}: expected a time in seconds and a loss from -1 to 1 (0.1 is 10 % of the rotor's thrust) or none",
-                    text.display()
+                    "{place}: row {number}: expected a time in seconds and a loss from -1 to 1 (0.1 is 10 % of the rotor's thrust) or none"
                 ));
             }
             rows.push(row);
         }
-        Ok(Self::File {
-            path: text.to_path_buf(),
+        Ok(Self::Rows {
+            place: place.to_owned(),
             rows,
         })
     }
@@ -221,13 +238,12 @@ impl TruthSource {
                 })?;
                 Truth::of_column(log, column, labels, rotor_count)
             }
-            Self::File { path, rows } => {
+            Self::Rows { place, rows } => {
                 let of_this = |row: &&Row| row.log.is_empty() || names(&row.log, name);
                 let mut rows: Vec<&Row> = rows.iter().filter(of_this).collect();
                 if rows.is_empty() {
                     return Err(format!(
-                        "{}: no row for the log {}; a healthy log has one with rotor 0",
-                        path.display(),
+                        "{place}: no row for the log {}; a healthy log has one with rotor 0",
                         name.display()
                     ));
                 }
@@ -279,7 +295,7 @@ mod tests {
         let folder = tempfile::tempdir().expect("a folder");
         let file = folder.path().join("truth.csv");
         std::fs::write(&file, text).expect("writable");
-        TruthSource::read(&file, 6)
+        TruthSource::read(&named(&file)?, 6)
     }
 
     #[test]
@@ -316,6 +332,20 @@ mod tests {
             refusal.contains("no column `label`") && refusal.contains("fault"),
             "{refusal}"
         );
+    }
+
+    #[test]
+    fn val_rows_in_a_request_are_read_as_a_file_is() {
+        let read = |text: &str| TruthSource::read(&LogTruth::Rows(text.to_owned()), 6);
+        let truth = read("time_s,rotor,loss\n20,1,0.1\n").and_then(|source| source.of(&log(), Path::new("x"), 6));
+        assert_eq!(truth.expect("its row").onset_s(), Some(20.0));
+        let refusal = read("time_s,rotor,loss\n20,9,0.1\n").err().expect("refused");
+        assert!(refusal.starts_with("the truth: row 1 names rotor 9"), "{refusal}");
+        assert_eq!(
+            named(Path::new("fault_label")),
+            Ok(LogTruth::Column("fault_label".to_owned()))
+        );
+        assert!(named(Path::new("none.csv")).is_err_and(|refusal| refusal.contains("file not found")));
     }
 
     #[test]
