@@ -31,6 +31,7 @@ fn header(rotor_count: usize) -> SpoolHeader {
             .map(|i| [0.25 * (i as f64).cos(), 0.25 * (i as f64).sin(), -0.05])
             .collect(),
         hover_thrust_n: 2.5,
+        dropped_loads: Vec::new(),
     }
 }
 

@@ -87,6 +87,33 @@ fn val_a_rotor_that_breaks_lifts_less_at_once_and_then_turns_faster() {
 }
 
 #[test]
+fn val_blades_that_drag_slow_their_motor_and_cost_current() {
+    let flown = |entries: &[FaultEntry]| {
+        let base = config();
+        let config = SimulationConfig {
+            faults: faults(&base, entries),
+            ..base
+        };
+        let mut simulation = Simulation::new(&config, 1).unwrap();
+        let duty = hover_duty(&simulation);
+        for _ in 0..300 {
+            simulation.advance_duty(&duty).unwrap();
+        }
+        *simulation.truth()
+    };
+    let drags = FaultEntry {
+        time_s: 0.1,
+        rotor: 2,
+        moment_ratio_change_percent: Some(30.0),
+        ..FaultEntry::default()
+    };
+    let (healthy, worn) = (flown(&[]), flown(&[drags]));
+    let share = worn.rotor_thrust_n[1] / healthy.rotor_thrust_n[1];
+    assert!((0.7..0.97).contains(&share), "{share}");
+    assert!(worn.battery_current_a > healthy.battery_current_a + 0.02, "{worn:?}");
+}
+
+#[test]
 fn val_a_rotor_that_speeds_up_turns_the_vehicle() {
     let config = config();
     let mut simulation = Simulation::new(&config, 1).unwrap();
