@@ -144,11 +144,6 @@ impl SourceKind {
         )
     }
 
-    /// True if a stream of such a log holds values of variables at its own times, not messages that are sent when a variable changes.
-    pub(crate) fn samples_variables(self) -> bool {
-        self == Self::CrazyflieUsdlog
-    }
-
     /// How to have the motor outputs in such a log at a higher rate.
     pub(crate) fn faster_outputs(self) -> &'static str {
         match self {

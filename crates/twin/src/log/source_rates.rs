@@ -88,22 +88,10 @@ impl FlightLog {
             })
             .collect();
         let stream_hz = new_values_hz(&self.time_s, &together).map_or(0.0, |hz| hz.min(busiest.rows_hz));
-        let between = if self.rows_are_snapshots() {
-            0.0
-        } else {
-            busiest.between
-        };
         Some(SensorRate {
             source_hz: busiest.source_hz.max(stream_hz),
-            between,
             ..busiest
         })
-    }
-
-    /// True if the autopilot wrote every row from its variables at that time, so that an output that repeats is the command that was in
-    /// effect, not the last sample of one that went on changing.
-    fn rows_are_snapshots(&self) -> bool {
-        self.source.kind.samples_variables() && self.report.streams.len() == 1
     }
 
     /// Corrections that an estimator makes to its position relative to its own velocity, as a random walk, m/√s; worst
@@ -461,42 +449,6 @@ mod tests {
         for name in names::RATES {
             let rate = log.source_rate(name).expect("a rate");
             assert!(!rate.is_slower() && rate.between == 0.0, "{rate:?}");
-        }
-    }
-
-    /// A Crazyflie's 1 kHz log of commands that change at 500 Hz: their jumps counted as an unknown command in every second row, and the
-    /// noise of the force with it was ten times too large (`log16`).
-    #[test]
-    fn regress_a_command_that_is_read_in_every_row_is_known_between_its_changes() {
-        use crate::log::SourceKind;
-        use crate::log::report::Stream;
-        let time: Vec<f64> = (0..4000).map(|k| f64::from(k) * 0.001).collect();
-        let jumps = |rotor: usize| -> Vec<f64> {
-            let at = |change: usize| 0.5 + 0.1 * ((change * (7 + rotor) * 31 % 101) as f64 / 101.0 - 0.5);
-            (0..4000).map(|row| at(row / 2)).collect()
-        };
-        let columns = (1..=4).map(|rotor| (names::duty(rotor), jumps(rotor)));
-        let mut log = FlightLog::from_columns("jumps", time, columns).expect("a log");
-        let stream = |name: &str| Stream {
-            name: name.to_owned(),
-            samples: 4000,
-            sample_rate_hz: 1000.0,
-            resampling: String::new(),
-        };
-        log.report.streams = vec![stream("fixedFrequency")];
-        // Messages of a stream, or rows that somebody has resampled: what came between two of them is not known.
-        for (kind, streams, known) in [
-            (SourceKind::Memory, 1, false),
-            (SourceKind::ArdupilotDataflash, 1, false),
-            (SourceKind::CrazyflieUsdlog, 2, false),
-            (SourceKind::CrazyflieUsdlog, 1, true),
-        ] {
-            log.source.kind = kind;
-            log.report.streams.resize(streams, stream("motors"));
-            let rate = log.duty_rate().expect("they move");
-            assert!(rate.held && rate.is_slower(), "{rate:?}");
-            assert!((rate.source_hz - 500.0).abs() < 5.0, "{rate:?}");
-            assert_eq!(rate.between == 0.0, known, "{kind:?}: {rate:?}");
         }
     }
 

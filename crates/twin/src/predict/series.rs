@@ -170,7 +170,7 @@ impl SlowNoise {
         if slow.attitude > 0.0 || slow.rates > 0.0 || log.source.kind.is_of_an_estimator() {
             slow.turns = log.attitude_corrections(air);
         }
-        if let Some(rate) = log.duty_rate().filter(|rate| rate.is_slower() && rate.between > 0.0) {
+        if let Some(rate) = log.duty_rate().filter(SensorRate::is_slower) {
             // An error that persists for n rows has √n times the effect over many rows of one that is new on each.
             slow.duty = rate.between * (rate.rows_hz / rate.source_hz).sqrt();
             // On the ground they idle: the thrust per duty there is not that of hover.
@@ -186,8 +186,14 @@ impl SlowNoise {
                     .map(|(value, _)| *value)
             };
             slow.mean_duty = values().sum::<f64>() / values().count().max(1) as f64;
+            // Whether an output that repeats is the command in effect or a sample of one that went on, the log does not show.
+            let bound = if rate.held {
+                "; at most, as a command that is held may be known in every row: force and torque may be known better than their noise says"
+            } else {
+                ""
+            };
             told.push(format!(
-                "motor outputs {:.1} Hz (1σ {:.3})",
+                "motor outputs {:.1} Hz (1σ {:.3}{bound})",
                 rate.source_hz, rate.between
             ));
         }
