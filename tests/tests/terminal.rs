@@ -423,6 +423,61 @@ fn regress_answers_of_a_server_fit_the_terminal() {
     }
 }
 
+/// Runs a program on a terminal until it has printed a text, or has ended: prints what it printed.
+const ON_A_TERMINAL: &str = "\
+import os, pty, sys
+child, terminal = pty.fork()
+if child == 0:
+    os.execv(sys.argv[2], sys.argv[2:])
+said = b''
+while sys.argv[1].encode() not in said:
+    try:
+        said += os.read(terminal, 4096)
+    except OSError:
+        break
+try:
+    os.kill(child, 15)
+except ProcessLookupError:
+    pass
+os.waitpid(child, 0)
+sys.stdout.buffer.write(said)
+";
+
+/// With --json nothing was shown of a bench of faults; what was done before counted as work of now.
+#[test]
+fn regress_a_bench_of_faults_shows_its_progress() {
+    let Some(programs) = client_environment() else { return };
+    let scratch = Scratch::new();
+    let bench = |until: &str| {
+        let output = Command::new(programs.join("python"))
+            .args(["-c", ON_A_TERMINAL, until])
+            .arg(program())
+            .args([
+                "blind",
+                "--preset",
+                "faults",
+                "--n",
+                "1",
+                "--seed",
+                "3",
+                "--duration-s",
+                "60",
+            ])
+            .args(["--json", "--out", "faults"])
+            .current_dir(scratch.folder())
+            .output()
+            .expect("Python starts");
+        words(&output)
+    };
+    let begun = bench(" 1/14 ");
+    assert!(
+        begun.contains(" 0/14 ") && begun.contains("healthy → correct"),
+        "{begun}"
+    );
+    let resumed = bench(" 2/14 ");
+    assert!(resumed.contains(" 1/14 ") && !resumed.contains(" 0/14 "), "{resumed}");
+}
+
 #[test]
 fn regress_answers_to_queries_fit_the_terminal() {
     let Some(programs) = client_environment() else { return };

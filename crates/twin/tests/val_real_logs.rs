@@ -85,6 +85,25 @@ fn val_a_slung_load_of_grams_is_among_what_is_missing() {
     assert!((value("length_m") - 0.51).abs() < 0.1, "{}", found.sentence);
 }
 
+/// Of its 47 s it flies for five; the mean duty of all of them, a third of that in flight, made the unknown force between two commands three times as
+/// large.
+#[test]
+fn regress_the_error_of_slow_commands_is_that_of_the_flight() {
+    let Some(folder) = shared("data/real/arpl_crazyflie_sysid") else {
+        return;
+    };
+    let log = FlightLog::read(&folder.join("log16")).expect("accepted");
+    let model = NamedModel {
+        label: "crazyflie-2".to_owned(),
+        version: model("crazyflie-2"),
+    };
+    let (comparison, _) = compare(&[log], &[model]).expect("a comparison");
+    let one = &comparison.logs[0];
+    assert!((0.2..1.6).contains(&one.noise.accel_m_s2), "{:?}", one.noise);
+    let bound = |note: &String| note.contains("motor outputs 530.1 Hz") && note.contains("at most");
+    assert!(one.notes.iter().any(bound), "{:?}", one.notes);
+}
+
 #[test]
 fn val_a_motor_lag_that_is_off_by_factors_is_named_with_its_value() {
     let Some(folder) = shared("data/real/arpl_crazyflie_sysid") else {
