@@ -613,14 +613,17 @@ fn val_gain_and_torque_are_those_of_the_effects() {
     let by_fault = truth_with(std::slice::from_ref(&entry), perfect);
     assert_eq!((by_fault[199].fault_label, by_fault[200].fault_label), (0, 2));
     assert_eq!(by_fault[200].rotor_thrust_loss[1], -0.125);
-    let effect = |id: &str, share: f64| {
+    let effect = |id: &str, share: f64, onset_s: f64| {
         let mut effect = EffectInstance::new(id, &[("share", share)]).on_rotor(2);
-        effect.onset_s = Some(0.5);
+        effect.onset_s = Some(onset_s);
         effect
     };
     let by_effects = truth_with(&[], |config| {
         perfect(config);
-        config.effects = vec![effect("rotor-thrust-scale", 0.125), effect("rotor-moment-ratio", 0.2)];
+        config.effects = vec![
+            effect("rotor-thrust-scale", 0.125, 0.5),
+            effect("rotor-moment-ratio", 0.2, 0.5),
+        ];
     });
     assert!(
         difference(&by_fault, &by_effects) < ROUNDING,
@@ -630,11 +633,12 @@ fn val_gain_and_torque_are_those_of_the_effects() {
     // In the step with effects, too.
     let with_effect = truth_with(std::slice::from_ref(&entry), |config| {
         perfect(config);
-        config.effects = vec![EffectInstance::new("rotor-reaction", &[("inertia_kg_m2", 0.0)])];
+        // It sets in after the flight.
+        config.effects = vec![effect("rotor-moment-ratio", 0.1, 10.0)];
     });
     assert!(difference(&by_fault, &with_effect) < ROUNDING);
     let healthy = truth_with(&[], perfect);
-    let yaw = |truth: &[TruthSample]| truth[240].body_rates_rad_s[2];
+    let yaw = |truth: &[TruthSample]| truth[360].body_rates_rad_s[2];
     assert!(
         (yaw(&by_fault) - yaw(&healthy)).abs() > 0.05,
         "the torque turns the vehicle"
