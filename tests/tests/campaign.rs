@@ -232,7 +232,7 @@ fn scenario_bad_campaigns_are_refused_up_front() {
                 "key `axis[2]`",
                 "loss = 130",
                 "`fault[0].thrust_loss_percent`",
-                "from 0 to 100 %, got 130",
+                "from -30 to 100 %, got 130",
             ],
         ),
         (

@@ -24,7 +24,7 @@ export type DetectorName = (typeof DETECTORS)[number][0];
 /** Detectors that judged, with their scores: ours, then the user's own by name. */
 function judgesOf<S extends { windows: number }>(scores: Scores<S>): { name: string; score: S }[] {
   const own = Object.entries(scores).filter(([key]) => key.startsWith("own_")).sort(([a], [b]) => a.localeCompare(b));
-  const all = [...DETECTORS.map(([key, name]) => ({ name, score: scores[key] })), ...own.map(([key, score]) => ({ name: key.slice("own_".length), score }))];
+  const all = [...DETECTORS.map(([key, name]) => ({ name, score: scores[key] })), ...own.map(([key, score]) => ({ name: key.slice("own_".length).replaceAll("_", " "), score }))];
   return all.filter(({ score }) => score.windows > 0);
 }
 
