@@ -103,8 +103,8 @@ pub struct FlightArgs {
     /// Fly only these shards of 32 flights, FIRST..END, without merging them; 'rotortwin campaign merge' does that
     #[arg(long, value_name = "FIRST..END", value_parser = output::range, conflicts_with_all = ["flight", "limit", "hunt", "check"])]
     shards: Option<Range<u64>>,
-    /// Fly each flight again and judge it by the second look, as single runs are: sizes of losses that grow, rotors that give more; a
-    /// flight takes some forty times as long. Flights that it has judged are not judged again
+    /// Fly each flight again and judge it by the second look, as single runs are: sizes of losses that grow, rotors that give more. It takes
+    /// about seven times as long as the flights; those that it has judged are not judged again
     #[arg(long, conflicts_with_all = ["flight", "hunt", "check", "shards", "events"])]
     second_look: bool,
     /// Print the summary as JSON, nothing else

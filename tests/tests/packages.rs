@@ -147,8 +147,8 @@ const OF_THE_TESTS: [&str; 8] = [
 /// Those that the notebook and the detectors of scikit-learn need as well.
 const OF_ALL_TESTS: [&str; 3] = ["scikit-learn>=1.4", "nbclient>=0.10", "ipykernel>=6"];
 
-/// Installs the wheel for an interpreter, in the environment of this name, and runs there what needs no server. `all`: also what depends on the interpreter least, the notebook
-/// and the detectors of scikit-learn.
+/// Installs the wheel for an interpreter, in the environment of this name, and runs there what needs no server. `all`: also what depends on the interpreter least, the notebook,
+/// the detectors of scikit-learn and long tests of the engine.
 fn the_wheel_works(python: &str, name: &str, all: bool) {
     let Some(folder) = packages() else { return };
     let mut needed = OF_THE_TESTS.to_vec();
@@ -200,7 +200,12 @@ fn the_wheel_works(python: &str, name: &str, all: bool) {
     assert!(said.contains("rotor 4 lost") && said.contains("named after"), "{said}");
     assert!(scratch.path("damaged-blade.png").is_file());
 
-    let tests = ["-p", "no:cacheprovider", "tests/native"].map(std::ffi::OsStr::new);
+    let mut tests = ["-p", "no:cacheprovider", "tests/native"]
+        .map(std::ffi::OsStr::new)
+        .to_vec();
+    if !all {
+        tests.extend(["-m", "not of_the_engine"].map(std::ffi::OsStr::new));
+    }
     print!("{name}: {}", run("pytest", &tests, &client_folder()));
     if !all {
         return;

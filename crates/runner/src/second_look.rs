@@ -4,7 +4,7 @@
 //! ```text
 //!  folder ─▶ flights without its verdict ─▶ flown again, same hash ─▶ second look in each step ─▶ own/second_look.jsonl ─▶ tables, report, …
 //! ```
-//! A flight takes some forty times as long as in the campaign. Scores are kept while it goes on: a call that was stopped is resumed by the same call.
+//! This takes about seven times as long as the campaign. Scores are kept while it goes on: a call that was stopped is resumed by the same call.
 
 use crate::failure::Failure;
 use rotortwin_campaign::parallel::map_in_order;

@@ -30,6 +30,7 @@ def log() -> dict[str, Any]:
     return {name: values for name, values in kept.items() if name.startswith(MEASURED)}
 
 
+@pytest.mark.of_the_engine
 def test_val_a_hidden_drag_is_named_from_any_table(log: dict[str, Any], tmp_path: Path) -> None:
     found = rotortwin.diagnose(log, "f550")
     assert found.sentence.startswith("Missing: rotor drag")
@@ -48,6 +49,7 @@ def test_val_a_hidden_drag_is_named_from_any_table(log: dict[str, Any], tmp_path
     assert "rotor drag" in repr(found) and "rotor drag" in found._repr_html_()
 
 
+@pytest.mark.of_the_engine
 def test_val_the_error_falls_once_the_effect_is_added(log: dict[str, Any], tmp_path: Path) -> None:
     improved = rotortwin.improve(log, "f550")
     improved.write(tmp_path / "better.toml")
@@ -135,6 +137,7 @@ def commands_json(folder: Path, *arguments: str) -> Any:
     return json.loads(said.stdout)
 
 
+@pytest.mark.of_the_engine
 def test_regress_answers_are_those_of_the_commands_bit_for_bit(
     log: dict[str, Any], damaged: dict[str, Any], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
