@@ -958,7 +958,17 @@ def stopped(kind: str) -> int:
 def stopped_judging() -> int:
     """What judges a log for a request to our server, by [`caught`]."""
     of_ours = (str(FOLDER), str(FOLDER.resolve()))
-    return caught("a judged log", lambda words, _: words[1:2] == ["fdi-log"] and any(word.startswith(of_ours) for word in words[2:]))
+
+    def is_it(words: list[str], cwd: Path) -> bool:
+        # The question comes over standard input; whose it is the server's command line says.
+        if words[1:3] != ["job", "-"]:
+            return False
+        status = (cwd.parent / "status").read_text()
+        parent = next(line.split()[1] for line in status.splitlines() if line.startswith("PPid:"))
+        asked = Path("/proc", parent, "cmdline").read_bytes().decode(errors="replace").split("\0")
+        return any(word.startswith(of_ours) for word in asked)
+
+    return caught("a judged log", is_it)
 
 
 def goes_on(process: int) -> None:
