@@ -12,12 +12,12 @@ shift
 case "${CARGO_PRIMARY_PACKAGE:-} ${CARGO_CRATE_NAME:-}" in
   " "* | "1 " | *" build_script_"*) exec "$rustc" "$@" ;;
 esac
-case " $* " in
-  *"/lib.rs "*" --test "*)
-    # The unit tests of a library are all of the library once more; to optimise the largest as it is in a program takes longer than they run.
-    less=()
-    [ "$CARGO_CRATE_NAME" != rotortwin_twin ] || less=(-C opt-level=1 -C codegen-units=16)
-    "$rustc" "$@" "${less[@]}" || exit
+# What tests is optimised less: the unit tests of a library are all of the library once more, and to optimise them as a program is takes longer than they run;
+# the twin's other tests call it, and compute nothing themselves.
+quick=(-C opt-level=1 -C codegen-units=16)
+case "$CARGO_PKG_NAME $* " in
+  *"/lib.rs "*" --test "* | "rotortwin-twin "*" --test "*)
+    "$rustc" "$@" "${quick[@]}" || exit
     ;;
   *"/lib.rs "*" --crate-type lib "*)
     # Its lints come with its unit tests; what only those use is a warning here.

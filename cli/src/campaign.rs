@@ -1,7 +1,6 @@
 //! `rotortwin campaign`: many flights of a campaign document, crash-safe, with statistics; one of them flown again; or merging of shards
 //! flown elsewhere.
 
-use crate::named::typed;
 use crate::progress::{Lines, resumed_bar};
 use crate::{network, output};
 use clap::{Args as ClapArgs, Parser, Subcommand};
@@ -22,14 +21,14 @@ use rotortwin_runner::campaign::{self as runner, Flown, folder_of};
 use rotortwin_runner::failure::Failure;
 use rotortwin_runner::second_look;
 use rotortwin_scenario::Scenario;
-use rotortwin_scenario::names::Kind;
+use rotortwin_scenario::names::{Kind, typed};
 use rotortwin_sim::session::{self, SessionConfig};
 use rotortwin_store::run_folder::RunFolder;
 use std::num::NonZeroUsize;
 use std::ops::Range;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
-use std::sync::atomic::Ordering;
+use std::sync::atomic::{AtomicBool, Ordering};
 
 /// Arguments of `rotortwin campaign`.
 #[derive(Debug, Parser)]
@@ -105,7 +104,7 @@ pub struct FlightArgs {
     shards: Option<Range<u64>>,
     /// Fly each flight again and judge it by the second look, as single runs are: sizes of losses that grow, rotors that give more. It takes
     /// about seven times as long as the flights; those that it has judged are not judged again
-    #[arg(long, conflicts_with_all = ["flight", "hunt", "check", "shards", "events"])]
+    #[arg(long, conflicts_with_all = ["flight", "hunt", "check", "events"])]
     second_look: bool,
     /// Print the summary as JSON, nothing else
     #[arg(long)]
@@ -156,6 +155,7 @@ impl FlightArgs {
             (self.check, "--check"),
             (self.shards.is_some(), "--shards"),
             (self.events, "--events"),
+            (self.second_look, "--second-look"),
         ];
         options.into_iter().find_map(|(given, name)| given.then_some(name))
     }
@@ -227,6 +227,11 @@ fn fly(args: &FlightArgs, store: Option<&dyn Store>) -> ExitCode {
         if args.shards.is_none() {
             return output::bad_input(format!(
                 "--out {address}: an object store takes shards; expected --shards FIRST..END, and 'rotortwin campaign merge' for the whole"
+            ));
+        }
+        if args.second_look {
+            return output::bad_input(format!(
+                "--second-look: its scores lie beside the shards in a folder, got --out {address}; merge the shards into a folder and judge them there"
             ));
         }
         let flown = match store {
@@ -409,24 +414,33 @@ fn fly_all(args: &FlightArgs, campaign: &Campaign) -> ExitCode {
 
 fn flown_and_printed(args: &FlightArgs, campaign: &Campaign) -> Result<ExitCode, Failure> {
     let prepared = runner::prepare(&args.job(campaign), campaign)?;
-    let flown = flown(args, &prepared, &|_shard| Ok(()))?;
+    let stop = runner::stop_flag().map_err(Failure::Failed)?;
+    let flown = flown(args, &prepared, &stop, &|_shard| Ok(()))?;
     let folder = prepared.folder();
-    if args.shards.is_some() {
-        return Ok(said_of_shards(args, &flown, &folder.path().display().to_string()));
-    }
-    let go_on = command_line(&args.campaign, args.out.as_deref());
-    let looked = !args.second_look || flown.end == RunEnd::Stopped || look_again(args, campaign, folder)?;
-    summed_up(campaign, folder, &flown, args.json, &go_on)?;
+    let looked = !args.second_look || flown.end == RunEnd::Stopped || look_again(args, campaign, folder, &stop)?;
     if !looked {
         output::say_aside("stopped: the second look has not judged all flights; the same command goes on".to_owned());
-        return Ok(ExitCode::from(rotortwin_process::EXIT_FAILED));
     }
-    Ok(exit_code(&flown))
+    let stopped = || ExitCode::from(rotortwin_process::EXIT_FAILED);
+    if args.shards.is_some() {
+        let code = said_of_shards(args, &flown, &folder.path().display().to_string());
+        return Ok(if looked { code } else { stopped() });
+    }
+    let mut go_on = command_line(&args.campaign, args.out.as_deref());
+    if args.second_look {
+        go_on += " --second-look";
+    }
+    summed_up(campaign, folder, &flown, args.json, &go_on)?;
+    Ok(if looked { exit_code(&flown) } else { stopped() })
 }
 
 /// The second look judges the flights that are there; false if it was stopped.
-fn look_again(args: &FlightArgs, campaign: &Campaign, folder: &CampaignFolder) -> Result<bool, Failure> {
-    let stop = runner::stop_flag().map_err(Failure::Failed)?;
+fn look_again(
+    args: &FlightArgs,
+    campaign: &Campaign,
+    folder: &CampaignFolder,
+    stop: &AtomicBool,
+) -> Result<bool, Failure> {
     let shards = (0..folder.shard_count()).filter(|shard| folder.has_shard(*shard));
     let flights = shards.map(|shard| {
         let range = folder.shard_range(shard);
@@ -439,7 +453,7 @@ fn look_again(args: &FlightArgs, campaign: &Campaign, folder: &CampaignFolder) -
         0,
     );
     let threads = args.threads.unwrap_or_else(available_threads);
-    let judged = second_look::judge(campaign, folder, threads, &stop, &|done| bar.set_position(done));
+    let judged = second_look::judge(campaign, folder, threads, stop, &|done| bar.set_position(done));
     bar.finish_and_clear();
     judged
 }
@@ -454,7 +468,8 @@ pub fn fly_shards(
     address: &str,
     keep: &Keep<'_>,
 ) -> Result<ExitCode, Failure> {
-    let flown = flown(args, prepared, keep)?;
+    let stop = runner::stop_flag().map_err(Failure::Failed)?;
+    let flown = flown(args, prepared, &stop, keep)?;
     Ok(said_of_shards(args, &flown, address))
 }
 
@@ -475,11 +490,15 @@ fn exit_code(flown: &Flown) -> ExitCode {
 }
 
 /// Flies the missing shards, with a progress bar or progress lines.
-fn flown(args: &FlightArgs, prepared: &runner::Prepared<'_>, keep: &Keep<'_>) -> Result<Flown, Failure> {
+fn flown(
+    args: &FlightArgs,
+    prepared: &runner::Prepared<'_>,
+    stop: &AtomicBool,
+    keep: &Keep<'_>,
+) -> Result<Flown, Failure> {
     if args.events {
         crate::fly::end_with_standard_input();
     }
-    let stop = runner::stop_flag().map_err(Failure::Failed)?;
     let bar = progress_bar(args.json, prepared.wanted(), prepared.present());
     let lines = args.events.then(Lines::new);
     let tell = |event: &JobEvent| {
@@ -501,7 +520,7 @@ fn flown(args: &FlightArgs, prepared: &runner::Prepared<'_>, keep: &Keep<'_>) ->
             });
         }
     };
-    let flown = prepared.fly_and_keep(&stop, &tell, keep);
+    let flown = prepared.fly_and_keep(stop, &tell, keep);
     bar.finish_and_clear();
     flown
 }
@@ -545,13 +564,7 @@ fn print_text(campaign: &Campaign, totals: &Totals, flown: &Flown, place: &str, 
     let flown_text = format!("{}\n", totals.in_words(campaign.flights()));
     println!("{}", output::fitted(&flown_text));
     let listed = tables::listed_flights(campaign, totals);
-    let path = campaign.path().display().to_string();
-    let name = typed(Kind::Campaign, campaign.path());
-    for mut table in tables::tables(campaign, totals).into_iter().chain(listed) {
-        // The folder of a shipped campaign is unknown to the user; its name is enough.
-        for cell in table.rows.iter_mut().flatten() {
-            *cell = cell.replace(&path, &name);
-        }
+    for table in tables::tables(campaign, totals).into_iter().chain(listed) {
         println!("{}\n{}", output::fitted(&table.title), output::result_table(&table));
         for note in &table.notes {
             println!("{}", output::wrapped(note));

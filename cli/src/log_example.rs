@@ -1,10 +1,9 @@
 //! `rotortwin log example`: a log with a hidden effect, from the independent simulator, imported like any other.
 
-use crate::named::typed;
 use crate::output;
 use rotortwin_blind::example::Example;
 use rotortwin_runner::log_example;
-use rotortwin_scenario::names::Kind;
+use rotortwin_scenario::names::{Kind, typed};
 use std::path::PathBuf;
 use std::process::ExitCode;
 

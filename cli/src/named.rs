@@ -3,8 +3,8 @@
 use crate::nearest::file_of;
 use clap::builder::{OsStringValueParser, TypedValueParser};
 use rotortwin_runner::named::resolved;
-use rotortwin_scenario::names::{Kind, find, is_name};
-use std::path::{Path, PathBuf};
+use rotortwin_scenario::names::Kind;
+use std::path::PathBuf;
 
 fn parser(kind: Kind) -> impl TypedValueParser<Value = PathBuf> {
     OsStringValueParser::new().try_map(move |text| {
@@ -17,13 +17,6 @@ fn parser(kind: Kind) -> impl TypedValueParser<Value = PathBuf> {
             )
         })
     })
-}
-
-/// What to type for a document: its name where that leads to this file, otherwise the path.
-pub(crate) fn typed(kind: Kind, path: &Path) -> String {
-    let name = path.file_stem().and_then(|stem| stem.to_str());
-    let found = name.filter(|name| is_name(name) && find(kind, name).is_ok_and(|found| found == path));
-    found.map_or_else(|| path.display().to_string(), str::to_owned)
 }
 
 /// Of a scenario.

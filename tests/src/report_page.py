@@ -1,7 +1,7 @@
 """Every report in a real browser, from the disk and without a network: Chromium, driven by Playwright.
 
-report_page.py CHROMIUM FOLDER; FOLDER/NAME/report.html are the reports, and FOLDER/NAME.json what each must say. Pictures go to
-FOLDER/pictures, or the folder of ROTORTWIN_PICTURES, which keeps them. Fails on an error on the console, an exception, any request besides the file, a page wider than the screen, and what axe
+report_page.py CHROMIUM FOLDER; FOLDER/NAME/report.html are the reports, and FOLDER/NAME.json what each must say. Pictures are
+kept in the folder of ROTORTWIN_PICTURES, if it is set. Fails on an error on the console, an exception, any request besides the file, a page wider than the screen, and what axe
 finds serious.
 """
 
@@ -15,7 +15,7 @@ from axe_playwright_python.sync_playwright import Axe
 from playwright.sync_api import Browser, Page, sync_playwright
 
 CHROMIUM, FOLDER = sys.argv[1], Path(sys.argv[2]).absolute()
-PICTURES = Path(os.environ.get("ROTORTWIN_PICTURES") or FOLDER / "pictures").absolute()
+PICTURES = Path(os.environ["ROTORTWIN_PICTURES"]).absolute() if os.environ.get("ROTORTWIN_PICTURES") else None
 PATIENCE_MS = 60_000
 # The page itself, without data.
 LIMIT_KB = 150
@@ -62,7 +62,8 @@ def looks(browser: Browser, name: str, expected: dict) -> None:
                 figure.locator("summary").first.evaluate("one => one.click()")
         wide = page.evaluate("document.documentElement.scrollWidth - innerWidth")
         assert wide <= 0, f"{name}: {wide} px wider than the screen of {width} px"
-        page.screenshot(path=PICTURES / f"{name}-{width}-{scheme}.png", full_page=True)
+        if PICTURES:
+            page.screenshot(path=PICTURES / f"{name}-{width}-{scheme}.png", full_page=True)
         found = Axe().run(page).response["violations"]
         serious = [one for one in found if one["impact"] in ("serious", "critical")]
         assert not serious, f"{name}, {width} px, {scheme}: " + json.dumps([(one["id"], one["nodes"][0]["html"]) for one in serious])
@@ -148,7 +149,8 @@ def not_considered(browser: Browser) -> None:
 
 
 def main() -> None:
-    PICTURES.mkdir(exist_ok=True)
+    if PICTURES:
+        PICTURES.mkdir(exist_ok=True)
     names = sorted(path.parent.name for path in FOLDER.glob("*/report.html"))
     with sync_playwright() as playwright:
         browser = playwright.chromium.launch(executable_path=CHROMIUM, args=["--no-sandbox"])

@@ -58,21 +58,28 @@ pub fn judge(
             },
             &|| more(1),
         );
+        let mut not_judged = None;
         for (record, judged) in waiting.iter().zip(judged) {
-            if let Some((score, loss)) = judged.map_err(Failure::Failed)? {
-                scores.add(record, score, loss);
+            match judged {
+                Ok(Some((score, loss))) => scores.add(record, score, loss),
+                Ok(None) => {}
+                Err(sentence) => not_judged = not_judged.or(Some(sentence)),
             }
         }
-        if kept.elapsed() > KEPT_EVERY {
+        let ends = not_judged.is_some() || stop.load(Ordering::Relaxed);
+        if ends || kept.elapsed() > KEPT_EVERY {
             scores.write(folder).map_err(failed)?;
             kept = Instant::now();
         }
-        if stop.load(Ordering::Relaxed) {
-            break;
+        if let Some(sentence) = not_judged {
+            return Err(Failure::Failed(sentence));
+        }
+        if ends {
+            return Ok(false);
         }
     }
     scores.write(folder).map_err(failed)?;
-    Ok(!stop.load(Ordering::Relaxed))
+    Ok(true)
 }
 
 /// What the folder has of it already.

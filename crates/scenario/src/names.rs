@@ -163,6 +163,13 @@ pub fn find(kind: Kind, name: &str) -> Result<PathBuf, NameError> {
     find_in(&search_path(), kind, name)
 }
 
+/// What to type for a document: its name where that leads to this file, otherwise the path.
+pub fn typed(kind: Kind, path: &Path) -> String {
+    let name = path.file_stem().and_then(|stem| stem.to_str());
+    let found = name.filter(|name| is_name(name) && find(kind, name).is_ok_and(|found| found == path));
+    found.map_or_else(|| path.display().to_string(), str::to_owned)
+}
+
 fn find_in(folders: &[PathBuf], kind: Kind, name: &str) -> Result<PathBuf, NameError> {
     let file = format!("{}/{name}.{}", kind.folder(), kind.extension());
     if let Some(path) = folders

@@ -6,6 +6,7 @@ import os
 import subprocess
 import sys
 import time
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -28,13 +29,32 @@ def here(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
     return file, folder / "one"
 
 
-def test_scenario_a_ray_node_dies_in_mid_campaign(here: tuple[Path, Path], tmp_path: Path) -> None:
+@pytest.fixture(scope="module")
+def cluster() -> Iterator[Any]:
+    """A Ray cluster of a head and two nodes of one CPU each, which the tests below share in their order: starting one takes most of their time."""
     from ray.cluster_utils import Cluster
 
+    memory = {"object_store_memory": 100 << 20}
+    for is_last in (False, False, True):
+        cluster: Any = Cluster()
+        try:
+            # The head flies nothing, so that lost tasks are flown by the remaining node.
+            cluster.add_node(num_cpus=0, include_dashboard=False, **memory)
+            for _ in range(2):
+                cluster.add_node(num_cpus=1, **memory)
+            break
+        except Exception as error:
+            # Ray waits 30 s for a node, which is too short on a crowded machine.
+            cluster.shutdown()
+            if is_last or "timed out during startup" not in str(error):
+                raise
+    yield cluster
+    cluster.shutdown()
+
+
+def test_scenario_a_ray_node_dies_in_mid_campaign(cluster: Any, here: tuple[Path, Path], tmp_path: Path) -> None:
     file, one = here
-    # The head flies nothing, so that lost tasks are flown by the remaining node.
-    cluster: Any = Cluster(initialize_head=True, head_node_args={"num_cpus": 0, "object_store_memory": 100 << 20})
-    nodes = [cluster.add_node(num_cpus=1, object_store_memory=100 << 20) for _ in range(2)]
+    victim = next(iter(cluster.worker_nodes))
     ray.init(address=cluster.address, log_to_driver=False)
     try:
         killed: list[float] = []
@@ -42,7 +62,7 @@ def test_scenario_a_ray_node_dies_in_mid_campaign(here: tuple[Path, Path], tmp_p
         def progress(present: int, _all: int) -> None:
             if present >= 3 and not killed:
                 killed.append(time.monotonic())
-                cluster.remove_node(nodes[1], allow_graceful=False)
+                cluster.remove_node(victim, allow_graceful=False)
 
         table = rotortwin.campaign(file, executor="ray", out=tmp_path / "ray", shards_per_task=1, memory=200 << 20, program=program(), progress=progress)
         assert killed, "no node was killed"
@@ -53,7 +73,6 @@ def test_scenario_a_ray_node_dies_in_mid_campaign(here: tuple[Path, Path], tmp_p
             time.sleep(0.2)
     finally:
         ray.shutdown()
-        cluster.shutdown()
     assert table.num_rows == 12 * 32
     assert_same(one, tmp_path / "ray")
 
@@ -67,30 +86,24 @@ rotortwin.campaign(file, executor="ray", out=out, shards_per_task=1, program=pro
 """
 
 
-def test_scenario_a_killed_driver_goes_on_where_it_was(here: tuple[Path, Path], tmp_path: Path) -> None:
-    from ray.cluster_utils import Cluster
-
+def test_scenario_a_killed_driver_goes_on_where_it_was(cluster: Any, here: tuple[Path, Path], tmp_path: Path) -> None:
     file, one = here
-    cluster: Any = Cluster(initialize_head=True, head_node_args={"num_cpus": 1, "object_store_memory": 100 << 20})
     environment = {**os.environ, "RAY_ADDRESS": cluster.address}
     words = [sys.executable, "-c", DRIVER, str(file), str(tmp_path / "ray"), program()]
-    try:
-        with subprocess.Popen(words, env=environment, stdout=subprocess.PIPE, text=True) as driver:
-            assert driver.stdout is not None
-            seen = [line.strip() for line in iter(driver.stdout.readline, "3\n") if line]
-            driver.kill()
-        assert "12" not in seen, "it was not killed half-way"
-        again = subprocess.run(words, env=environment, stdout=subprocess.PIPE, text=True, timeout=300, check=True)
-    finally:
-        cluster.shutdown()
+    with subprocess.Popen(words, env=environment, stdout=subprocess.PIPE, text=True) as driver:
+        assert driver.stdout is not None
+        seen = [line.strip() for line in iter(driver.stdout.readline, "3\n") if line]
+        driver.kill()
+    assert "12" not in seen, "it was not killed half-way"
+    again = subprocess.run(words, env=environment, stdout=subprocess.PIPE, text=True, timeout=300, check=True)
     counts = [int(word) for word in again.stdout.split() if word.isdigit()]
     assert counts[0] >= 3, f"it began anew: {counts}"
     assert_same(one, tmp_path / "ray")
 
 
-def test_scenario_what_the_program_refuses_is_not_tried_again(here: tuple[Path, Path], tmp_path: Path) -> None:
+def test_scenario_what_the_program_refuses_is_not_tried_again(cluster: Any, here: tuple[Path, Path], tmp_path: Path) -> None:
     file, _ = here
-    ray.init(num_cpus=1, object_store_memory=100 << 20, log_to_driver=False)
+    ray.init(address=cluster.address, log_to_driver=False)
     try:
         # Another version of the program, which this node lacks.
         other = tmp_path / "rotortwin"

@@ -25,7 +25,7 @@ MEASURED = (
 @pytest.fixture(scope="module")
 def log() -> dict[str, Any]:
     """What a vehicle with a drag that the F550's file does not have would have logged."""
-    settings = {"duration_s": 40.0, "fault": [], "effect": [DRAG]}
+    settings = {"duration_s": 26.0, "fault": [], "effect": [DRAG]}
     kept = rotortwin.Simulation("helix-2", seed=4, set=settings).run().telemetry()
     return {name: values for name, values in kept.items() if name.startswith(MEASURED)}
 
@@ -170,6 +170,7 @@ def test_regress_answers_are_those_of_the_commands_bit_for_bit(
         assert of_a_table == told, f"{command} {name} {model}, a table"
 
 
+@pytest.mark.of_the_engine
 def test_scenario_other_threads_go_on_meanwhile(log: dict[str, Any]) -> None:
     flight = rotortwin.Simulation("hover", set={"duration_s": 900.0}, record=[])
     works: dict[str, Callable[[], object]] = {
@@ -205,6 +206,7 @@ def drawn(result: Any) -> ElementTree.Element:
     return ElementTree.fromstring(picture)
 
 
+@pytest.mark.of_the_engine
 def test_scenario_results_are_pictures_in_a_notebook(log: dict[str, Any], damaged: dict[str, Any]) -> None:
     svg = "{http://www.w3.org/2000/svg}"
     found = rotortwin.diagnose(log, "f550")

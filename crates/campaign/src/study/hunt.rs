@@ -458,10 +458,10 @@ pub fn write_case(campaign: &Campaign, case: &Case, number: usize, folder: &Path
     };
     let text = toml::to_string(&table).map_err(|error| error.to_string())?;
     let text = format!(
-        "# Where the sequential detector fails: {}.\n# Found by: rotortwin campaign {} --hunt\n# What matters, against the base of that \
+        "# Where the sequential detector fails: {}.\n# Found by: {} --hunt\n# What matters, against the base of that \
          campaign: {kept}.\n# See it: rotortwin fly THIS_FILE --link in-process\n\n{text}",
         case.words,
-        campaign.path().display()
+        campaign.command()
     );
     let path = folder.join(format!("{name}.toml"));
     super::folder::write_whole(&path, text.as_bytes())?;

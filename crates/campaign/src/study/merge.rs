@@ -9,14 +9,16 @@
 //! same bytes; if they differ, a machine or a program is at fault, and there is no telling which.
 
 use super::folder::{CampaignFolder, shard_name};
+use super::own;
 use super::plan::Campaign;
 use std::path::Path;
 
-/// Copies the shards of the folder `from` that `into` lacks; returns their number. Shards copied before an error stay.
+/// Copies the shards of the folder `from` that `into` lacks, and the scores of detectors that judge after the flight; returns the number of shards.
+/// Shards copied before an error stay.
 ///
 /// # Errors
 /// `from` is not a folder of this campaign, was flown by another program, is in use, or contains an unreadable shard or one that
-/// differs from that of `into`.
+/// differs from that of `into`; so with its scores.
 pub fn take_in(into: &CampaignFolder, from: &Path, campaign: &Campaign) -> Result<u64, String> {
     if from.canonicalize().ok() == into.path().canonicalize().ok() && from.exists() {
         return Err(format!(
@@ -30,6 +32,7 @@ pub fn take_in(into: &CampaignFolder, from: &Path, campaign: &Campaign) -> Resul
     for shard in (0..part.shard_count()).filter(|shard| part.has_shard(*shard)) {
         taken += u64::from(take_in_shard(into, &place, shard, &part.shard_bytes(shard)?)?);
     }
+    own::take_in(into, &part)?;
     Ok(taken)
 }
 

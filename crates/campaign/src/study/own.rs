@@ -276,6 +276,38 @@ pub fn read_all(folder: &CampaignFolder) -> Result<Vec<OwnScores>, String> {
     paths.into_iter().map(|path| read(&path)).collect()
 }
 
+/// Takes over the scores of another folder of the same campaign, of all detectors.
+///
+/// # Errors
+/// One sentence: a file cannot be read or written, or both folders have scores of the same flight that differ.
+pub fn take_in(into: &CampaignFolder, from: &CampaignFolder) -> Result<(), String> {
+    let mut present = read_all(into)?;
+    for theirs in read_all(from)? {
+        let mut scores = match present.iter().position(|ours| ours.name == theirs.name) {
+            Some(place) => present.swap_remove(place),
+            None => OwnScores::new(&theirs.name)?,
+        };
+        let before = scores.flights.len();
+        for (flight, line) in theirs.flights {
+            let ours = scores.flights.entry(flight).or_insert_with(|| line.clone());
+            if *ours != line {
+                return Err(format!(
+                    "{}: '{}' judged flight {flight} differently than in {}: the detector has changed in between, or is not the same each time; \
+                     remove the scores of one of them ({FOLDER}/{}.jsonl)",
+                    from.path().display(),
+                    theirs.name,
+                    into.path().display(),
+                    theirs.plain
+                ));
+            }
+        }
+        if scores.flights.len() > before {
+            scores.write(into)?;
+        }
+    }
+    Ok(())
+}
+
 fn read(path: &std::path::Path) -> Result<OwnScores, String> {
     let refuse = |reason: String| {
         format!(
@@ -411,6 +443,32 @@ mod tests {
             refused.contains("'my-one' would replace those of 'my one'"),
             "{refused}"
         );
+    }
+
+    #[test]
+    fn val_scores_of_two_parts_are_one_whole_and_contradictions_are_named() {
+        let work = tempfile::tempdir().expect("a folder");
+        let (campaign, part, records) = flown(&work);
+        let whole = CampaignFolder::open(&work.path().join("whole"), &campaign).expect("a new folder");
+        let score = |record: &FlightRecord| again(&campaign, record).score(&[0; 5600]).expect("scored");
+        let of = |records: &[FlightRecord]| {
+            let mut scores = OwnScores::new("My own").expect("a good name");
+            for record in records {
+                scores.add(record, score(record), None);
+            }
+            scores
+        };
+        of(&records[..1]).write(&whole).expect("written");
+        of(&records[1..]).write(&part).expect("written");
+        take_in(&whole, &part).expect("they agree");
+        assert_eq!(read_all(&whole).expect("read"), [of(&records)]);
+        take_in(&whole, &part).expect("again");
+
+        let mut other = OwnScores::new("My own").expect("a good name");
+        other.add(&records[2], score(&records[0]), None);
+        other.write(&part).expect("written");
+        let refused = take_in(&whole, &part).expect_err("another score");
+        assert!(refused.contains("'My own' judged flight 2 differently"), "{refused}");
     }
 
     /// A record of another flight than the judged one, or of one flown later, has no score, and the table says so.

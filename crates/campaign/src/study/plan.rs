@@ -13,7 +13,7 @@ use super::document::{AxisDocument, CampaignDocument, MAX_FLIGHTS, Pick};
 use crate::paper::protocol::Course;
 use rotortwin_flight::run_hash::content_hash;
 use rotortwin_plant::random::RandomStream;
-use rotortwin_scenario::names::{Kind, meant};
+use rotortwin_scenario::names::{Kind, meant, typed};
 use rotortwin_scenario::template::{ScenarioTemplate, TomlFile, overlay, set_value, value_at};
 use rotortwin_scenario::{ConfigError, Scenario};
 use std::collections::BTreeSet;
@@ -224,6 +224,11 @@ impl Campaign {
     /// Path as given.
     pub fn path(&self) -> &Path {
         &self.path
+    }
+
+    /// The command that flies it: by its name, where that leads to its file.
+    pub fn command(&self) -> String {
+        format!("rotortwin campaign {}", typed(Kind::Campaign, &self.path))
     }
 
     /// The axes in their order.

@@ -72,7 +72,7 @@ pub fn render(campaign: &Campaign, totals: &Totals) -> String {
         delays: delays(totals),
         operating: operating(totals),
         facts: vec![
-            ("command", format!("rotortwin campaign {}", campaign.path().display())),
+            ("command", campaign.command()),
             ("program", program()),
             ("hash of all flights", totals.hash()),
         ],

@@ -333,7 +333,7 @@ fn operating_curve(totals: &Totals) -> Option<ResultTable> {
 
 /// The worst flights, and those that did not reach their end; each with the command that repeats it.
 pub fn listed_flights(campaign: &Campaign, totals: &Totals) -> Vec<ResultTable> {
-    let command = |flight: u64| format!("rotortwin campaign {} --flight {flight}", campaign.path().display());
+    let command = |flight: u64| format!("{} --flight {flight}", campaign.command());
     let parameters = |listed: &super::totals::Listed| {
         let parts: Vec<String> = listed
             .parameters
