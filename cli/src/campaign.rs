@@ -7,10 +7,9 @@ use clap::{Args as ClapArgs, Parser, Subcommand};
 use indicatif::ProgressBar;
 use rotortwin_campaign::parallel::available_threads;
 use rotortwin_campaign::study::engine::SideBySide;
-use rotortwin_campaign::study::folder::{CampaignFolder, manifest, shards_of};
+use rotortwin_campaign::study::folder::CampaignFolder;
 use rotortwin_campaign::study::hunt::{self, HuntOptions};
 use rotortwin_campaign::study::merge::take_in;
-use rotortwin_campaign::study::plan::PlannedFlight;
 use rotortwin_campaign::study::runner::{Keep, RunEnd, missing as missing_shards};
 use rotortwin_campaign::study::summary::CampaignSummary;
 use rotortwin_campaign::study::totals::Totals;
@@ -20,10 +19,10 @@ use rotortwin_jobs::{JobEvent, Progress};
 use rotortwin_runner::campaign::{self as runner, Flown, folder_of};
 use rotortwin_runner::failure::Failure;
 use rotortwin_runner::second_look;
-use rotortwin_scenario::Scenario;
 use rotortwin_scenario::names::{Kind, typed};
 use rotortwin_sim::session::{self, SessionConfig};
 use rotortwin_store::run_folder::RunFolder;
+use serde::Serialize;
 use std::num::NonZeroUsize;
 use std::ops::Range;
 use std::path::{Path, PathBuf};
@@ -251,31 +250,21 @@ fn fly(args: &FlightArgs, store: Option<&dyn Store>) -> ExitCode {
 
 fn describe(campaign: &Campaign, json: bool) -> ExitCode {
     if json {
-        match described_as_json(campaign) {
-            Ok(described) => println!("{described:#}"),
-            Err(sentence) => return output::failed(sentence),
-        }
-    } else {
-        print!("{}", output::fitted(&described(campaign)));
+        return printed(runner::checked(campaign));
     }
+    print!("{}", output::fitted(&described(campaign)));
     ExitCode::SUCCESS
 }
 
-/// Describes a flight without flying it. JSON is for programs that fly it elsewhere: seeds are digits, because they need all 64 bits.
+/// Describes a flight without flying it.
 fn describe_one(campaign: &Campaign, index: u64, json: bool) -> ExitCode {
-    let (flight, scenario) = match planned(campaign, index) {
-        Ok(planned) => planned,
-        Err(sentence) => return output::bad_input(sentence),
-    };
     if json {
-        let described = serde_json::json!({
-            "flight": index,
-            "seed": flight.seed.to_string(),
-            "documents": scenario.documents().to_toml(),
-        });
-        println!("{described:#}");
-        return ExitCode::SUCCESS;
+        return printed(runner::checked_flight(campaign, index));
     }
+    let (flight, _) = match runner::planned(campaign, index) {
+        Ok(planned) => planned,
+        Err(failure) => return output::told(&failure),
+    };
     let mut text = format!("{}: flight {index}, seed {}\n", campaign.document().name, flight.seed);
     for parameter in &flight.parameters {
         text += &format!("  {}: {}\n", parameter.axis, parameter.cell);
@@ -284,37 +273,15 @@ fn describe_one(campaign: &Campaign, index: u64, json: bool) -> ExitCode {
     ExitCode::SUCCESS
 }
 
-/// A flight and its scenario.
-fn planned(campaign: &Campaign, index: u64) -> Result<(PlannedFlight, Scenario), String> {
-    if index >= campaign.flights() {
-        return Err(format!(
-            "--flight: expected a number from 0 to {}, got {index}",
-            campaign.flights() - 1
-        ));
+/// An answer as JSON.
+fn printed(answer: Result<impl Serialize, Failure>) -> ExitCode {
+    match answer.and_then(|answer| serde_json::to_string_pretty(&answer).map_err(Failure::failed)) {
+        Ok(json) => {
+            println!("{json}");
+            ExitCode::SUCCESS
+        }
+        Err(failure) => output::told(&failure),
     }
-    let flight = campaign.flight(index).map_err(|error| error.to_string())?;
-    let scenario = campaign.scenario(&flight).map_err(|error| error.to_string())?;
-    Ok((flight, scenario))
-}
-
-/// For programs that distribute the shards.
-fn described_as_json(campaign: &Campaign) -> Result<serde_json::Value, String> {
-    let document = campaign.document();
-    let files: Vec<PathBuf> = campaign
-        .files()
-        .iter()
-        .map(|path| std::path::absolute(path).map_err(|error| format!("{}: {error}", path.display())))
-        .collect::<Result<_, String>>()?;
-    Ok(serde_json::json!({
-        "name": document.name,
-        "description": document.description,
-        "flights": campaign.flights(),
-        "shards": shards_of(campaign.flights()),
-        "seed": document.seed,
-        "campaign": std::path::absolute(campaign.path()).map_err(|error| error.to_string())?,
-        "files": files,
-        "manifest": manifest(campaign)?,
-    }))
 }
 
 fn described(campaign: &Campaign) -> String {
@@ -614,9 +581,9 @@ fn command_line(campaign: &Path, out: Option<&Path>) -> String {
 }
 
 fn fly_one(args: &FlightArgs, campaign: &Campaign, index: u64) -> ExitCode {
-    let scenario = match planned(campaign, index) {
+    let scenario = match runner::planned(campaign, index) {
         Ok((_, scenario)) => scenario,
-        Err(sentence) => return output::bad_input(sentence),
+        Err(failure) => return output::told(&failure),
     };
     let folder = args
         .out

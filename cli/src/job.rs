@@ -72,6 +72,8 @@ fn answer(input: impl Read) -> ExitCode {
         Question::Sql(sql) => return query::print_json(sql),
         Question::LogVerdict(logs) => question::log_verdict(logs),
         Question::EffectPicture(effect) => question::effect_picture(effect),
+        Question::LogOverTime(log) => question::log_over_time(log),
+        Question::CampaignCheck(campaign) => question::campaign_check(campaign),
         Question::MappingDraft(table) => question::mapping_draft(table)
             .and_then(|draft| serde_json::to_string_pretty(&draft).map_err(Failure::failed)),
     };

@@ -122,7 +122,15 @@ fn scenario_a_campaign_has_the_second_look_with_sizes_that_hold() {
     );
 
     // Shards that were judged where they were flown have their scores in the whole.
-    let words = ["campaign", "campaign.toml", "--shards", "0..1", "--second-look", "--out", "part"];
+    let words = [
+        "campaign",
+        "campaign.toml",
+        "--shards",
+        "0..1",
+        "--second-look",
+        "--out",
+        "part",
+    ];
     Call::new(&scratch, words).run().expect_code(0);
     let words = ["campaign", "merge", "campaign.toml", "part", "--out", "whole"];
     Call::new(&scratch, words).run().expect_code(0);

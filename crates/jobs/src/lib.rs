@@ -40,7 +40,10 @@ pub use input::{Content, Input};
 pub use kind::JobKind;
 pub use log::{ExampleCase, LogExample, LogImport};
 pub use part::{NextPart, PartAccepted, PartEnd, PartEvents, PartFile, PartHow, PartInput, PartOrder};
-pub use question::{EffectPicture, LogTruth, LogVerdict, MappingDraft, Question, SqlQuestion};
+pub use question::{
+    CampaignCheck, CheckedCampaign, CheckedFlight, EffectPicture, LogOverTime, LogTruth, LogVerdict, MappingDraft,
+    Question, SqlQuestion,
+};
 pub use queue_event::{QueueEvent, QueueEventKind};
 pub use status::Status;
 pub use stored::StoredJob;

@@ -20,6 +20,10 @@ pub enum Question {
     EffectPicture(EffectPicture),
     /// A draft of the mapping of a table.
     MappingDraft(MappingDraft),
+    /// A log over time.
+    LogOverTime(LogOverTime),
+    /// What a campaign document says, if it can be flown.
+    CampaignCheck(CampaignCheck),
     /// SQL over results.
     Sql(SqlQuestion),
 }
@@ -129,6 +133,57 @@ pub struct MappingDraft {
     pub file: PathBuf,
 }
 
+/// Trajectory, parts, motor outputs and vibration of a log or a run folder.
+#[derive(Debug, Clone, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct LogOverTime {
+    /// The log.
+    pub file: PathBuf,
+}
+
+/// A campaign document, read and tried without flying it.
+#[derive(Debug, Clone, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct CampaignCheck {
+    /// The document.
+    pub file: PathBuf,
+    /// One of its flights; absent: the campaign as a whole.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub flight: Option<u64>,
+}
+
+/// A campaign that can be flown, for programs that distribute its shards.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+pub struct CheckedCampaign {
+    /// Its name.
+    pub name: String,
+    /// Its description.
+    pub description: String,
+    /// Number of flights.
+    pub flights: u64,
+    /// Number of shards.
+    pub shards: u64,
+    /// Seed of all flights.
+    pub seed: u64,
+    /// Absolute path of the document.
+    pub campaign: PathBuf,
+    /// Absolute paths of all files that it needs, itself included.
+    pub files: Vec<PathBuf>,
+    /// Manifest of a folder of its shards (JSON).
+    pub manifest: String,
+}
+
+/// A flight of a campaign, for programs that fly it elsewhere.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+pub struct CheckedFlight {
+    /// Its number.
+    pub flight: u64,
+    /// Its seed, in digits: readers of JSON may lose some of its 64 bits.
+    pub seed: String,
+    /// All documents of its scenario (TOML).
+    pub documents: String,
+}
+
 /// One SELECT in DuckDB's SQL over Parquet files.
 #[derive(Debug, Clone, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -182,6 +237,11 @@ mod tests {
             Question::LogVerdict(verdict),
             Question::EffectPicture(picture),
             Question::MappingDraft(MappingDraft { file: "a.csv".into() }),
+            Question::LogOverTime(LogOverTime { file: "a.ulg".into() }),
+            Question::CampaignCheck(CampaignCheck {
+                file: "wide.toml".into(),
+                flight: Some(7),
+            }),
             Question::Sql(sql),
         ] {
             let text = question.to_json().unwrap();

@@ -4,11 +4,13 @@ use crate::Tell;
 use crate::failure::Failure;
 use rotortwin_campaign::parallel::available_threads;
 use rotortwin_campaign::study::engine::{OneByOne, SideBySide};
-use rotortwin_campaign::study::folder::CampaignFolder;
+use rotortwin_campaign::study::folder::{CampaignFolder, manifest, shards_of};
+use rotortwin_campaign::study::plan::PlannedFlight;
 use rotortwin_campaign::study::runner::{self, Plan, RunEnd, RunOptions};
 use rotortwin_campaign::study::totals::Totals;
 use rotortwin_campaign::study::{Campaign, results};
-use rotortwin_jobs::{Campaign as Job, JobEvent, Progress};
+use rotortwin_jobs::{Campaign as Job, CheckedCampaign, CheckedFlight, JobEvent, Progress};
+use rotortwin_scenario::Scenario;
 use serde::Serialize;
 use std::collections::BTreeSet;
 use std::num::NonZeroUsize;
@@ -72,6 +74,58 @@ pub struct ShardsFlown {
     pub flights: u64,
     /// Their steps.
     pub steps: u64,
+}
+
+/// What a campaign document says, for programs that distribute its shards.
+///
+/// # Errors
+/// A file that it names cannot be read.
+pub fn checked(campaign: &Campaign) -> Result<CheckedCampaign, Failure> {
+    let absolute = |path: &Path| {
+        std::path::absolute(path).map_err(|error| Failure::Failed(format!("{}: {error}", path.display())))
+    };
+    let document = campaign.document();
+    Ok(CheckedCampaign {
+        name: document.name.clone(),
+        description: document.description.clone(),
+        flights: campaign.flights(),
+        shards: shards_of(campaign.flights()),
+        seed: document.seed,
+        campaign: absolute(campaign.path())?,
+        files: (campaign.files().iter())
+            .map(|path| absolute(path))
+            .collect::<Result<_, Failure>>()?,
+        manifest: manifest(campaign).map_err(Failure::Failed)?,
+    })
+}
+
+/// One of its flights, for programs that fly it elsewhere.
+///
+/// # Errors
+/// There is no such flight, or it cannot be flown.
+pub fn checked_flight(campaign: &Campaign, index: u64) -> Result<CheckedFlight, Failure> {
+    let (flight, scenario) = planned(campaign, index)?;
+    Ok(CheckedFlight {
+        flight: index,
+        seed: flight.seed.to_string(),
+        documents: scenario.documents().to_toml(),
+    })
+}
+
+/// A flight and its scenario.
+///
+/// # Errors
+/// There is no such flight, or it cannot be flown.
+pub fn planned(campaign: &Campaign, index: u64) -> Result<(PlannedFlight, Scenario), Failure> {
+    if index >= campaign.flights() {
+        return Err(Failure::Input(format!(
+            "--flight: expected a number from 0 to {}, got {index}",
+            campaign.flights() - 1
+        )));
+    }
+    let flight = campaign.flight(index).map_err(Failure::input)?;
+    let scenario = campaign.scenario(&flight).map_err(Failure::input)?;
+    Ok((flight, scenario))
 }
 
 /// Opens the folder of the campaign.

@@ -24,7 +24,7 @@ use axum::response::Response;
 use rotortwin_campaign::study::cell::Cell;
 use rotortwin_campaign::study::folder::{SHARD_FLIGHTS, read_records, shard_number};
 use rotortwin_campaign::study::record::{DETECTORS, FlightRecord, FlightStatus};
-use rotortwin_jobs::{Content, JobKind, StoredJob};
+use rotortwin_jobs::{CheckedFlight, Content, JobKind, StoredJob};
 use rotortwin_scenario::{Documents, Scenario};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
@@ -336,15 +336,6 @@ pub(crate) async fn fly(
     submissions::again(&app, &caller, &headers, hash, &scenario, seed, job.id).await
 }
 
-/// A flight of the plan: of the JSON of `rotortwin campaign FILE --check --flight N --json`.
-#[derive(Debug, Deserialize)]
-struct Planned {
-    /// Digits.
-    seed: String,
-    /// All documents of the scenario (TOML).
-    documents: String,
-}
-
 /// Scenario and seed of a flight, of the documents that the campaign was submitted with.
 async fn flight_of(app: &App, job: &Job, flight: u64) -> Result<(Scenario, u64), Problem> {
     let (text, library) = submitted(app, job).await?;
@@ -355,7 +346,7 @@ async fn flight_of(app: &App, job: &Job, flight: u64) -> Result<(Scenario, u64),
             facts.flights.saturating_sub(1)
         )));
     }
-    let planned = campaigns::check::<Planned>(app, &library, &text, Some(flight)).await;
+    let planned = campaigns::check::<CheckedFlight>(app, &library, &text, Some(flight)).await;
     let planned = planned.map_err(|mut problem| {
         if problem.status == StatusCode::UNPROCESSABLE_ENTITY.as_u16() {
             problem.detail = format!("flight {flight} cannot be flown: {}", problem.detail);

@@ -17,11 +17,10 @@ use axum::http::HeaderMap;
 use axum::response::Response;
 use rotortwin_campaign::study::folder::SHARD_FLIGHTS;
 use rotortwin_jobs::submission::CampaignSubmission;
-use rotortwin_jobs::{Input, JobKind, StoredJob};
+use rotortwin_jobs::{CampaignCheck, CheckedCampaign, Input, JobKind, Question, StoredJob};
 use rotortwin_scenario::toml_document::to_text;
+use serde::Serialize;
 use serde::de::DeserializeOwned;
-use serde::{Deserialize, Serialize};
-use std::ffi::OsString;
 use std::ops::Range;
 use std::time::Duration;
 
@@ -126,7 +125,9 @@ pub(super) async fn accept(
             (library, text, Some(folder))
         }
     };
-    let Checked { name, flights, seed } = check(app, &library, &document, None).await?;
+    let CheckedCampaign {
+        name, flights, seed, ..
+    } = check(app, &library, &document, None).await?;
     let input = laid_out(app, &library).await?;
     let draft = |shards: Option<&Range<u64>>| {
         let (kind, name, facts) = match shards {
@@ -204,14 +205,6 @@ fn find(library: &Library, campaign: Option<&str>, text: Option<String>) -> Resu
     Ok(text)
 }
 
-/// What a campaign says that can be flown: of the JSON of `rotortwin campaign --check`.
-#[derive(Debug, Deserialize)]
-struct Checked {
-    name: String,
-    flights: u64,
-    seed: u64,
-}
-
 /// Reads and tries a campaign as if it were in the library, in a process of its own, and returns what that says of it, or of one `flight`.
 ///
 /// # Errors
@@ -230,15 +223,10 @@ pub(super) async fn check<T: DeserializeOwned>(
         .await
         .map_err(|error| Problem::internal(&error))?
         .map_err(|error| Problem::of_files(&error))?;
-    let mut words: Vec<OsString> = vec![
-        "campaign".into(),
-        copy.root().join(&path).into(),
-        "--check".into(),
-        "--json".into(),
-    ];
-    if let Some(flight) = flight {
-        words.extend(["--flight".into(), flight.to_string().into()]);
-    }
+    let question = Question::CampaignCheck(CampaignCheck {
+        file: copy.root().join(&path),
+        flight,
+    });
     let memory = CHECK_MEMORY.min(app.config.work.job_memory);
     let patience = Patience {
         memory,
@@ -252,7 +240,7 @@ pub(super) async fn check<T: DeserializeOwned>(
             _ => sentence,
         }
     };
-    let text = answered_within(app, words, patience, for_callers).await?;
+    let text = answered_within(app, &question, patience, for_callers).await?;
     serde_json::from_str(&text).map_err(|error| Problem::internal(&error))
 }
 

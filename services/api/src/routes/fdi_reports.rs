@@ -4,7 +4,7 @@ use super::uploads::Upload;
 use crate::App;
 use crate::access::Caller;
 use crate::problem::Problem;
-use crate::worker::answer::{answered_question, json};
+use crate::worker::answer::{answered, json};
 use axum::Json;
 use axum::body::Body;
 use axum::extract::rejection::QueryRejection;
@@ -219,7 +219,7 @@ async fn judged(
             None => sentence,
         }
     };
-    answered_question(app, &question, LONGEST, for_callers).await
+    answered(app, &question, LONGEST, for_callers).await
 }
 
 /// Where the log is.

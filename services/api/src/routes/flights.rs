@@ -10,9 +10,8 @@ use crate::worker::answer::{answered, json};
 use axum::extract::Path;
 use axum::extract::rejection::PathRejection;
 use axum::response::Response;
-use rotortwin_jobs::JobKind;
+use rotortwin_jobs::{JobKind, LogOverTime, Question};
 use rotortwin_twin::flight_picture::FlightPicture;
-use std::ffi::OsString;
 use std::time::Duration;
 
 /// Longest time that a log takes.
@@ -54,19 +53,13 @@ pub(crate) async fn of_run(
 
 /// Read by a process of its own, as every log.
 async fn picture(app: &App, caller: &Caller, kind: JobKind, id: &str) -> Result<Response, Problem> {
-    let path = stored_as(app, caller, kind, id).await?;
-    let words: [OsString; 5] = [
-        "log".into(),
-        "show".into(),
-        path.as_os_str().to_owned(),
-        "--json".into(),
-        "--flight".into(),
-    ];
-    let path = path.display().to_string();
+    let file = stored_as(app, caller, kind, id).await?;
+    let path = file.display().to_string();
+    let question = Question::LogOverTime(LogOverTime { file });
     let for_callers = |sentence: &str| {
         sentence
             .replace(&format!("{path}: "), "the log: ")
             .replace(&path, "the log")
     };
-    answered(app, words, ANSWER_TIMEOUT, for_callers).await.map(json)
+    answered(app, &question, ANSWER_TIMEOUT, for_callers).await.map(json)
 }

@@ -6,7 +6,7 @@ use super::jobs::{self, Shared};
 use super::logs::file_name;
 use crate::access::Caller;
 use crate::problem::Problem;
-use crate::worker::answer::{answered_question, json};
+use crate::worker::answer::{answered, json};
 use axum::extract::Path;
 use axum::extract::rejection::PathRejection;
 use axum::response::Response;
@@ -42,6 +42,6 @@ pub(crate) async fn draft(
     let path = file.display().to_string();
     let question = Question::MappingDraft(MappingDraft { file });
     let for_callers = |text: &str| text.replace(&path, &facts.file);
-    let text = answered_question(&app, &question, ANSWER_TIMEOUT, for_callers).await?;
+    let text = answered(&app, &question, ANSWER_TIMEOUT, for_callers).await?;
     Ok(json(for_callers(&text)))
 }

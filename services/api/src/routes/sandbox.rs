@@ -3,7 +3,7 @@
 use super::jobs::Shared;
 use crate::access::Caller;
 use crate::problem::Problem;
-use crate::worker::answer::{answered_question, json};
+use crate::worker::answer::{answered, json};
 use axum::extract::rejection::{PathRejection, QueryRejection};
 use axum::extract::{Path, Query};
 use axum::response::Response;
@@ -74,9 +74,7 @@ pub(crate) async fn picture(
         effects: documents.map(|name| library.file("effects", &name, "toml")).collect(),
     });
     let for_callers = |sentence: &str| library.without_root(&sentence);
-    answered_question(&app, &question, ANSWER_TIMEOUT, for_callers)
-        .await
-        .map(json)
+    answered(&app, &question, ANSWER_TIMEOUT, for_callers).await.map(json)
 }
 
 /// `name:value,…`; what is no such pair is passed over.

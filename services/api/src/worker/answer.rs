@@ -1,4 +1,4 @@
-//! Commands that answer a request while its caller waits: bad input can only break this request, never the server.
+//! Processes that answer a request while its caller waits: bad input can only break this request, never the server.
 
 use super::child::{self, BAD_INPUT, Limits};
 use crate::App;
@@ -6,7 +6,6 @@ use crate::problem::Problem;
 use axum::http::header::CONTENT_TYPE;
 use axum::response::{IntoResponse as _, Response};
 use rotortwin_jobs::Question;
-use std::ffi::OsStr;
 use std::path::Path;
 use std::process::{Output, Stdio};
 use std::time::Duration;
@@ -28,36 +27,17 @@ pub(crate) use super::child::MEMORY_OPTION;
 /// Longest wait for the questions that came before.
 const QUEUE: Duration = Duration::from_secs(60);
 
-/// Runs `rotortwin WORDS…` when its turn has come, and answers with the JSON that it writes.
+/// Asks a process of its own a question when its turn has come, and answers with the JSON that it writes.
 ///
-/// A command with both a result and an error message, such as for a log that lacks required channels, counts as successful.
+/// An answer with both a result and an error message, such as for a log that lacks required channels, counts as successful.
 ///
 /// * `wall`: its longest time
 /// * `for_callers`: a complaint without details that concern only the server, such as paths
 ///
 /// # Errors
-/// 422 with the command's sentence if its input is bad, or it reached a limit; 500 if it gave no answer for another
+/// 422 with the sentence of the answer if its input is bad, or it reached a limit; 500 if there was no answer for another
 /// reason; 503 if too many questions came before.
-pub(crate) async fn answered<W: AsRef<OsStr>>(
-    app: &App,
-    words: impl IntoIterator<Item = W>,
-    wall: Duration,
-    for_callers: impl Fn(&str) -> String,
-) -> Result<String, Problem> {
-    let patience = Patience {
-        memory: app.config.work.job_memory,
-        wall,
-    };
-    answered_within(app, words, patience, for_callers).await
-}
-
-/// Asks a process of its own a question when its turn has come, and answers with the JSON that it writes.
-///
-/// Arguments and errors as of [`answered`].
-///
-/// # Errors
-/// As there.
-pub(crate) async fn answered_question(
+pub(crate) async fn answered(
     app: &App,
     question: &Question,
     wall: Duration,
@@ -67,27 +47,16 @@ pub(crate) async fn answered_question(
         memory: app.config.work.job_memory,
         wall,
     };
-    let asked = async { Said::to(&app.config.work.program, question, patience, None).await };
-    in_turn(app, asked, patience, for_callers).await
+    answered_within(app, question, patience, for_callers).await
 }
 
 /// As [`answered`], within these limits.
 ///
 /// # Errors
 /// As there.
-pub(crate) async fn answered_within<W: AsRef<OsStr>>(
+pub(crate) async fn answered_within(
     app: &App,
-    words: impl IntoIterator<Item = W>,
-    patience: Patience,
-    for_callers: impl Fn(&str) -> String,
-) -> Result<String, Problem> {
-    let said = Said::by(&app.config.work.program, words, patience);
-    in_turn(app, said, patience, for_callers).await
-}
-
-async fn in_turn(
-    app: &App,
-    said: impl Future<Output = Result<Said, Problem>>,
+    question: &Question,
     patience: Patience,
     for_callers: impl Fn(&str) -> String,
 ) -> Result<String, Problem> {
@@ -97,7 +66,8 @@ async fn in_turn(
             "too many logs, effects and campaigns are being processed; retry later",
         ));
     };
-    said.await
+    Said::to(&app.config.work.program, question, patience, None)
+        .await
         .and_then(|said| said.answer(patience))
         .map_err(|mut problem| {
             problem.detail = for_callers(&problem.detail);
@@ -114,18 +84,6 @@ pub(crate) fn json(text: String) -> Response {
 pub(crate) struct Said(Output);
 
 impl Said {
-    /// Runs `program WORDS…`.
-    ///
-    /// # Errors
-    /// 422 if it takes too long; 500 if it cannot be run.
-    async fn by<W: AsRef<OsStr>>(
-        program: &Path,
-        words: impl IntoIterator<Item = W>,
-        patience: Patience,
-    ) -> Result<Self, Problem> {
-        Self::run(program, words, patience, None, None).await
-    }
-
     /// Asks `program job -` a question, optionally in a folder.
     ///
     /// # Errors
@@ -137,23 +95,13 @@ impl Said {
         folder: Option<&Path>,
     ) -> Result<Self, Problem> {
         let text = question.to_json().map_err(|error| Problem::internal(&error))?;
-        Self::run(program, ["job", "-"], patience, folder, Some(text)).await
-    }
-
-    async fn run<W: AsRef<OsStr>>(
-        program: &Path,
-        words: impl IntoIterator<Item = W>,
-        patience: Patience,
-        folder: Option<&Path>,
-        input: Option<String>,
-    ) -> Result<Self, Problem> {
         let mut command = Command::new(program);
         if let Some(folder) = folder {
             command.current_dir(folder);
         }
         command
-            .args(words)
-            .stdin(if input.is_some() { Stdio::piped() } else { Stdio::null() })
+            .args(["job", "-"])
+            .stdin(Stdio::piped())
             .stdout(Stdio::piped())
             .stderr(Stdio::piped())
             .kill_on_drop(true);
@@ -164,7 +112,7 @@ impl Said {
             cpu_s: 2 * patience.wall.as_secs(),
         };
         limits.hold(&started).map_err(|error| Problem::internal(&error))?;
-        if let Some((text, mut stdin)) = input.zip(started.stdin.take()) {
+        if let Some(mut stdin) = started.stdin.take() {
             // More than a pipe holds is written while the process reads it; one that ends without reading says why.
             tokio::spawn(async move { stdin.write_all(text.as_bytes()).await });
         }
