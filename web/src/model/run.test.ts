@@ -47,6 +47,9 @@ describe("scores of an interval", () => {
     const healthy = interval({ fault_label: 0, expected_verdict: 0 });
     expect(kindOfScore(healthy, score({ verdict_at_end: 0, isolated_after_s: null }))).toBe("good");
     expect(kindOfScore(healthy, score({ verdict_at_end: 0, false_alarm_events: 2 }))).toBe("warn");
+    // Rotor 3 was named before, and still is.
+    expect(kindOfScore(healthy, score({ verdict_at_end: 3, share_right: 0, other_rotor: 400, isolated_after_s: null }))).toBe("bad");
+    expect(kindOfScore(healthy, score({ verdict_at_end: 0, share_right: 0.5, other_rotor: 200, isolated_after_s: null }))).toBe("warn");
     expect(otherwise(healthy, score({ other_rotor: 4, not_ready: 160, healthy: 95 }))).toBe("4 named a rotor, 160 no verdict yet");
     expect(otherwise(interval({}), score({ healthy: 1, unknown: 13 }))).toBe("1 healthy, 13 unknown");
   });

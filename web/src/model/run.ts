@@ -12,14 +12,19 @@ export type Summary = Omit<Schemas["RunSummary"], "seed"> & { seed: number | str
 
 const HEALTHY = 0;
 const UNKNOWN = -1;
-/** Share of windows from which a verdict on a fault counts as good. */
+/** Share of windows from which a verdict counts as good. */
 const GOOD_SHARE = 0.9;
 
 /** Rates a detector in an interval as good, fair or poor; empty if it gave no verdict. */
 export function kindOfScore(interval: Interval, score: Score): "good" | "warn" | "bad" | "" {
   if (typeof score.share_right !== "number") return "";
   const healthy = interval.fault_label === HEALTHY;
-  if (healthy) return score.false_alarm_events === 0 ? "good" : "warn";
+  if (healthy) {
+    // An alarm of the interval before that goes on is no event of this one.
+    const goesOn = score.other_rotor > 0 && score.share_right < GOOD_SHARE;
+    if (goesOn && score.share_right === 0) return "bad";
+    return score.false_alarm_events === 0 && !goesOn ? "good" : "warn";
+  }
   if (typeof score.isolated_after_s !== "number") return "bad";
   const held = score.verdict_at_end === interval.expected_verdict || score.right_at_end === true;
   return held && score.share_right >= GOOD_SHARE ? "good" : "warn";

@@ -89,8 +89,8 @@ export function RunSummary(props: { summary: Summary }) {
             </table>
           </div>
           <p class="small muted">
-            Correct windows: green without a fault if there is no false alarm, with one if the verdict is correct at the end and in at least 90 % of the windows; red if the rotor is
-            never named. A delay counts from the start of the interval to the end of the first window with the correct verdict.
+            Correct windows: green without a fault if there is no false alarm and none of before goes on, with one if the verdict is correct at the end and in at least 90 % of the windows; red if the rotor is
+            never named, or a healthy one is named all the time. A delay counts from the start of the interval to the end of the first window with the correct verdict.
           </p>
         </Show>
         <details>
