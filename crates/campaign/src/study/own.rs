@@ -465,7 +465,8 @@ mod tests {
         take_in(&whole, &part).expect("again");
 
         let mut other = OwnScores::new("My own").expect("a good name");
-        other.add(&records[2], score(&records[0]), None);
+        // One of the two is healthy, and the other is not.
+        other.add(&records[2], score(&records[1]), None);
         other.write(&part).expect("written");
         let refused = take_in(&whole, &part).expect_err("another score");
         assert!(refused.contains("'My own' judged flight 2 differently"), "{refused}");
