@@ -95,7 +95,7 @@ def test_scenario_a_killed_driver_goes_on_where_it_was(cluster: Any, here: tuple
         seen = [line.strip() for line in iter(driver.stdout.readline, "3\n") if line]
         driver.kill()
     assert "12" not in seen, "it was not killed half-way"
-    again = subprocess.run(words, env=environment, stdout=subprocess.PIPE, text=True, timeout=300, check=True)
+    again = subprocess.run(words, env=environment, stdout=subprocess.PIPE, text=True, timeout=900, check=True)
     counts = [int(word) for word in again.stdout.split() if word.isdigit()]
     assert counts[0] >= 3, f"it began anew: {counts}"
     assert_same(one, tmp_path / "ray")
