@@ -4,8 +4,6 @@ mod score;
 mod series;
 mod words;
 
-pub use words::verdict_text;
-
 use crate::fdi_service::DetectorArgs;
 use crate::output::{bad_input, failed, fitted, line, told};
 use rotortwin_campaign::study::log_score::LogScore;

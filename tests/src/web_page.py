@@ -1297,9 +1297,9 @@ def monitor(browser: Browser) -> None:
     assert loss["rotor"] == 3 and loss["share_low"] <= 0.15 <= loss["share_high"], verdict
     for card in cards:
         words = card.locator("p", has_text="probability").inner_text()
-        shown = re.search(r"probability ([\d.]+) %\): rotor (\d) lost ([\d.]+) ± ([\d.]+) % of its thrust", words)
-        assert shown and shown[2] == "3", words
-        for text, value in ((shown[1], verdict["probability"]), (shown[3], loss["share"]), (shown[4], (loss["share_high"] - loss["share_low"]) / 2)):
+        shown = re.search(r"^rotor 3 lost ([\d.]+) % \[([\d.]+), ([\d.]+)\].* \(probability ([\d.]+) %\)$", words)
+        assert shown and words.startswith(verdict["sentence"]), words
+        for text, value in zip(shown.groups(), (loss["share"], loss["share_low"], loss["share_high"], verdict["probability"]), strict=True):
             decimals = len(text.partition(".")[2])
             assert abs(float(text) - 100 * value) <= 0.51 * 10**-decimals, (words, verdict)
         named = card.locator(".lane i[title*='rotor 3']").last

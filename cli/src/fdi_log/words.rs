@@ -1,13 +1,9 @@
 //! Text output of `fdi-log` for a log: verdicts over time, what was not evaluated, counts.
 
-use rotortwin_fdi_session::{ExplanationKind, Interval, Motion, words};
 use rotortwin_runner::grid::Grid;
 use rotortwin_runner::log_verdict::judged::{AgainstHealthy, JudgedLog};
 use rotortwin_verdicts::log::{LogReport, NotJudgedView, StretchView};
-use rotortwin_verdicts::view::{
-    ExplanationView, ExplanationWord, IntervalView, LoadView, LossView, ObstacleView, Obstruction, SequentialView,
-    VerdictKind,
-};
+use rotortwin_verdicts::view::{IntervalView, LoadView, ObstacleView, Obstruction, SequentialView, VerdictKind};
 use std::path::Path;
 
 /// Time without a clear explanation after which the last verdict is not that of the end, s.
@@ -33,7 +29,7 @@ pub(super) fn overview(logs: &[JudgedLog]) -> Grid {
         let verdicts: Vec<String> = report
             .stretches
             .iter()
-            .map(|stretch| verdict_text(&stretch.sequential))
+            .map(|stretch| stretch.sequential.sentence.clone())
             .collect();
         let mut cells = vec![
             file_name(Path::new(&log.file)),
@@ -134,12 +130,12 @@ fn headline(report: &LogReport, against: Option<&AgainstHealthy>) -> String {
 
 /// Changes of the verdict, and the last one of each stretch.
 fn timeline(report: &LogReport) -> Grid {
-    let mut timeline = Grid::new(["time", "sequential detector", "probability"]).numbers([2]);
+    let mut timeline = Grid::new(["time", "verdict", "probability"]).numbers([2]);
     let cells = |time: String, view: &SequentialView, obstacle: Option<&ObstacleView>| {
         [
             time,
             obstacle.map_or_else(
-                || verdict_text(view),
+                || view.sentence.clone(),
                 |obstacle| format!("cannot judge: {}", short(obstacle.reason)),
             ),
             if obstacle.is_some() || view.verdict.verdict == VerdictKind::NotReady {
@@ -225,7 +221,7 @@ fn counts(report: &LogReport) -> String {
     }
 }
 
-/// The sequential detector's answer in one sentence: its last verdict in each stretch, and its first alarm.
+/// The answer in one sentence: its last verdict in each stretch, and its first alarm.
 fn answer(report: &LogReport) -> String {
     let probability = |view: &SequentialView| match view.verdict.verdict {
         VerdictKind::NotReady | VerdictKind::CannotJudge => String::new(),
@@ -234,7 +230,7 @@ fn answer(report: &LogReport) -> String {
     };
     let said = |stretch: &StretchView| {
         let view = &stretch.sequential;
-        let last = format!("{}{}", verdict_text(view), probability(view));
+        let last = format!("{}{}", view.sentence, probability(view));
         match unjudged_after(report, stretch) {
             Some(after) => format!(
                 "none from {:.1} s on: {}; before that, {last}",
@@ -365,28 +361,6 @@ fn short(reason: Obstruction) -> &'static str {
     }
 }
 
-/// `rotor 3 lost 10.0 % [9.8, 10.2]`, with what else is known of it.
-fn loss_text(loss: &LossView, explanations: &[ExplanationView]) -> String {
-    let share = Interval {
-        value: loss.share,
-        low: loss.share_low,
-        high: loss.share_high,
-    };
-    let motion = loss.motion.map(|motion| Motion {
-        moves: motion.moves,
-        rate_1_s: interval(&motion.rate_1_s),
-    });
-    // Likelier than not: the blade drags.
-    let first = explanations.iter().find(|one| one.rotors == [loss.rotor]);
-    let drag = first.and_then(|one| one.drag.as_ref()).map(interval);
-    words::loss(loss.rotor, &share, motion.as_ref(), drag.as_ref())
-}
-
-fn interval(view: &IntervalView) -> Interval {
-    let IntervalView { value, low, high } = *view;
-    Interval { value, low, high }
-}
-
 /// `128 g [123, 133] dropped at 24.06 s (1.00), named 3.1 s later; rotors are judged with it from then on`.
 fn load_text(load: &LoadView) -> String {
     let IntervalView { value, low, high } = load.mass_kg;
@@ -406,58 +380,8 @@ fn load_text(load: &LoadView) -> String {
     )
 }
 
-/// One of several explanations.
-fn explanation_text(one: &ExplanationView) -> String {
-    let kind = match one.kind {
-        ExplanationWord::Loss => ExplanationKind::Loss,
-        ExplanationWord::LossWithDrag => ExplanationKind::LossWithDrag,
-        ExplanationWord::Gain => ExplanationKind::Gain,
-        ExplanationWord::Load => ExplanationKind::Load,
-    };
-    let shares: Vec<Interval> = one.shares.iter().map(interval).collect();
-    let sizes = (one.drag.as_ref().map(interval), one.mass_kg.as_ref().map(interval));
-    words::explanation(kind, &one.rotors, &shares, sizes, one.probability)
-}
-
 fn is_healthy(view: &SequentialView) -> bool {
     view.verdict.verdict == VerdictKind::Healthy && !view.is_unclear()
-}
-
-/// A verdict as one line of terminal text.
-pub fn verdict_text(view: &SequentialView) -> String {
-    match view.verdict.verdict {
-        VerdictKind::NotReady => "calibrating".to_owned(),
-        VerdictKind::Healthy if view.is_unclear() => {
-            "unclear: more than health explains, and no rotor stands out".to_owned()
-        }
-        VerdictKind::Healthy => "healthy".to_owned(),
-        VerdictKind::Unknown => "unknown fault".to_owned(),
-        VerdictKind::CannotJudge => "cannot judge".to_owned(),
-        VerdictKind::Ambiguous if view.explanations.is_empty() => {
-            let sets: Vec<String> = view
-                .hypotheses
-                .iter()
-                .map(|set| set.iter().map(u32::to_string).collect::<Vec<_>>().join("+"))
-                .collect();
-            format!("ambiguous: rotors {}", sets.join(" or "))
-        }
-        VerdictKind::Ambiguous => {
-            let explanations: Vec<String> = view.explanations.iter().map(explanation_text).collect();
-            match explanations.as_slice() {
-                // No code is of a gain, or of three rotors.
-                [only] => only.clone(),
-                several => format!("ambiguous: {}", several.join(" or ")),
-            }
-        }
-        VerdictKind::Faulty | VerdictKind::FaultyPair => {
-            let losses: Vec<String> = view
-                .thrust_loss
-                .iter()
-                .map(|loss| loss_text(loss, &view.explanations))
-                .collect();
-            losses.join(", ")
-        }
-    }
 }
 
 #[cfg(test)]

@@ -14,3 +14,4 @@ mod speeds;
 mod turn_rates;
 pub mod view;
 mod voltage;
+mod words;

@@ -1,5 +1,6 @@
 //! Detector results as JSON. Codes and names of verdicts: `docs/conventions.md`.
 
+use crate::words;
 use rotortwin_fdi_session::validity::{CANNOT_JUDGE, Obstacle};
 use rotortwin_fdi_session::words::rotors_of;
 use rotortwin_fdi_session::{
@@ -300,6 +301,8 @@ pub struct SequentialView {
     /// Verdict.
     #[serde(flatten)]
     pub verdict: VerdictView,
+    /// The verdict in words, with sizes and 95 % intervals, as commands print it: `rotor 3 lost 10.0 % [9.8, 10.2]`.
+    pub sentence: String,
     /// Probability of its verdict; 0 while it is not ready.
     pub probability: f32,
     /// Severity: one entry per named rotor.
@@ -324,6 +327,7 @@ impl SequentialView {
     pub fn cannot_judge() -> Self {
         Self {
             verdict: VerdictView::of(CANNOT_JUDGE),
+            sentence: String::new(),
             probability: 0.0,
             thrust_loss: Vec::new(),
             suspect_rotors: Vec::new(),
@@ -331,6 +335,7 @@ impl SequentialView {
             hypotheses: Vec::new(),
             explanations: Vec::new(),
         }
+        .said()
     }
 
     /// From a window.
@@ -353,14 +358,14 @@ impl SequentialView {
             loss.motion = Some((*motion).into());
         }
         self.explanations = details.explanations.iter().map(ExplanationView::from).collect();
-        self
+        self.said()
     }
 
     /// The same without what only the second look knows.
     fn bare(mut self) -> Self {
         self.explanations.clear();
         self.thrust_loss.iter_mut().for_each(|loss| loss.motion = None);
-        self
+        self.said()
     }
 
     /// From a report.
@@ -376,6 +381,7 @@ impl SequentialView {
                 .map(|(rotor, loss)| LossView::of(*rotor, loss))
                 .collect(),
             verdict,
+            sentence: String::new(),
             probability: report.sequential_probability,
             suspect_rotors: rotors_of(report.suspect_rotors),
             hypothesis_count: report.hypothesis_count,
@@ -385,6 +391,13 @@ impl SequentialView {
                 .collect(),
             explanations: Vec::new(),
         }
+        .said()
+    }
+
+    /// With its sentence.
+    fn said(mut self) -> Self {
+        self.sentence = words::verdict(&self);
+        self
     }
 }
 

@@ -1,6 +1,5 @@
 //! `rotortwin fdi-service`: the detectors on measurements received over zenoh.
 
-use rotortwin_cli::fdi_log::verdict_text;
 use rotortwin_cli::fdi_service::ServiceArgs;
 use rotortwin_cli::output::{bad_input, failed, line};
 use rotortwin_fdi_session::FdiSession;
@@ -74,7 +73,7 @@ pub(crate) fn run(args: &ServiceArgs) -> ExitCode {
                     let time_s = window.report.stamp.sim_time_ns as f64 * 1e-9;
                     let said = match &window.obstacle {
                         Some(obstacle) => format!("cannot judge: {obstacle}"),
-                        None => format!("{} (probability {:.4})", verdict_text(&view), view.probability),
+                        None => format!("{} (probability {:.4})", view.sentence, view.probability),
                     };
                     line(&format!("t {time_s:>9.3} s  {said}"));
                     *last = Some(view.verdict);

@@ -1,7 +1,7 @@
 /** Verdicts of the detectors on a log: the final one, verdicts over time, what was not judged and why, what the log lacks. */
 import { For, Show } from "solid-js";
 import type { Schemas } from "../api/client";
-import { percent, plusMinus, short } from "../format";
+import { percent, short } from "../format";
 import { Figures, Panel } from "../parts/bits";
 import { type Lane, Lanes } from "../plots/lanes";
 import type { Stretch } from "../plots/series";
@@ -63,7 +63,7 @@ export function Judged(props: { report: Report; against?: AgainstHealthy | undef
   return (
     <div class="stack">
       <Show when={changed() && props.against}>{(against) => <div class="say sentence bad" role="status"><strong>{against().outcome === "changed" ? "Changed" : "Probably changed"} since the healthy flights.</strong> {against().sentence}</div>}</Show>
-      <Show when={last()}>{(word) => <div class={`say sentence ${word().verdict !== "healthy" ? "bad" : changed() ? "" : "good"}`} role="status"><strong>{changed() ? "Within this flight, at the end:" : "At the end:"}</strong> {verdictWords(word())}</div>}</Show>
+      <Show when={last()}>{(word) => <div class={`say sentence ${word().verdict !== "healthy" ? "bad" : changed() || word().probability < 0.5 ? "" : "good"}`} role="status"><strong>{changed() ? "Within this flight, at the end:" : "At the end:"}</strong> {verdictWords(word())}</div>}</Show>
       <Figures items={[
         ["rows", it().log.rows.toLocaleString("en")], ["rate", `${short(it().log.rate_hz)} Hz${it().resampled ? ", resampled" : ""}`], ["length", `${short(it().log.duration_s)} s`],
         ["gaps", String(it().log.gaps)], ["rejected steps", String(it().rejected_steps)], ["calibrated", `${short(it().detectors.calibration_start_s)} – ${short(it().detectors.calibration_end_s)} s`],
@@ -107,9 +107,7 @@ export function changesToStretches(changes: readonly Schemas["ChangeView"][], en
   return changes.map((change, k) => ({ from: change.time_s, to: changes[k + 1]?.time_s ?? end, code: change.sequential.code }));
 }
 
-/** Verdict with probability and losses. */
+/** The verdict as commands print it, with its probability. */
 export function verdictWords(word: Sequential): string {
-  const losses = word.thrust_loss.map((one) => `rotor ${one.rotor} lost ${plusMinus(100 * one.share, 50 * (one.share_high - one.share_low), "%")} of its thrust`);
-  const suspects = word.thrust_loss.length === 0 && word.suspect_rotors.length > 0 ? `; rotors in question: ${word.suspect_rotors.join(", ")}` : "";
-  return `${word.verdict.replaceAll("_", " ")} (probability ${percent(word.probability)})${losses.length > 0 ? `: ${losses.join(", ")}` : suspects}.`;
+  return `${word.sentence} (probability ${percent(word.probability)})`;
 }

@@ -258,14 +258,7 @@ class JudgedLog(Result):
 
 
 def _verdict(said: Mapping[str, Any]) -> str:
-    losses = [
-        f"rotor {loss['rotor']} lost {100 * loss['share']:.1f} % [{100 * loss['share_low']:.1f}, {100 * loss['share_high']:.1f}] of its thrust"
-        for loss in said["thrust_loss"]
-    ]
-    words = " and ".join(losses) or str(said["verdict"]).replace("_", " ")
-    if said["verdict"] == "ambiguous":
-        words += f" between rotors {', '.join(str(rotor) for rotor in said['suspect_rotors'])}"
-    return f"{words}, probability {said['probability']:.4f}"
+    return f"{said['sentence']}, probability {said['probability']:.4f}"
 
 
 def fdi_log(

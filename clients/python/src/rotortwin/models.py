@@ -420,7 +420,7 @@ class FdiWindow:
     network: Json
     #: The same over time, of a classifier that calibrates itself: evidence of its windows added up.
     network_over_time: Json
-    #: The detector that decides over time, the one to act on: also `probability`, `thrust_loss`, `suspect_rotors`, `hypotheses`.
+    #: The detector that decides over time, the one to act on: also `sentence`, `probability`, `thrust_loss`, `suspect_rotors`, `hypotheses`.
     sequential: Json
     #: Why the verdicts are `cannot_judge`: on the ground, upset, or the model does not explain the motion.
     cannot_judge: Json | None = None
