@@ -14,4 +14,3 @@ mod speeds;
 mod turn_rates;
 pub mod view;
 mod voltage;
-mod words;
