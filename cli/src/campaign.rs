@@ -19,7 +19,6 @@ use rotortwin_jobs::{JobEvent, Progress};
 use rotortwin_runner::campaign::{self as runner, Flown, folder_of};
 use rotortwin_runner::failure::Failure;
 use rotortwin_runner::second_look;
-use rotortwin_scenario::names::{Kind, typed};
 use rotortwin_sim::session::{self, SessionConfig};
 use rotortwin_store::run_folder::RunFolder;
 use serde::Serialize;
@@ -164,7 +163,7 @@ impl FlightArgs {
 pub fn print_fetched(args: &FlightArgs, campaign: &Campaign, path: &Path) -> Result<(), String> {
     let folder = CampaignFolder::open(path, campaign)?;
     let totals = results::collect(campaign, &folder)?;
-    let go_on = command_line(&args.campaign, args.out.as_deref());
+    let go_on = command_line(campaign, args.out.as_deref());
     let place = folder.path().display().to_string();
     print_text(campaign, &totals, &Flown::nothing(), &place, &go_on);
     Ok(())
@@ -322,7 +321,7 @@ fn merge(args: &MergeArgs, store: Option<&dyn Store>) -> ExitCode {
 /// The results in a folder, of all shards or of those that there are.
 fn merged_in_folder(args: &MergeArgs, store: Option<&dyn Store>, campaign: &Campaign) -> Result<(), Failure> {
     let folder = gathered(&folder_of(args.out.as_deref(), campaign), args, store, campaign)?;
-    let go_on = command_line(&args.campaign, Some(folder.path()));
+    let go_on = command_line(campaign, Some(folder.path()));
     summed_up(campaign, &folder, &Flown::nothing(), args.json, &go_on)?;
     check_whole(&folder)
 }
@@ -393,7 +392,7 @@ fn flown_and_printed(args: &FlightArgs, campaign: &Campaign) -> Result<ExitCode,
         let code = said_of_shards(args, &flown, &folder.path().display().to_string());
         return Ok(if looked { code } else { stopped() });
     }
-    let mut go_on = command_line(&args.campaign, args.out.as_deref());
+    let mut go_on = command_line(campaign, args.out.as_deref());
     if args.second_look {
         go_on += " --second-look";
     }
@@ -572,8 +571,8 @@ fn print_text(campaign: &Campaign, totals: &Totals, flown: &Flown, place: &str, 
 }
 
 /// The command that resumes, as typed.
-fn command_line(campaign: &Path, out: Option<&Path>) -> String {
-    let mut line = format!("rotortwin campaign {}", typed(Kind::Campaign, campaign));
+fn command_line(campaign: &Campaign, out: Option<&Path>) -> String {
+    let mut line = campaign.command();
     if let Some(out) = out {
         line += &format!(" --out {}", out.display());
     }

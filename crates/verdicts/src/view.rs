@@ -342,7 +342,7 @@ impl SequentialView {
         if window.obstacle.is_some() {
             Self::cannot_judge()
         } else {
-            Self::of(&window.report).with(&window.details)
+            Self::unsaid(&window.report).with(&window.details)
         }
     }
 
@@ -369,6 +369,11 @@ impl SequentialView {
 
     /// From a report.
     pub fn of(report: &FdiReport) -> Self {
+        Self::unsaid(report).said()
+    }
+
+    /// The same without its sentence.
+    fn unsaid(report: &FdiReport) -> Self {
         let verdict = VerdictView::of(report.sequential);
         let losses = [&report.thrust_loss, &report.second_thrust_loss];
         let listed = (report.hypothesis_count as usize).min(MAX_HYPOTHESES);
@@ -390,7 +395,6 @@ impl SequentialView {
                 .collect(),
             explanations: Vec::new(),
         }
-        .said()
     }
 
     /// With its sentence.

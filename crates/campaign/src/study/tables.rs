@@ -333,7 +333,8 @@ fn operating_curve(totals: &Totals) -> Option<ResultTable> {
 
 /// The worst flights, and those that did not reach their end; each with the command that repeats it.
 pub fn listed_flights(campaign: &Campaign, totals: &Totals) -> Vec<ResultTable> {
-    let command = |flight: u64| format!("{} --flight {flight}", campaign.command());
+    let all = campaign.command();
+    let command = |flight: u64| format!("{all} --flight {flight}");
     let parameters = |listed: &super::totals::Listed| {
         let parts: Vec<String> = listed
             .parameters
