@@ -615,8 +615,20 @@ fn regress_results_fit_the_terminal() {
         })
         .collect();
     assert_eq!(untried, Vec::<String>::new(), "neither tried nor excused");
+    // What takes seconds to compute is printed in the narrow terminal alone.
+    let long = [
+        "reproduce",
+        "improve",
+        "vehicle",
+        "blind",
+        "train",
+        "campaign detector-ideal --limit",
+        "campaign merge",
+        "next-flight",
+    ];
     for width in [80, 120] {
-        for line in lines {
+        let shown = |line: &&str| width == 80 || !long.iter().any(|begin| line.starts_with(begin));
+        for line in lines.into_iter().filter(shown) {
             let line = line.replace(" @", &format!(" w{width}-"));
             let words: Vec<&str> = line.split(' ').collect();
             let output = command(&scratch, &words)

@@ -19,7 +19,7 @@ const CERTAINLY: f64 = 5.0;
 type Search<'a> = &'a dyn Fn(&[usize]) -> Result<Option<Diagnosis>, PredictError>;
 
 /// Diagnoses `count` flights one by one, and those with the same answer together; by groups in the order of the flights. `None` if
-/// one of them has no explanation, or all have the same.
+/// one of them has no explanation, or all have the same. That nothing explains all of them together is known.
 ///
 /// # Errors
 /// Those of the search.
@@ -39,8 +39,8 @@ pub(super) fn each_alone(count: usize, search: Search<'_>) -> Result<Option<Vec<
     }
     let mut groups = Vec::new();
     for (flights, alone) in alike {
-        let is_one = alone.len() == 1;
-        let together = if is_one {
+        let is_known = [1, count].contains(&alone.len());
+        let together = if is_known {
             None
         } else {
             search(&flights)?.filter(is_whole)
@@ -76,6 +76,12 @@ pub(super) fn tell(together: &mut Diagnosis, groups: Vec<Diagnosis>) {
     });
     together.apart = apart.collect();
     words::render(together);
+}
+
+/// True if an answer names this effect, or as what else its findings may be.
+pub(super) fn speaks_of(diagnosis: &Diagnosis, effect: &str) -> bool {
+    found(diagnosis)
+        .any(|one| one.instance.effect == effect || one.also_compatible.iter().any(|rival| rival.effect == effect))
 }
 
 /// True if what one group has, another contradicts.

@@ -1,5 +1,5 @@
-//! Several flights: one vehicle and one wind for all of them; where nothing explains them so, a wind of each; where that does not
-//! either, what each has alone.
+//! Several flights: one vehicle and one wind for all of them; where nothing explains them so, what each has alone; and unless that
+//! explains each without a wind, a wind of each.
 
 use super::result::{Diagnosis, Verdict};
 use super::{Options, air, apart, search_by};
@@ -8,11 +8,11 @@ use crate::model::{ModelVersion, steady_wind};
 use crate::predict::PredictError;
 use std::cell::Cell;
 
-/// Shares of the progress at which the search in one wind and that in the winds of the flights end, where others may follow.
+/// Share of the progress at which the search in one wind ends, where others may follow.
 const TOGETHER: f64 = 0.4;
-const IN_WINDS: f64 = 0.6;
-/// Share at which the searches over the single flights end, where groups of them may follow.
-const ALONE: f64 = 0.9;
+/// Shares at which the searches over the single flights end, and those over groups of them.
+const ALONE: f64 = 0.6;
+const GROUPS: f64 = 0.7;
 
 /// The search over several flights.
 ///
@@ -46,10 +46,37 @@ pub(super) fn diagnose_flights(
     ) {
         return Ok(together);
     }
-    if !model.wind_of_each_flight && !lacks_the_air(&together, model)? {
+    let is_over = Cell::new(false);
+    let alone = |flights: &[usize]| {
+        let of: Vec<&FlightLog> = flights.iter().map(|flight| &logs[*flight]).collect();
+        let names: Vec<&str> = of.iter().map(|log| log.name.as_str()).collect();
+        let (from, to) = if flights.len() > 1 {
+            (ALONE, GROUPS)
+        } else {
+            let step = (ALONE - TOGETHER) / logs.len() as f64;
+            let from = TOGETHER + step * flights[0] as f64;
+            (from, from + step)
+        };
+        let found = further(&of, model, &format!("{} alone", names.join(" and ")), from, to)?;
+        is_over.set(is_over.get() || found.is_none());
+        Ok(found)
+    };
+    let groups = match apart::each_alone(logs.len(), &alone) {
+        Ok(groups) => groups.unwrap_or_default(),
+        Err(refused) => {
+            let note = format!("flights not diagnosed one by one: {refused}");
+            together.notes.push(note);
+            Vec::new()
+        }
+    };
+    // Where each flight is explained without a wind, none is to be looked for.
+    let wind = steady_wind(&model.catalogue()?).map(|wind| wind.id);
+    let blows = |group: &Diagnosis| wind.is_some_and(|wind| apart::speaks_of(group, wind));
+    let may_blow = groups.is_empty() || groups.iter().any(blows);
+    if may_blow && !model.wind_of_each_flight && !lacks_the_air(&together, wind) {
         let text = "each flight in a wind of its own";
-        match further(&all, &model.with_own_winds(), text, TOGETHER, IN_WINDS) {
-            Ok(None) => return Ok(together),
+        match further(&all, &model.with_own_winds(), text, GROUPS, 1.0) {
+            Ok(None) => is_over.set(true),
             Ok(Some(in_winds)) => {
                 let with_documents = model.with_documents(&options.effects);
                 if let Some(found) = air::accepted(in_winds, &with_documents)? {
@@ -63,40 +90,19 @@ pub(super) fn diagnose_flights(
             }
         }
     }
-    let is_over = Cell::new(false);
-    let alone = |flights: &[usize]| {
-        let of: Vec<&FlightLog> = flights.iter().map(|flight| &logs[*flight]).collect();
-        let names: Vec<&str> = of.iter().map(|log| log.name.as_str()).collect();
-        let (from, to) = if flights.len() > 1 {
-            (ALONE, 1.0)
-        } else {
-            let step = (ALONE - IN_WINDS) / logs.len() as f64;
-            let from = IN_WINDS + step * flights[0] as f64;
-            (from, from + step)
-        };
-        let found = further(&of, model, &format!("{} alone", names.join(" and ")), from, to)?;
-        is_over.set(is_over.get() || found.is_none());
-        Ok(found)
-    };
-    match apart::each_alone(logs.len(), &alone) {
-        Ok(Some(groups)) => apart::tell(&mut together, groups),
-        Ok(None) if is_over.get() => together
-            .notes
-            .push("the time was up before each flight was diagnosed alone".to_owned()),
-        Ok(None) => {}
-        Err(refused) => together
-            .notes
-            .push(format!("flights not diagnosed one by one: {refused}")),
+    if !groups.is_empty() {
+        apart::tell(&mut together, groups);
+    } else if is_over.get() {
+        let note = "the time was up before each flight was diagnosed alone, and in a wind of its own";
+        together.notes.push(note.to_owned());
     }
     Ok(together)
 }
 
 /// True if no flight has the columns that a wind shows in.
-fn lacks_the_air(together: &Diagnosis, model: &ModelVersion) -> Result<bool, PredictError> {
-    let catalogue = model.catalogue()?;
-    let wind = steady_wind(&catalogue).map(|wind| wind.id);
+fn lacks_the_air(together: &Diagnosis, wind: Option<&str>) -> bool {
     let mut untested = together.not_considered.iter();
-    Ok(untested.any(|one| Some(one.effect.as_str()) == wind && !one.columns.is_empty()))
+    untested.any(|one| Some(one.effect.as_str()) == wind && !one.columns.is_empty())
 }
 
 /// The options of one of several searches.
