@@ -1104,7 +1104,7 @@ def cancel(browser: Browser) -> dict[str, float]:
     page.get_by_text("It was canceled.").wait_for(timeout=2_000)
     network.send("Network.emulateNetworkConditions", {**limits, "uploadThroughput": -1})
     judge.click()
-    page.locator(".say.sentence", has_text="At the end:").wait_for()
+    page.locator(".say.sentence", has_text="Verdict:").wait_for()
     assert page.get_by_text("It was canceled.").count() == 0
     watch.check()
     return times
@@ -2499,7 +2499,7 @@ def branches(browser: Browser) -> None:
     choice.select_option(value="other-way")
     until(page, "document.querySelector('#step-6').innerText.includes('@v2')")
     detectors = step.get_by_role("link", name="Give it to the detectors").get_attribute("href")
-    assert urllib.parse.unquote(detectors) == f"/runs?new=1&fdi_model={model}@v2", detectors
+    assert urllib.parse.unquote(detectors) == f"/runs?new=1&model={model}@v2&fdi_model={model}@v2", detectors
     step.get_by_role("link", name="Fly this model").click()
     page.get_by_text("The scenario is valid.").wait_for()
     assert page.locator("label.field", has_text=re.compile("^Model")).locator("select").input_value() == f"{model}@v2"
@@ -2551,7 +2551,7 @@ def clicks(browser: Browser) -> None:
     (hidden,) = api(f"/logs/{example}/truth")["effects"]
     page.goto(f"{SERVER}/fdi?log={example}")
     page.get_by_role("button", name="Judge").click()
-    said = page.locator(".say.sentence", has_text="At the end:")
+    said = page.locator(".say.sentence", has_text="Verdict:")
     said.wait_for()
     assert f"rotor {hidden['rotor']}" in said.inner_text(), (hidden, said.inner_text())
     with urllib.request.urlopen(f"{SERVER}/api/v1/logs/{example}/artifacts/log.parquet", timeout=60) as answer:
@@ -2572,7 +2572,7 @@ def over_time(browser: Browser) -> None:
     (hidden,) = api(f"/logs/{log}/truth")["effects"]
     page.goto(f"{SERVER}/fdi?log={log}")
     page.get_by_role("button", name="Judge").click()
-    said = page.locator(".say.sentence", has_text="At the end:")
+    said = page.locator(".say.sentence", has_text="Verdict:")
     said.wait_for()
     assert f"rotor {hidden['rotor']}" in said.inner_text(), said.inner_text()
     lanes = page.locator("figure[aria-label^='Parts and events of']")

@@ -231,7 +231,7 @@ fn reports(scratch: &Scratch) {
                 "Vibration: gyroscope",
                 "flight-4.parquet",
                 "flight-1.parquet",
-                "At the end:",
+                "Verdict:",
                 "Verdicts of the sequential detector",
                 "windows decided",
                 "no classifier was named",

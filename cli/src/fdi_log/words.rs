@@ -2,12 +2,9 @@
 
 use rotortwin_runner::grid::Grid;
 use rotortwin_runner::log_verdict::judged::{AgainstHealthy, JudgedLog};
-use rotortwin_verdicts::log::{LogReport, NotJudgedView, StretchView};
+use rotortwin_verdicts::log::LogReport;
 use rotortwin_verdicts::view::{IntervalView, LoadView, ObstacleView, Obstruction, SequentialView, VerdictKind};
 use std::path::Path;
-
-/// Time without a clear explanation after which the last verdict is not that of the end, s.
-const LONG_UNJUDGED_S: f64 = 5.0;
 
 /// Most changes of the verdict that are printed: the first and the last ones.
 const MOST_CHANGES: usize = 40;
@@ -56,7 +53,6 @@ pub(super) fn text_of(report: &LogReport, against: Option<&AgainstHealthy>) -> S
     text += &format!("{}\n\n", timeline(report));
     text += &not_judged(report);
     text += &counts(report);
-    text += &contradicted(report).map_or_else(String::new, |sentence| format!("\n{sentence}\n"));
     for load in &report.loads {
         text += &format!("\nLoad         {}", load_text(load));
     }
@@ -88,9 +84,9 @@ fn headline(report: &LogReport, against: Option<&AgainstHealthy>) -> String {
         Some(against) => format!(
             "{} since the healthy flights; within this flight: {}",
             against.word(),
-            answer(report)
+            report.sentence
         ),
-        None => answer(report),
+        None => report.sentence.clone(),
     };
     let mut text = format!(
         "Verdict      {}\n{}Log          {} rows, {:.2} s at {:.1} Hz\nVehicle      {} ({} rotors), classifier {}\nCalibration  {} s in the air; what is damaged by \
@@ -117,13 +113,9 @@ fn headline(report: &LogReport, against: Option<&AgainstHealthy>) -> String {
             report.log.start_s
         );
     }
-    if let Some(smallest) = report
-        .final_window
-        .as_ref()
-        .and_then(|window| smallest_text(&window.smallest_loss))
-    {
+    if let Some(detectable) = &report.detectable {
         text.truncate(text.trim_end().len());
-        text += &format!("\n{smallest}\n\n");
+        text += &format!("\nDetectable   {detectable}\n\n");
     }
     text
 }
@@ -160,7 +152,7 @@ fn timeline(report: &LogReport) -> Grid {
     match report.stretches.as_slice() {
         [] => {}
         [last] => {
-            let when = match unjudged_after(report, last) {
+            let when = match report.unjudged_after(last) {
                 Some(_) => "the last",
                 None => "at the end",
             };
@@ -221,129 +213,6 @@ fn counts(report: &LogReport) -> String {
     }
 }
 
-/// The answer in one sentence: its last verdict in each stretch, and its first alarm.
-fn answer(report: &LogReport) -> String {
-    let probability = |view: &SequentialView| match view.verdict.verdict {
-        VerdictKind::NotReady | VerdictKind::CannotJudge => String::new(),
-        VerdictKind::Healthy if view.is_unclear() => format!(" (healthy: probability {:.3})", view.probability),
-        _ => format!(" (probability {:.3})", view.probability),
-    };
-    let said = |stretch: &StretchView| {
-        let view = &stretch.sequential;
-        let last = format!("{}{}", view.sentence, probability(view));
-        match unjudged_after(report, stretch) {
-            Some(after) => format!(
-                "none from {:.1} s on: {}; before that, {last}",
-                after.from_s, after.obstacle.why
-            ),
-            None => last,
-        }
-    };
-    let is_healthy = |one: &StretchView| is_healthy(&one.sequential) && unjudged_after(report, one).is_none();
-    let verdicts = match report.stretches.as_slice() {
-        [] => return "none: nothing could be judged; the reasons are under \"not judged\"".to_owned(),
-        [only] => said(only),
-        several if several.iter().all(is_healthy) => {
-            format!("healthy at the end of each of {} stretches", several.len())
-        }
-        several => several
-            .iter()
-            .map(|one| format!("{:.0}–{:.0} s: {}", one.from_s, one.to_s, said(one)))
-            .collect::<Vec<_>>()
-            .join("; "),
-    };
-    let crash = report
-        .not_judged
-        .iter()
-        .find(|time| time.obstacle.reason == Obstruction::Crash);
-    let crash = crash.map_or_else(String::new, |time| {
-        format!("; the crash from {:.2} s on is not judged", time.from_s)
-    });
-    let smallest = report
-        .final_window
-        .as_ref()
-        .map(|window| window.smallest_loss.as_slice());
-    let sequential = report.counts.iter().find(|count| count.detector == "sequential");
-    match sequential.and_then(|count| count.first_alarm_s) {
-        Some(time_s) => format!("{verdicts}; first alarm at {time_s:.2} s{crash}"),
-        None if smallest.is_some_and(hides_all) => {
-            format!(
-                "nothing can be said of the rotors, as not even the loss of a whole one would be seen ({verdicts}; no alarm){crash}"
-            )
-        }
-        None if smallest.is_some_and(hides_most) => {
-            let most = smallest.into_iter().flatten().copied().fold(0.0, f32::max);
-            format!(
-                "only the loss of {:.0} % of a rotor's thrust or more would be seen at the end, and none was ({verdicts}; no alarm){crash}",
-                100.0 * most
-            )
-        }
-        None => format!("{verdicts}; no alarm{crash}"),
-    }
-}
-
-/// The time without a verdict with which a stretch ends, if what the detectors found in the air had no clear explanation
-/// for [`LONG_UNJUDGED_S`]: then the last verdict is not that of the end.
-fn unjudged_after<'a>(report: &'a LogReport, stretch: &StretchView) -> Option<&'a NotJudgedView> {
-    let is_found = |time: &&NotJudgedView| {
-        matches!(
-            time.obstacle.reason,
-            Obstruction::Unexplained | Obstruction::LoadChanged | Obstruction::Unclear | Obstruction::ImpossibleLoss
-        )
-    };
-    let next = report.stretches.iter().map(|other| other.from_s);
-    let next_s = next
-        .filter(|from_s| *from_s > stretch.to_s)
-        .fold(f64::INFINITY, f64::min);
-    let mut after = report
-        .not_judged
-        .iter()
-        .filter(|time| time.from_s > stretch.to_s - 0.5 && time.from_s < next_s);
-    let all_s: f64 = after.clone().filter(is_found).map(|time| time.to_s - time.from_s).sum();
-    (all_s >= LONG_UNJUDGED_S).then(|| after.find(is_found))?
-}
-
-/// Why the T-test alarms most of the time where the sequential detector does not.
-fn contradicted(report: &LogReport) -> Option<String> {
-    let count = |detector: &str| report.counts.iter().find(|count| count.detector == detector);
-    let (t_test, sequential) = (count("t_test")?, count("sequential")?);
-    (sequential.alarmed == 0 && sequential.decided > 0 && 2 * t_test.alarmed > t_test.decided).then(|| {
-        format!(
-            "T-test       it alarms in {} of {} windows, as it takes every lasting deviation from the model for a fault, also of a model that does not \
-             fit; the sequential detector's verdict is the one to act on",
-            t_test.alarmed, t_test.decided
-        )
-    })
-}
-
-/// Whether not even the loss of a whole rotor would be seen, of any.
-fn hides_all(smallest: &[f32]) -> bool {
-    !smallest.is_empty() && smallest.iter().all(|loss| *loss >= 1.0)
-}
-
-/// Whether the loss of half of a rotor would not be seen, of some.
-fn hides_most(smallest: &[f32]) -> bool {
-    smallest.iter().any(|loss| *loss > 0.5)
-}
-
-/// Smallest detectable loss at the end of the log.
-fn smallest_text(smallest: &[f32]) -> Option<String> {
-    let of = |sign: f32| (0..smallest.len()).max_by(|a, b| (sign * smallest[*a]).total_cmp(&(sign * smallest[*b])));
-    let (least, most) = (of(-1.0)?, of(1.0)?);
-    if hides_all(smallest) {
-        return Some("Detectable   nothing: at the end even the loss of a whole rotor would be hidden by what the model does not explain".to_owned());
-    }
-    let [from, to] = [least, most].map(|rotor| format!("{:.1} %", 100.0 * smallest[rotor]));
-    Some(if from == to {
-        format!("Detectable   losses from {from} of the thrust, of any rotor, within 10 s, at the end")
-    } else {
-        let [least, most] = [least + 1, most + 1];
-        format!(
-            "Detectable   losses from {from} of the thrust (rotor {least}) to {to} (rotor {most}), within 10 s, at the end"
-        )
-    })
-}
-
 /// The reason in a few words; details are in the table of what was not evaluated.
 fn short(reason: Obstruction) -> &'static str {
     match reason {
@@ -378,22 +247,4 @@ fn load_text(load: &LoadView) -> String {
         load.probability,
         load.named_s - load.time_s
     )
-}
-
-fn is_healthy(view: &SequentialView) -> bool {
-    view.verdict.verdict == VerdictKind::Healthy && !view.is_unclear()
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    /// "healthy (probability 1.000)" was the first line of a flight in which no damage could have been seen.
-    #[test]
-    fn regress_a_flight_that_hides_the_loss_of_a_rotor_is_told_by_its_smallest_losses() {
-        assert!(hides_all(&[1.0, 1.2, 1.0, 1.0]));
-        assert!(!hides_all(&[0.4, 1.2, 1.0, 1.0]) && !hides_all(&[]));
-        assert!(hides_most(&[0.4, 1.2, 1.0, 1.0]) && !hides_most(&[0.1, 0.4]) && !hides_most(&[]));
-        assert!(smallest_text(&[1.0; 4]).is_some_and(|text| text.contains("nothing")));
-    }
 }

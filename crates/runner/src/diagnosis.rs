@@ -4,7 +4,7 @@ use crate::Tell;
 use crate::destination::ResultFolder;
 use crate::failure::Failure;
 use crate::grid::Grid;
-use crate::logs::{read_logs_for, refused};
+use crate::logs::{own_baseline, read_logs_for, refused};
 use crate::next_flight;
 use rotortwin_jobs::{Diagnosis as Job, JobEvent, Progress};
 use rotortwin_page::Report;
@@ -54,6 +54,7 @@ pub fn diagnose(job: &Job, advise: bool, tell: Tell<'_>) -> Result<Diagnosed, Fa
     refused(&logs, &found.version.vehicle)?;
     let baseline = read_logs_for(&job.baseline, &found.version.vehicle)?;
     refused(&baseline, &found.version.vehicle)?;
+    own_baseline(&logs, &baseline)?;
     let effects: Result<Vec<EffectDocument>, ConfigError> = job.effects.iter().map(effect_documents::load).collect();
     let effects = effects.map_err(Failure::input)?;
     let options = Options {
@@ -237,6 +238,10 @@ const FAR_TOO_LARGE: f64 = 10.0;
 /// * `model`: the version that it stands on
 fn text(diagnosis: &Diagnosis, model: &str) -> String {
     let mut text = diagnosis.trim.as_ref().map_or_else(String::new, trim);
+    // Another method, which may see less or more than the comparison with healthy flights.
+    if diagnosis.trim.is_some() {
+        text += "Without the healthy flights, against the model alone:\n";
+    }
     text += &format!("{}\n", diagnosis.sentence);
     // Told once, where the first one is.
     let is_told = text.contains('±');

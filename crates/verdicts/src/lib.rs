@@ -9,6 +9,7 @@ pub mod detectors;
 mod exchanged;
 pub mod fleet;
 pub mod log;
+mod report;
 mod sparse;
 mod speeds;
 mod turn_rates;

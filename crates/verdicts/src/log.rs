@@ -33,6 +33,7 @@
 
 use crate::axial::Axial;
 use crate::exchanged;
+pub use crate::report::{DetectorCount, Lack, LogReport, LogView, NotJudgedView, StretchView, Suspicion};
 use crate::sparse::with_voltage_in_every_row;
 use crate::speeds::BySpeed;
 use crate::turn_rates;
@@ -48,11 +49,8 @@ use rotortwin_flight_core::fdi::verdict_code::{HEALTHY, NOT_READY};
 use rotortwin_flight_core::fdi::{FdiConfig, FdiConfigError};
 use rotortwin_plant::STEP_RATE_HZ;
 use rotortwin_scenario::Detectors;
-use rotortwin_twin::flight_picture::FlightPicture;
 use rotortwin_twin::log::flight_parts::{FlightPart, FlightParts, PartKind};
 use rotortwin_twin::log::{FlightLog, GAP_FACTOR, RotorOrder, SensorRate, names};
-use serde::Serialize;
-use utoipa::ToSchema;
 
 /// Longest log, s: at 400 Hz, 5.8 million steps.
 pub const LONGEST_S: f64 = 4.0 * 3600.0;
@@ -75,132 +73,6 @@ const NOISE_SAMPLES: f32 = 270.0;
 const SLOWEST_CONTROL_HZ: f64 = 30.0;
 /// A median rate this close to 400 Hz counts as 400 Hz.
 const SAME_RATE_HZ: f64 = 0.5;
-
-/// A group of channels that the log lacks, and what cannot be judged without it.
-#[derive(Debug, Clone, PartialEq, Eq, Serialize, ToSchema)]
-pub struct Lack {
-    /// Its columns.
-    pub columns: Vec<String>,
-    /// What cannot be judged.
-    pub rules_out: String,
-    /// True if no detector can run without it.
-    pub prevents_verdicts: bool,
-}
-
-/// What the import found suspicious.
-#[derive(Debug, Clone, PartialEq, Eq, Serialize, ToSchema)]
-pub struct Suspicion {
-    /// One sentence.
-    pub finding: String,
-    /// Verdicts are meaningless until it is resolved.
-    pub blocks: bool,
-}
-
-/// The log as it was read.
-#[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]
-pub struct LogView {
-    /// Hash (XXH3-128) of the file.
-    pub content_hash: String,
-    /// Rows.
-    pub rows: usize,
-    /// First row, s of the log's time: not 0 for a part of a log. All other times are relative to it.
-    pub start_s: f64,
-    /// From the first row to the last, s.
-    pub duration_s: f64,
-    /// Median rate, Hz.
-    pub rate_hz: f64,
-    /// Intervals without rows.
-    pub gaps: usize,
-}
-
-/// Verdicts of one detector over the log, counted in windows.
-#[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]
-pub struct DetectorCount {
-    /// `t_test`, `network`, `sequential` or `network_over_time`, which is absent with a classifier that does not calibrate itself.
-    pub detector: String,
-    /// Windows with a verdict.
-    pub decided: u64,
-    /// Windows with the verdict healthy.
-    pub healthy: u64,
-    /// Windows with a verdict other than healthy.
-    pub alarmed: u64,
-    /// Number of alarms, counted at their start: on a healthy flight, false alarms.
-    pub alarms: u64,
-    /// End of the first window with an alarm, s since the log's first row.
-    pub first_alarm_s: Option<f64>,
-}
-
-/// What was judged after one calibration.
-#[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]
-pub struct StretchView {
-    /// Start of the first window with a verdict, s since the log's first row.
-    pub from_s: f64,
-    /// End of the last window with a verdict, s since the log's first row.
-    pub to_s: f64,
-    /// The last verdict of the sequential detector in it.
-    pub sequential: SequentialView,
-}
-
-/// A time interval without a verdict of the sequential detector.
-#[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]
-pub struct NotJudgedView {
-    /// s since the log's first row.
-    pub from_s: f64,
-    /// s since the log's first row.
-    pub to_s: f64,
-    /// Why.
-    #[serde(flatten)]
-    pub obstacle: ObstacleView,
-}
-
-/// Result of the detectors on a log.
-#[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]
-pub struct LogReport {
-    /// The log.
-    pub log: LogView,
-    /// The detectors in effect.
-    pub detectors: DetectorsView,
-    /// Rate at which the detectors ran, Hz: the log's own, from 32 to 400 Hz.
-    pub judged_rate_hz: f64,
-    /// True if the log's rate is outside this range and it was resampled.
-    pub resampled: bool,
-    /// Number of steps processed by the detectors, at the rate at which they ran.
-    pub steps: u64,
-    /// Number of steps at which a channel had no value.
-    pub lost_steps: u64,
-    /// Number of steps with impossible values.
-    pub rejected_steps: u64,
-    /// Time for which the sequential detector had a verdict, s; false alarms are to be related to it.
-    pub decided_s: f64,
-    /// What was judged, in chronological order; damage that exists before an interval begins counts as healthy in it.
-    pub stretches: Vec<StretchView>,
-    /// The rest, in chronological order, with the reasons why it was not judged.
-    pub not_judged: Vec<NotJudgedView>,
-    /// Number of such intervals that are not listed.
-    pub not_judged_left_out: u64,
-    /// The last window with a verdict, otherwise the last window; absent if there is none.
-    pub final_window: Option<WindowView>,
-    /// Changes of the sequential detector's verdict, times since the log's first row.
-    pub timeline: Vec<ChangeView>,
-    /// Number of changes that are not listed.
-    pub timeline_left_out: u64,
-    /// Loads that were dropped or picked up, times since the log's first row.
-    pub loads: Vec<LoadView>,
-    /// Every window of all detectors, times since the log's first row; only on request (`fdi-log --windows`).
-    #[serde(skip_serializing_if = "Vec::is_empty")]
-    pub windows: Vec<WindowView>,
-    /// Verdicts of each detector, counted.
-    pub counts: Vec<DetectorCount>,
-    /// What the log lacks.
-    pub lacks: Vec<Lack>,
-    /// What looks wrong about the log.
-    pub suspicions: Vec<Suspicion>,
-    /// Further notes for the reader.
-    pub notes: Vec<String>,
-    /// The flight, for plotting; only on request (`fdi-log --flight`).
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub flight: Option<FlightPicture>,
-}
 
 /// Why a log cannot be evaluated.
 #[derive(Debug, thiserror::Error)]
@@ -775,6 +647,8 @@ fn report(log: &FlightLog, detectors: &Detectors, judge: Judge, lacks: Vec<Lack>
         lost_steps: judge.lost,
         rejected_steps: judge.session.rejected_samples(),
         decided_s: judge.counts[2].decided as f64 * f64::from(judge.session.window_samples()) / judge.rate_hz,
+        sentence: String::new(),
+        detectable: None,
         final_window: judge
             .last_judged
             .as_ref()
@@ -797,6 +671,7 @@ fn report(log: &FlightLog, detectors: &Detectors, judge: Judge, lacks: Vec<Lack>
         notes,
         flight: None,
     }
+    .said()
 }
 
 /// Notes of the session that are listed.

@@ -78,7 +78,7 @@ export function flightSentence(flight: FlightPicture): string {
     const events = flight.parts.events.filter((one) => one.kind === kind);
     return events.length > 0 ? [kind === "lost-rotor" ? (events[0]?.detail ?? name) : `${name}: ${events.length} ×`] : [];
   });
-  const words = happened.length > 0 ? happened.join("; ") : "no motor at its limit, no jump of the estimator, no gap";
+  const words = happened.length > 0 ? happened.join("; ") : flight.outputs.length > 0 ? "no motor at its limit, no jump of the estimator" : "no jump of the estimator; no motor outputs";
   return `${air.toFixed(1)} of ${(flight.end_s - flight.start_s).toFixed(1)} s in the air; ${words}.`;
 }
 

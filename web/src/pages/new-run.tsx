@@ -166,7 +166,7 @@ export function NewRun(props: { onSubmitted: () => void }) {
         <Problem sentence={refusal()?.sentence} complaints={refusal()?.complaints} />
         <div class="row">
           <button type="submit" class="main" disabled={sending() || check()?.valid === false || seedWrong() !== undefined}>{sending() ? "Submitting …" : "Fly"}</button>
-          <span class="muted small">{checking() ? "checking …" : check()?.valid ? "The scenario is valid." : ""}</span>
+          <span class="muted small">{checking() ? "checking …" : check()?.valid && !refusal() ? "The scenario is valid." : ""}</span>
           <span class="grow" />
           <Copy label="Copy as curl" text={() => asCurl(wish(), location.origin)} />
           <Copy label="Python" text={() => asPython(wish(), location.origin)} />

@@ -60,14 +60,18 @@ export function Judged(props: { report: Report; against?: AgainstHealthy | undef
   const view = createView();
   // Healthy within the flight is not healthy where the vehicle has changed since the healthy flights.
   const changed = () => ["changed", "probably_changed"].includes(props.against?.outcome ?? "");
+  // Nor is it where the loss of a quarter of a rotor would not be seen.
+  const hidesMuch = () => (it().final_window?.smallest_loss ?? []).some((loss) => loss > 0.25);
   return (
     <div class="stack">
       <Show when={changed() && props.against}>{(against) => <div class="say sentence bad" role="status"><strong>{against().outcome === "changed" ? "Changed" : "Probably changed"} since the healthy flights.</strong> {against().sentence}</div>}</Show>
-      <Show when={last()}>{(word) => <div class={`say sentence ${word().verdict !== "healthy" ? "bad" : changed() || word().probability < 0.5 ? "" : "good"}`} role="status"><strong>{changed() ? "Within this flight, at the end:" : "At the end:"}</strong> {verdictWords(word())}</div>}</Show>
+      <Show when={last()}>{(word) => <div class={`say sentence ${word().verdict !== "healthy" ? "bad" : changed() || word().probability < 0.5 || hidesMuch() ? "" : "good"}`} role="status"><strong>{changed() ? "Within this flight:" : "Verdict:"}</strong> {it().sentence}</div>}</Show>
+      <Show when={!last()}><div class="say sentence warn" role="status"><strong>Verdict:</strong> {it().sentence}</div></Show>
       <Figures items={[
         ["rows", it().log.rows.toLocaleString("en")], ["rate", `${short(it().log.rate_hz)} Hz${it().resampled ? ", resampled" : ""}`], ["length", `${short(it().log.duration_s)} s`],
-        ["gaps", String(it().log.gaps)], ["rejected steps", String(it().rejected_steps)], ["calibrated", `${short(it().detectors.calibration_start_s)} – ${short(it().detectors.calibration_end_s)} s`],
+        ["gaps", String(it().log.gaps)], ["rejected steps", String(it().rejected_steps)], ["judged", `${short(it().decided_s)} s`],
       ]} />
+      <Show when={it().detectable}>{(words) => <p class="small">Detectable: {words()}.</p>}</Show>
       <Show
         when={it().flight}
         fallback={<Lanes title="Verdicts of the sequential detector" start={it().log.start_s} end={it().log.start_s + it().log.duration_s} lanes={[verdictLane(it())]} />}

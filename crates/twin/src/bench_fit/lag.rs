@@ -121,8 +121,14 @@ pub fn fit_lag(tables: &[Table]) -> Result<Vec<Fit>, FitError> {
     Ok(fits)
 }
 
-/// The lag of one kind of step over several fits of the first order: mean weighted by 1/interval², and its 95 % interval, widened by
-/// the spread between the fits. `None` without a bounded interval.
+/// The lag over several steps with fits of the first order: their mean in a model of random effects, and its 95 % interval.
+///
+/// ```text
+///  τ_k = τ + d_k + e_k      e_k: error of the fit, s_k from its interval; d_k: steps differ, variance D (DerSimonian and Laird 1986)
+///  w_k = 1/(s_k² + D)       τ = Σ w_k τ_k / Σ w_k       ± 1.96 / √Σ w_k
+/// ```
+/// Steps up and down of one motor differ by more than their intervals: weighted by these alone, the mean would be that of the one with the smallest
+/// interval. `None` without a bounded interval.
 pub fn pooled_lag(fits: &[Fit]) -> Option<[f64; 3]> {
     let lags: Vec<(f64, f64)> = fits
         .iter()
@@ -133,18 +139,39 @@ pub fn pooled_lag(fits: &[Fit]) -> Option<[f64; 3]> {
                 .find(|model| model.name == "first order")?
                 .parameter("tau_s")?;
             let half = 0.5 * (p.high - p.low);
-            (half.is_finite() && half > 0.0).then_some((p.value, half / crate::Z95))
+            (half.is_finite() && half > 0.0).then_some((p.value, (half / crate::Z95).powi(2)))
         })
         .collect();
-    let weight: f64 = lags.iter().map(|(_, s)| 1.0 / (s * s)).sum();
-    if lags.is_empty() {
+    pooled(&lags)
+}
+
+/// Mean and 95 % interval of values with variances, which differ by more than that.
+fn pooled(values: &[(f64, f64)]) -> Option<[f64; 3]> {
+    let mean_of = |between: f64| {
+        let weight: f64 = values.iter().map(|(_, variance)| 1.0 / (variance + between)).sum();
+        let sum: f64 = values
+            .iter()
+            .map(|(value, variance)| value / (variance + between))
+            .sum();
+        (sum / weight, weight)
+    };
+    if values.is_empty() {
         return None;
     }
-    let mean = lags.iter().map(|(value, s)| value / (s * s)).sum::<f64>() / weight;
-    let misfit: f64 = lags.iter().map(|(value, s)| ((value - mean) / s).powi(2)).sum();
-    // Birge's ratio: where the fits differ by more than their intervals, the intervals were too narrow.
-    let widen = (misfit / (lags.len() as f64 - 1.0).max(1.0)).sqrt().max(1.0);
-    let half = crate::Z95 * widen / weight.sqrt();
+    let (mean, weight) = mean_of(0.0);
+    let misfit: f64 = values
+        .iter()
+        .map(|(value, variance)| (value - mean).powi(2) / variance)
+        .sum();
+    let squares: f64 = values.iter().map(|(_, variance)| variance.powi(-2)).sum();
+    let free = weight - squares / weight;
+    let between = if free > 0.0 {
+        ((misfit - (values.len() as f64 - 1.0)) / free).max(0.0)
+    } else {
+        0.0
+    };
+    let (mean, weight) = mean_of(between);
+    let half = crate::Z95 / weight.sqrt();
     Some([mean, mean - half, mean + half])
 }
 
@@ -213,7 +240,7 @@ fn fit_step(table: &Table, step: &Step) -> Fit {
     }
     if interval > 0.01 {
         notes.push(format!(
-            "{:.0} Hz resolve a lag of 50 ms poorly: about {:.1} samples",
+            "{:.0} Hz resolve lags of 50 ms and less poorly: {:.1} samples and fewer",
             1.0 / interval,
             0.05 / interval
         ));
@@ -234,6 +261,21 @@ fn fit_step(table: &Table, step: &Step) -> Fit {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn val_the_mean_of_steps_that_differ_is_between_them() {
+        // One value, and equal ones: as the errors say. Worked out by hand.
+        assert_eq!(pooled(&[]), None);
+        let [mean, low, high] = pooled(&[(0.04, 1e-6), (0.04, 1e-6)]).unwrap();
+        assert!((mean - 0.04).abs() < 1e-12 && (high - low - 2.0 * 1.96 * 0.001 / 2f64.sqrt()).abs() < 1e-5);
+        // 44 ± 7 and 38 ± 3.5 ms beside 19 ± 0.5: their inverse variances alone give 19.5. Q = 158, D = 0.01427².
+        let ms = |half: f64| (half / 1.96e3_f64).powi(2);
+        let [mean, low, high] = pooled(&[(0.044, ms(7.0)), (0.038, ms(3.5)), (0.019, ms(0.5))]).unwrap();
+        assert!(
+            (mean - 0.033437).abs() < 1e-6 && (low - 0.017088).abs() < 1e-6 && (high - 0.049786).abs() < 1e-6,
+            "{mean} {low} {high}"
+        );
+    }
 
     #[test]
     fn val_a_lag_of_50_ms_and_a_delay_of_8_ms_are_found() {

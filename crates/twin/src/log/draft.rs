@@ -806,7 +806,8 @@ fn unit_of_time(column: &Column, times: &[f64]) -> Clock {
     if ends(&["ns", "ns)", "ns]", "nanos"]) {
         return Clock::Nanoseconds;
     }
-    if ends(&["_s", "(s)", "[s]", "sec", "seconds", "secs"]) && step < 1.5 {
+    // Rows of a stand may be seconds apart, and a unit in brackets is one.
+    if ends(&["(s)", "[s]"]) && step < 60.0 || ends(&["_s", "sec", "seconds", "secs"]) && step < 1.5 {
         return Clock::Seconds;
     }
     // Between 2 Hz and 2 kHz in whichever unit it is.

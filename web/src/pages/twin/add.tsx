@@ -44,7 +44,7 @@ export function Add(props: { twin: Twin }) {
       title="Add it, and watch the error fall"
       later="one click makes the next version of the model, and the comparison runs again"
       state={!props.twin.ready() ? "waiting" : props.twin.problem() ? "problem" : logs().length > 0 ? "done" : "working"}
-      note={line().length > 1 ? `${line().length - 1} added` : "nothing added yet: use “Add to the model” above"}
+      note={line().length > 1 ? `${line().length - 1} added` : "nothing added yet: use “Add to the model” or “Add the proposal” above"}
       actions={
         <Show when={line().length > 1 && isHead()}>
           <button type="button" onClick={() => void props.twin.undo()}>Undo {line().at(-1)?.label.replace(/^.*@/, "")}</button>
@@ -98,7 +98,7 @@ export function Add(props: { twin: Twin }) {
           <Show when={line().length > 1}><button type="button" aria-expanded={diff()} onClick={() => setDiff(!diff())}>Differences to {line()[0]?.label}</button></Show>
           <a class="button" href={`/api/v1/models/${encodeURIComponent(props.twin.model() ?? "")}/versions/v${line().at(-1)?.version ?? 0}`} download={`${props.twin.model()}.toml`}>Export the version</a>
           <a class="button" href={`/runs?new=1&model=${shown()}`}>Fly this model</a>
-          <a class="button" href={`/runs?new=1&fdi_model=${shown()}`}>Give it to the detectors</a>
+          <a class="button" href={`/runs?new=1&model=${shown()}&fdi_model=${shown()}`}>Give it to the detectors</a>
         </div>
       </Show>
       <Problem sentence={difference.error()} retry={difference.reload} />
