@@ -128,7 +128,8 @@ Examples:
 
 pub(crate) const VEHICLE: &str = "\
 Examples:
-  rotortwin vehicle from-log flight.bin --mass 1.5 --arm 0.25 --out mine.toml";
+  rotortwin vehicle from-log flight.bin --mass 1.5 --arm 0.25 --out mine.toml
+  rotortwin vehicle tolerances mine.toml --mass 1 --inertia 5 --thrust 2";
 
 pub(crate) const BLIND: &str = "\
 Examples:
@@ -205,7 +206,7 @@ Examples:
   rotortwin man --out ~/.local/share/man/man1";
 
 /// Examples of commands that are not declared in this crate's list of commands, or share a declaration.
-const BELOW: [(&str, &[&str]); 66] = [
+const BELOW: [(&str, &[&str]); 67] = [
     (
         "log import",
         &[
@@ -315,6 +316,13 @@ const BELOW: [(&str, &[&str]); 66] = [
         &[
             "rotortwin vehicle from-log flight.bin --mass 1.5 --arm 0.25 --out mine.toml",
             "rotortwin vehicle from-log a.ulg b.ulg --mass 1.5 --arm 0.25 --halves",
+        ],
+    ),
+    (
+        "vehicle tolerances",
+        &[
+            "rotortwin vehicle tolerances mine.toml --mass 1 --inertia 5 --thrust 2",
+            "rotortwin vehicle tolerances mine.toml --rotors 3 --centre-of-mass 4",
         ],
     ),
     (

@@ -159,7 +159,7 @@ pub enum Command {
     /// Vehicle constants from bench measurements: thrust, battery, motor lag
     #[command(after_help = examples::FIT)]
     Fit(fit::Args),
-    /// Identify your own vehicle from a flight log, its mass and its arm length
+    /// Your own vehicle: identify it from a flight log, mass and arm length; state how exact its file is
     #[command(after_help = examples::VEHICLE)]
     Vehicle(vehicle::Args),
     /// Blind bench of the diagnosis: logs with hidden effects from an independent simulator, and the score

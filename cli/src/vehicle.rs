@@ -1,8 +1,10 @@
-//! `rotortwin vehicle from-log`: a user's own vehicle from flight logs, mass and arm.
+//! `rotortwin vehicle`: a user's own vehicle from flight logs, mass and arm, and how exact a vehicle file is.
 
 use crate::output;
 use clap::{Parser, Subcommand};
 use rotortwin_runner::identification::identify;
+use rotortwin_runner::tolerances::write_tolerances;
+use rotortwin_twin::model::tolerances::Tolerances;
 use std::path::PathBuf;
 use std::process::ExitCode;
 
@@ -17,6 +19,83 @@ pub struct Args {
 enum What {
     /// Identify a vehicle from flight logs, its mass and its arm length, which no log contains
     FromLog(FromLog),
+    /// State how exact a vehicle file is, in per cent of each constant (95 %): a diagnosis takes no smaller error for missing physics
+    Tolerances(Stated),
+}
+
+#[derive(Debug, Parser)]
+struct Stated {
+    /// Vehicle document; NAME.intervals.toml beside it is written and must not exist
+    #[arg(value_name = "NAME.toml")]
+    vehicle: PathBuf,
+    /// Mass, ± %
+    #[arg(long, value_name = "PERCENT", value_parser = share)]
+    mass: Option<f64>,
+    /// Each moment of inertia, ± %
+    #[arg(long, value_name = "PERCENT", value_parser = share)]
+    inertia: Option<f64>,
+    /// Thrust of all rotors, ± %
+    #[arg(long, value_name = "PERCENT", value_parser = share)]
+    thrust: Option<f64>,
+    /// Thrust of one rotor beside the others', ± %
+    #[arg(long, value_name = "PERCENT", value_parser = share)]
+    rotors: Option<f64>,
+    /// Torque over thrust of a rotor, ± %
+    #[arg(long, value_name = "PERCENT", value_parser = share)]
+    torque_ratio: Option<f64>,
+    /// Length of the arms, ± %
+    #[arg(long, value_name = "PERCENT", value_parser = share)]
+    arms: Option<f64>,
+    /// Lag of the thrust, ± %
+    #[arg(long, value_name = "PERCENT", value_parser = share)]
+    lag: Option<f64>,
+    /// Capacity of the battery, ± %
+    #[arg(long, value_name = "PERCENT", value_parser = share)]
+    capacity: Option<f64>,
+    /// Internal resistance of the battery, ± %
+    #[arg(long, value_name = "PERCENT", value_parser = share)]
+    resistance: Option<f64>,
+    /// Centre of mass, forward and to the right, ± mm
+    #[arg(long, value_name = "MM", value_parser = metres)]
+    centre_of_mass: Option<f64>,
+}
+
+/// Largest tolerance that can be stated, %; a constant that is known worse is unknown.
+const MOST_PERCENT: f64 = 90.0;
+
+/// A share from per cent.
+fn share(text: &str) -> Result<f64, String> {
+    let percent: f64 = text.trim_end_matches('%').trim().parse().unwrap_or(f64::NAN);
+    if percent > 0.0 && percent <= MOST_PERCENT {
+        return Ok(0.01 * percent);
+    }
+    Err(format!("expected per cent above 0 and up to {MOST_PERCENT}"))
+}
+
+/// Metres from millimetres.
+fn metres(text: &str) -> Result<f64, String> {
+    let millimetres: f64 = text.trim_end_matches("mm").trim().parse().unwrap_or(f64::NAN);
+    if millimetres > 0.0 && millimetres.is_finite() {
+        return Ok(1e-3 * millimetres);
+    }
+    Err("expected millimetres above 0".to_owned())
+}
+
+impl Stated {
+    fn tolerances(&self) -> Tolerances {
+        Tolerances {
+            mass: self.mass,
+            inertia: self.inertia,
+            thrust: self.thrust,
+            rotors: self.rotors,
+            torque_ratio: self.torque_ratio,
+            arms: self.arms,
+            lag: self.lag,
+            capacity: self.capacity,
+            resistance: self.resistance,
+            centre_of_mass_m: self.centre_of_mass,
+        }
+    }
 }
 
 #[derive(Debug, Parser)]
@@ -74,9 +153,22 @@ impl FromLog {
     }
 }
 
-/// Identifies, writes and prints; exit code 2 for bad input, 1 if the result cannot be written.
+/// Exit code 2 for bad input, 1 if the result cannot be written.
 pub(crate) fn run(args: &Args) -> ExitCode {
-    let What::FromLog(args) = &args.what;
+    match &args.what {
+        What::FromLog(args) => from_log(args),
+        What::Tolerances(args) => match write_tolerances(&args.vehicle, &args.tolerances()) {
+            Ok(told) => {
+                print!("{}", output::fitted(&told));
+                ExitCode::SUCCESS
+            }
+            Err(failure) => output::told(&failure),
+        },
+    }
+}
+
+/// Identifies, writes and prints.
+fn from_log(args: &FromLog) -> ExitCode {
     let found = match identify(&args.job()) {
         Ok(found) => found,
         Err(failure) => return output::told(&failure),

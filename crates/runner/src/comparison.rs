@@ -6,6 +6,7 @@ use crate::grid::Grid;
 use crate::logs::read_logs_for;
 use crate::text::significant;
 use rotortwin_jobs::Comparison as Job;
+use rotortwin_twin::compare::evaluate::{CHI2_LIMIT, KINEMATIC_LIMIT, LOW_FREQUENCY_LIMIT};
 use rotortwin_twin::compare::{self, ChannelVerdict, Comparison, LogComparison, ModelOnLog, NamedModel};
 use rotortwin_twin::flight_picture::FlightPicture;
 use rotortwin_twin::identify::same_rotor_order;
@@ -97,9 +98,10 @@ fn text(comparison: &Comparison) -> String {
         }
         if let Some(last) = log.models.last() {
             text.push_str(&format!("{}\n", channel_table(last)));
-            text.push_str(
-                "chi²: mean square of the whitened residual; slow: of its sums over 0.25 s; both 1 for pure noise\n",
-            );
+            text.push_str(&format!(
+                "chi²: mean square of the whitened residual; slow: of its sums over 0.25 s; both 1 for pure noise. FAILS: chi² above \
+                 {CHI2_LIMIT}, or slow above {LOW_FREQUENCY_LIMIT} (k… channels: {KINEMATIC_LIMIT}) and beyond chance\n"
+            ));
             text.push_str(&worst(last));
         }
         text.push_str(&format!(

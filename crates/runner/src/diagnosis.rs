@@ -283,8 +283,9 @@ fn text(diagnosis: &Diagnosis, model: &str) -> String {
         diagnosis.model.hash
     );
     text += &format!(
-        "Assumed      every other parameter is off by 2 % of its plausible size; threshold ln BF {:.0}\n",
-        diagnosis.threshold
+        "Assumed      the model is right to (95 %): {}; everything else to 4 % of its plausible size; `rotortwin vehicle tolerances` \
+         states other values; threshold ln BF {:.0}\n",
+        diagnosis.assumed, diagnosis.threshold
     );
     text += &format!(
         "Took         {:.2} s, ranked after {:.2} s\n",

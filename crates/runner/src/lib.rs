@@ -31,6 +31,7 @@ pub mod sandbox;
 pub mod second_look;
 pub mod sql;
 pub mod text;
+pub mod tolerances;
 pub mod training;
 pub mod verification;
 pub mod versions;

@@ -3,7 +3,7 @@ import type { Estimate, Source } from "./identify";
 
 const NUMBERS = ["value", "low", "high"] as const;
 const TEXTS = ["key", "name", "unit", "source", "how", "better"] as const;
-const SOURCES: readonly Source[] = ["entered", "log", "log-and-class", "parameter", "bench", "class", "assumed"];
+const SOURCES: readonly Source[] = ["entered", "stated", "log", "log-and-class", "parameter", "bench", "class", "assumed"];
 const ESCAPES: Record<string, string> = { b: "\b", t: "\t", n: "\n", f: "\f", r: "\r", '"': '"', "\\": "\\" };
 
 /** A string of one line, in either kind of quotes; undefined: it is none. */

@@ -16,6 +16,7 @@ const SOURCE_WORDS: Record<Source, { words: string; kind: string }> = {
   parameter: { words: "parameter in the log", kind: "good" },
   bench: { words: "bench", kind: "good" },
   class: { words: "class default: a guess", kind: "warn" },
+  stated: { words: "as stated", kind: "" },
   assumed: { words: "assumed", kind: "" },
 };
 export const sourceOf = (source: Source) => SOURCE_WORDS[source] ?? { words: source, kind: "" };
@@ -93,7 +94,7 @@ export function answerOf(values: readonly Estimate[]): { head: string; rest: str
 
 /** What may be improved first, then what is known, then what was entered. */
 export const inOrder = (values: readonly Estimate[]): Estimate[] => {
-  const order: Source[] = ["class", "log-and-class", "log", "bench", "parameter", "entered", "assumed"];
+  const order: Source[] = ["class", "log-and-class", "log", "bench", "parameter", "entered", "stated", "assumed"];
   return [...values].sort((a, b) => order.indexOf(a.source) - order.indexOf(b.source));
 };
 
@@ -103,7 +104,7 @@ export function groupsOf(values: readonly Estimate[]): { title: string; values: 
   const groups = [
     { title: "Known: measured in flight, on a bench, or stored in the log", values: of("log", "parameter", "bench"), open: true },
     { title: "Guesses, as far as the flight does not say", values: of("class", "log-and-class"), open: true },
-    { title: "As you entered it, and what is taken for granted", values: of("entered", "assumed"), open: false },
+    { title: "As you entered it, and what is taken for granted", values: of("entered", "stated", "assumed"), open: false },
   ];
   return groups.filter((group) => group.values.length > 0);
 }

@@ -2,6 +2,7 @@
 import { Show } from "solid-js";
 import type { Followed } from "../api/job";
 import { percent } from "../format";
+import { Ahead } from "./ahead";
 import { Problem, Progress } from "./bits";
 
 /** `share`: fraction done, for a job that does not report it itself. */
@@ -19,6 +20,7 @@ export function JobProgress(props: { job: Followed<unknown>; what: string; share
             {props.job.job()?.cancel_requested ? "Canceling …" : "Cancel"}
           </button>
         </div>
+        <Show when={props.job.job()?.status === "queued"}><Ahead /></Show>
       </Show>
       <Problem sentence={props.job.error()} {...(props.retry ? { retry: props.retry } : {})} />
     </>

@@ -268,7 +268,7 @@ function Where(props: { log: LogComparison; model: ModelOnLog; looks: Looks; vie
           </table>
         </div>
         <p class="small muted">
-          chi²/N: mean square of the whitened residual; slow: of its sums over 0.25 s; both are 1 for noise alone. Ljung–Box: probability that white noise
+          chi²/N: mean square of the whitened residual; slow: of its sums over 0.25 s; both are 1 for noise alone; a channel fails where chi²/N is above 1.25, or slow above 1.5 (kinematics: 4) and beyond chance. Ljung–Box: probability that white noise
           looks this coloured. Follows: correlation of the residual with an input 0.05 s to 0.5 s before it, where it is outside the 99 % band.
         </p>
         <Assumed log={props.log} model={props.model} />

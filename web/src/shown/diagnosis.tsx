@@ -12,7 +12,7 @@ const HEADLINES: Record<Diagnosis["verdict"]["kind"], { words: string; kind: str
   "cannot-tell": { words: "Physics is missing, and this flight cannot tell which of these.", kind: "warn" },
   "partly-missing": { words: "Physics is missing, and named; it explains a part of the error, the rest is not in the catalogue.", kind: "warn" },
   "calibrate-first": { words: "Constants of this vehicle are guesses that the flight contradicts: calibrate it first.", kind: "warn" },
-  "outside-catalogue": { words: "Physics is missing, and not in the catalogue of effects.", kind: "warn" },
+  "outside-catalogue": { words: "The error is real and not, or not wholly, in the catalogue of effects.", kind: "warn" },
   "flights-differ": { words: "These flights differ: no single model explains all of them.", kind: "warn" },
   "log-fault": { words: "The log is at fault; the physics agrees.", kind: "bad" },
   "nothing-testable": { words: "Nothing of this log can be compared with the model.", kind: "bad" },
@@ -334,7 +334,10 @@ function ProposalCard(props: { proposal: Proposal; add: (() => void) | undefined
       <Show when={props.proposal.correlates.length > 0}>
         <p class="small muted">{followWords(props.proposal.correlates)}</p>
       </Show>
-      <p class="small muted">Found by regression of a residual: a correlation with a dimension, not yet physics.</p>
+      <p class="small muted">
+        Found by regression of a residual: a correlation with a dimension, not yet physics.
+        <Show when={props.proposal.terms.some((term) => term.acts.some((act) => /\btime\b/.test(act)))}> It is a function of this log's clock: a description of this flight, which predicts no other.</Show>
+      </p>
     </article>
   );
 }
@@ -389,7 +392,10 @@ function Rest(props: { found: Diagnosis }) {
       <ul class="small">
         <Show when={props.found.goodness.unexplained.length > 0}><li>Unexplained: {props.found.goodness.unexplained.join(", ")}.</li></Show>
         <For each={props.found.notes}>{(one) => <li><Words text={one} /></li>}</For>
-        <li>Assumed: every other parameter is off by 2 % of its plausible size; an effect is named above a ln Bayes factor of {short(props.found.threshold, 2)}.</li>
+        <li>
+          Assumed: the model is right to (95 %): {props.found.assumed}; everything else to 4 % of its plausible size. A file of intervals beside the vehicle (<code>rotortwin vehicle tolerances</code>)
+          states other values. An effect is named above a ln Bayes factor of {short(props.found.threshold, 2)}.
+        </li>
       </ul>
     </details>
   );

@@ -22,7 +22,8 @@ pub(super) static DECLARATION: EffectDeclaration = EffectDeclaration {
         (-0.3, 0.3),
         0.1,
         0.1,
-    )],
+    )
+    .correcting("rotors.arm_m", CorrectionScale::Share)],
     per_rotor: false,
     may_set_in: false,
     needs: &[],

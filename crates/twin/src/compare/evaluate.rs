@@ -29,14 +29,14 @@ const MOMENT_S: f64 = 0.5;
 const MOMENTS: usize = 6;
 
 /// A channel fails where the low-frequency error exceeds this multiple of the noise (variances) …
-const LOW_FREQUENCY_LIMIT: f64 = 1.5;
+pub const LOW_FREQUENCY_LIMIT: f64 = 1.5;
 /// … or this one in the channels of kinematics. The noise of a difference all but cancels over 0.25 s, so that there the step's
 /// trapezoidal rule shows in fast motion: up to 2.3 on healthy flights at 400 Hz. A latency or a misaligned sensor gives hundreds.
-const KINEMATIC_LIMIT: f64 = 4.0;
+pub const KINEMATIC_LIMIT: f64 = 4.0;
 /// … and where that is this many deviations beyond chance: 16 channels a log, one false failure in 10⁵ logs for white noise.
 const CHANCE_LIMIT: f64 = 5.0;
 /// Or where the whole error, noise included, exceeds this multiple of the noise (variances).
-const CHI2_LIMIT: f64 = 1.25;
+pub const CHI2_LIMIT: f64 = 1.25;
 
 /// Result of the test of one channel.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, ToSchema)]

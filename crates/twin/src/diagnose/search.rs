@@ -123,6 +123,7 @@ fn begin<'a>(
         THRESHOLD
     };
     let diagnosis = Diagnosis {
+        assumed: words::assumed(&library),
         model: DiagnosedModel::default(),
         verdict: Verdict::NothingTestable,
         sentence: String::new(),

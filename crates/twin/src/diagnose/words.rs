@@ -10,7 +10,8 @@ use super::result::{
     Verdict,
 };
 use super::state::Doubt;
-use crate::estimation::parameters::{FittedParameter, SMALLEST, number};
+use crate::estimation::candidates::Library;
+use crate::estimation::parameters::{FittedParameter, QUANTILE_95, SMALLEST, number};
 use crate::log::names::duty_rotor;
 use crate::model::constants::Source;
 use crate::predict::NAMES;
@@ -67,6 +68,36 @@ fn about_the_part(finding: &Finding) -> Option<String> {
     finding.parameters.iter().find_map(|p| {
         let tolerance = declared.parameters[declared.parameter_index(&p.name)?].tolerance?;
         Some(tolerance.words(p.value, p.interval_95, finding.onset_s.is_some()))
+    })
+}
+
+/// How exact the constants of a model are taken to be: half widths of 95 % intervals.
+pub(crate) fn assumed(library: &Library) -> String {
+    let mut told: Vec<String> = Vec::new();
+    for candidate in &library.candidates {
+        let shares = candidate.parameters.iter().enumerate();
+        for (i, p) in shares.filter(|(_, p)| p.corrects.is_some() && p.unit.is_empty()) {
+            let named = candidate.constant.as_ref().filter(|(place, _)| *place == i);
+            let name = match named {
+                Some((_, constant)) => constant.name.clone(),
+                None => in_sentence(candidate.declaration.name),
+            };
+            let one = format!("{name} {:.2} %", 100.0 * QUANTILE_95 * p.clutter);
+            if !told.contains(&one) {
+                told.push(one);
+            }
+        }
+    }
+    told.join("; ")
+}
+
+/// On what the size of an effect rests that is the error of a constant: a flight determines ratios of constants.
+fn holds_if(finding: &Finding) -> Option<&'static str> {
+    let declared = catalogue().iter().find(|entry| entry.id == finding.instance.effect)?;
+    finding.parameters.iter().find_map(|p| {
+        let key = declared.parameters[declared.parameter_index(&p.name)?].corrects?.key;
+        // What changes in flight changes by itself.
+        condition_of(key).filter(|_| finding.onset_s.is_none())
     })
 }
 
@@ -320,7 +351,12 @@ fn named(findings: &[Finding]) -> String {
                 )
             });
             let part = about_the_part(f).map_or(String::new(), |part| format!(" ({part})"));
-            format!("{}, {}{onset}{constant}{part}", in_sentence(&f.label), parameters(f))
+            let condition = holds_if(f).map_or(String::new(), |others| format!(" if {others}"));
+            format!(
+                "{}, {}{onset}{constant}{part}{condition}",
+                in_sentence(&f.label),
+                parameters(f)
+            )
         })
         .collect();
     all.join("; and ")
@@ -423,19 +459,6 @@ fn sentence(diagnosis: &Diagnosis) -> String {
     let share = diagnosis.goodness.explained_share.map_or(String::new(), |share| {
         format!(" Explains {:.1} % of the excess error.", 100.0 * share.clamp(0.0, 1.0))
     });
-    let held_out: Vec<String> = diagnosis
-        .held_out
-        .iter()
-        .filter(|e| (e.before - e.after).abs() > (0.01 * e.before).max(e.negligible()))
-        .map(|e| format!(" Held-out {} error {}.", e.quantity, from_to(e)))
-        .collect();
-    let found: Vec<Finding> = diagnosis
-        .effects
-        .iter()
-        .chain(&diagnosis.sensor_or_timing)
-        .cloned()
-        .collect();
-    let rivals: Vec<Rival> = found.iter().flat_map(|f| f.also_compatible.clone()).collect();
     let small = small_errors(diagnosis);
     match &diagnosis.verdict {
         Verdict::Agrees => {
@@ -444,102 +467,10 @@ fn sentence(diagnosis: &Diagnosis) -> String {
             format!("{agrees}{small}")
         }
         Verdict::NothingTestable => "Nothing of this log can be compared with the model.".into(),
-        Verdict::PartlyMissing { .. } => {
-            let falling = diagnosis.held_out.iter().filter(|e| e.falls()).map(|e| {
-                format!(
-                    "{:.0} % of the {} error on unseen blocks explained ({})",
-                    100.0 * e.explained_share(),
-                    e.quantity,
-                    from_to(e)
-                )
-            });
-            format!(
-                "Missing, in part: {}; {}. The rest is real and not in the catalogue: {}. Until it is explained, regard the intervals as too narrow. \
-                 Also compatible: {}.",
-                named(&diagnosis.effects),
-                falling.collect::<Vec<_>>().join(", "),
-                in_plain(&diagnosis.goodness.unexplained).join(", "),
-                names(&rivals)
-            )
-        }
-        Verdict::CalibrateFirst { .. } => {
-            let constants: Vec<String> = diagnosis
-                .calibrate
-                .iter()
-                .filter(|one| one.blocking)
-                .map(Calibration::sentence)
-                .collect();
-            let part = if found.is_empty() {
-                String::new()
-            } else {
-                format!(
-                    " A part of the error looks like {}, which cannot be confirmed before the guessed constants are known.",
-                    named(&found)
-                )
-            };
-            let in_ratios = diagnosis
-                .calibrate
-                .iter()
-                .any(|one| one.blocking && !one.source.is_guess() && ratio_of(&one.key).is_some());
-            let ratios = if in_ratios { RATIOS } else { "" };
-            let unexplained = &diagnosis.goodness.unexplained;
-            let rest = if unexplained.is_empty() {
-                String::new()
-            } else {
-                format!(
-                    " Even with these values {} unexplained: they are provisional.",
-                    stay(unexplained)
-                )
-            };
-            format!(
-                "Calibrate first ({}): {}.{ratios}{part}{}{rest}",
-                HOW_TO_CALIBRATE,
-                constants.join("; and "),
-                rising(diagnosis)
-            )
-        }
-        Verdict::OutsideCatalogue => {
-            let unexplained = &diagnosis.goodness.unexplained;
-            let part = if found.is_empty() {
-                String::new()
-            } else {
-                format!(
-                    " A part looks like {}, which must not be trusted while the rest is unexplained.",
-                    named(&found)
-                )
-            };
-            // `mx`, of several logs `mx of NAME`.
-            let is_torque = |channel: &String| {
-                let name = channel.split(' ').next();
-                name.is_some_and(|name| ["mx", "my", "mz"].contains(&name))
-            };
-            let torques = diagnosis.goodness.unexplained.iter().all(is_torque)
-                && found.iter().all(|finding| finding.channels.iter().all(is_torque));
-            let outputs = if torques { BETWEEN_ROWS } else { "" };
-            let sensors = if found.is_empty() && is_of_sensors(diagnosis) {
-                SENSORS_ALONE
-            } else {
-                ""
-            };
-            format!(
-                "The error is real and not, or not wholly, in the catalogue: {} unexplained.{sensors}{part}{}{outputs}{}",
-                stay(unexplained),
-                rising(diagnosis),
-                or_unconsidered(diagnosis)
-            )
-        }
-        Verdict::FlightsDiffer { changed } => {
-            let flights: Vec<String> = diagnosis.apart.iter().map(apart).collect();
-            let why = if *changed {
-                "The vehicle or its sensors changed between them"
-            } else {
-                "The vehicle or its sensors changed between them, or an effect outside of the catalogue is in all of them"
-            };
-            format!(
-                "These flights differ: nothing explains them together, but each alone is explained. {}. {why}.",
-                flights.join("; ")
-            )
-        }
+        Verdict::PartlyMissing { .. } => partly_missing(diagnosis),
+        Verdict::CalibrateFirst { .. } => calibrate_first(diagnosis),
+        Verdict::OutsideCatalogue => outside_catalogue(diagnosis),
+        Verdict::FlightsDiffer { changed } => flights_differ(diagnosis, *changed),
         Verdict::CannotTell { group } => format!(
             "This flight cannot distinguish {}: best fit {}.{share}{small}",
             group.join(" from "),
@@ -548,32 +479,149 @@ fn sentence(diagnosis: &Diagnosis) -> String {
         Verdict::LogFault { .. } => format!(
             "The log is at fault, not the physics: {}.{share}{}{small} Also compatible: {}.",
             named(&diagnosis.sensor_or_timing),
-            held_out.concat(),
-            names(&rivals)
+            changed_errors(diagnosis),
+            names(&rivals(diagnosis))
         ),
-        Verdict::Missing { .. } => {
-            let fault = if diagnosis.sensor_or_timing.is_empty() {
-                String::new()
-            } else {
-                format!(" And a fault of the log: {}.", named(&diagnosis.sensor_or_timing))
-            };
-            let missing = if diagnosis.effects.is_empty() {
-                "the wind of each flight".to_owned()
-            } else {
-                named(&diagnosis.effects)
-            };
-            // What a wind of a flight's own is also compatible with stands beside it.
-            let compatible = if rivals.is_empty() && is_in_doubt(&diagnosis.winds) {
-                String::new()
-            } else {
-                format!(" Also compatible: {}.", names(&rivals))
-            };
-            format!(
-                "Missing: {missing}.{share}{}{fault}{small}{compatible}",
-                held_out.concat()
-            )
-        }
+        Verdict::Missing { .. } => missing(diagnosis, &share, &small),
     }
+}
+
+/// Everything that was found, of the vehicle and of the log.
+fn found(diagnosis: &Diagnosis) -> Vec<Finding> {
+    let all = diagnosis.effects.iter().chain(&diagnosis.sensor_or_timing);
+    all.cloned().collect()
+}
+
+/// What explains the flight nearly as well as what was found.
+fn rivals(diagnosis: &Diagnosis) -> Vec<Rival> {
+    let all = diagnosis.effects.iter().chain(&diagnosis.sensor_or_timing);
+    all.flat_map(|one| one.also_compatible.clone()).collect()
+}
+
+/// Errors on unseen blocks that what was found changes.
+fn changed_errors(diagnosis: &Diagnosis) -> String {
+    let changes = |e: &&HeldOutError| (e.before - e.after).abs() > (0.01 * e.before).max(e.negligible());
+    let changed = diagnosis.held_out.iter().filter(changes);
+    changed
+        .map(|e| format!(" Held-out {} error {}.", e.quantity, from_to(e)))
+        .collect()
+}
+
+fn partly_missing(diagnosis: &Diagnosis) -> String {
+    let falling = diagnosis.held_out.iter().filter(|e| e.falls()).map(|e| {
+        format!(
+            "{:.0} % of the {} error on unseen blocks explained ({})",
+            100.0 * e.explained_share(),
+            e.quantity,
+            from_to(e)
+        )
+    });
+    format!(
+        "Missing, in part: {}; {}. The rest is real and not in the catalogue: {}. Until it is explained, regard the intervals as too narrow. \
+         Also compatible: {}.",
+        named(&diagnosis.effects),
+        falling.collect::<Vec<_>>().join(", "),
+        in_plain(&diagnosis.goodness.unexplained).join(", "),
+        names(&rivals(diagnosis))
+    )
+}
+
+fn calibrate_first(diagnosis: &Diagnosis) -> String {
+    let blocking = || diagnosis.calibrate.iter().filter(|one| one.blocking);
+    let constants: Vec<String> = blocking().map(Calibration::sentence).collect();
+    let found = found(diagnosis);
+    let part = if found.is_empty() {
+        String::new()
+    } else {
+        format!(
+            " A part of the error looks like {}, which cannot be confirmed before the guessed constants are known.",
+            named(&found)
+        )
+    };
+    let in_ratios = blocking().any(|one| !one.source.is_guess() && ratio_of(&one.key).is_some());
+    let ratios = if in_ratios { RATIOS } else { "" };
+    let unexplained = &diagnosis.goodness.unexplained;
+    let rest = if unexplained.is_empty() {
+        String::new()
+    } else {
+        format!(
+            " Even with these values {} unexplained: they are provisional.",
+            stay(unexplained)
+        )
+    };
+    format!(
+        "Calibrate first ({}): {}.{ratios}{part}{}{rest}",
+        HOW_TO_CALIBRATE,
+        constants.join("; and "),
+        rising(diagnosis)
+    )
+}
+
+fn outside_catalogue(diagnosis: &Diagnosis) -> String {
+    let unexplained = &diagnosis.goodness.unexplained;
+    let found = found(diagnosis);
+    let part = if found.is_empty() {
+        String::new()
+    } else {
+        format!(
+            " A part looks like {}, which must not be trusted while the rest is unexplained.",
+            named(&found)
+        )
+    };
+    // `mx`, of several logs `mx of NAME`.
+    let is_torque = |channel: &String| {
+        let name = channel.split(' ').next();
+        name.is_some_and(|name| ["mx", "my", "mz"].contains(&name))
+    };
+    let torques =
+        unexplained.iter().all(is_torque) && found.iter().all(|finding| finding.channels.iter().all(is_torque));
+    let outputs = if torques { BETWEEN_ROWS } else { "" };
+    let sensors = if found.is_empty() && is_of_sensors(diagnosis) {
+        SENSORS_ALONE
+    } else {
+        ""
+    };
+    format!(
+        "The error is real and not, or not wholly, in the catalogue: {} unexplained.{sensors}{part}{}{outputs}{}",
+        stay(unexplained),
+        rising(diagnosis),
+        or_unconsidered(diagnosis)
+    )
+}
+
+fn flights_differ(diagnosis: &Diagnosis, changed: bool) -> String {
+    let flights: Vec<String> = diagnosis.apart.iter().map(apart).collect();
+    let why = if changed {
+        "The vehicle or its sensors changed between them"
+    } else {
+        "The vehicle or its sensors changed between them, or an effect outside of the catalogue is in all of them"
+    };
+    format!(
+        "These flights differ: nothing explains them together, but each alone is explained. {}. {why}.",
+        flights.join("; ")
+    )
+}
+
+fn missing(diagnosis: &Diagnosis, share: &str, small: &str) -> String {
+    let fault = if diagnosis.sensor_or_timing.is_empty() {
+        String::new()
+    } else {
+        format!(" And a fault of the log: {}.", named(&diagnosis.sensor_or_timing))
+    };
+    let missing = if diagnosis.effects.is_empty() {
+        "the wind of each flight".to_owned()
+    } else {
+        named(&diagnosis.effects)
+    };
+    let rivals = rivals(diagnosis);
+    // What a wind of a flight's own is also compatible with stands beside it.
+    let compatible = if rivals.is_empty() && is_in_doubt(&diagnosis.winds) {
+        String::new()
+    } else {
+        format!(" Also compatible: {}.", names(&rivals))
+    };
+    let changed = changed_errors(diagnosis);
+    format!("Missing: {missing}.{share}{changed}{fault}{small}{compatible}")
 }
 
 impl Calibration {
@@ -582,7 +630,9 @@ impl Calibration {
         let what = match self.source {
             Source::Class => "is a guess of its class",
             Source::LogAndClass => "is known from its class as much as from a log",
-            Source::Entered | Source::Log | Source::Parameter | Source::Bench | Source::Assumed => "is off",
+            Source::Entered | Source::Stated | Source::Log | Source::Parameter | Source::Bench | Source::Assumed => {
+                "is off"
+            }
         };
         let number = |value: f64| quantity(value, &self.unit);
         let known = if self.high > self.low {
@@ -642,6 +692,17 @@ fn ratio_of(key: &str) -> Option<Ratio> {
         _ => return None,
     };
     Some(Ratio { name, below, others })
+}
+
+/// The condition under which a flight determines a constant alone.
+fn condition_of(key: &str) -> Option<&'static str> {
+    ratio_of(key).map(|ratio| ratio.others).or(match key {
+        "rotors.moment_ratio_m" => Some("the yaw inertia is right"),
+        "rotors.arm_m" => Some("the inertias are right"),
+        "body.centre_of_mass_m[0]" | "body.centre_of_mass_m[1]" => Some("all rotors are equally strong"),
+        "battery.capacity_ah" => Some("the open-circuit voltage over the charge is right"),
+        _ => None,
+    })
 }
 
 /// What to do about ratios.

@@ -75,15 +75,26 @@ pub(crate) fn settled(problem: &mut Problem) -> Result<(Posterior, Vec<f64>), Pr
 }
 
 /// Posterior averaged over how far real vehicles are off their nominal values: the clutter's prior times [`CLUTTER_SCALES`], each by
-/// its evidence. Where the flight shows no clutter, a finding is known better than where it does.
+/// its evidence. Where the flight shows no clutter, a finding is known better than where it does. Errors of the file's constants keep
+/// their prior: a flight tells little about them, so that its evidence would take a file for exact that nobody wrote exactly.
 pub(crate) fn averaged(problem: &Problem) -> Option<Posterior> {
     let mut normal = problem.normal(|_| true);
     let prior = problem.deviations(&problem.active);
     let position = position_of(&problem.library, &problem.logs, &problem.active);
     let plain = normal.gradient.clone();
+    // An effect may really be absent; no file has its constants exactly.
+    let offset = problem.nuisances();
+    let is_constant = |i: usize| {
+        i.checked_sub(offset).is_some_and(|j| {
+            let column = &problem.library.columns[j];
+            let candidate = &problem.library.candidates[column.candidate];
+            candidate.parameters[column.parameter].corrects.is_some()
+        })
+    };
     let mut all: Vec<(f64, Posterior)> = Vec::new();
     for scale in CLUTTER_SCALES {
-        let scaled: Vec<f64> = prior.iter().map(|d| if *d < 1.0 { d * scale } else { *d }).collect();
+        let shrinks = |(i, d): (usize, &f64)| if *d < 1.0 && !is_constant(i) { d * scale } else { *d };
+        let scaled: Vec<f64> = prior.iter().enumerate().map(shrinks).collect();
         for (i, g) in normal.gradient.iter_mut().enumerate() {
             *g = plain[i] - position[i] / (scaled[i] * scaled[i]);
         }

@@ -9,6 +9,7 @@
 use std::path::Path;
 
 use rotortwin_plant::error::Refusal;
+use rotortwin_plant::vehicle::mismatch::Size;
 use rotortwin_plant::vehicle::model::VehicleModel;
 use rotortwin_scenario::ConfigError;
 use rotortwin_scenario::toml_document::Document;
@@ -24,6 +25,8 @@ pub const FROM_LOG: &str = "; mass and arm as entered";
 pub enum Source {
     /// The user said it.
     Entered,
+    /// The user said how exact it is ([`super::tolerances`]).
+    Stated,
     /// Estimated from the measurements of the log.
     Log,
     /// The log narrows the class default; neither alone decides.
@@ -44,6 +47,7 @@ impl Source {
     pub fn words(self) -> &'static str {
         match self {
             Self::Entered => "entered",
+            Self::Stated => "as stated",
             Self::Log => "log",
             Self::LogAndClass => "log + class default",
             Self::Parameter => "parameter in the log",
@@ -138,37 +142,52 @@ pub(super) fn beside(path: &Path, vehicle: &VehicleModel) -> Result<Vec<Constant
     Ok(values)
 }
 
-/// Constants of a vehicle document that may be off by factors: key, name, unit.
-const WRITTEN: [(&str, &str, &str); 5] = [
+/// Names and units of constants. The level of the thrust curve has no single number in the document.
+const NAMED: [(&str, &str, &str); 10] = [
     ("body.mass_kg", "mass", "kg"),
     ("body.inertia_body_kg_m2[0]", "inertia, roll", "kg·m²"),
     ("body.inertia_body_kg_m2[1]", "inertia, pitch", "kg·m²"),
     ("body.inertia_body_kg_m2[2]", "inertia, yaw", "kg·m²"),
     ("rotors.thrust_lag_s", "lag of the thrust", "s"),
+    (LEVEL, "thrust over that of the thrust curve", ""),
+    ("rotors.moment_ratio_m", "torque over thrust of a rotor", "m"),
+    (ARM, "arm", "m"),
+    ("battery.capacity_ah", "capacity", "Ah"),
+    ("battery.internal_resistance_ohm", "internal resistance", "Ω"),
 ];
 
-/// The level of the thrust curve, which has no single number in the document: key, name.
-const LEVEL: (&str, &str) = ("rotors.thrust_level", "thrust over that of the thrust curve");
+/// How many of [`NAMED`], from the first, documents are wrong about by factors.
+const OFF_BY_FACTORS: usize = 6;
+
+const LEVEL: &str = "rotors.thrust_level";
+const ARM: &str = "rotors.arm_m";
+
+/// Name, unit and value of a constant; `None` if it has none.
+pub(super) fn named(vehicle: &VehicleModel, key: &str) -> Option<(&'static str, &'static str, f64)> {
+    let (_, name, unit) = NAMED.into_iter().find(|(one, ..)| *one == key)?;
+    let value = if key == LEVEL { 1.0 } else { written(vehicle, key)? };
+    Some((name, unit, value))
+}
 
 /// The constants of a vehicle with their intervals; those without one as the vehicle document has them, without a width.
 pub(crate) fn with_exact(vehicle: &VehicleModel, intervals: &[ConstantInterval]) -> Vec<ConstantInterval> {
-    let exact = |key: &str, name: &str, unit: &str, value: f64| ConstantInterval {
-        key: key.to_owned(),
-        name: name.to_owned(),
-        unit: unit.to_owned(),
-        value,
-        low: value,
-        high: value,
-        source: Source::Assumed,
-        how: String::new(),
-        better: String::new(),
-    };
-    let written = WRITTEN
+    let missing = NAMED[..OFF_BY_FACTORS]
         .iter()
-        .filter_map(|(key, name, unit)| Some(exact(key, name, unit, written(vehicle, key)?)));
-    let missing = written
-        .chain([exact(LEVEL.0, LEVEL.1, "", 1.0)])
-        .filter(|one| intervals.iter().all(|known| known.key != one.key));
+        .filter(|(key, ..)| intervals.iter().all(|known| known.key != *key))
+        .filter_map(|(key, ..)| {
+            let (name, unit, value) = named(vehicle, key)?;
+            Some(ConstantInterval {
+                key: (*key).to_owned(),
+                name: name.to_owned(),
+                unit: unit.to_owned(),
+                value,
+                low: value,
+                high: value,
+                source: Source::Assumed,
+                how: String::new(),
+                better: String::new(),
+            })
+        });
     intervals.iter().cloned().chain(missing).collect()
 }
 
@@ -184,6 +203,7 @@ fn written(vehicle: &VehicleModel, key: &str) -> Option<f64> {
         "rotors.thrust_lag_s" => Some(vehicle.rotors.thrust_lag_s),
         "rotors.reaction_s" => Some(vehicle.rotors.reaction_s),
         "rotors.drag_kg_s" => Some(vehicle.rotors.drag_kg_s),
+        ARM => Some(Size::of(vehicle).arm_m),
         "rotors.moment_ratio_m" => vehicle.rotors.layout.placements().first().map(|p| p.moment_ratio),
         "battery.capacity_ah" => Some(battery.capacity_ah),
         "battery.internal_resistance_ohm" => Some(battery.internal_resistance_ohm),

@@ -25,6 +25,7 @@ pub mod document;
 mod flight;
 pub mod specification;
 pub mod store;
+pub mod tolerances;
 
 use std::collections::BTreeMap;
 
@@ -283,9 +284,9 @@ impl ModelVersion {
     /// True if the battery's open-circuit voltage over the charge is the common chart, as in every vehicle that was identified from a
     /// log; its intervals list the capacity.
     pub fn guesses_its_chart(&self) -> bool {
-        self.constant
-            .iter()
-            .any(|constant| constant.key == "battery.capacity_ah")
+        let is_capacity =
+            |one: &ConstantInterval| one.key == "battery.capacity_ah" && one.source != constants::Source::Stated;
+        self.constant.iter().any(is_capacity)
     }
 
     /// Says which constants are guesses of the vehicle's class; `None` if there are none.

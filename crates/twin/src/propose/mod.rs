@@ -158,9 +158,24 @@ impl Proposal {
                 errors.join(", ")
             )
         };
-        format!("It looks like {}.{proof}", terms.join("; and "))
+        let clock = if self.holds_for_its_flight_alone() {
+            OF_ITS_FLIGHT
+        } else {
+            ""
+        };
+        format!("It looks like {}.{proof}{clock}", terms.join("; and "))
+    }
+
+    /// True if a term is a function of the log's clock, which starts anew with every flight.
+    pub fn holds_for_its_flight_alone(&self) -> bool {
+        let of_the_clock = |act: &String| act.split(|c: char| !c.is_alphanumeric()).any(|word| word == "time");
+        self.terms.iter().any(|term| term.acts.iter().any(of_the_clock))
     }
 }
+
+/// What is said of a function of the log's clock.
+const OF_ITS_FLIGHT: &str =
+    " It is a function of this log's clock: a description of this flight, which predicts no other.";
 
 /// The most likely meaning of a term, in words, if there is one.
 fn gloss(term: &ProposedTerm) -> Option<String> {

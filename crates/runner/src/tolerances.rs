@@ -1,0 +1,41 @@
+//! How exact a vehicle document is, by whoever wrote it, as a file beside it.
+
+use std::path::{Path, PathBuf};
+
+use rotortwin_twin::model::ModelVersion;
+use rotortwin_twin::model::tolerances::{Tolerances, file};
+
+use crate::destination::{self, write_text};
+use crate::failure::Failure;
+
+/// Writes `NAME.intervals.toml` beside `vehicle`, and returns what it says.
+///
+/// # Errors
+/// The vehicle cannot be read, no tolerance is given, or the file exists or cannot be written.
+pub fn write_tolerances(vehicle: &Path, tolerances: &Tolerances) -> Result<String, Failure> {
+    let (path, text, told) = intervals(vehicle, tolerances).map_err(Failure::Input)?;
+    write_text(&path, &text).map_err(|sentence| Failure::writing(&path, sentence))?;
+    Ok(told)
+}
+
+fn intervals(vehicle: &Path, tolerances: &Tolerances) -> Result<(PathBuf, String, String), String> {
+    let version = ModelVersion::load(vehicle).map_err(|error| error.to_string())?;
+    let values = tolerances.intervals(&version.vehicle);
+    if values.is_empty() {
+        return Err("no tolerance is given: expected at least one, such as --mass 1 for ± 1 % at 95 %".to_owned());
+    }
+    let path = vehicle.with_extension("intervals.toml");
+    destination::new_file(&path)?;
+    let name = vehicle
+        .file_name()
+        .map_or_else(String::new, |name| name.to_string_lossy().into_owned());
+    let mut told = format!("{}: 95 % intervals of {name}\n", path.display());
+    for one in &values {
+        told += &format!(
+            "  {}\n",
+            format!("{}: {:.4} to {:.4} {}", one.name, one.low, one.high, one.unit).trim_end()
+        );
+    }
+    told += "What loads the vehicle takes them as known; a diagnosis says them under \"Assumed\".\n";
+    Ok((path, file(&name, &values), told))
+}
