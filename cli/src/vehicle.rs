@@ -29,34 +29,34 @@ struct Stated {
     #[arg(value_name = "NAME.toml")]
     vehicle: PathBuf,
     /// Mass, ± %
-    #[arg(long, value_name = "PERCENT", value_parser = share)]
+    #[arg(long, value_name = "PERCENT", value_parser = share, allow_negative_numbers = true)]
     mass: Option<f64>,
     /// Each moment of inertia, ± %
-    #[arg(long, value_name = "PERCENT", value_parser = share)]
+    #[arg(long, value_name = "PERCENT", value_parser = share, allow_negative_numbers = true)]
     inertia: Option<f64>,
     /// Thrust of all rotors, ± %
-    #[arg(long, value_name = "PERCENT", value_parser = share)]
+    #[arg(long, value_name = "PERCENT", value_parser = share, allow_negative_numbers = true)]
     thrust: Option<f64>,
     /// Thrust of one rotor beside the others', ± %
-    #[arg(long, value_name = "PERCENT", value_parser = share)]
+    #[arg(long, value_name = "PERCENT", value_parser = share, allow_negative_numbers = true)]
     rotors: Option<f64>,
     /// Torque over thrust of a rotor, ± %
-    #[arg(long, value_name = "PERCENT", value_parser = share)]
+    #[arg(long, value_name = "PERCENT", value_parser = share, allow_negative_numbers = true)]
     torque_ratio: Option<f64>,
     /// Length of the arms, ± %
-    #[arg(long, value_name = "PERCENT", value_parser = share)]
+    #[arg(long, value_name = "PERCENT", value_parser = share, allow_negative_numbers = true)]
     arms: Option<f64>,
     /// Lag of the thrust, ± %
-    #[arg(long, value_name = "PERCENT", value_parser = share)]
+    #[arg(long, value_name = "PERCENT", value_parser = share, allow_negative_numbers = true)]
     lag: Option<f64>,
     /// Capacity of the battery, ± %
-    #[arg(long, value_name = "PERCENT", value_parser = share)]
+    #[arg(long, value_name = "PERCENT", value_parser = share, allow_negative_numbers = true)]
     capacity: Option<f64>,
     /// Internal resistance of the battery, ± %
-    #[arg(long, value_name = "PERCENT", value_parser = share)]
+    #[arg(long, value_name = "PERCENT", value_parser = share, allow_negative_numbers = true)]
     resistance: Option<f64>,
     /// Centre of mass, forward and to the right, ± mm
-    #[arg(long, value_name = "MM", value_parser = metres)]
+    #[arg(long, value_name = "MM", value_parser = metres, allow_negative_numbers = true)]
     centre_of_mass: Option<f64>,
 }
 

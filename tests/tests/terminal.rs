@@ -532,7 +532,8 @@ fn regress_results_fit_the_terminal() {
     std::fs::write(scratch.path("verdicts.csv"), "time_s,verdict\n4.75,0\n5.5,3\n").unwrap();
     let generate = "blind generate --effect rotor-drag --duration-s 60 --out log.parquet --truth truth.json";
     let fly = "fly short.toml --link in-process --out run";
-    for line in [generate, fly] {
+    let own = "new vehicle own --from quad-x";
+    for line in [generate, fly, own] {
         let words: Vec<&str> = line.split(' ').collect();
         let output = command(&scratch, &words).output().expect("the program starts");
         assert!(output.status.success(), "{line}: {}", self::words(&output));
@@ -576,6 +577,7 @@ fn regress_results_fit_the_terminal() {
         "fit battery discharge.csv --map time=1:s --map voltage=2:V --map current=3:A",
         "fit lag steps.csv --map time=1:s --map thrust=2:N",
         "vehicle from-log log.parquet --mass 1.55 --arm 0.275 --held-out",
+        "vehicle tolerances own.toml --mass 1 --inertia 5 --rotors 3 --centre-of-mass 4",
         "next-flight --model f550 --between mass,air-density --models @models",
         "blind --preset singles --n 2 --duration-s 30 --out @bench",
         "effects plot rotor-drag",

@@ -374,10 +374,11 @@ fn not_testable(diagnosis: &Diagnosis) -> String {
                     short(row.plausible_size)
                 ),
             };
-            text += &format!(
-                "  {}: {} {need}; excited by {}\n",
-                row.label, row.parameter, row.excited_by
-            );
+            let when = match row.excited_by.strip_prefix("always") {
+                Some(rest) => format!("there always{rest}"),
+                None => format!("excited by {}", row.excited_by),
+            };
+            text += &format!("  {}: {} {need}; {when}\n", row.label, row.parameter);
         }
     }
     text

@@ -7,6 +7,7 @@ use rotortwin_twin::model::tolerances::{Tolerances, file};
 
 use crate::destination::{self, write_text};
 use crate::failure::Failure;
+use crate::text::significant;
 
 /// Writes `NAME.intervals.toml` beside `vehicle`, and returns what it says.
 ///
@@ -25,17 +26,23 @@ fn intervals(vehicle: &Path, tolerances: &Tolerances) -> Result<(PathBuf, String
         return Err("no tolerance is given: expected at least one, such as --mass 1 for ± 1 % at 95 %".to_owned());
     }
     let path = vehicle.with_extension("intervals.toml");
-    destination::new_file(&path)?;
+    if path.exists() {
+        return Err(format!(
+            "{} exists already; expected none: edit or remove it",
+            path.display()
+        ));
+    }
+    destination::writable_file(&path)?;
     let name = vehicle
         .file_name()
         .map_or_else(String::new, |name| name.to_string_lossy().into_owned());
     let mut told = format!("{}: 95 % intervals of {name}\n", path.display());
     for one in &values {
-        told += &format!(
-            "  {}\n",
-            format!("{}: {:.4} to {:.4} {}", one.name, one.low, one.high, one.unit).trim_end()
-        );
+        let (low, high) = (significant(one.low), significant(one.high));
+        let line = format!("  {}: {low} to {high} {}", one.name, one.unit);
+        told += line.trim_end();
+        told.push('\n');
     }
-    told += "What loads the vehicle takes them as known; a diagnosis says them under \"Assumed\".\n";
+    told += "What loads the vehicle takes them as known; a diagnosis repeats them under \"Assumed\".\n";
     Ok((path, file(&name, &values), told))
 }

@@ -25,6 +25,10 @@ const BETWEEN_ROWS: &str = " A controller that runs faster than its log leaves s
 const SENSORS_ALONE: &str = " These channels compare the log's sensors and its estimator with one another: forces and torques agree with the model, so no \
                              effect of the vehicle is reported as missing.";
 
+/// What such errors mean where the log has nothing to compare forces and torques with.
+const ESTIMATOR_ALONE: &str = " These channels compare the log's sensors and its estimator with one another, and the log has nothing to compare forces and \
+                               torques of the model with: it says nothing about the vehicle's mass, inertia or air forces.";
+
 /// Effects that a sentence names before it counts the rest.
 const MOST_NAMED: usize = 3;
 
@@ -441,8 +445,8 @@ fn stay(unexplained: &[String]) -> String {
     format!("{} {stay}", plain.join(", "))
 }
 
-/// True if only channels are unexplained that compare sensors with one another, where forces and torques are compared with the model.
-fn is_of_sensors(diagnosis: &Diagnosis) -> bool {
+/// What it means that only channels are unexplained that compare sensors with one another; empty if others are, too.
+fn of_sensors(diagnosis: &Diagnosis) -> &'static str {
     // `fx`, of several logs `fx of NAME`.
     let place = |channel: &str| NAMES.iter().position(|one| Some(*one) == channel.split(' ').next());
     let tested = |range: Range<usize>| {
@@ -451,7 +455,14 @@ fn is_of_sensors(diagnosis: &Diagnosis) -> bool {
     };
     let of_sensors = |channel| (KV..M).contains(&channel) || (KA..V).contains(&channel);
     let mut unexplained = diagnosis.goodness.unexplained.iter();
-    tested(F..KV) && tested(M..KA) && unexplained.all(|one| place(one).is_some_and(of_sensors))
+    if !unexplained.all(|one| place(one).is_some_and(of_sensors)) {
+        return "";
+    }
+    match (tested(F..KV), tested(M..KA)) {
+        (true, true) if diagnosis.effects.is_empty() && diagnosis.sensor_or_timing.is_empty() => SENSORS_ALONE,
+        (false, false) => ESTIMATOR_ALONE,
+        _ => "",
+    }
 }
 
 /// The verdict as a sentence.
@@ -576,11 +587,7 @@ fn outside_catalogue(diagnosis: &Diagnosis) -> String {
     let torques =
         unexplained.iter().all(is_torque) && found.iter().all(|finding| finding.channels.iter().all(is_torque));
     let outputs = if torques { BETWEEN_ROWS } else { "" };
-    let sensors = if found.is_empty() && is_of_sensors(diagnosis) {
-        SENSORS_ALONE
-    } else {
-        ""
-    };
+    let sensors = of_sensors(diagnosis);
     format!(
         "The error is real and not, or not wholly, in the catalogue: {} unexplained.{sensors}{part}{}{outputs}{}",
         stay(unexplained),
@@ -700,7 +707,7 @@ fn condition_of(key: &str) -> Option<&'static str> {
         "rotors.moment_ratio_m" => Some("the yaw inertia is right"),
         "rotors.arm_m" => Some("the inertias are right"),
         "body.centre_of_mass_m[0]" | "body.centre_of_mass_m[1]" => Some("all rotors are equally strong"),
-        "battery.capacity_ah" => Some("the open-circuit voltage over the charge is right"),
+        "battery.capacity_ah" => Some("the power of the rotors and the open-circuit voltage are right"),
         _ => None,
     })
 }
