@@ -128,6 +128,9 @@ pub fn diagnose(logs: &[FlightLog], model: &ModelVersion, options: &Options<'_>)
     if let (true, Some(warning)) = (makes_up_for_guesses, &guesses) {
         diagnosis.sentence = format!("{warning}. Put it there first. {}", diagnosis.sentence);
     }
+    if model.constant.is_empty() {
+        diagnosis.sentence.push_str(&words::as_exact_as_the_file(&diagnosis));
+    }
     diagnosis.notes.extend(guesses);
     if diagnosis.verdict == Verdict::OutsideCatalogue {
         (options.progress)("what the error looks like", 0.995);

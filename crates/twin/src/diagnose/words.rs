@@ -1,6 +1,6 @@
 //! Reasons in plain words: numbers with units, why an effect was named, why a rival lost.
 
-use rotortwin_plant::effects::{ChannelGroup, EffectClass, catalogue};
+use rotortwin_plant::effects::{ChannelGroup, CorrectionScale, EffectClass, catalogue};
 use std::collections::BTreeSet;
 use std::ops::Range;
 
@@ -103,6 +103,35 @@ fn holds_if(finding: &Finding) -> Option<&'static str> {
         // What changes in flight changes by itself.
         condition_of(key).filter(|_| finding.onset_s.is_none())
     })
+}
+
+/// Share of a constant up to which its error may be the file's, of which nobody said how exact it is.
+const OF_ANY_FILE: f64 = 0.05;
+
+/// What to do about small errors of constants, of which a flight alone cannot tell whether the vehicle or its file is off; else empty.
+pub(crate) fn as_exact_as_the_file(diagnosis: &Diagnosis) -> String {
+    let is_small = |finding: &&Finding| {
+        let declared = catalogue().iter().find(|entry| entry.id == finding.instance.effect);
+        let of_constant = |p: &FittedParameter| {
+            let declared = declared.and_then(|one| one.parameters.get(one.parameter_index(&p.name)?));
+            let share = declared.and_then(|one| one.corrects);
+            share.is_some_and(|one| one.scale == CorrectionScale::Share) && p.value.abs() - p.interval_95 < OF_ANY_FILE
+        };
+        finding.onset_s.is_none() && finding.parameters.iter().any(of_constant)
+    };
+    let small: Vec<String> = diagnosis
+        .effects
+        .iter()
+        .filter(is_small)
+        .map(|one| in_sentence(&one.label))
+        .collect();
+    if small.is_empty() {
+        return String::new();
+    }
+    format!(
+        " An error of a few per cent ({}) may be the vehicle file's: state how exact it is (`rotortwin vehicle tolerances`).",
+        small.join(", ")
+    )
 }
 
 /// How a rival fared.
