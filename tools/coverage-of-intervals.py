@@ -616,10 +616,7 @@ def judged(case: Case, file: Vehicle, said: dict) -> dict:
 def stated(file: Vehicle, vehicle: pathlib.Path, options: argparse.Namespace) -> None:
     """Tells the program how exact the file is: 95 % half widths, per cent, and mm for the centre of mass."""
     vehicle.with_suffix(".intervals.toml").unlink(missing_ok=True)
-    percent = f"{196 * options.file_error:g}"
-    command = [str(options.binary), "vehicle", "tolerances", str(vehicle)]
-    for name in ["mass", "inertia", "thrust", "torque-ratio", "arms", "lag", "capacity", "resistance"]:
-        command += [f"--{name}", percent]
+    command = [str(options.binary), "vehicle", "tolerances", str(vehicle), "--all", f"{196 * options.file_error:g}"]
     command += ["--centre-of-mass", f"{1960 * options.file_error * options.com_share * file.arm:g}"]
     subprocess.run(command, check=True, capture_output=True)
 

@@ -28,6 +28,9 @@ struct Stated {
     /// Vehicle document; NAME.intervals.toml beside it is written and must not exist
     #[arg(value_name = "NAME.toml")]
     vehicle: PathBuf,
+    /// All but rotors and centre of mass, ± %, unless given by themselves
+    #[arg(long, value_name = "PERCENT", value_parser = share, allow_negative_numbers = true)]
+    all: Option<f64>,
     /// Mass, ± %
     #[arg(long, value_name = "PERCENT", value_parser = share, allow_negative_numbers = true)]
     mass: Option<f64>,
@@ -84,15 +87,15 @@ fn metres(text: &str) -> Result<f64, String> {
 impl Stated {
     fn tolerances(&self) -> Tolerances {
         Tolerances {
-            mass: self.mass,
-            inertia: self.inertia,
-            thrust: self.thrust,
+            mass: self.mass.or(self.all),
+            inertia: self.inertia.or(self.all),
+            thrust: self.thrust.or(self.all),
             rotors: self.rotors,
-            torque_ratio: self.torque_ratio,
-            arms: self.arms,
-            lag: self.lag,
-            capacity: self.capacity,
-            resistance: self.resistance,
+            torque_ratio: self.torque_ratio.or(self.all),
+            arms: self.arms.or(self.all),
+            lag: self.lag.or(self.all),
+            capacity: self.capacity.or(self.all),
+            resistance: self.resistance.or(self.all),
             centre_of_mass_m: self.centre_of_mass,
         }
     }

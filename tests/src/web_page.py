@@ -60,6 +60,8 @@ CROWDED = 4.0
 RELOADED_AFTER_S = 30.0
 # A flight that ends when it is cancelled.
 LONG_S = 1200.0
+# Jobs at a time of the server that tests start.
+SLOTS = 2
 # In the live flight.
 FAULT = "fault=[{time_s=6.0, rotor=3, blade='c'}]"
 # None of our machines has a graphics card. Chromium then composes pages on the CPU, as on any such machine, and renders WebGL with a software
@@ -1909,6 +1911,28 @@ def live(browser: Browser) -> None:
     watch.check()
 
 
+def waits(browser: Browser) -> None:
+    """A job that waits for a slot says what the server is working on; canceled there, that gives it the slot."""
+    page, watch = open_page(browser)
+    runs = [real_time(LONG_S) for _ in range(SLOTS)]
+    for run in runs:
+        while api(f"/runs/{run}")["status"] == "queued":
+            time.sleep(0.05)
+    bench = api("/blind-benches", {"presets": ["null-hover"], "n": 1, "duration_s": 10})["id"]
+    page.goto(f"{SERVER}/blind/{bench}")
+    page.get_by_text("waiting in the queue").wait_for()
+    busy = page.get_by_label("What the server is working on").get_by_role("listitem")
+    busy.nth(SLOTS - 1).wait_for()
+    assert busy.count() == SLOTS and all("working on the run short-hover, for" in one for one in busy.all_inner_texts()), busy.all_inner_texts()
+    busy.first.get_by_role("button", name="Cancel it").click()
+    assert wait_for(f"/blind-benches/{bench}")["status"] == "done"
+    assert sorted(api(f"/runs/{run}")["status"] for run in runs) == ["canceled", "running"]
+    watch.check()
+    for run in runs:
+        if api(f"/runs/{run}")["status"] == "running":
+            api(f"/runs/{run}/cancel", {})
+
+
 def real_time(duration_s: float) -> str:
     """A flight at real time with a fault in it."""
     settings = [f"duration_s={duration_s}", "fdi.calibration_start_s=1.0", "fdi.calibration_end_s=5.0", FAULT]
@@ -2976,7 +3000,7 @@ def promised(browser: Browser) -> None:
         print(f"{what}: {figure}" + ("" if met is None else ": met" if met else ": NOT met"))
 
 
-SCENARIOS = {f.__name__: f for f in (loop, healthy, steps, of_a_run, strange, vehicle, untold, repair, cancel, strangers, session, foreign, many, keyboard, live, behind, tabs, killed, full, scrub, pages, cells, filters, branches, clicks, over_time, sandbox, seeds, filled, states, bench, copies, monitor, editor, table, stranger, formats, promised)}
+SCENARIOS = {f.__name__: f for f in (loop, healthy, steps, of_a_run, strange, vehicle, untold, repair, cancel, strangers, session, foreign, many, keyboard, live, waits, behind, tabs, killed, full, scrub, pages, cells, filters, branches, clicks, over_time, sandbox, seeds, filled, states, bench, copies, monitor, editor, table, stranger, formats, promised)}
 
 with sync_playwright() as playwright:
     chromium = playwright.chromium.launch(executable_path=CHROMIUM, args=OPTIONS)

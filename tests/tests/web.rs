@@ -581,6 +581,11 @@ fn scenario_a_flight_is_shown_while_it_flies() {
 }
 
 #[test]
+fn scenario_a_job_that_waits_says_what_the_server_is_working_on() {
+    passes("waits", &[]);
+}
+
+#[test]
 fn scenario_a_flight_at_real_time_is_shown_as_it_flies_and_a_reload_shows_all_of_it() {
     passes("behind", &[]);
 }
