@@ -616,8 +616,8 @@ def judged(case: Case, file: Vehicle, said: dict) -> dict:
 def stated(file: Vehicle, vehicle: pathlib.Path, options: argparse.Namespace) -> None:
     """Tells the program how exact the file is: 95 % half widths, per cent, and mm for the centre of mass."""
     vehicle.with_suffix(".intervals.toml").unlink(missing_ok=True)
-    command = [str(options.binary), "vehicle", "tolerances", str(vehicle), "--all", f"{196 * options.file_error:g}"]
-    command += ["--centre-of-mass", f"{1960 * options.file_error * options.com_share * file.arm:g}"]
+    command = [str(options.binary), "vehicle", "tolerances", str(vehicle), f"all={196 * options.file_error:g}%"]
+    command += [f"centre-of-mass={1960 * options.file_error * options.com_share * file.arm:g}mm"]
     subprocess.run(command, check=True, capture_output=True)
 
 

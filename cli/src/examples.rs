@@ -129,7 +129,7 @@ Examples:
 pub(crate) const VEHICLE: &str = "\
 Examples:
   rotortwin vehicle from-log flight.bin --mass 1.5 --arm 0.25 --out mine.toml
-  rotortwin vehicle tolerances mine.toml --mass 1 --inertia 5 --thrust 2";
+  rotortwin vehicle tolerances mine.toml mass=1% inertia=5% thrust=2%";
 
 pub(crate) const BLIND: &str = "\
 Examples:
@@ -321,8 +321,8 @@ const BELOW: [(&str, &[&str]); 67] = [
     (
         "vehicle tolerances",
         &[
-            "rotortwin vehicle tolerances mine.toml --mass 1 --inertia 5 --thrust 2",
-            "rotortwin vehicle tolerances mine.toml --rotors 3 --centre-of-mass 4",
+            "rotortwin vehicle tolerances mine.toml mass=1% inertia=5% thrust=2%",
+            "rotortwin vehicle tolerances mine.toml all=2% rotors=3% centre-of-mass=4mm",
         ],
     ),
     (

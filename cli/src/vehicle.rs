@@ -19,7 +19,7 @@ pub struct Args {
 enum What {
     /// Identify a vehicle from flight logs, its mass and its arm length, which no log contains
     FromLog(FromLog),
-    /// State how exact a vehicle file is, in per cent of each constant (95 %): a diagnosis takes no smaller error for missing physics
+    /// State how exact a vehicle file is: a diagnosis takes no smaller error of a constant for missing physics
     Tolerances(Stated),
 }
 
@@ -28,75 +28,62 @@ struct Stated {
     /// Vehicle document; NAME.intervals.toml beside it is written and must not exist
     #[arg(value_name = "NAME.toml")]
     vehicle: PathBuf,
-    /// All but rotors and centre of mass, ± %, unless given by themselves
-    #[arg(long, value_name = "PERCENT", value_parser = share, allow_negative_numbers = true)]
-    all: Option<f64>,
-    /// Mass, ± %
-    #[arg(long, value_name = "PERCENT", value_parser = share, allow_negative_numbers = true)]
-    mass: Option<f64>,
-    /// Each moment of inertia, ± %
-    #[arg(long, value_name = "PERCENT", value_parser = share, allow_negative_numbers = true)]
-    inertia: Option<f64>,
-    /// Thrust of all rotors, ± %
-    #[arg(long, value_name = "PERCENT", value_parser = share, allow_negative_numbers = true)]
-    thrust: Option<f64>,
-    /// Thrust of one rotor beside the others', ± %
-    #[arg(long, value_name = "PERCENT", value_parser = share, allow_negative_numbers = true)]
-    rotors: Option<f64>,
-    /// Torque over thrust of a rotor, ± %
-    #[arg(long, value_name = "PERCENT", value_parser = share, allow_negative_numbers = true)]
-    torque_ratio: Option<f64>,
-    /// Length of the arms, ± %
-    #[arg(long, value_name = "PERCENT", value_parser = share, allow_negative_numbers = true)]
-    arms: Option<f64>,
-    /// Lag of the thrust, ± %
-    #[arg(long, value_name = "PERCENT", value_parser = share, allow_negative_numbers = true)]
-    lag: Option<f64>,
-    /// Capacity of the battery, ± %
-    #[arg(long, value_name = "PERCENT", value_parser = share, allow_negative_numbers = true)]
-    capacity: Option<f64>,
-    /// Internal resistance of the battery, ± %
-    #[arg(long, value_name = "PERCENT", value_parser = share, allow_negative_numbers = true)]
-    resistance: Option<f64>,
-    /// Centre of mass, forward and to the right, ± mm
-    #[arg(long, value_name = "MM", value_parser = metres, allow_negative_numbers = true)]
-    centre_of_mass: Option<f64>,
+    /// ± of a constant at 95 %: mass=1% inertia=5% thrust=2% torque-ratio=5% arms=0.5% lag=10% capacity=5% resistance=20% (all=2%: these
+    /// eight), rotors=3% (one rotor beside the others), centre-of-mass=4mm
+    #[arg(required = true, value_name = "CONSTANT=SIZE", value_parser = tolerance)]
+    tolerances: Vec<(String, f64)>,
 }
 
 /// Largest tolerance that can be stated, %; a constant that is known worse is unknown.
 const MOST_PERCENT: f64 = 90.0;
 
-/// A share from per cent.
-fn share(text: &str) -> Result<f64, String> {
-    let percent: f64 = text.trim_end_matches('%').trim().parse().unwrap_or(f64::NAN);
-    if percent > 0.0 && percent <= MOST_PERCENT {
-        return Ok(0.01 * percent);
+/// `mass=1%` as (`mass`, 0.01), `centre-of-mass=4mm` as (`centre-of-mass`, 0.004).
+fn tolerance(text: &str) -> Result<(String, f64), String> {
+    let (name, size) = text.split_once('=').ok_or("expected CONSTANT=SIZE, such as mass=1%")?;
+    let (unit, factor, most) = match name {
+        "centre-of-mass" => ("mm", 1e-3, f64::INFINITY),
+        "all" | "mass" | "inertia" | "thrust" | "rotors" | "torque-ratio" | "arms" | "lag" | "capacity"
+        | "resistance" => ("%", 1e-2, MOST_PERCENT),
+        _ => {
+            return Err(
+                "expected mass, inertia, thrust, torque-ratio, arms, lag, capacity, resistance, all, rotors or centre-of-mass"
+                    .to_owned(),
+            );
+        }
+    };
+    let number = size
+        .strip_suffix(unit)
+        .and_then(|number| number.trim().parse::<f64>().ok());
+    match number.filter(|number| number.is_finite() && *number > 0.0 && *number <= most) {
+        Some(number) => Ok((name.to_owned(), factor * number)),
+        None if unit == "mm" => Err("expected millimetres above 0, such as 4mm".to_owned()),
+        None => Err(format!(
+            "expected per cent above 0 and up to {MOST_PERCENT}, such as 2%"
+        )),
     }
-    Err(format!("expected per cent above 0 and up to {MOST_PERCENT}"))
-}
-
-/// Metres from millimetres.
-fn metres(text: &str) -> Result<f64, String> {
-    let millimetres: f64 = text.trim_end_matches("mm").trim().parse().unwrap_or(f64::NAN);
-    if millimetres > 0.0 && millimetres.is_finite() {
-        return Ok(1e-3 * millimetres);
-    }
-    Err("expected millimetres above 0".to_owned())
 }
 
 impl Stated {
     fn tolerances(&self) -> Tolerances {
+        let of = |wanted: &str| {
+            self.tolerances
+                .iter()
+                .rev()
+                .find(|(name, _)| name == wanted)
+                .map(|(_, size)| *size)
+        };
+        let of_all = |wanted| of(wanted).or_else(|| of("all"));
         Tolerances {
-            mass: self.mass.or(self.all),
-            inertia: self.inertia.or(self.all),
-            thrust: self.thrust.or(self.all),
-            rotors: self.rotors,
-            torque_ratio: self.torque_ratio.or(self.all),
-            arms: self.arms.or(self.all),
-            lag: self.lag.or(self.all),
-            capacity: self.capacity.or(self.all),
-            resistance: self.resistance.or(self.all),
-            centre_of_mass_m: self.centre_of_mass,
+            mass: of_all("mass"),
+            inertia: of_all("inertia"),
+            thrust: of_all("thrust"),
+            torque_ratio: of_all("torque-ratio"),
+            arms: of_all("arms"),
+            lag: of_all("lag"),
+            capacity: of_all("capacity"),
+            resistance: of_all("resistance"),
+            rotors: of("rotors"),
+            centre_of_mass_m: of("centre-of-mass"),
         }
     }
 }

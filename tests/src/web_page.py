@@ -829,7 +829,7 @@ def strange(browser: Browser) -> None:
     page, watch = open_page(browser)
     drop(page, "strange.parquet", "strange-again.parquet")
     step = page.locator("#step-5")
-    step.get_by_text("Physics is missing, and not in the catalogue of effects.").wait_for()
+    step.get_by_text("Nothing in the catalogue of effects explains all of the error.").wait_for()
     diagnosis = api(f"/diagnoses/{query(page, 'diag')}")["result"]
     assert diagnosis["verdict"]["kind"] == "outside-catalogue" and diagnosis["sentence"] in step.inner_text(), diagnosis["sentence"]
     proposal = diagnosis["proposal"]

@@ -577,7 +577,7 @@ fn regress_results_fit_the_terminal() {
         "fit battery discharge.csv --map time=1:s --map voltage=2:V --map current=3:A",
         "fit lag steps.csv --map time=1:s --map thrust=2:N",
         "vehicle from-log log.parquet --mass 1.55 --arm 0.275 --held-out",
-        "vehicle tolerances own.toml --mass 1 --inertia 5 --rotors 3 --centre-of-mass 4",
+        "vehicle tolerances own.toml all=2% inertia=5% rotors=3% centre-of-mass=4mm",
         "next-flight --model f550 --between mass,air-density --models @models",
         "blind --preset singles --n 2 --duration-s 30 --out @bench",
         "effects plot rotor-drag",

@@ -23,7 +23,7 @@ fn intervals(vehicle: &Path, tolerances: &Tolerances) -> Result<(PathBuf, String
     let version = ModelVersion::load(vehicle).map_err(|error| error.to_string())?;
     let values = tolerances.intervals(&version.vehicle);
     if values.is_empty() {
-        return Err("no tolerance is given: expected at least one, such as --mass 1 for ± 1 % at 95 %".to_owned());
+        return Err("no tolerance is given: expected at least one, such as mass=1%".to_owned());
     }
     let path = vehicle.with_extension("intervals.toml");
     if path.exists() {

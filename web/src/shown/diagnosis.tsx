@@ -12,7 +12,7 @@ const HEADLINES: Record<Diagnosis["verdict"]["kind"], { words: string; kind: str
   "cannot-tell": { words: "Physics is missing, and this flight cannot tell which of these.", kind: "warn" },
   "partly-missing": { words: "Physics is missing, and named; it explains a part of the error, the rest is not in the catalogue.", kind: "warn" },
   "calibrate-first": { words: "Constants of this vehicle are guesses that the flight contradicts: calibrate it first.", kind: "warn" },
-  "outside-catalogue": { words: "The error is real and not, or not wholly, in the catalogue of effects.", kind: "warn" },
+  "outside-catalogue": { words: "Nothing in the catalogue of effects explains all of the error.", kind: "warn" },
   "flights-differ": { words: "These flights differ: no single model explains all of them.", kind: "warn" },
   "log-fault": { words: "The log is at fault; the physics agrees.", kind: "bad" },
   "nothing-testable": { words: "Nothing of this log can be compared with the model.", kind: "bad" },

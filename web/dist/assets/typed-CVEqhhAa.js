@@ -1,1 +1,0 @@
-import{U as e}from"./index--UTDCOy2.js";function t(t,n=``){let i=`rotortwin.typed.${t}`,[a,o]=e(r(i)??n),s=e=>{try{e()}catch{}};return[a,e=>{o(e),s(()=>sessionStorage.setItem(i,e))},()=>s(()=>sessionStorage.removeItem(i))]}var n=e=>r(`rotortwin.typed.${e}`)!==null;function r(e){try{return sessionStorage.getItem(e)}catch{return null}}export{n,t};
