@@ -37,19 +37,27 @@ struct Stated {
 /// Largest tolerance that can be stated, %; a constant that is known worse is unknown.
 const MOST_PERCENT: f64 = 90.0;
 
+/// What is stated in per cent.
+const SHARES: [&str; 10] = [
+    "mass",
+    "inertia",
+    "thrust",
+    "torque-ratio",
+    "arms",
+    "lag",
+    "capacity",
+    "resistance",
+    "all",
+    "rotors",
+];
+
 /// `mass=1%` as (`mass`, 0.01), `centre-of-mass=4mm` as (`centre-of-mass`, 0.004).
 fn tolerance(text: &str) -> Result<(String, f64), String> {
     let (name, size) = text.split_once('=').ok_or("expected CONSTANT=SIZE, such as mass=1%")?;
     let (unit, factor, most) = match name {
         "centre-of-mass" => ("mm", 1e-3, f64::INFINITY),
-        "all" | "mass" | "inertia" | "thrust" | "rotors" | "torque-ratio" | "arms" | "lag" | "capacity"
-        | "resistance" => ("%", 1e-2, MOST_PERCENT),
-        _ => {
-            return Err(
-                "expected mass, inertia, thrust, torque-ratio, arms, lag, capacity, resistance, all, rotors or centre-of-mass"
-                    .to_owned(),
-            );
-        }
+        share if SHARES.contains(&share) => ("%", 1e-2, MOST_PERCENT),
+        _ => return Err(format!("expected {} or centre-of-mass", SHARES.join(", "))),
     };
     let number = size
         .strip_suffix(unit)

@@ -1,6 +1,8 @@
 //! Reasons in plain words: numbers with units, why an effect was named, why a rival lost.
 
-use rotortwin_plant::effects::{ChannelGroup, CorrectionScale, EffectClass, catalogue};
+use rotortwin_plant::effects::{
+    ChannelGroup, Correction, CorrectionScale, EffectClass, ParameterDeclaration, catalogue,
+};
 use std::collections::BTreeSet;
 use std::ops::Range;
 
@@ -66,13 +68,19 @@ pub(crate) fn parameters(finding: &Finding) -> String {
     finding.parameters.iter().map(parameter).collect::<Vec<_>>().join(", ")
 }
 
+/// The parameters of a finding as its effect declares them; none of an effect that is not in the catalogue.
+fn declared(finding: &Finding) -> impl Iterator<Item = (&FittedParameter, &'static ParameterDeclaration)> {
+    let entry = catalogue().iter().find(|entry| entry.id == finding.instance.effect);
+    finding
+        .parameters
+        .iter()
+        .filter_map(move |p| Some((p, &entry?.parameters[entry?.parameter_index(&p.name)?])))
+}
+
 /// What the sizes of a finding say about the part that is another one, where its effect declares that.
 fn about_the_part(finding: &Finding) -> Option<String> {
-    let declared = catalogue().iter().find(|entry| entry.id == finding.instance.effect)?;
-    finding.parameters.iter().find_map(|p| {
-        let tolerance = declared.parameters[declared.parameter_index(&p.name)?].tolerance?;
-        Some(tolerance.words(p.value, p.interval_95, finding.onset_s.is_some()))
-    })
+    let sets_in = finding.onset_s.is_some();
+    declared(finding).find_map(|(p, declared)| Some(declared.tolerance?.words(p.value, p.interval_95, sets_in)))
 }
 
 /// How exact the constants of a model are taken to be: half widths of 95 % intervals.
@@ -97,12 +105,11 @@ pub(crate) fn assumed(library: &Library) -> String {
 
 /// On what the size of an effect rests that is the error of a constant: a flight determines ratios of constants.
 fn holds_if(finding: &Finding) -> Option<&'static str> {
-    let declared = catalogue().iter().find(|entry| entry.id == finding.instance.effect)?;
-    finding.parameters.iter().find_map(|p| {
-        let key = declared.parameters[declared.parameter_index(&p.name)?].corrects?.key;
-        // What changes in flight changes by itself.
-        condition_of(key).filter(|_| finding.onset_s.is_none())
-    })
+    // What changes in flight changes by itself.
+    if finding.onset_s.is_some() {
+        return None;
+    }
+    declared(finding).find_map(|(_, declared)| condition_of(declared.corrects?.key))
 }
 
 /// Share of a constant up to which its error may be the file's, of which nobody said how exact it is.
@@ -111,13 +118,11 @@ const OF_ANY_FILE: f64 = 0.05;
 /// What to do about small errors of constants, of which a flight alone cannot tell whether the vehicle or its file is off; else empty.
 pub(crate) fn as_exact_as_the_file(diagnosis: &Diagnosis) -> String {
     let is_small = |finding: &&Finding| {
-        let declared = catalogue().iter().find(|entry| entry.id == finding.instance.effect);
-        let of_constant = |p: &FittedParameter| {
-            let declared = declared.and_then(|one| one.parameters.get(one.parameter_index(&p.name)?));
-            let share = declared.and_then(|one| one.corrects);
-            share.is_some_and(|one| one.scale == CorrectionScale::Share) && p.value.abs() - p.interval_95 < OF_ANY_FILE
+        let of_constant = |(p, declared): (&FittedParameter, &ParameterDeclaration)| {
+            let is_share = |one: Correction| one.scale == CorrectionScale::Share;
+            declared.corrects.is_some_and(is_share) && p.value.abs() - p.interval_95 < OF_ANY_FILE
         };
-        finding.onset_s.is_none() && finding.parameters.iter().any(of_constant)
+        finding.onset_s.is_none() && declared(finding).any(of_constant)
     };
     let small: Vec<String> = diagnosis
         .effects

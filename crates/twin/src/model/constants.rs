@@ -106,6 +106,21 @@ struct File {
 const SAME: f64 = 1e-3;
 
 impl ConstantInterval {
+    /// A constant with its name and unit, known to this half width.
+    pub(super) fn about(key: &str, (name, unit): (&str, &str), value: f64, half_width: f64, source: Source) -> Self {
+        Self {
+            key: key.to_owned(),
+            name: name.to_owned(),
+            unit: unit.to_owned(),
+            value,
+            low: value - half_width,
+            high: value + half_width,
+            source,
+            how: String::new(),
+            better: String::new(),
+        }
+    }
+
     /// Rejects an invalid interval.
     pub(super) fn check(&self) -> Result<(), Refusal> {
         let ordered = self.low <= self.value && self.value <= self.high;
@@ -156,9 +171,6 @@ const NAMED: [(&str, &str, &str); 10] = [
     ("battery.internal_resistance_ohm", "internal resistance", "Ω"),
 ];
 
-/// How many of [`NAMED`], from the first, documents are wrong about by factors.
-const OFF_BY_FACTORS: usize = 6;
-
 const LEVEL: &str = "rotors.thrust_level";
 const ARM: &str = "rotors.arm_m";
 
@@ -171,22 +183,12 @@ pub(super) fn named(vehicle: &VehicleModel, key: &str) -> Option<(&'static str, 
 
 /// The constants of a vehicle with their intervals; those without one as the vehicle document has them, without a width.
 pub(crate) fn with_exact(vehicle: &VehicleModel, intervals: &[ConstantInterval]) -> Vec<ConstantInterval> {
-    let missing = NAMED[..OFF_BY_FACTORS]
+    let missing = NAMED
         .iter()
         .filter(|(key, ..)| intervals.iter().all(|known| known.key != *key))
         .filter_map(|(key, ..)| {
             let (name, unit, value) = named(vehicle, key)?;
-            Some(ConstantInterval {
-                key: (*key).to_owned(),
-                name: name.to_owned(),
-                unit: unit.to_owned(),
-                value,
-                low: value,
-                high: value,
-                source: Source::Assumed,
-                how: String::new(),
-                better: String::new(),
-            })
+            Some(ConstantInterval::about(key, (name, unit), value, 0.0, Source::Assumed))
         });
     intervals.iter().cloned().chain(missing).collect()
 }

@@ -101,18 +101,8 @@ pub fn file(vehicle: &str, value: &[ConstantInterval]) -> String {
     )
 }
 
-fn stated(key: &str, (name, unit): (&str, &str), value: f64, half_width: f64) -> ConstantInterval {
-    ConstantInterval {
-        key: key.to_owned(),
-        name: name.to_owned(),
-        unit: unit.to_owned(),
-        value,
-        low: value - half_width,
-        high: value + half_width,
-        source: Source::Stated,
-        how: String::new(),
-        better: String::new(),
-    }
+fn stated(key: &str, named: (&str, &str), value: f64, half_width: f64) -> ConstantInterval {
+    ConstantInterval::about(key, named, value, half_width, Source::Stated)
 }
 
 #[cfg(test)]
