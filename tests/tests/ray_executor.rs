@@ -21,7 +21,7 @@ use std::time::{Duration, Instant};
 /// Longest wait for anything: Ray starts many programs for each part, which takes minutes on a crowded machine.
 const PATIENCE: Duration = Duration::from_secs(600);
 /// Parts of the campaign: one per shard.
-const PARTS: u64 = 12;
+const PARTS: u64 = 8;
 
 /// A campaign with this many shards of flights of this duration.
 fn campaign(name: &str, shards: u64, duration_s: f64) -> String {
@@ -293,7 +293,7 @@ fn scenario_a_campaign_by_ray_survives_the_death_of_a_node_and_of_the_server() {
 }
 
 /// Seed and length of the random deaths, s; `ROTORTWIN_RAY_SEED` and `ROTORTWIN_RAY_SECONDS` replace them.
-const DEATHS: [(&str, u64); 2] = [("ROTORTWIN_RAY_SEED", 1), ("ROTORTWIN_RAY_SECONDS", 45)];
+const DEATHS: [(&str, u64); 2] = [("ROTORTWIN_RAY_SEED", 1), ("ROTORTWIN_RAY_SECONDS", 25)];
 
 #[test]
 fn scenario_random_deaths_of_nodes_server_and_postgres_change_no_byte() {

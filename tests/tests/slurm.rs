@@ -17,7 +17,7 @@ fn scenario_an_array_survives_the_death_of_a_node() {
     scratch.write("hover.toml", rotortwin_tests::scratch::short_flight());
     let campaign = scratch.write(
         "c.toml",
-        "name = 'c'\ndescription = 'on a cluster'\nscenario = 'hover.toml'\nseed = 5\nflights = 4096\n[set]\nduration_s = 60.0\n\
+        "name = 'c'\ndescription = 'on a cluster'\nscenario = 'hover.toml'\nseed = 5\nflights = 4096\n[set]\nduration_s = 30.0\n\
          [[axis]]\nname = 'loss'\nkey = 'fault[0].thrust_loss_percent'\nlog_uniform = [2.0, 30.0]\n",
     );
     // Under the name that the script calls.
