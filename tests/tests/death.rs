@@ -2,7 +2,7 @@
 //! step and for how long it was silent, and nothing is left that hinders the next run.
 
 use parquet::file::reader::{FileReader as _, SerializedFileReader};
-use rotortwin_tests::process::{Process, wait_in_crowd, wait_until};
+use rotortwin_tests::process::{Process, load_per_core, wait_in_crowd, wait_until};
 use rotortwin_tests::program::{Call, Ended, Link, MemberName, PATIENCE, Run, read_json, text, whole};
 use rotortwin_tests::random::Random;
 use rotortwin_tests::scratch::{Scratch, announced_flight, short_flight};
@@ -69,10 +69,11 @@ fn wait_for_announcement(run: &mut Run, time_s: f64) -> i64 {
     (time(&line).expect("it was just parsed") * STEPS_PER_S).round() as i64
 }
 
-/// Lower bound of the steps of a plant in real time that had done `complete` at `announced`: even on a busy machine it is at most
-/// half a second late.
+/// Lower bound of the steps of a plant in real time that had done `complete` at `announced`: it is at most half a second late, and as
+/// many times that as processes wait for each core.
 fn certain_steps(complete: i64, announced: Instant) -> i64 {
-    let flown = (announced.elapsed().as_secs_f64() - 0.5) * STEPS_PER_S;
+    let late_s = 0.5 * load_per_core().max(1.0);
+    let flown = (announced.elapsed().as_secs_f64() - late_s) * STEPS_PER_S;
     complete + (flown as i64).max(0)
 }
 
