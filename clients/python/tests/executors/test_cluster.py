@@ -35,7 +35,7 @@ def cluster() -> Iterator[Any]:
     from ray.cluster_utils import Cluster
 
     memory = {"object_store_memory": 100 << 20}
-    for is_last in (False, False, True):
+    for is_last in (False, False, False, False, True):
         cluster: Any = Cluster()
         try:
             # The head flies nothing, so that lost tasks are flown by the remaining node.
