@@ -289,6 +289,7 @@ fn val_a_usual_or_a_positive_deviation_of_a_rotor_is_not_called_damage() {
         (0, -0.012, "of one batch differ by", "damaged"),
         (1, 0.06, "no damage", "damaged"),
         (2, -0.08, "a damaged or worn blade", "no damage"),
+        (3, -0.015, "of one batch differ by", "damaged"),
     ] {
         let effect = format!("rotor-thrust-scale:rotor=3,share={share}");
         let found = in_motion(case, first_seed() + 360 + case, &[&effect]);
